@@ -1,0 +1,65 @@
+"""The project's own errors: each says what is wrong, where, and how to mend it."""
+
+from __future__ import annotations
+
+
+class BacklashError(Exception):
+    """Something the user can mend: `what` went wrong, `where` (file, line, column, loop), and the `remedy`.
+
+    `code` is the machine-readable reason that reports carry.
+    """
+
+    code = "error"
+
+    def __init__(self, what: str, *, where: str = "", remedy: str = "", code: str | None = None) -> None:
+        super().__init__(what)
+        self.what = what
+        self.where = where
+        self.remedy = remedy
+        if code is not None:
+            self.code = code
+
+    def __str__(self) -> str:
+        text = f"{self.where}: {self.what}" if self.where else self.what
+        return f"{text} -> {self.remedy}" if self.remedy else text
+
+
+class InputError(BacklashError):
+    """A file or folder that cannot be read as an export."""
+
+    code = "unreadable_input"
+
+
+class MetadataError(BacklashError):
+    """Loop settings (`loops.toml`, CSV table, model or scenario file) that are wrong or incomplete."""
+
+    code = "bad_metadata"
+
+
+class LoopError(BacklashError):
+    """One loop that cannot be analysed; the others go on."""
+
+    code = "loop_refused"
+
+
+class UsageError(BacklashError):
+    """The command line asks for something that does not exist or does not fit together."""
+
+    code = "wrong_use"
+
+
+def nearest(name: str, known: object, *, limit: int = 3) -> str:
+    """Return a phrase with the known names closest to `name`, for the remedy of an error.
+
+    >>> nearest("Tii", ["K", "Ti", "Td"])
+    'did you mean Ti, Td?'
+    """
+    from difflib import get_close_matches
+
+    names = [str(k) for k in known]  # type: ignore[attr-defined]
+    lower = {n.lower(): n for n in names}
+    hits = [lower[h] for h in get_close_matches(name.lower(), list(lower), n=limit, cutoff=0.5)]
+    if hits:
+        return f"did you mean {', '.join(hits)}?"
+    shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+    return f"known: {shown}" if names else "none are known here"

@@ -1,0 +1,161 @@
+"""One loop's recording and its settings; the units of every field are stated here and nowhere else.
+
+Inside the tool time is in seconds and signals are normalised: 0..1 of the span given by `pv_range`
+(setpoint, measurement) and `op_range` (output). Loaders and reporters convert; nothing else does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class SampleState(IntEnum):
+    """Why a sample can or cannot be used. Only GOOD and FILLED samples enter an estimate."""
+
+    GOOD = 0
+    FILLED = 1  # interpolated over a short hole; the measurement itself was not recorded
+    MISSING = 2  # no number, bad quality, not finite
+    MANUAL = 3  # controller not in automatic
+    SATURATED = 4  # output at its limit
+    FROZEN = 5  # measurement repeats the same number for too long
+    IMPLAUSIBLE = 6  # far outside the span (spike)
+
+    @property
+    def usable(self) -> bool:
+        return self <= SampleState.FILLED
+
+
+@dataclass(frozen=True)
+class Note:
+    """A reason or warning: machine-readable code, a sentence for a person, and numbers behind it."""
+
+    code: str
+    message: str
+    values: Mapping[str, float | str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """Controller and loop settings in the tool's own form: ideal PID on normalised signals, seconds.
+
+    u = K ( -yf + 1/Ti * integral(ysp - yf) - Td dyf/dt ),  Yf = Y / (1 + s Tf)^2   (Haegglund 2007, eqs 2, 3)
+
+    K: controller gain [output span / measurement span], sign = action (negative: the process gain is negative).
+    Ti, Td, Tf: seconds. Kp: static process gain [measurement span / output span]. theta: dead time [s].
+    pv_range, op_range: engineering values that map to 0 and 1. `None` means not known.
+    source: where each value comes from: "metadata", "default", "identified", "data".
+    """
+
+    K: float | None = None
+    Ti: float | None = None
+    Td: float = 0.0
+    Tf: float | None = None
+    Kp: float | None = None
+    theta: float | None = None
+    pv_range: tuple[float, float] = (0.0, 1.0)
+    op_range: tuple[float, float] = (0.0, 1.0)
+    source: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def filter_time(self) -> float | None:
+        """Time constant Tf [s] of the measurement filter (3): as given, else Td/5 (PID) or Ti/10 (PI)."""
+        if self.Tf is not None:
+            return self.Tf
+        if self.Td > 0:
+            return self.Td / 5.0
+        return None if self.Ti is None else self.Ti / 10.0
+
+    def with_values(self, source: str, **values: object) -> LoopSettings:
+        """Return a copy with `values` replaced and named as coming from `source`."""
+        return replace(self, source={**self.source, **dict.fromkeys(values, source)}, **values)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Samples of one loop on a uniform grid, normalised, in time order; gaps are jumps of `index`.
+
+    loop: name. start: UTC epoch seconds of index 0. interval: seconds between grid points.
+    index: (samples,) int64, strictly increasing grid number of each sample; a jump > 1 is a gap.
+    setpoint, measurement, output: (samples,) float64, normalised; nan where not recorded. `output` may be None.
+    state: (samples,) uint8 of SampleState.
+    disturbances: further measured columns, name -> (samples,) float64 in their own units.
+    notes: what the loader found or assumed. A Record is also a block: consecutive blocks of one loop
+    share `start` and `interval`, and their `index` goes on.
+    """
+
+    loop: str
+    start: float
+    interval: float
+    index: IntArray
+    setpoint: FloatArray
+    measurement: FloatArray
+    output: FloatArray | None
+    state: NDArray[np.uint8]
+    settings: LoopSettings = field(default_factory=LoopSettings)
+    disturbances: Mapping[str, FloatArray] = field(default_factory=dict)
+    notes: tuple[Note, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    @property
+    def time(self) -> FloatArray:
+        """(samples,) UTC epoch seconds."""
+        return self.start + self.interval * self.index
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """(samples,) True where a sample may enter an estimate."""
+        return self.state <= SampleState.FILLED
+
+    def slice(self, first: int, last: int) -> Record:
+        """Return samples first..last-1 as a block of the same loop (same start and interval)."""
+        cut = slice(first, last)
+        return replace(
+            self,
+            index=self.index[cut],
+            setpoint=self.setpoint[cut],
+            measurement=self.measurement[cut],
+            output=None if self.output is None else self.output[cut],
+            state=self.state[cut],
+            disturbances={k: v[cut] for k, v in self.disturbances.items()},
+        )
+
+
+def record_from_arrays(
+    setpoint: object,
+    measurement: object,
+    output: object | None = None,
+    *,
+    interval: float,
+    loop: str = "loop",
+    start: float = 0.0,
+    settings: LoopSettings | None = None,
+    disturbances: Mapping[str, object] | None = None,
+) -> Record:
+    """Make a gap-free Record from normalised arrays; `setpoint` may be one number.
+
+    Raises ValueError when the arrays differ in length.
+    """
+    pv = np.asarray(measurement, dtype=np.float64)
+    sp = np.broadcast_to(np.asarray(setpoint, dtype=np.float64), pv.shape).copy()
+    op = None if output is None else np.asarray(output, dtype=np.float64)
+    extra = {k: np.asarray(v, dtype=np.float64) for k, v in (disturbances or {}).items()}
+    for name, values in {"output": op, **extra}.items():
+        if values is not None and values.shape != pv.shape:
+            raise ValueError(f"{name} has {values.shape} samples, measurement has {pv.shape}")
+    bad = ~np.isfinite(pv) | ~np.isfinite(sp)
+    if op is not None:
+        bad |= ~np.isfinite(op)
+    state = np.where(bad, SampleState.MISSING, SampleState.GOOD).astype(np.uint8)
+    index = np.arange(len(pv), dtype=np.int64)
+    return Record(loop, start, interval, index, sp, pv, op, state, settings or LoopSettings(), extra)

@@ -1,0 +1,120 @@
+"""What a scan found: one LoopReport per loop, with every half period and the reasons behind the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from ..record import LoopSettings, Note
+
+
+class Verdict(StrEnum):
+    """The answer for one loop."""
+
+    BACKLASH = "backlash"
+    SUSPECTED = "suspected"
+    NO_BACKLASH = "no_backlash"
+    OSCILLATING = "oscillating"
+    INSUFFICIENT_DATA = "insufficient_data"
+    CANNOT_TELL = "cannot_tell"
+    ERROR = "error"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One half period: the interval between two zero crossings of the control error.
+
+    start, end: UTC epoch seconds. dt_s: duration [s]. dy: mean |e| (12). e_max: largest |e|. d: estimate (15),
+    all normalised. direction: sign of e. accepted: entered the cluster; why: code of the reason if not ("ok" if it did).
+    """
+
+    start: float
+    end: float
+    dt_s: float
+    dy: float
+    e_max: float
+    d: float
+    direction: int
+    accepted: bool
+    why: str = "ok"
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Where the accepted estimates gather: dead band d [span of output] with its interval.
+
+    spread: robust relative spread (interquartile range / d). n: estimates in it. share: of all accepted estimates.
+    limit_of_detection: smallest dead band [span] that this record could have shown, None if not known.
+    """
+
+    d: float
+    ci95: tuple[float, float]
+    spread: float
+    n: int
+    share: float
+    limit_of_detection: float | None = None
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """Does PV follow OP, or OP through a dead band? Size d [span of output], its interval, and the evidence.
+
+    error_reduction: share of the prediction error variance that the dead band removes. delta_bic: difference of
+    the Bayesian information criterion, positive in favour of a dead band. details: further numbers by name.
+    profile: (d, evidence) pairs of the scan over d, for the picture.
+    """
+
+    d: float
+    ci95: tuple[float, float]
+    error_reduction: float
+    delta_bic: float
+    limit_of_detection: float | None = None
+    details: Mapping[str, float | str] = field(default_factory=dict)
+    profile: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Compensator:
+    """Recommended compensator gain [span of output], the scheme of the paper, and why. Advice to a person."""
+
+    gain: float
+    scheme: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class LoopReport:
+    """All that is known about one loop after a scan; times are UTC epoch seconds, signals normalised."""
+
+    loop: str
+    verdict: Verdict
+    reasons: tuple[Note, ...] = ()
+    confidence: float = 0.0
+    start: float | None = None
+    end: float | None = None
+    samples: int = 0
+    interval_s: float | None = None
+    settings: LoopSettings = field(default_factory=LoopSettings)
+    half_periods: int = 0
+    long_half_periods: int = 0
+    detections: int = 0
+    detection_rate: float = 0.0
+    detections_per_hour: float = 0.0
+    rejected: Mapping[str, int] = field(default_factory=dict)
+    estimates: tuple[Estimate, ...] = ()
+    cluster: Cluster | None = None
+    confirmation: Confirmation | None = None
+    compensator: Compensator | None = None
+    warnings: tuple[Note, ...] = ()
+    details: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ScanResult:
+    """A whole run: the reports of all loops, the inputs, and what could not be read."""
+
+    loops: tuple[LoopReport, ...]
+    inputs: tuple[str, ...] = ()
+    warnings: tuple[Note, ...] = ()
+    failures: tuple[Note, ...] = ()
