@@ -1,0 +1,39 @@
+"""Where estimates gather: the densest group, its robust centre, spread and interval."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..record import FloatArray
+from ..results import Cluster
+
+CLOSE = 0.35  # estimates within +-35 % of the centre belong together
+
+
+def densest(d: FloatArray) -> Cluster | None:
+    """Return the largest group of similar positive estimates d (estimates,), None when there are none.
+
+    Similar means within +-35 % of the group's median. The interval is that of the median from order statistics
+    (binomial, distribution free), widened to the extremes for small groups.
+    """
+    values = np.sort(d[d > 0])
+    if not len(values):
+        return None
+    low = np.searchsorted(values, values * (1 - CLOSE), "left")
+    high = np.searchsorted(values, values * (1 + CLOSE), "right")
+    best = int(np.argmax(high - low))
+    members = values[low[best] : high[best]]
+    centre = float(np.median(members))
+    q1, q3 = np.percentile(members, [25, 75])
+    return Cluster(centre, median_interval(members), float((q3 - q1) / centre), len(members),
+                   len(members) / len(values))
+
+
+def median_interval(values: FloatArray, level: float = 0.95) -> tuple[float, float]:
+    """Return the distribution-free interval of the median of sorted `values` (David and Nagaraja, section 7.1)."""
+    from scipy.stats import binom
+
+    n = len(values)
+    rank = int(binom.ppf((1 - level) / 2, n, 0.5))
+    low = max(rank - 1, 0)
+    return float(values[low]), float(values[n - 1 - low])

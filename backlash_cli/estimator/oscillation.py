@@ -1,0 +1,60 @@
+"""Oscillation detector: many large half periods of the control error within a supervision time.
+
+T. Haegglund, A control-loop performance monitor, Control Engineering Practice 3 (1995) 1543-1551.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..segmenter import Segments
+
+AMPLITUDE = 0.01  # a: an oscillation of 1 % of span must count
+ENOUGH = 10.0  # this many half periods within the supervision time are an oscillation
+SUPERVISION = 50.0  # supervision time in integral times
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """What the detector saw: `present`, share of the record in it, period [s] and mean amplitude [span]."""
+
+    present: bool
+    share: float
+    peak_count: float
+    period: float | None = None
+    amplitude: float | None = None
+
+
+def detect_oscillation(segments: Segments, interval: float, Ti: float) -> Oscillation:
+    """Count half periods with IAE > 2 a / w, w = 2 pi / Ti, forgetting over 50 Ti: x <- lambda x + 1.
+
+    segments: half periods of the error after the measurement filter alone.
+    """
+    duration = (segments.end - segments.begin) * interval
+    iae = segments.area * interval
+    large = segments.complete & (iae > 2.0 * AMPLITUDE / (2.0 * np.pi / Ti))
+    if not large.any():
+        return Oscillation(False, 0.0, 0.0)
+    ends = segments.end[large] * interval
+    counts = np.empty(len(ends))
+    x = 0.0
+    forget = np.exp(-np.diff(ends, prepend=ends[0]) / (SUPERVISION * Ti))
+    for i, keep in enumerate(forget):
+        x = keep * x + 1.0
+        counts[i] = x
+    inside = counts >= ENOUGH
+    if not inside.any():
+        return Oscillation(False, 0.0, float(counts.max()))
+    span = float(segments.end[-1] - segments.begin[0]) * interval
+    # the half periods that filled the counter belong to the oscillation as well
+    first = np.maximum(np.flatnonzero(inside) - int(ENOUGH) + 1, 0)
+    member = np.zeros(len(counts), bool)
+    for i, j in zip(first, np.flatnonzero(inside), strict=True):
+        member[i : j + 1] = True
+    of_large = np.flatnonzero(large)[member]
+    dt = duration[of_large]
+    amplitude = 0.5 * np.pi * np.median(segments.area[of_large] * interval / dt)
+    return Oscillation(True, float(min(1.0, dt.sum() / span)), float(counts.max()),
+                       2.0 * float(np.median(dt)), float(amplitude))

@@ -1,0 +1,131 @@
+"""From samples to a report: a LoopScanner takes the blocks of one loop and ends with its LoopReport."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from .estimator.clusters import densest
+from .estimator.compensator import recommend
+from .estimator.haegglund import DEFAULT_KP, ErrorScanner, HalfPeriods, error_scanner, estimate
+from .estimator.oscillation import detect_oscillation
+from .estimator.verdict import decide
+from .record import LoopSettings, Note, Record
+from .results import Estimate, LoopReport, Verdict
+
+COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
+
+
+@dataclass(frozen=True)
+class ScanOptions:
+    """What a scan does: `confirm` runs the test of PV against OP through a dead band."""
+
+    confirm: bool = True
+
+
+def scan(record: Record, options: ScanOptions | None = None) -> LoopReport:
+    """Analyse one loop's record and return its report; the same as one LoopScanner update."""
+    scanner = LoopScanner(record.loop, record.settings, record.start, record.interval, options or ScanOptions())
+    scanner.update(record)
+    return scanner.finish()
+
+
+class LoopScanner:
+    """Takes the blocks of one loop's record in time order, `update` by `update`, and `finish`es with the report.
+
+    A record cut into blocks anywhere gives the same report as the whole record, rounding aside. Kept between blocks:
+    filter states, the open half period, the half periods found, and sums; not the samples.
+    """
+
+    def __init__(self, loop: str, settings: LoopSettings, start: float, interval: float,
+                 options: ScanOptions | None = None) -> None:
+        self.loop, self.settings, self.start, self.interval = loop, settings, start, interval
+        self.options = options or ScanOptions()
+        self.notes: dict[tuple[str, str], Note] = {}
+        self.samples = 0
+        self.used = 0
+        self.first: int | None = None
+        self.last = 0
+        self._smooth: ErrorScanner | None = None
+        self._plain: ErrorScanner | None = None
+        if settings.K and settings.Ti and interval <= COARSEST * settings.Ti:
+            self._smooth = error_scanner(settings, interval)
+            self._plain = error_scanner(settings, interval, smooth=False)
+
+    def update(self, block: Record) -> None:
+        """Take the next block; its index goes on where the last block ended, or later."""
+        for note in block.notes:
+            self.notes.setdefault((note.code, note.message), note)
+        if not len(block):
+            return
+        self.first = int(block.index[0]) if self.first is None else self.first
+        self.last = int(block.index[-1])
+        self.samples += len(block)
+        self.used += int(np.count_nonzero(block.usable))
+        for part in (self._smooth, self._plain):
+            if part is not None:
+                part.update(block)
+
+    def finish(self) -> LoopReport:
+        """Return the report of everything taken so far."""
+        refusal = self._refusal()
+        if refusal is not None:
+            return self._report(Verdict.CANNOT_TELL, (refusal,), 0.0)
+        assert self._smooth is not None and self._plain is not None and self.settings.Ti is not None
+        settings = self.settings
+        warnings = []
+        if settings.Kp is None:
+            settings = settings.with_values("default", Kp=DEFAULT_KP)
+            warnings.append(Note("default_kp", f"Kp is not given; the paper's default {DEFAULT_KP} is used"))
+        half_periods = estimate(self._smooth.finish(), self.interval, settings)
+        oscillation = detect_oscillation(self._plain.finish(), self.interval, self.settings.Ti)
+        accepted = half_periods.why == "ok"
+        long = (half_periods.why != "too_short") & (half_periods.why != "incomplete")
+        cluster = densest(half_periods.d[accepted])
+        verdict, reasons, confidence = decide(cluster, int(accepted.sum()), int(long.sum()), oscillation)
+        compensator = None
+        if verdict is Verdict.BACKLASH:
+            compensator = recommend(cluster, None, derivative=settings.Td > 0, output_noise=0.0)
+        return self._report(verdict, reasons, confidence, warnings=tuple(warnings), settings=settings,
+                            cluster=cluster, compensator=compensator, **self._tally(half_periods, accepted, long))
+
+    def _refusal(self) -> Note | None:
+        if self.settings.K is None or self.settings.Ti is None:
+            return Note("missing_settings", "K and Ti are not known; give them in the loops file")
+        if self.interval > COARSEST * self.settings.Ti:
+            return Note("sampling_too_coarse", f"sampled every {self.interval:g} s, too coarse for Ti = "
+                        f"{self.settings.Ti:g} s; at most {COARSEST * self.settings.Ti:g} s are needed")
+        if self.used < 2:
+            return Note("insufficient_data", f"only {self.used} usable samples")
+        return None
+
+    def _tally(self, h: HalfPeriods, accepted: np.ndarray, long: np.ndarray) -> dict[str, object]:
+        hours = max(self.used * self.interval / 3600.0, 1e-12)
+        listed = np.flatnonzero(h.why != "too_short")
+        return {
+            "half_periods": len(h),
+            "long_half_periods": int(long.sum()),
+            "detections": int(accepted.sum()),
+            "detection_rate": float(accepted.sum() / max(len(h), 1)),
+            "detections_per_hour": float(accepted.sum() / hours),
+            "rejected": dict(sorted(Counter(h.why[~accepted].tolist()).items())),
+            "estimates": tuple(
+                Estimate(self.start + float(h.begin[i]), self.start + float(h.begin[i] + h.duration[i]),
+                         float(h.duration[i]), float(h.dy[i]), float(h.e_max[i]), float(h.d[i]),
+                         int(h.direction[i]), bool(accepted[i]), str(h.why[i]))
+                for i in listed
+            ),
+        }
+
+    def _report(self, verdict: Verdict, reasons: tuple[Note, ...], confidence: float,
+                warnings: tuple[Note, ...] = (), settings: LoopSettings | None = None, **rest: object) -> LoopReport:
+        known = self.first is not None
+        return LoopReport(
+            self.loop, verdict, reasons, confidence,
+            start=self.start + (self.first or 0) * self.interval if known else None,
+            end=self.start + self.last * self.interval if known else None,
+            samples=self.samples, interval_s=self.interval, settings=settings or self.settings,
+            warnings=(*self.notes.values(), *warnings), **rest,  # type: ignore[arg-type]
+        )
