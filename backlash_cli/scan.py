@@ -72,7 +72,8 @@ class LoopScanner:
         """Return the report of everything taken so far."""
         refusal = self._refusal()
         if refusal is not None:
-            return self._report(Verdict.CANNOT_TELL, (refusal,), 0.0)
+            few = refusal.code == "insufficient_data"
+            return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL, (refusal,), 0.0)
         assert self._smooth is not None and self._plain is not None and self.settings.Ti is not None
         settings = self.settings
         warnings = []

@@ -1,0 +1,48 @@
+"""The published equations against hand-computed and brute-force numbers."""
+
+import numpy as np
+import pytest
+
+from backlash_cli.estimator.haegglund import dead_band, estimate, gates, mean_error, output_change
+from backlash_cli.record import LoopSettings
+from backlash_cli.segmenter import Segments
+
+
+def test_estimate_is_output_travel_minus_the_part_that_moves_the_process():
+    rng = np.random.default_rng(3)
+    dy, dt = rng.uniform(0.001, 0.05, 50), rng.uniform(1, 500, 50)
+    K, Ti, Kp = 0.6, 28.0, 1.3
+    travel = output_change(dy, dt, K, Ti)
+    np.testing.assert_allclose(travel, K / Ti * dy * dt)
+    np.testing.assert_allclose(dead_band(dy, dt, K, Ti, Kp), travel - dy / Kp)
+
+
+@pytest.mark.parametrize("Kp, error", [(1.0, 0.22), (3.4, -0.17)])
+def test_default_process_gain_costs_at_most_what_the_paper_says(Kp, error):
+    """Section 4: with K Kp = 0.5 at dt = 5 Ti the default Kp = 1.5 errs by less than about 20 %."""
+    K = 0.5
+    one, dt, Ti = np.array([1.0]), np.array([5.0]), 1.0
+    ratio = dead_band(one, dt, K, Ti, 1.5) / dead_band(one, dt, K, Ti, Kp) - 1
+    assert ratio[0] == pytest.approx(error, abs=0.01)
+
+
+def test_mean_error_of_an_empty_half_period_is_zero():
+    np.testing.assert_array_equal(mean_error(np.array([0.0, 4.0]), np.array([0.0, 2.0])), [0.0, 2.0])
+
+
+def test_gates_at_their_edges():
+    Ti = 2.0
+    duration = np.array([9.99, 10.0, 10.0, 10.0])
+    dy, e_max = np.full(4, 0.01), np.array([0.01, 0.0199, 0.02, 0.01])
+    complete = np.array([True, True, True, False])
+    assert gates(duration, dy, e_max, complete, Ti).tolist() == ["too_short", "ok", "shape", "incomplete"]
+
+
+def test_an_exact_dead_band_transit_gives_d_back():
+    """The error rests at e0 while the integral walks the output across d; then the valve moves the process by dy."""
+    K, Ti, Kp, d, e0 = 0.6, 28.0, 1.3, 0.03, 0.004
+    duration = (d + e0 / Kp) * Ti / (K * e0)
+    s = Segments(np.array([0.0]), np.array([duration]), np.array([e0 * duration]), np.array([e0]),
+                 np.array([1]), np.array([0.0]), np.array([True]))
+    found = estimate(s, 1.0, LoopSettings(K=K, Ti=Ti, Kp=Kp))
+    assert found.d[0] == pytest.approx(d, rel=1e-12) and found.why[0] == "ok"

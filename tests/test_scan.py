@@ -1,0 +1,105 @@
+"""The scan of one loop: the published example, independence of block cuts, time shifts and units."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from backlash_cli.record import LoopSettings, SampleState, record_from_arrays
+from backlash_cli.results import Verdict
+from backlash_cli.scan import LoopScanner, scan
+
+
+def slow_loop(n=6000, seed=1, d=0.05, K=0.6, Ti=8.0, Kp=1.2, tau=10.0, noise=0.0005):
+    """A PI loop with one lag and a dead band at 1 s, walked sample by sample: independent of the simulator."""
+    rng = np.random.default_rng(seed)
+    y = integral = position = filtered = load = 0.0
+    pv, op = np.empty(n), np.empty(n)
+    for k in range(n):
+        pv[k] = y + rng.normal(0, noise)
+        filtered += (pv[k] - filtered) / 2.0
+        integral += K / Ti * (0.5 - filtered)
+        op[k] = integral - K * filtered
+        position = min(max(position, op[k] - d / 2), op[k] + d / 2)
+        if k % 1500 == 750:
+            load += rng.choice([-0.1, 0.1])
+        y += (Kp * (position + load) - y) / tau
+    return record_from_arrays(0.5, pv, op, interval=1.0, settings=LoopSettings(K=K, Ti=Ti, Kp=Kp))
+
+
+RECORD = slow_loop()
+
+
+def assert_same(a, b, shift=0.0):
+    assert (a.verdict, a.half_periods, a.detections, dict(a.rejected)) == (
+        b.verdict, b.half_periods, b.detections, dict(b.rejected))
+    for x, y in zip(a.estimates, b.estimates, strict=True):
+        assert (x.accepted, x.why, x.direction) == (y.accepted, y.why, y.direction)
+        np.testing.assert_allclose([x.start + shift, x.dt_s, x.dy, x.e_max, x.d],
+                                   [y.start, y.dt_s, y.dy, y.e_max, y.d], rtol=1e-6, atol=1e-9)
+    for name in ("cluster", "confirmation"):
+        x, y = getattr(a, name), getattr(b, name)
+        assert (x is None) == (y is None)
+        if x is not None:
+            np.testing.assert_allclose([x.d, *x.ci95], [y.d, *y.ci95], rtol=1e-6)
+
+
+def test_a_dead_band_is_found_with_its_size():
+    report = scan(RECORD)
+    assert report.verdict is Verdict.BACKLASH
+    assert report.cluster.d == pytest.approx(0.05, rel=0.2)
+    assert report.compensator.gain < 0.05
+
+
+@given(st.lists(st.integers(0, len(RECORD)), max_size=8))
+@settings(max_examples=15, deadline=None)
+def test_any_cut_into_blocks_gives_the_same_report(cuts):
+    scanner = LoopScanner(RECORD.loop, RECORD.settings, RECORD.start, RECORD.interval)
+    edges = [0, *sorted(cuts), len(RECORD)]
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        scanner.update(RECORD.slice(first, last))
+    assert_same(scan(RECORD), scanner.finish())
+
+
+def test_a_time_shift_moves_the_report_and_changes_nothing_else():
+    assert_same(scan(RECORD), scan(replace(RECORD, start=1.0e6)), shift=1.0e6)
+
+
+def test_a_loop_with_negative_action_gives_the_same_dead_band():
+    turned = replace(RECORD, measurement=1.0 - RECORD.measurement, setpoint=1.0 - RECORD.setpoint,
+                     settings=replace(RECORD.settings, K=-RECORD.settings.K, Kp=-RECORD.settings.Kp))
+    a, b = scan(RECORD), scan(turned)
+    assert a.verdict == b.verdict
+    assert [e.d for e in a.estimates] == pytest.approx([e.d for e in b.estimates])
+    assert [e.direction for e in a.estimates] == [-e.direction for e in b.estimates]
+
+
+def test_nothing_is_estimated_on_the_first_and_last_half_period_or_beside_a_manual_period():
+    state = RECORD.state.copy()
+    state[3000:3200] = SampleState.MANUAL
+    report = scan(replace(RECORD, state=state))
+    refused = [e for e in report.estimates if e.why == "incomplete"]
+    assert len(refused) == report.rejected["incomplete"] == 4
+    assert not any(e.accepted for e in refused)
+    assert not any(e.start < 3200 and e.end > 3000 for e in report.estimates if e.accepted)
+
+
+def test_default_process_gain_is_named():
+    report = scan(replace(RECORD, settings=replace(RECORD.settings, Kp=None)))
+    assert report.settings.Kp == 1.5 and report.settings.source["Kp"] == "default"
+    assert "default_kp" in [w.code for w in report.warnings]
+
+
+def test_sampling_too_coarse_is_refused():
+    coarse = replace(RECORD, interval=5.0)
+    report = scan(coarse)
+    assert report.verdict is Verdict.CANNOT_TELL
+    assert report.reasons[0].code == "sampling_too_coarse"
+
+
+def test_an_empty_record_is_insufficient():
+    report = scan(RECORD.slice(0, 0))
+    assert report.samples == 0 and report.start is None
+    assert report.verdict is Verdict.INSUFFICIENT_DATA
