@@ -48,11 +48,9 @@ class LoopScanner:
         self.used = 0
         self.first: int | None = None
         self.last = 0
-        self._smooth: ErrorScanner | None = None
-        self._plain: ErrorScanner | None = None
+        self._errors: ErrorScanner | None = None
         if settings.K and settings.Ti and interval <= COARSEST * settings.Ti:
-            self._smooth = error_scanner(settings, interval)
-            self._plain = error_scanner(settings, interval, smooth=False)
+            self._errors = error_scanner(settings, interval)
 
     def update(self, block: Record) -> None:
         """Take the next block; its index goes on where the last block ended, or later."""
@@ -64,9 +62,8 @@ class LoopScanner:
         self.last = int(block.index[-1])
         self.samples += len(block)
         self.used += int(np.count_nonzero(block.usable))
-        for part in (self._smooth, self._plain):
-            if part is not None:
-                part.update(block)
+        if self._errors is not None:
+            self._errors.update(block)
 
     def finish(self) -> LoopReport:
         """Return the report of everything taken so far."""
@@ -74,14 +71,14 @@ class LoopScanner:
         if refusal is not None:
             few = refusal.code == "insufficient_data"
             return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL, (refusal,), 0.0)
-        assert self._smooth is not None and self._plain is not None and self.settings.Ti is not None
+        assert self._errors is not None and self.settings.Ti is not None
         settings = self.settings
         warnings = []
         if settings.Kp is None:
             settings = settings.with_values("default", Kp=DEFAULT_KP)
             warnings.append(Note("default_kp", f"Kp is not given; the paper's default {DEFAULT_KP} is used"))
-        half_periods = estimate(self._smooth.finish(), self.interval, settings)
-        oscillation = detect_oscillation(self._plain.finish(), self.interval, self.settings.Ti)
+        half_periods = estimate(self._errors.smooth.finish(), self.interval, settings)
+        oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, self.settings.Ti)
         accepted = half_periods.why == "ok"
         long = (half_periods.why != "too_short") & (half_periods.why != "incomplete")
         cluster = densest(half_periods.d[accepted])

@@ -72,52 +72,51 @@ def segment(
     n = len(error)
     if n == 0:
         return Segments.join([]), open_
-    joined = open_ is not None and index[0] == open_.last_index + 1
-    e = np.concatenate([[open_.last_error if joined and open_ else 0.0], error])
-    sp = np.concatenate([[open_.last_setpoint if joined and open_ else setpoint[0]], setpoint])
-    at = np.concatenate([[index[0] - 1], index])
-    breaks = np.diff(at) != 1
-    breaks[0] = not joined
-    sign = _signs(error, breaks, open_.sign if joined and open_ else 0)
+    carried = open_ if open_ is not None and index[0] == open_.last_index + 1 else None
+    jump = np.diff(index) != 1 if index[-1] - index[0] != n - 1 else None
+    sign, changed = _sign_changes(error, jump, carried.sign if carried else 0)
+    cuts = np.concatenate([[0], np.flatnonzero(changed) + 1])
+    lasts = np.concatenate([cuts[1:], [n]]) - 1
 
-    magnitude = np.abs(e)
-    before = np.concatenate([[open_.sign if joined and open_ else 0], sign[:-1]])
-    crossing = ~breaks & (sign != before) & (before != 0)
-    # an interval between two samples belongs to one half period, or is split at the crossing
-    step = e[:-1] - e[1:]
-    share = np.where(crossing, e[:-1] / np.where(crossing, step, 1.0), 0.0)
-    move = np.where(breaks, 0.0, np.abs(np.diff(sp)))
-    inside = np.where(breaks, 0.0, np.where(crossing, 0.5 * magnitude[1:] * (1.0 - share),
-                                            0.5 * (magnitude[:-1] + magnitude[1:])))
-    tail = np.where(crossing, 0.5 * magnitude[:-1] * share, 0.0)
+    # what stands before each cut: the sample before it, or what the last block left
+    e_before = error[cuts - 1]
+    at_before = index[cuts - 1]
+    crossing = index[cuts] - at_before == 1
+    if carried:
+        e_before[0], at_before[0] = carried.last_error, carried.last_index
+        crossing[0] = sign[0] != carried.sign != 0
+    else:
+        crossing[0] = False
+    e_first, e_last = np.abs(error[cuts]), np.abs(error[lasts])
+    share = np.zeros(len(cuts))
+    np.divide(e_before, e_before - error[cuts], out=share, where=crossing)
 
-    starts = np.flatnonzero(crossing | breaks)
-    first = open_ if joined else None
-    cuts = starts if len(starts) and starts[0] == 0 else np.concatenate([[0], starts]).astype(np.int64)
-    area = np.add.reduceat(inside, cuts)
-    peak = np.maximum.reduceat(magnitude[1:], cuts)
-    moved = np.add.reduceat(move, cuts)
-    begin = np.where(breaks[cuts], at[1:][cuts].astype(float), at[:-1][cuts] + share[cuts])
-    crossed = crossing[cuts].copy()
-    ends_crossing = np.concatenate([crossing[cuts[1:]], [False]])
-    end = np.concatenate([np.where(crossing[cuts[1:]], begin[1:], at[:-1][cuts[1:]].astype(float)), [np.nan]])
-    area[:-1] += tail[cuts[1:]]
+    # trapezia between samples, and a triangle on each side of a crossing
+    magnitude = np.abs(error)
+    area = np.add.reduceat(magnitude, cuts) - 0.5 * (e_first + e_last)
+    area += np.where(crossing, 0.5 * e_first * (1.0 - share), 0.0)
+    tail = np.where(crossing, 0.5 * np.abs(e_before) * share, 0.0)
+    area[:-1] += tail[1:]
+    peak = np.maximum.reduceat(magnitude, cuts)
+    moved = _setpoint_moves(setpoint, cuts, crossing, carried)
+    begin = np.where(crossing, at_before + share, index[cuts].astype(float))
+    end = np.append(np.where(crossing[1:], begin[1:], index[lasts[:-1]].astype(float)), np.nan)
+    complete = crossing & np.append(crossing[1:], False)
+    crossed = crossing.copy()
     # the last sample knows the sign even where the half period opened with exact zeros
-    direction = sign[np.concatenate([cuts[1:], [n]]) - 1].astype(np.int64)
+    direction = sign[lasts].astype(np.int64)
 
     closed: list[Segments] = []
-    if first is not None and not (len(starts) and starts[0] == 0):
-        area[0] += first.area
-        peak[0] = max(peak[0], first.e_max)
-        moved[0] += first.move
-        begin[0], crossed[0] = first.begin, first.crossed
-    elif open_ is not None:
+    if carried and not crossing[0]:
+        area[0] += carried.area + 0.5 * (abs(carried.last_error) + e_first[0])
+        peak[0] = max(peak[0], carried.e_max)
+        begin[0], crossed[0] = carried.begin, carried.crossed
+        complete[0] = carried.crossed and len(cuts) > 1 and crossing[1]
+    elif open_ is not None and open_.sign:
         # it ended exactly at the block's edge: by a crossing between the blocks, or by a gap
-        cut_area = open_.area + (tail[0] if crossing[0] else 0.0)
         stop = begin[0] if crossing[0] else float(open_.last_index)
-        if open_.sign:
-            closed.append(_one(open_, stop, cut_area, bool(crossing[0]) and open_.crossed))
-    whole = Segments(begin, end, area, peak, direction, moved, crossed & ends_crossing)
+        closed.append(_one(open_, stop, open_.area + tail[0], bool(crossing[0]) and open_.crossed))
+    whole = Segments(begin, end, area, peak, direction, moved, complete)
     left = OpenHalfPeriod(int(sign[-1]), float(begin[-1]), bool(crossed[-1]), float(area[-1]), float(peak[-1]),
                           float(moved[-1]), int(index[-1]), float(error[-1]), float(setpoint[-1]))
     done = np.arange(len(whole)) < len(whole) - 1
@@ -137,11 +136,35 @@ def _one(o: OpenHalfPeriod, end: float, area: float, complete: bool) -> Segments
                     np.array([o.sign], np.int64), np.array([o.move]), np.array([complete]))
 
 
-def _signs(error: FloatArray, breaks: NDArray[np.bool_], carried: int) -> NDArray[np.int8]:
-    """Return the sign of each sample; an exact zero belongs to the half period before it."""
+def _setpoint_moves(setpoint: FloatArray, cuts: IntArray, crossing: NDArray[np.bool_],
+                    carried: OpenHalfPeriod | None) -> FloatArray:
+    """Return the sum of |change of setpoint| in each piece, the change at its opening crossing included."""
+    before = carried.last_setpoint if carried else setpoint[0]
+    if before == setpoint[0] and setpoint.min() == setpoint.max():
+        moved = np.zeros(len(cuts))
+    else:
+        move = np.abs(np.diff(setpoint, prepend=before))
+        move[cuts[1:][~crossing[1:]]] = 0.0
+        moved = np.add.reduceat(move, cuts)
+    if carried and not crossing[0]:
+        moved[0] += carried.move
+    return moved
+
+
+def _sign_changes(error: FloatArray, jump: NDArray[np.bool_] | None,
+                  carried: int) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
+    """Return the sign of each sample and whether the next begins a new piece: by a crossing or a jump.
+
+    An exact zero belongs to the half period before it.
+    """
     sign = np.sign(error).astype(np.int8)
-    if np.all(sign != 0):
-        return sign
-    known = (sign != 0) | breaks
-    source = np.maximum.accumulate(np.where(known, np.arange(len(sign)), -1))
-    return np.where(source < 0, np.int8(carried), sign[np.maximum(source, 0)]).astype(np.int8)
+    if np.count_nonzero(sign) != len(sign):
+        known = sign != 0
+        if jump is not None:
+            known[1:] |= jump
+        source = np.maximum.accumulate(np.where(known, np.arange(len(sign)), -1))
+        sign = np.where(source < 0, np.int8(carried), sign[np.maximum(source, 0)]).astype(np.int8)
+        changed = (sign[1:] != sign[:-1]) & (sign[:-1] != 0)
+    else:
+        changed = sign[1:] != sign[:-1]
+    return sign, changed if jump is None else changed | jump

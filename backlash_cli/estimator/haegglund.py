@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..filters import DoubleLag, double_lag
-from ..record import FloatArray, LoopSettings, Record, SampleState
+from ..record import FloatArray, IntArray, LoopSettings, Record, SampleState
 from ..segmenter import OpenHalfPeriod, Segments, close, segment
 
 DEFAULT_KP = 1.5  # section 4: errors below 20 % for 1 < Kp < 3.4
@@ -82,60 +82,69 @@ def estimate(segments: Segments, interval: float, settings: LoopSettings) -> Hal
 
 
 @dataclass
-class ErrorScanner:
-    """Filters the measurement block by block and cuts the error into half periods.
+class ErrorTrack:
+    """Half periods of one error signal: those that have ended, and the open one."""
 
-    The filters run on through manual operation and saturation, where the measurement is still true, and start
-    afresh at rest after a hole. Half periods end at any sample that must not be used.
-    """
-
-    stages: tuple[DoubleLag, ...]
     parts: list[Segments] = field(default_factory=list)
     open: OpenHalfPeriod | None = None
+
+    def update(self, error: FloatArray, setpoint: FloatArray, index: IntArray) -> None:
+        done, self.open = segment(error, setpoint, index, self.open)
+        if len(done):
+            self.parts.append(done)
+
+    def finish(self) -> Segments:
+        return Segments.join([*self.parts, close(self.open)])
+
+
+@dataclass
+class ErrorScanner:
+    """Filters the measurement block by block and cuts two errors into half periods.
+
+    `plain` is the error after the measurement filter (3), for the oscillation detector; `smooth` after the second
+    filter of Ti/2 as well, for the estimator. The filters run on through manual operation and saturation, where the
+    measurement is still true, and start afresh at rest after a hole. Half periods end at any sample that must not
+    be used.
+    """
+
+    stages: tuple[DoubleLag, DoubleLag]
+    plain: ErrorTrack = field(default_factory=ErrorTrack)
+    smooth: ErrorTrack = field(default_factory=ErrorTrack)
     states: list[FloatArray] = field(default_factory=list)
     last_index: int = -2
 
     def update(self, block: Record) -> None:
         """Take the next block of the record."""
-        known = (block.state != SampleState.MISSING) & (block.state != SampleState.IMPLAUSIBLE)
-        known &= np.isfinite(block.measurement) & np.isfinite(block.setpoint)
-        if not known.all():
-            block_index, pv, sp = block.index[known], block.measurement[known], block.setpoint[known]
-            usable = block.usable[known]
-        else:
-            block_index, pv, sp, usable = block.index, block.measurement, block.setpoint, block.usable
+        index, pv, sp, usable = block.index, block.measurement, block.setpoint, block.usable
+        whole = bool(usable.all())
+        if not whole:
+            known = (block.state != SampleState.MISSING) & (block.state != SampleState.IMPLAUSIBLE)
+            index, pv, sp, usable = index[known], pv[known], sp[known], usable[known]
         if not len(pv):
             return
-        filtered = self._filter(block_index, pv)
-        error = sp - filtered
-        if not usable.all():
-            block_index, error, sp = block_index[usable], error[usable], sp[usable]
-        done, self.open = segment(error, sp, block_index, self.open)
-        if len(done):
-            self.parts.append(done)
+        for track, filtered in zip((self.plain, self.smooth), self._filter(index, pv), strict=True):
+            error = sp - filtered
+            if whole:
+                track.update(error, sp, index)
+            else:
+                track.update(error[usable], sp[usable], index[usable])
 
-    def finish(self) -> Segments:
-        """Return all half periods of the record in time order."""
-        return Segments.join([*self.parts, close(self.open)])
-
-    def _filter(self, index: NDArray[np.int64], pv: FloatArray) -> FloatArray:
-        cuts = np.flatnonzero(np.diff(index) != 1) + 1
-        out = np.empty_like(pv)
-        for first, last in zip([0, *cuts], [*cuts, len(pv)], strict=True):
+    def _filter(self, index: IntArray, pv: FloatArray) -> tuple[FloatArray, FloatArray]:
+        jumps = np.flatnonzero(np.diff(index) != 1) + 1 if index[-1] - index[0] != len(index) - 1 else []
+        outputs: tuple[list[FloatArray], list[FloatArray]] = ([], [])
+        for first, last in zip([0, *jumps], [*jumps, len(pv)], strict=True):
             if first > 0 or index[0] != self.last_index + 1:
                 self.states = [stage.settled(float(pv[first])) for stage in self.stages]
             y = pv[first:last]
             for i, stage in enumerate(self.stages):
                 y, self.states[i] = stage.run(y, self.states[i])
-            out[first:last] = y
+                outputs[i].append(y)
         self.last_index = int(index[-1])
-        return out
+        plain, smooth = (o[0] if len(o) == 1 else np.concatenate(o) for o in outputs)
+        return plain, smooth
 
 
-def error_scanner(settings: LoopSettings, interval: float, *, smooth: bool = True) -> ErrorScanner:
-    """Return a scanner with the measurement filter (3) and, if `smooth`, the estimator's filter of Ti/2."""
+def error_scanner(settings: LoopSettings, interval: float) -> ErrorScanner:
+    """Return a scanner with the measurement filter (3) and the estimator's filter of Ti/2."""
     assert settings.Ti is not None
-    stages = [double_lag(settings.filter_time or 0.0, interval)]
-    if smooth:
-        stages.append(double_lag(settings.Ti / 2.0, interval))
-    return ErrorScanner(tuple(stages))
+    return ErrorScanner((double_lag(settings.filter_time or 0.0, interval), double_lag(settings.Ti / 2.0, interval)))
