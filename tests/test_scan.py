@@ -1,6 +1,7 @@
 """The scan of one loop: the published example, independence of block cuts, time shifts and units."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -58,7 +59,7 @@ def test_a_dead_band_is_found_with_its_size():
 def test_any_cut_into_blocks_gives_the_same_report(cuts):
     scanner = LoopScanner(RECORD.loop, RECORD.settings, RECORD.start, RECORD.interval)
     edges = [0, *sorted(cuts), len(RECORD)]
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         scanner.update(RECORD.slice(first, last))
     assert_same(scan(RECORD), scanner.finish())
 

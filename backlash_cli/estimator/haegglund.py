@@ -130,7 +130,8 @@ class ErrorScanner:
                 track.update(error[usable], sp[usable], index[usable])
 
     def _filter(self, index: IntArray, pv: FloatArray) -> tuple[FloatArray, FloatArray]:
-        jumps = np.flatnonzero(np.diff(index) != 1) + 1 if index[-1] - index[0] != len(index) - 1 else []
+        whole = index[-1] - index[0] == len(index) - 1
+        jumps = [] if whole else (np.flatnonzero(np.diff(index) != 1) + 1).tolist()
         outputs: tuple[list[FloatArray], list[FloatArray]] = ([], [])
         for first, last in zip([0, *jumps], [*jumps, len(pv)], strict=True):
             if first > 0 or index[0] != self.last_index + 1:
