@@ -1,0 +1,94 @@
+"""Whole files only: written beside their destination and moved into place, so that a reader never meets half a report."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..errors import BacklashError
+
+_MENDED = {
+    errno.ENOSPC: ("the disk is full", "free some space, or write to another disk with --output"),
+    errno.EDQUOT: ("the disk quota is used up", "free some space, or write to another disk with --output"),
+    errno.EACCES: ("no permission to write there", "choose another place with --output"),
+    errno.EPERM: ("no permission to write there", "choose another place with --output"),
+    errno.EROFS: ("the disk is read-only", "choose another place with --output"),
+    errno.ENOENT: ("the folder does not exist", "make the folder first, or choose another with --output"),
+    errno.ENOTDIR: ("a part of the path is a file, not a folder", "choose another place with --output"),
+    errno.EISDIR: ("this is a folder, not a file", "give the name of a file"),
+    errno.ENAMETOOLONG: ("the name is too long", "choose a shorter name with --output"),
+}
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write `text` as UTF-8 to `path`, whole or not at all; the old file stays until the new one is complete.
+
+    Raises BacklashError when the disk is full or the folder cannot be written; the old file is then untouched.
+    """
+    write_bytes(path, text.encode("utf-8", "backslashreplace"))
+
+
+def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
+    """Write `data` to `path`, whole or not at all; see `write_text`."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(data)
+
+
+@contextlib.contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a temporary file to write to, and move it to `path` when the block ends well.
+
+    The temporary file stands in the same folder, because only then is the move one step for every reader. On any
+    failure, and on Ctrl-C, it is removed and `path` keeps its old content. A link is followed; a device or pipe
+    (/dev/stdout, /dev/null) is written straight, since it must not be replaced by a file.
+    """
+    target = Path(os.path.realpath(path))
+    try:
+        mode = _mode(target)
+        if mode is not None and not stat.S_ISREG(mode):
+            if stat.S_ISDIR(mode):
+                raise IsADirectoryError(errno.EISDIR, "is a folder")
+            yield target
+            return
+        temporary = target.parent / f".backlash-{secrets.token_hex(6)}.tmp"
+        try:
+            # O_EXCL: never through a link that somebody put there; 0o666 leaves the rights to the user's umask.
+            os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+            yield temporary
+            if mode is not None:
+                os.chmod(temporary, stat.S_IMODE(mode))
+            _flush(temporary)
+            os.replace(temporary, target)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                temporary.unlink()
+            raise
+        with contextlib.suppress(OSError):
+            _flush(target.parent)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        what, remedy = _MENDED.get(error.errno or 0, (error.strerror or str(error), "choose another place with --output"))
+        raise BacklashError(f"cannot write: {what}", where=str(path), remedy=remedy, code="cannot_write") from error
+
+
+def _mode(target: Path) -> int | None:
+    """Type and rights of `target`, None where there is nothing yet."""
+    try:
+        return target.stat().st_mode
+    except FileNotFoundError:
+        return None
+
+
+def _flush(path: Path) -> None:
+    """Have the operating system put a file or folder entry on the disk: a power cut must not leave an empty report."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,190 @@
+"""Report pages: one HTML file that holds everything, works from disk and offline, and lets nothing out.
+
+Build `Section`s from plain values and call `page`. All text is escaped by the template engine; scripts are allowed by
+their fingerprint only, so markup in a tag name can neither show nor run.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import jinja2
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A table cell with more than a value: shown `text`, a link, a mark (`good`, `warn`, `bad`, `quiet`).
+
+    `value` is what the column is sorted by (a number or text). `href` must be one the report made itself.
+    """
+
+    value: object
+    text: str = ""
+    href: str = ""
+    mark: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns and rows of plain values (text, numbers, bool, None) or Cells.
+
+    The reader can sort by every column. `filterable` adds a search box; `choices` names a column whose values are
+    offered as a list beside it.
+    """
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[object]]
+    filterable: bool = False
+    choices: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with paragraphs, a table, an interactive figure (plotly Figure, or its dict) and a note below them.
+
+    `parts` are sections inside this one. `folded` shows only the heading until it is opened; figures are drawn when
+    they come into view. `anchor` is the section's address within the page, unique.
+    """
+
+    title: str
+    text: Sequence[str] = ()
+    table: Table | None = None
+    figure: Any = None
+    note: str = ""
+    parts: Sequence[Section] = ()
+    folded: bool = False
+    anchor: str = ""
+    mark: str = ""
+    summary: str = ""
+
+
+def page(
+    title: str,
+    sections: Sequence[Section],
+    *,
+    subtitle: str = "",
+    plotly_file: str = "",
+    back: tuple[str, str] | None = None,
+) -> str:
+    """Return the HTML of a whole page, self-contained: styles, scripts, data and the plotting library are inside.
+
+    plotly_file: relative address of a plotly.js beside the page, for folders of many pages, instead of the library
+    inside. back: (address, words) of a link above the title.
+    """
+    drawn = any(map(_has_figure, sections))
+    inside = _plotly() if drawn and not plotly_file else ""
+    script = _asset("page.js")
+    allowed = " ".join(_fingerprint(s) for s in (inside, script) if s)
+    if drawn and plotly_file:
+        allowed += " 'self' file:"  # a page opened from disk has no origin of its own; file: is its folder
+    return _template().render(
+        title=title,
+        subtitle=subtitle,
+        sections=sections,
+        style=_asset("page.css"),
+        script=script,
+        plotly=inside,
+        plotly_file=plotly_file if drawn else "",
+        allowed=allowed,
+        back=back,
+    )
+
+
+def plotly_script() -> str:
+    """The plotting library's source, for `plotly_file`."""
+    return _plotly()
+
+
+def _has_figure(section: Section) -> bool:
+    return section.figure is not None or any(map(_has_figure, section.parts))
+
+
+@cache
+def _plotly() -> str:
+    from plotly.offline import get_plotlyjs
+
+    return get_plotlyjs().replace("</script", "<\\/script")
+
+
+@cache
+def _asset(name: str) -> str:
+    return files("backlash_cli.reporter").joinpath("templates", name).read_text("utf-8")
+
+
+def _fingerprint(script: str) -> str:
+    digest = hashlib.sha256(script.encode("utf-8")).digest()
+    return f"'sha256-{base64.b64encode(digest).decode()}'"
+
+
+@cache
+def _template() -> jinja2.Template:
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("backlash_cli.reporter"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(cell=_cell, figure=_figure)
+    return environment.get_template("page.html")
+
+
+def _cell(value: object) -> dict[str, object]:
+    """What the template needs of a cell: text, sort key, link, mark, and whether it is a number."""
+    cell = value if isinstance(value, Cell) else Cell(value)
+    raw = cell.value.item() if hasattr(cell.value, "item") else cell.value
+    number = isinstance(raw, int | float) and not isinstance(raw, bool)
+    return {
+        "text": cell.text or _words(raw),
+        "key": "" if raw is None else _words(raw) if not number else repr(raw),
+        "number": number,
+        "href": cell.href,
+        "mark": cell.mark,
+    }
+
+
+def _words(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}" if math.isfinite(value) else "–"
+    return str(value)
+
+
+def _figure(figure: Any) -> str:
+    """JSON of a plotly figure that is safe between script tags: no `<`, `>`, `&` and no line separators."""
+    from markupsafe import Markup
+
+    if hasattr(figure, "to_json"):
+        text = figure.to_json()
+    else:
+        text = json.dumps(_plain(figure), separators=(",", ":"), allow_nan=False)
+    for character in "<>&\u2028\u2029":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return Markup(text)
+
+
+def _plain(value: Any) -> Any:
+    """`value` with arrays as lists and numbers that JSON does not know as null."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,97 @@
+"""Names and texts that come from files, made harmless for terminals, spreadsheets, pictures and file systems.
+
+A tag name is data: it may hold escape sequences, formulas, markup or `../`. Every reporter sends foreign text through
+one of these functions (HTML pages escape by themselves, through the template engine).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import unicodedata
+from collections.abc import Iterable
+
+_NAMED = {"\n": "\\n", "\r": "\\r", "\t": "\\t", "\x1b": "\\e"}
+_FORMULA = "=+-@|%\t\r\n＝＋－＠"
+_RESERVED = {"con", "prn", "aux", "nul", *(f"com{i}" for i in range(10)), *(f"lpt{i}" for i in range(10))}
+
+
+def terminal(text: object, limit: int = 2000) -> str:
+    """Return `text` on one line with control characters, escape sequences and direction marks made visible.
+
+    >>> terminal("FIC\\n101\\x1b[31m")
+    'FIC\\\\n101\\\\e[31m'
+    """
+    return shorten("".join(c if _printable(c) else _visible(c) for c in str(text)), limit)
+
+
+def _printable(c: str) -> bool:
+    # Cc, Cf, Cs, Co, Cn: controls, invisible format and direction marks, surrogates; Zl, Zp: line separators.
+    category = unicodedata.category(c)
+    return not (category.startswith("C") or category in ("Zl", "Zp"))
+
+
+def _visible(c: str) -> str:
+    code = ord(c)
+    return _NAMED.get(c) or (f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}")
+
+
+def shorten(text: str, limit: int) -> str:
+    """Return `text` with its middle left out when it is longer than `limit` characters."""
+    if len(text) <= limit:
+        return text
+    tail = (limit - 1) // 3
+    return text[: limit - 1 - tail] + "…" + text[len(text) - tail :]
+
+
+def spreadsheet(value: object) -> object:
+    """Return a cell that no spreadsheet runs as a formula: such a text gets an apostrophe in front.
+
+    >>> spreadsheet("=HYPERLINK(1)"), spreadsheet("FIC101"), spreadsheet(-0.5)
+    ("'=HYPERLINK(1)", 'FIC101', -0.5)
+    """
+    if not isinstance(value, str):
+        return value
+    cleaned = "".join(c if c in "\t\r\n" or _printable(c) else _visible(c) for c in value)
+    start = cleaned.lstrip(" \u00a0\u3000")
+    return "'" + cleaned if start[:1] and start[0] in _FORMULA else cleaned
+
+
+def picture(text: object, limit: int = 80) -> str:
+    """Return `text` for a plotly label, where a few HTML tags would be obeyed, as plain words."""
+    shown = terminal(text, limit)
+    return shown.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def file_name(name: str) -> str:
+    """Return a file name (no folder, no suffix) for a loop: letters, digits, `.`, `-`, `_`, at most 60 characters.
+
+    A name that had to be changed carries a short fingerprint, so that different loops never share a file.
+
+    >>> file_name("FIC101")
+    'FIC101'
+    >>> file_name("../../etc/x")
+    'etc_x-56da1a2e'
+    """
+    plain = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._-")[:60]
+    if plain == name and plain.split(".")[0].lower() not in _RESERVED:
+        return plain
+    mark = hashlib.sha256(name.encode("utf-8", "backslashreplace")).hexdigest()[:8]
+    return f"{plain[:50] or 'loop'}-{mark}"
+
+
+def file_names(names: Iterable[str]) -> dict[str, str]:
+    """Return name -> file name for a plant, different also where the file system ignores upper and lower case."""
+    given: dict[str, str] = {}
+    taken: set[str] = set()
+    for name in names:
+        if name in given:
+            continue
+        base = file_name(name)
+        choice, number = base, 1
+        while choice.lower() in taken:
+            number += 1
+            choice = f"{base}-{number}"
+        taken.add(choice.lower())
+        given[name] = choice
+    return given

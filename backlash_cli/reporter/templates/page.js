@@ -1,0 +1,119 @@
+"use strict";
+(() => {
+  const all = (selector, root = document) => Array.from(root.querySelectorAll(selector));
+
+  // Tables: a click on a heading sorts; numbers by size, text by the alphabet, empty cells last.
+  const number = /^-?(\d|\.\d)/;
+  const compare = (a, b) => {
+    if (a === "" || b === "") return (a === "") - (b === "");
+    if (number.test(a) && number.test(b) && !isNaN(a) && !isNaN(b)) return a - b;
+    return a.localeCompare(b, undefined, { numeric: true, sensitivity: "base" });
+  };
+  const sortBy = (table, column, direction) => {
+    const body = table.tBodies[0];
+    const keyed = all("tr", body).map((row, i) => [row.cells[column].dataset.key, i, row]);
+    keyed.sort(([a, i], [b, j]) => {
+      const order = compare(a, b);
+      return a === "" || b === "" ? order || i - j : direction * order || i - j;
+    });
+    body.append(...keyed.map((k) => k[2]));
+    all("th", table).forEach((th, i) => {
+      if (i === column) th.setAttribute("aria-sort", direction > 0 ? "ascending" : "descending");
+      else th.removeAttribute("aria-sort");
+    });
+  };
+  for (const table of all("table.sortable")) {
+    all("thead th", table).forEach((th, column) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = th.textContent;
+      th.textContent = "";
+      th.append(button);
+      button.addEventListener("click", () => {
+        const numeric = all("tbody tr", table).some((row) => row.cells[column].classList.contains("number"));
+        const now = th.getAttribute("aria-sort");
+        sortBy(table, column, now === "ascending" ? -1 : now === "descending" ? 1 : numeric ? -1 : 1);
+      });
+    });
+  }
+
+  // Search box and list of choices.
+  for (const form of all("form.filter")) {
+    const table = form.nextElementSibling.querySelector("table");
+    const text = form.querySelector(".filter-text");
+    const choice = form.querySelector(".filter-choice");
+    const count = form.querySelector(".filter-count");
+    const rows = all("tbody tr", table);
+    const words = rows.map((row) => row.textContent.toLowerCase());
+    const kind = (row) => (choice ? row.cells[choice.dataset.column].textContent : "");
+    if (choice) {
+      for (const value of Array.from(new Set(rows.map(kind))).sort()) choice.add(new Option(value, value));
+    }
+    const apply = () => {
+      const wanted = text.value.toLowerCase().split(/\s+/).filter(Boolean);
+      let shown = 0;
+      rows.forEach((row, i) => {
+        row.hidden = !(wanted.every((w) => words[i].includes(w)) && (!choice || !choice.value || choice.value === kind(row)));
+        shown += !row.hidden;
+      });
+      count.textContent = shown === rows.length ? `${shown} rows` : `${shown} of ${rows.length} rows`;
+    };
+    form.addEventListener("input", apply);
+    form.addEventListener("submit", (event) => event.preventDefault());
+    apply();
+  }
+
+  // Figures: drawn when they come into view, in the colours of the page.
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const themed = (layout) => {
+    const out = Object.assign({}, layout, {
+      paper_bgcolor: "rgba(0,0,0,0)",
+      plot_bgcolor: "rgba(0,0,0,0)",
+      font: Object.assign({ size: 13 }, layout.font, { color: colour("--text"), family: "system-ui, sans-serif" }),
+    });
+    delete out.template;
+    const axes = new Set(["xaxis", "yaxis", ...Object.keys(layout).filter((k) => /^[xy]axis\d*$/.test(k))]);
+    for (const axis of axes) {
+      out[axis] = Object.assign({}, layout[axis], {
+        gridcolor: colour("--grid"), zerolinecolor: colour("--line"), linecolor: colour("--line"), automargin: true,
+      });
+    }
+    return out;
+  };
+  const figures = new Map();
+  const draw = (plot) => {
+    if (figures.has(plot) || !window.Plotly) return;
+    const figure = JSON.parse(plot.parentElement.querySelector(".plot-data").textContent);
+    figures.set(plot, figure);
+    window.Plotly.newPlot(plot, figure.data, themed(figure.layout || {}), {
+      responsive: true, displaylogo: false, scrollZoom: false, modeBarButtonsToRemove: ["select2d", "lasso2d"],
+    });
+  };
+  const plots = all(".plot");
+  const seen = new IntersectionObserver((entries) => {
+    for (const entry of entries) if (entry.isIntersecting) { seen.unobserve(entry.target); draw(entry.target); }
+  }, { rootMargin: "300px" });
+  plots.forEach((plot) => seen.observe(plot));
+  const recolour = () => figures.forEach((figure, plot) => {
+    const view = themed(Object.assign({}, plot.layout));
+    window.Plotly.relayout(plot, view);
+  });
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recolour);
+
+  // Folded sections: a link opens its target; printing opens them all.
+  const reveal = () => {
+    const target = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    if (target) {
+      for (let node = target; node; node = node.parentElement) if (node.tagName === "DETAILS") node.open = true;
+      target.scrollIntoView();
+    }
+  };
+  window.addEventListener("hashchange", reveal);
+  reveal();
+  let opened = [];
+  window.addEventListener("beforeprint", () => {
+    opened = all("details:not([open])");
+    if (opened.length <= 60) { opened.forEach((d) => { d.open = true; }); plots.forEach(draw); } else opened = [];
+  });
+  window.addEventListener("afterprint", () => opened.forEach((d) => { d.open = false; }));
+})();
