@@ -1,0 +1,50 @@
+"""Backlash: play between actuator and stem; after a reversal the stem waits until the command has crossed the gap.
+
+The stem stays where it is while the command moves inside the gap d, then follows it half a gap behind:
+x = u - d/2 while it is pushed up, x = u + d/2 while it is pulled down (Fig. 2 of the source).
+
+>>> p = EFFECT.pack(d=0.2)
+>>> EFFECT.apply([0.5, 0.7, 0.9, 0.8, 0.6, 0.4], p, interval=1.0).round(2).tolist()
+[0.5, 0.6, 0.8, 0.8, 0.7, 0.5]
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..record import FloatArray
+from .shape import Effect, Parameter, Stage
+
+
+def start(p: FloatArray, interval: float, first: float) -> FloatArray:
+    """State: [stem position]."""
+    return np.array([first + 0.5 * p[0] * p[1]])
+
+
+def step(state: FloatArray, value: float, p: FloatArray) -> float:
+    """Return the stem position for one command sample."""
+    half = 0.5 * p[0]
+    if half == 0.0:
+        state[0] = value
+        return value
+    stem = state[0]
+    if value - half > stem:
+        stem = value - half
+    elif value + half < stem:
+        stem = value + half
+    state[0] = stem
+    return stem
+
+
+EFFECT = Effect(
+    name="backlash",
+    stage=Stage.VALVE,
+    sentence="Play in the valve linkage: after a reversal the stem does not move until the output has crossed a gap.",
+    source="Haegglund, J. Process Control 17 (2007) 489, Fig. 2; play operator of Krasnosel'skii and Pokrovskii (1989)",
+    parameters=(
+        Parameter("d", "span", "dead band", 0.0, 0.0, 0.5, (0.005, 0.01, 0.02, 0.04, 0.08)),
+        Parameter("position", "half gap", "stem in the gap at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True),
+    ),
+    start=start,
+    step=step,
+)

@@ -1,0 +1,47 @@
+"""Load steps: sudden changes at the process input that the controller must make up for.
+
+Each size is in output span: a load step of 0.05 pushes the process like 5 % more output. Time counts from the first
+sample; a step counts from the first sample at or after its time.
+
+>>> p = EFFECT.pack(times=[2.0, 3.0], sizes=[0.5, -0.25])
+>>> EFFECT.apply([0.0, 0.0, 0.0, 0.0, 0.0], p, interval=1.0).tolist()
+[0.0, 0.0, 0.5, 0.25, 0.25]
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..record import FloatArray
+from .shape import Effect, Parameter, Stage
+
+
+def start(p: FloatArray, interval: float, first: float) -> FloatArray:
+    """State: [sample number, interval]."""
+    return np.array([0.0, interval])
+
+
+def step(state: FloatArray, value: float, p: FloatArray) -> float:
+    """Return the process input with the steps added for one sample."""
+    # half a nanosecond of slack: 0.3 s is the third sample of 0.1 s, whatever the floating point
+    now = state[0] * state[1] + 5e-10
+    state[0] += 1.0
+    count = p.size // 2
+    for i in range(count):
+        if now >= p[i]:
+            value += p[count + i]
+    return value
+
+
+EFFECT = Effect(
+    name="load_step",
+    stage=Stage.LOAD,
+    sentence="Load steps: at certain times something other than the valve pushed the process by a fixed amount.",
+    source="Step load at the process input, the disturbance of Haegglund (2007), Examples 1 to 4",
+    parameters=(
+        Parameter("times", "s", "times of the steps from the first sample", 0.0, 0.0, 1e12, many=True),
+        Parameter("sizes", "OP span", "sizes of the steps", 0.0, -10.0, 10.0, (0.02, -0.02), many=True),
+    ),
+    start=start,
+    step=step,
+)

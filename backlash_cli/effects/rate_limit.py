@@ -1,0 +1,48 @@
+"""Rate limit: the actuator cannot move faster than a certain speed, so large moves of the output arrive late.
+
+The position runs to the command with at most `rate` spans per second. The output sample is the mean position over
+the sample interval, which keeps a slow process behind it exact to second order in interval / lag.
+
+>>> p = EFFECT.pack(rate=0.1)
+>>> EFFECT.apply([0.0, 0.25, 0.25, 0.25, 0.25], p, interval=1.0).round(4).tolist()
+[0.0, 0.05, 0.15, 0.2375, 0.25]
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..record import FloatArray
+from .shape import Effect, Parameter, Stage
+
+
+def start(p: FloatArray, interval: float, first: float) -> FloatArray:
+    """State: [position at the start of the sample, largest move in one sample]."""
+    return np.array([first, p[0] * interval])
+
+
+def step(state: FloatArray, value: float, p: FloatArray) -> float:
+    """Return the mean position over one sample."""
+    position, reach = state[0], state[1]
+    move = value - position
+    if abs(move) <= reach:
+        state[0] = value
+        if move == 0.0 or reach == np.inf:
+            return value
+        return value - move * abs(move) / (2.0 * reach)
+    end = position + reach if move > 0.0 else position - reach
+    state[0] = end
+    return 0.5 * (position + end)
+
+
+EFFECT = Effect(
+    name="rate_limit",
+    stage=Stage.VALVE,
+    sentence="Slow actuator: the valve moves no faster than a certain speed, so large moves arrive late.",
+    source="Slew limit of an actuator, e.g. Astrom and Haegglund, Advanced PID Control (2006)",
+    parameters=(
+        Parameter("rate", "1/s", "largest speed, spans per second", np.inf, 1e-6, np.inf, (0.001, 0.005, 0.02, 0.1)),
+    ),
+    start=start,
+    step=step,
+)

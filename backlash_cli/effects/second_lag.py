@@ -1,0 +1,43 @@
+"""Second lag: a further first-order lag in series, for example a thermowell, an actuator or a filter.
+
+dx/dt = (u - x) / tau2 with u held over the sample. The output sample is the mean of x over the interval, so that a
+lag behind it sees the right area.
+
+>>> p = EFFECT.pack(tau2=2.0)
+>>> EFFECT.apply([0.0, 1.0, 1.0, 1.0], p, interval=1.0).round(4).tolist()
+[0.0, 0.2131, 0.5227, 0.7105]
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..record import FloatArray
+from .shape import Effect, Parameter, Stage
+
+
+def start(p: FloatArray, interval: float, first: float) -> FloatArray:
+    """State: [x at the start of the sample, decay over one sample, mean weight of the old x]."""
+    ratio = interval / p[0] if p[0] > 0.0 else np.inf
+    return np.array([first, np.exp(-ratio), -np.expm1(-ratio) / ratio])
+
+
+def step(state: FloatArray, value: float, p: FloatArray) -> float:
+    """Return the mean of the lagged signal over one sample."""
+    away = state[0] - value
+    if p[0] == 0.0 or away == 0.0:
+        state[0] = value
+        return value
+    state[0] = value + away * state[1]
+    return value + away * state[2]
+
+
+EFFECT = Effect(
+    name="second_lag",
+    stage=Stage.PROCESS,
+    sentence="Second lag: the process has a further time constant that makes its answer start slowly.",
+    source="First-order lag 1/(1 + s tau2), exact for held input (Astrom and Wittenmark 1997)",
+    parameters=(Parameter("tau2", "s", "time constant of the second lag", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
+    start=start,
+    step=step,
+)

@@ -1,0 +1,60 @@
+"""Stiction: the stem sticks until the command is far enough away, jumps, then slides behind the command.
+
+Kano's two-parameter model. S is the dead band plus the stick band, J the slip jump. A resting stem holds while the
+command is within (S + J)/2 of it (static friction), jumps to (S - J)/2 behind the command (moving friction) and
+slides there with slope 1 until the command turns or rests. J = 0 is backlash with d = S. With restick = 1 the stem
+sticks again after every sample (He's model), so a ramp makes a staircase of steps J.
+
+>>> p = EFFECT.pack(S=0.4, J=0.2, position=-1/3)
+>>> EFFECT.apply([0.0, 0.15, 0.25, 0.5, 0.45, 0.2, 0.05], p, interval=1.0).round(2).tolist()
+[-0.1, -0.1, 0.15, 0.4, 0.4, 0.4, 0.15]
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..record import FloatArray
+from .shape import Effect, Parameter, Stage
+
+
+def start(p: FloatArray, interval: float, first: float) -> FloatArray:
+    """State: [stem position, direction of sliding (0 rests), last command]."""
+    return np.array([first + 0.5 * (p[0] + p[1]) * p[2], 0.0, first])
+
+
+def step(state: FloatArray, value: float, p: FloatArray) -> float:
+    """Return the stem position for one command sample."""
+    if p[0] == 0.0 and p[1] == 0.0:
+        state[0] = value
+        state[2] = value
+        return value
+    stem, sliding = state[0], state[1]
+    if p[3] != 0.0 or (value - state[2]) * sliding <= 0.0:
+        sliding = 0.0
+    hold = 0.5 * (p[0] + p[1])
+    if sliding == 0.0:
+        if value - stem > hold:
+            sliding = 1.0
+        elif stem - value > hold:
+            sliding = -1.0
+    if sliding != 0.0:
+        stem = value - 0.5 * sliding * (p[0] - p[1])
+    state[0], state[1], state[2] = stem, sliding, value
+    return stem
+
+
+EFFECT = Effect(
+    name="stiction",
+    stage=Stage.VALVE,
+    sentence="Sticky packing: the stem stays stuck, then jumps and slides, so corrections come late and too large.",
+    source="Kano et al., IFAC DYCOPS, Cambridge MA (2004); restick: He et al., Ind. Eng. Chem. Res. 46 (2007)",
+    parameters=(
+        Parameter("S", "span", "dead band plus stick band", 0.0, 0.0, 0.5, (0.01, 0.02, 0.05)),
+        Parameter("J", "span", "slip jump", 0.0, 0.0, 0.5, (0.005, 0.01, 0.03)),
+        Parameter("position", "half band", "place of the stem at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True),
+        Parameter("restick", "0 or 1", "1: sticks again after each sample", 0.0, 0.0, 1.0, choices=(0.0, 1.0)),
+    ),
+    start=start,
+    step=step,
+)
