@@ -1,4 +1,4 @@
-"""Whole files only: written beside their destination and moved into place, so that a reader never meets half a report."""
+"""Whole files only: written beside their destination, then moved there, so that nobody meets half a report."""
 
 from __future__ import annotations
 
@@ -73,7 +73,8 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        what, remedy = _MENDED.get(error.errno or 0, (error.strerror or str(error), "choose another place with --output"))
+        known = _MENDED.get(error.errno or 0)
+        what, remedy = known or (error.strerror or str(error), "choose another place with --output")
         raise BacklashError(f"cannot write: {what}", where=str(path), remedy=remedy, code="cannot_write") from error
 
 

@@ -144,10 +144,10 @@ def _cell(value: object) -> dict[str, object]:
     """What the template needs of a cell: text, sort key, link, mark, and whether it is a number."""
     cell = value if isinstance(value, Cell) else Cell(value)
     raw = cell.value.item() if hasattr(cell.value, "item") else cell.value
-    number = isinstance(raw, int | float) and not isinstance(raw, bool)
+    number = isinstance(raw, int | float) and not isinstance(raw, bool) and math.isfinite(raw)
     return {
         "text": cell.text or _words(raw),
-        "key": "" if raw is None else _words(raw) if not number else repr(raw),
+        "key": repr(raw) if number else "" if raw is None or isinstance(raw, float) else _words(raw),
         "number": number,
         "href": cell.href,
         "mark": cell.mark,

@@ -24,13 +24,14 @@
   };
   for (const table of all("table.sortable")) {
     all("thead th", table).forEach((th, column) => {
+      const numeric = all("tbody tr", table).some((row) => row.cells[column].classList.contains("number"));
+      if (numeric) all(`tr > :nth-child(${column + 1})`, table).forEach((cell) => cell.classList.add("number"));
       const button = document.createElement("button");
       button.type = "button";
       button.textContent = th.textContent;
       th.textContent = "";
       th.append(button);
       button.addEventListener("click", () => {
-        const numeric = all("tbody tr", table).some((row) => row.cells[column].classList.contains("number"));
         const now = th.getAttribute("aria-sort");
         sortBy(table, column, now === "ascending" ? -1 : now === "descending" ? 1 : numeric ? -1 : 1);
       });
@@ -69,6 +70,9 @@
     const out = Object.assign({}, layout, {
       paper_bgcolor: "rgba(0,0,0,0)",
       plot_bgcolor: "rgba(0,0,0,0)",
+      margin: Object.assign({ t: layout.title ? 50 : 30, r: 15, l: 50, b: 40 }, layout.margin),
+      legend: Object.assign({ orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, layout.legend),
+      modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("--quiet"), activecolor: colour("--text") },
       font: Object.assign({ size: 13 }, layout.font, { color: colour("--text"), family: "system-ui, sans-serif" }),
     });
     delete out.template;
@@ -86,7 +90,8 @@
     const figure = JSON.parse(plot.parentElement.querySelector(".plot-data").textContent);
     figures.set(plot, figure);
     window.Plotly.newPlot(plot, figure.data, themed(figure.layout || {}), {
-      responsive: true, displaylogo: false, scrollZoom: false, modeBarButtonsToRemove: ["select2d", "lasso2d"],
+      responsive: true, displaylogo: false, scrollZoom: false,
+      modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]],
     });
   };
   const plots = all(".plot");
