@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .estimator.carry import CarryRecorder
+from .estimator.carry_bytes import pack
 from .estimator.clusters import densest
 from .estimator.compensator import recommend
 from .estimator.haegglund import DEFAULT_KP, ErrorScanner, HalfPeriods, error_scanner, estimate
@@ -49,8 +51,10 @@ class LoopScanner:
         self.first: int | None = None
         self.last = 0
         self._errors: ErrorScanner | None = None
+        self._carry: CarryRecorder | None = None
         if settings.K and settings.Ti and interval <= COARSEST * settings.Ti:
             self._errors = error_scanner(settings, interval)
+            self._carry = CarryRecorder(settings, interval)
 
     def update(self, block: Record) -> None:
         """Take the next block; its index goes on where the last block ended, or later."""
@@ -62,8 +66,9 @@ class LoopScanner:
         self.last = int(block.index[-1])
         self.samples += len(block)
         self.used += int(np.count_nonzero(block.usable))
-        if self._errors is not None:
+        if self._errors is not None and self._carry is not None:
             self._errors.update(block)
+            self._carry.update(block)
 
     def finish(self) -> LoopReport:
         """Return the report of everything taken so far."""
@@ -71,7 +76,7 @@ class LoopScanner:
         if refusal is not None:
             few = refusal.code == "insufficient_data"
             return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL, (refusal,), 0.0)
-        assert self._errors is not None and self.settings.Ti is not None
+        assert self._errors is not None and self._carry is not None and self.settings.Ti is not None
         settings = self.settings
         warnings = []
         if settings.Kp is None:
@@ -87,7 +92,8 @@ class LoopScanner:
         if verdict is Verdict.BACKLASH:
             compensator = recommend(cluster, None, derivative=settings.Td > 0, output_noise=0.0)
         return self._report(verdict, reasons, confidence, warnings=tuple(warnings), settings=settings,
-                            cluster=cluster, compensator=compensator, **self._tally(half_periods, accepted, long))
+                            cluster=cluster, compensator=compensator, carry=pack(self._carry.finish(self._errors)),
+                            **self._tally(half_periods, accepted, long))
 
     def _refusal(self) -> Note | None:
         if self.settings.K is None or self.settings.Ti is None:

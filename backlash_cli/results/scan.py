@@ -85,7 +85,10 @@ class Compensator:
 
 @dataclass(frozen=True)
 class LoopReport:
-    """All that is known about one loop after a scan; times are UTC epoch seconds, signals normalised."""
+    """All that is known about one loop after a scan; times are UTC epoch seconds, signals normalised.
+
+    carry: what the next night of this loop needs to go on without a cut (estimator/carry.py), packed.
+    """
 
     loop: str
     verdict: Verdict
@@ -108,6 +111,7 @@ class LoopReport:
     compensator: Compensator | None = None
     warnings: tuple[Note, ...] = ()
     details: Mapping[str, object] = field(default_factory=dict)
+    carry: bytes | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True)

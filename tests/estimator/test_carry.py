@@ -1,0 +1,82 @@
+"""The cut at midnight: two nights joined in any order give the half periods of the uncut record."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from backlash_cli.estimator.carry import resume
+from backlash_cli.estimator.carry_bytes import pack, unpack, unpack_tail
+from backlash_cli.estimator.haegglund import estimate
+from backlash_cli.record import SampleState
+from backlash_cli.scan import scan
+from tests.test_scan import RECORD
+
+
+def night(record, first, last):
+    """A night as exported by itself: its own start, grid from 0."""
+    block = record.slice(first, last)
+    return replace(block, start=record.start + first * record.interval, index=block.index - first)
+
+
+def joined(record, cuts, offset=0):
+    """Begin times of the accepted half periods of a record exported night by night, joined by the carried states."""
+    edges = [0, *cuts, len(record)]
+    found, tail, before = {}, None, 0
+    for first, last in pairwise(edges):
+        part = night(record, first, last)
+        report = scan(part)
+        carry = unpack(report.carry)
+        own = [(e.start, e.d) for e in report.estimates if e.accepted]
+        passed = None
+        if tail is not None:
+            done, until, passed = resume(tail, carry, before - first)
+            until = np.inf if until is None else until
+            own = [(start, d) for start, d in own if start - part.start >= until * part.interval - 1e-6]
+            h = estimate(done, part.interval, report.settings)
+            own += [(part.start + b, d) for b, d, why in zip(h.begin, h.d, h.why, strict=True) if why == "ok"]
+        found.update(own)
+        tail, before = passed or carry.tail, first
+    return np.array(sorted(found.items()))
+
+
+def whole(record):
+    return np.array(sorted((e.start, e.d) for e in scan(record).estimates if e.accepted))
+
+
+@pytest.mark.parametrize("cut", [50, 777, 1500, 3000, 5900])
+def test_two_halves_of_a_day_give_the_half_periods_of_the_day(cut):
+    np.testing.assert_allclose(joined(RECORD, [cut]), whole(RECORD), rtol=1e-6, atol=1e-6)
+
+
+PLACES = st.integers(1, len(RECORD) // 3 - 1).map(lambda i: 3 * i)
+
+
+@given(st.lists(PLACES, min_size=1, max_size=12, unique=True), st.booleans())
+@settings(max_examples=25, deadline=None)
+def test_any_number_of_nights_joined_equals_the_uncut_record(cuts, manual):
+    record = RECORD
+    if manual:
+        state = RECORD.state.copy()
+        state[2000:2100] = SampleState.MANUAL
+        state[4000:4010] = SampleState.MISSING
+        record = replace(RECORD, state=state)
+    a, b = joined(record, sorted(cuts)), whole(record)
+    assert len(a) == len(b)
+    np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-5)
+
+
+def test_packing_is_exact_and_the_same_every_time():
+    data = scan(RECORD).carry
+    carry = unpack(data)
+    assert pack(carry) == data
+    assert unpack_tail(pack(carry.tail)).open == carry.tail.open
+    assert carry.settled and len(carry.head[0]) < 200
+
+
+def test_nights_with_other_filters_do_not_fit():
+    carry = unpack(scan(RECORD).carry)
+    assert carry.fits(carry) and not carry.fits(replace(carry, Ti=9.0))
