@@ -1,0 +1,1 @@
+"""engines: how the loops of a plant are spread over processors"""

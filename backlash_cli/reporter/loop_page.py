@@ -1,0 +1,97 @@
+"""Everything about one loop on a page: why the verdict, the evidence drawn on the record, numbers and settings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..record import Note, Record
+from ..results import LoopReport
+from . import figures
+from .page import Cell, Section, Table
+from .safe import shorten
+from .words import duration, interval, moment, percent
+
+
+def loop_sections(r: LoopReport, record: Record | None) -> list[Section]:
+    """Return everything about one loop: reasons, figures (when its record is given), numbers, settings, warnings."""
+    sections = [Section("Why this verdict", text=[n.message for n in r.reasons] or ["No reason was recorded."])]
+    if r.compensator is not None:
+        c = r.compensator
+        words = f"Compensator gain {percent(c.gain)} of the output span, scheme {c.scheme}. {c.reason}"
+        caution = "This is advice to a person; nothing is written to the control system."
+        sections.append(Section("Advice", text=[words, caution]))
+    if record is not None and len(record):
+        sections += _evidence(r, record)
+    sections += [Section("Numbers", table=_numbers(r)), Section("Controller settings", table=_settings(r))]
+    if r.warnings:
+        sections.append(Section("Warnings", table=note_table(r.warnings)))
+    return sections
+
+
+def _evidence(r: LoopReport, record: Record) -> list[Section]:
+    window = figures.close_look(record, r)
+    sections = [
+        Section("Trend", figure=figures.trend(record, r),
+                note="Whole record. The thick line marks the half periods that entered the estimate. Drag to zoom, "
+                     "double-click to return."),
+    ]
+    if window.stop - window.start < len(record):
+        sections.append(Section("Close look", figure=figures.trend(record, r, window),
+                                note="Every sample around an ordinary half period. Look for an output that ramps "
+                                     "while the measurement stays."))
+    if record.output is not None:
+        sections.append(Section("PV against OP", figure=figures.plane(record, window),
+                                note="With dead band the path is a leaning box with flat sides: the output turns and "
+                                     "the measurement waits."))
+    if r.estimates:
+        sections.append(Section("Estimates", figure=figures.estimates(r),
+                                note="One point per half period. Line and band: the size and its 95 % interval."))
+    if r.confirmation is not None and r.confirmation.profile:
+        sections.append(Section("Confirmation", figure=figures.profile(r.confirmation),
+                                note="How well PV follows OP through a dead band of each size; a peak away from zero "
+                                     "speaks for a dead band."))
+    return sections
+
+
+def _numbers(r: LoopReport) -> Table:
+    rows: list[list[object]] = [
+        ["Recording", f"{moment(r.start)} to {moment(r.end)}"],
+        ["Samples", r.samples if r.interval_s is None else f"{r.samples}, every {duration(r.interval_s)}"],
+        ["Half periods", f"{r.half_periods}, of which {r.long_half_periods} long enough"],
+        ["Detections", f"{r.detections} ({percent(r.detection_rate, 0)} of the half periods, "
+                       f"{r.detections_per_hour:.3g} per hour)"],
+        ["Not used", ", ".join(f"{n} {code}" for code, n in r.rejected.items()) or "none"],
+    ]
+    if (c := r.cluster) is not None:
+        rows += [
+            ["Cluster", f"{percent(c.d)} ({interval(c.ci95)}), {c.n} estimates, {percent(c.share, 0)} of all"],
+            ["Spread", f"{percent(c.spread, 0)} of the size"],
+            ["Limit of detection", percent(c.limit_of_detection)],
+        ]
+    if (f := r.confirmation) is not None:
+        rows += [
+            ["Confirmation", f"{percent(f.d)} ({interval(f.ci95)})"],
+            ["Prediction error removed", percent(f.error_reduction, 0)],
+            ["Evidence (BIC difference)", f.delta_bic],
+        ]
+    return Table(["What", "Value"], rows)
+
+
+def _settings(r: LoopReport) -> Table:
+    s = r.settings
+    names = [
+        ("K", "controller gain K", s.K), ("Ti", "integral time Ti [s]", s.Ti), ("Td", "derivative time Td [s]", s.Td),
+        ("Tf", "measurement filter Tf [s]", s.filter_time), ("Kp", "process gain Kp", s.Kp),
+        ("theta", "dead time theta [s]", s.theta), ("pv_range", "PV span", s.pv_range),
+        ("op_range", "OP span", s.op_range),
+    ]
+    rows: list[list[object]] = []
+    for key, words, value in names:
+        shown = f"{value[0]:g} to {value[1]:g}" if isinstance(value, tuple) else value
+        rows.append([words, shown if isinstance(shown, str) else Cell(shown), s.source.get(key, "")])
+    return Table(["Setting", "Value", "From"], rows)
+
+
+def note_table(notes: Sequence[Note]) -> Table:
+    """Reasons or warnings as a table."""
+    return Table(["Code", "What"], [[n.code, shorten(n.message, 2000)] for n in notes])

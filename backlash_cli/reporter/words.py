@@ -1,0 +1,72 @@
+"""How verdicts, sizes and times are said to a person, the same in the terminal and on a page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..results import LoopReport, Verdict
+from .json_report import iso_time
+
+VERDICTS = {
+    Verdict.BACKLASH: "backlash",
+    Verdict.SUSPECTED: "suspected",
+    Verdict.NO_BACKLASH: "no backlash",
+    Verdict.OSCILLATING: "oscillating",
+    Verdict.INSUFFICIENT_DATA: "too little data",
+    Verdict.CANNOT_TELL: "cannot tell",
+    Verdict.ERROR: "not analysed",
+}
+# good, warn, bad, quiet: the mark of a page and the colour of a terminal
+MARKS = {
+    Verdict.BACKLASH: "bad",
+    Verdict.SUSPECTED: "warn",
+    Verdict.NO_BACKLASH: "good",
+    Verdict.OSCILLATING: "warn",
+    Verdict.INSUFFICIENT_DATA: "quiet",
+    Verdict.CANNOT_TELL: "quiet",
+    Verdict.ERROR: "bad",
+}
+_ORDER = {v: i for i, v in enumerate(VERDICTS)}
+
+
+def by_size(reports: Sequence[LoopReport]) -> list[LoopReport]:
+    """Reports in the order of a work list: backlash and suspicion by size, then the rest by verdict and name."""
+    return sorted(reports, key=lambda r: (_ORDER[r.verdict], -(size(r) or 0.0), r.loop))
+
+
+def size(report: LoopReport) -> float | None:
+    """Dead band to quote [span of output]: the cluster's; None where the verdict claims none."""
+    if report.verdict not in (Verdict.BACKLASH, Verdict.SUSPECTED) or report.cluster is None:
+        return None
+    return report.cluster.d
+
+
+def percent(value: float | None, digits: int = 2) -> str:
+    """A share of the span in per cent, e.g. '3.02 %'."""
+    return "–" if value is None else f"{100 * value:.{digits}f} %"
+
+
+def interval(ci95: tuple[float, float]) -> str:
+    """An interval in per cent, e.g. '2.85 to 3.20 %'."""
+    return f"{100 * ci95[0]:.2f} to {100 * ci95[1]:.2f} %"
+
+
+def moment(epoch: float | None) -> str:
+    """A time as '2026-03-17 08:00 UTC'."""
+    text = iso_time(epoch)
+    return "–" if text is None else text[:16].replace("T", " ") + " UTC"
+
+
+def duration(seconds: float) -> str:
+    """A duration in the unit that suits it, e.g. '5.3 h'."""
+    for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
+def advice(report: LoopReport) -> str:
+    """The compensator advice, or the first reason where there is none, in one line."""
+    if report.compensator is not None:
+        return f"compensate {percent(report.compensator.gain)}, {report.compensator.scheme}"
+    return report.reasons[0].message if report.reasons else ""
