@@ -1,0 +1,145 @@
+"""The closed loop on the desk: controller, valve effects, process, load, sensor; returns a Record like an export."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LoopError, MetadataError
+from ..record import FloatArray, Record, SampleState
+from .chain import Numbers, Table, series
+from .recorder import recorded
+from .scenario import Manual, Scenario, Signal, every, use
+
+__all__ = ["Manual", "Scenario", "Signal", "Trace", "export", "simulate", "trace", "use"]
+
+# the measurement of a loop that works stays within a few spans
+UNSTABLE_SPANS = 100.0
+# an output this close to its limit is at its limit
+AT_LIMIT = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Every signal of a simulated loop at the inner step, each (samples,), normalised.
+
+    measurement: after sensor effects. output: of the controller, compensation included. valve: after valve effects,
+    before the load. process_output: before sensor effects. error: ysp - yf as the controller sees it.
+    by_hand: True in manual. columns: name -> further measured signals.
+    """
+
+    scenario: Scenario
+    setpoint: FloatArray
+    measurement: FloatArray
+    output: FloatArray
+    valve: FloatArray
+    process_output: FloatArray
+    error: FloatArray
+    by_hand: NDArray[np.bool_]
+    columns: Mapping[str, FloatArray]
+
+    @property
+    def time(self) -> FloatArray:
+        """(samples,) seconds from the start."""
+        return self.scenario.step * np.arange(len(self.setpoint), dtype=np.float64)
+
+
+def simulate(scenario: Scenario) -> Record:
+    """Simulate a loop and return the Record that a historian would export, settings filled in.
+
+    Raises LoopError (code `unstable_loop`) when the measurement runs away.
+    """
+    return export(trace(scenario))
+
+
+def export(run: Trace) -> Record:
+    """Return what the historian keeps of a simulation: every n-th sample, through the recorder."""
+    s = run.scenario
+    pick = slice(None, None, every(s.record_seconds, s.step, "record_interval"))
+    output = run.output[pick]
+    state = np.full(output.size, SampleState.GOOD, dtype=np.uint8)
+    limits = (output <= s.controller.low + AT_LIMIT) | (output >= s.controller.high - AT_LIMIT)
+    state[limits] = SampleState.SATURATED
+    state[run.by_hand[pick]] = SampleState.MANUAL
+    signals = {"SP": run.setpoint[pick], "PV": run.measurement[pick], "OP": output}
+    signals = recorded({k: v.copy() for k, v in signals.items()}, s.recorder, s.record_seconds)
+    return Record(
+        loop=s.name,
+        start=s.start,
+        interval=s.record_seconds,
+        index=np.arange(output.size, dtype=np.int64),
+        setpoint=signals["SP"],
+        measurement=signals["PV"],
+        output=signals["OP"],
+        state=state,
+        settings=s.settings,
+        disturbances={name: values[pick].copy() for name, values in run.columns.items()},
+    )
+
+
+def trace(scenario: Scenario) -> Trace:
+    """Simulate a loop and return every signal at the inner step, the true valve position included.
+
+    Raises LoopError (code `unstable_loop`) when the measurement runs away.
+    """
+    from .kernel import COMPENSATOR_STATE, PID_STATE, closed_loop
+
+    s, c = scenario, scenario.controller
+    samples = max(round(s.duration / s.step), 1)
+    random = Numbers(s.seed)
+    setpoint = _from_outside(s.setpoint, samples, s.step, random)
+    columns = {name: _from_outside(signal, samples, s.step, random) for name, signal in s.columns.items()}
+    by_hand, hand = _manual(s, samples)
+    table = Table.build(s, samples, columns, random)
+
+    ratio = every(s.sample_seconds, s.step, "sample_time")
+    start, model = s.setpoint.level, s.process.sampled(s.step)
+    pid_state = np.zeros(PID_STATE)
+    pid_state[:4], pid_state[6] = start, s.output
+    pid_state[4] = s.output - c.K * (c.b - 1.0) * start
+    comp_state = np.zeros(COMPENSATOR_STATE)
+    if s.compensator.scheme not in (0, 9):
+        comp_state[:3] = s.output
+    out = np.zeros((5, samples))
+    run = closed_loop if table.compiled else closed_loop.py_func
+    with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
+        warnings.filterwarnings("ignore", message="First-class function type feature")
+        reached = run(
+            table.steps, table.state_at, table.p_at, table.ends, table.states, table.p,
+            model.decay, model.newer, model.older, model.readout, np.zeros(model.delay + 2),
+            c.packed(s.sample_seconds), pid_state, s.compensator.packed(c, s.sample_seconds), comp_state, ratio,
+            setpoint, by_hand, hand, start, table.rest, UNSTABLE_SPANS, out,
+        )  # fmt: skip
+    if reached < samples or not np.all(np.isfinite(out)):
+        raise LoopError(
+            f"the simulated loop is unstable: the measurement ran away after {reached * s.step:g} s",
+            where=s.name,
+            remedy="lower K, raise Ti, check the sign of K, or give output limits (low, high)",
+            code="unstable_loop",
+        )
+    measurement, output, valve, process_output, error = out
+    return Trace(s, setpoint, measurement, output, valve, process_output, error, by_hand, columns)
+
+
+def _from_outside(signal: Signal, samples: int, step: float, random: Numbers) -> FloatArray:
+    values = np.full(samples, float(signal.level))
+    for applied in signal.effects:
+        numbers = series(applied, samples, {}, random)
+        values = applied.effect.apply(values, applied.p, step, first=signal.level, series=numbers)
+    return values
+
+
+def _manual(s: Scenario, samples: int) -> tuple[NDArray[np.bool_], FloatArray]:
+    by_hand, hand = np.zeros(samples, dtype=np.bool_), np.full(samples, np.nan)
+    for spell in s.manual:
+        if not 0.0 <= spell.start < spell.end:
+            raise MetadataError(f"manual from {spell.start:g} to {spell.end:g} s is not possible", where=s.name)
+        first, last = (round(t / s.step) for t in (spell.start, min(spell.end, s.duration)))
+        by_hand[first:last] = True
+        if spell.output is not None:
+            hand[first:last] = spell.output
+    return by_hand, hand

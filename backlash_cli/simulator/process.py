@@ -1,0 +1,151 @@
+"""The process of a simulated loop: a linear model with dead time, sampled exactly for a held input."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MetadataError
+from ..record import FloatArray
+
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Process:
+    """G(s) = gain * numerator(s)/denominator(s) * prod 1/(1 + s lag) * (1/s if integrating) * exp(-s dead_time).
+
+    Coefficients start with the highest power of s. gain: measurement span per output span (per second if
+    integrating). lags, dead_time: seconds. Raises MetadataError for negative times or a model that is not causal.
+    """
+
+    gain: float = 1.0
+    lags: tuple[float, ...] = ()
+    dead_time: float = 0.0
+    integrating: bool = False
+    numerator: tuple[float, ...] = (1.0,)
+    denominator: tuple[float, ...] = (1.0,)
+
+    def __post_init__(self) -> None:
+        for name in ("lags", "numerator", "denominator"):
+            object.__setattr__(self, name, _numbers(name, getattr(self, name)))
+        if not np.isfinite(self.gain) or self.gain == 0.0:
+            raise MetadataError(f"process gain {self.gain:g} is not possible", remedy="give a gain other than 0")
+        if any(lag <= 0.0 for lag in self.lags):
+            raise MetadataError(
+                f"a lag of {min(self.lags):g} s is not possible", remedy="lags are time constants above 0 s"
+            )
+        if not 0.0 <= self.dead_time < np.inf:
+            raise MetadataError(f"a dead time of {self.dead_time:g} s is not possible", remedy="0 s or more")
+        if not np.any(self.denominator) or self.denominator[0] == 0.0 or not np.any(self.numerator):
+            raise MetadataError("the transfer function has no leading coefficient", remedy="drop leading zeros")
+        order = len(self.denominator) - 1 + len(self.lags) + int(self.integrating)
+        if len(np.trim_zeros(self.numerator, "f")) - 1 >= order:
+            raise MetadataError(
+                "the process answers at once: numerator degree is not below denominator degree",
+                remedy="add a lag, for example lags = [1.0]",
+            )
+
+    @property
+    def static_gain(self) -> float | None:
+        """Kp = G(0), None for an integrating process."""
+        if self.integrating or self.denominator[-1] == 0.0:
+            return None
+        return self.gain * self.numerator[-1] / self.denominator[-1]
+
+    def response(self, omega: object) -> ComplexArray:
+        """G(i omega) for frequencies [rad/s]."""
+        s = 1j * np.asarray(omega, dtype=np.float64)
+        value = self.gain * np.polyval(self.numerator, s) / np.polyval(self.denominator, s)
+        for lag in self.lags:
+            value = value / (1.0 + s * lag)
+        if self.integrating:
+            value = value / s
+        return np.asarray(value * np.exp(-s * self.dead_time), dtype=np.complex128)
+
+    def sampled(self, step: float) -> SampledProcess:
+        """Return the exact model for an input held over `step` seconds, fractional dead time included."""
+        from scipy.signal import cont2discrete
+
+        a, b, c = self._state_space()
+        whole = int(np.floor(self.dead_time / step + 1e-9))
+        late = max(self.dead_time - whole * step, 0.0)
+        zero = np.zeros((1, 1))
+
+        def held(time: float) -> tuple[FloatArray, FloatArray]:
+            if time <= 0.0:
+                return np.eye(len(a)), np.zeros_like(b)
+            ad, bd, *_ = cont2discrete((a, b, c, zero), time, method="zoh")
+            return ad, bd
+
+        # within one sample the older input acts for `late` seconds, then the newer one
+        first, second = held(late), held(step - late)
+        return SampledProcess(
+            decay=np.ascontiguousarray(held(step)[0]),
+            newer=second[1][:, 0].copy(),
+            older=(second[0] @ first[1])[:, 0].copy(),
+            readout=c[0].copy(),
+            delay=whole,
+        )
+
+    def _state_space(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Chain of small blocks: far better conditioned than one polynomial of high order."""
+        from scipy.signal import tf2ss
+
+        blocks: list[tuple[Any, ...]] = [(np.array([[-1 / t]]), np.array([[1 / t]]), np.eye(1), 0.0) for t in self.lags]
+        if self.integrating:
+            blocks.append((np.zeros((1, 1)), np.eye(1), np.eye(1), 0.0))
+        numerator = np.array(self.numerator)
+        if len(self.denominator) > 1:
+            if len(np.trim_zeros(self.numerator, "f")) > len(self.denominator):
+                return self._one_polynomial()
+            a, b, c, d = tf2ss(np.trim_zeros(numerator, "f"), self.denominator)
+            blocks.append((a, b, c, float(d[0, 0])))
+        elif len(np.trim_zeros(self.numerator, "f")) > 1:
+            return self._one_polynomial()
+        else:
+            blocks[0] = (*blocks[0][:1], blocks[0][1] * numerator[-1] / self.denominator[0], *blocks[0][2:])
+        a, b, c, d = blocks[0]
+        for next_a, next_b, next_c, next_d in blocks[1:]:
+            a = np.block([[a, np.zeros((len(a), len(next_a)))], [next_b @ c, next_a]])
+            b = np.vstack([b, next_b * d])
+            c = np.hstack([next_d * c, next_c])
+            d = next_d * d
+        return a, b, c * self.gain
+
+    def _one_polynomial(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """A numerator of higher degree than its own denominator needs the lags in the same fraction."""
+        from scipy.signal import tf2ss
+
+        denominator = np.array(self.denominator)
+        for lag in self.lags:
+            denominator = np.polymul(denominator, [lag, 1.0])
+        if self.integrating:
+            denominator = np.polymul(denominator, [1.0, 0.0])
+        a, b, c, _ = tf2ss(np.trim_zeros(np.array(self.numerator), "f") * self.gain, denominator)
+        return a, b, c
+
+
+@dataclass(frozen=True)
+class SampledProcess:
+    """x[k+1] = decay x[k] + newer u[k-delay] + older u[k-delay-1], y[k] = readout x[k]."""
+
+    decay: FloatArray
+    newer: FloatArray
+    older: FloatArray
+    readout: FloatArray
+    delay: int
+
+
+def _numbers(name: str, values: Sequence[float]) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(v) for v in values)
+    except (TypeError, ValueError):
+        raise MetadataError(f"{name} = {values!r} is not a list of numbers") from None
+    if not all(np.isfinite(numbers)):
+        raise MetadataError(f"{name} has a value that is not finite")
+    return numbers

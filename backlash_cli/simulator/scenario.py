@@ -1,0 +1,120 @@
+"""What a simulation needs to know: controller, process, effects, setpoint, load, recorder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..effects.shape import Effect
+from ..errors import MetadataError
+from ..record import FloatArray, LoopSettings
+from .controller import Compensator, Controller
+from .process import Process
+from .recorder import Recorder
+
+
+@dataclass(frozen=True, eq=False)
+class Applied:
+    """An effect with its parameter array; `column` names the measured signal of an effect that takes one."""
+
+    effect: Effect
+    p: FloatArray
+    column: str | None = None
+
+
+def use(name: str | Effect, *, column: str | None = None, **parameters: object) -> Applied:
+    """Return an effect with its parameters, for example use("backlash", d=0.03).
+
+    name: a name of `backlash effects`, `module:NAME`, or an Effect. Raises MetadataError for what does not exist.
+    """
+    from ..effects.registry import load_effect
+
+    effect = name if isinstance(name, Effect) else load_effect(name)
+    return Applied(effect, effect.pack(parameters), column)
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A signal from outside the loop: a constant level sent through effects (steps, drift, oscillation, random)."""
+
+    level: float = 0.0
+    effects: tuple[Applied, ...] = ()
+
+
+@dataclass(frozen=True)
+class Manual:
+    """The operator holds the output from `start` to `end` [s], at `output` if given."""
+
+    start: float
+    end: float
+    output: float | None = None
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """All that a simulation needs; seconds and normalised signals.
+
+    The loop starts at rest: measurement at the setpoint's level, output at `output`. step: inner step [s].
+    sample_time: of the controller, record_interval: of the export; both multiples of step, default step and
+    sample_time. effects: of the loop; each sits at its own stage, in the order given. columns: further measured
+    signals. recorder: what the historian does to recorded signals. seed: of every random effect.
+    """
+
+    controller: Controller
+    process: Process
+    duration: float
+    step: float
+    effects: tuple[Applied, ...] = ()
+    setpoint: Signal = field(default_factory=Signal)
+    output: float = 0.0
+    sample_time: float | None = None
+    record_interval: float | None = None
+    compensator: Compensator = field(default_factory=Compensator)
+    manual: tuple[Manual, ...] = ()
+    columns: Mapping[str, Signal] = field(default_factory=dict)
+    recorder: tuple[Recorder, ...] = ()
+    seed: int = 0
+    name: str = "loop"
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("duration", "step"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise MetadataError(f"{name} = {getattr(self, name):g} s is not possible", where=self.name)
+        if self.duration / self.step > 5e7:
+            raise MetadataError("more than 50 million inner steps", where=self.name, remedy="enlarge step")
+        every(self.sample_seconds, self.step, "sample_time")
+        every(self.record_seconds, self.step, "record_interval")
+
+    @property
+    def sample_seconds(self) -> float:
+        """Sample time of the controller [s]."""
+        return self.step if self.sample_time is None else self.sample_time
+
+    @property
+    def record_seconds(self) -> float:
+        """Interval of the record [s]."""
+        return self.sample_seconds if self.record_interval is None else self.record_interval
+
+    @property
+    def settings(self) -> LoopSettings:
+        """Settings as a historian's metadata would give them."""
+        c = self.controller
+        values: dict[str, Any] = {"K": c.K, "Ti": c.Ti, "Td": c.Td, "Tf": c.filter_time}
+        if self.process.static_gain is not None:
+            values["Kp"] = self.process.static_gain
+        if self.process.dead_time > 0.0:
+            values["theta"] = self.process.dead_time
+        return LoopSettings().with_values("metadata", **values)
+
+
+def every(time: float, step: float, name: str) -> int:
+    """Return how many inner steps a time spans; MetadataError when it is not a whole number of them."""
+    ratio = time / step
+    count = round(ratio) if np.isfinite(ratio) else 0
+    if count < 1 or abs(ratio - count) > 1e-6 * count:
+        raise MetadataError(f"{name} = {time:g} s is not a multiple of step = {step:g} s", remedy=f"change {name}")
+    return count
