@@ -1,0 +1,100 @@
+"""Which exports count, and how neighbouring nights are joined at the cut."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..estimator.carry import Carry, Tail, resume
+from ..estimator.haegglund import estimate
+from ..record import LoopSettings
+from ..results.history import HalfPeriod
+
+COVERED = 0.9  # shorter exports that together cover this share of a longer one make it superfluous
+Span = tuple[float, float]
+
+
+def active(spans: Sequence[Span]) -> list[Span]:
+    """Return the exports of a loop that count, in time order: no data enters twice as a night.
+
+    An export inside a longer one is left out (a night exported too early and then again), unless the shorter ones
+    together cover the longer one: then they stand for it (single nights, and later the whole month in one file).
+    """
+    kept = sorted(set(spans))
+    for span in sorted(kept, key=lambda s: (s[0] - s[1], s)):  # longest first
+        if span not in kept:
+            continue
+        inside = [s for s in kept if s != span and span[0] <= s[0] and s[1] <= span[1]]
+        if inside and _length(inside) >= COVERED * (span[1] - span[0]):
+            kept.remove(span)
+        else:
+            kept = [s for s in kept if s not in inside]
+    return kept
+
+
+def _length(spans: list[Span]) -> float:
+    """Length of the union of spans."""
+    total, reached = 0.0, float("-inf")
+    for first, last in sorted(spans):
+        total += max(last - max(first, reached), 0.0)
+        reached = max(reached, last)
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class Join:
+    """What the night before adds to a night: half periods over the cut, and from where on the night's own count.
+
+    until: epoch seconds (None: none of its own). tail: state at the night's end where it depends on the night before.
+    """
+
+    half_periods: tuple[HalfPeriod, ...]
+    until: float | None
+    tail: Tail | None
+
+
+def join(loop: str, tail: Tail, before: Carry, start_before: float, night: Carry, start: float,
+         settings: LoopSettings) -> Join | None:
+    """Go on from the `tail` of one night into the next; None where they do not touch or ran other filters.
+
+    start_before, start: epoch seconds of grid position 0 of both nights.
+    """
+    h = night.interval
+    shift = round((start_before - start) / h)
+    misfit = abs((start_before - start) / h - shift)
+    first = night.head[0][0] if len(night.head[0]) else 0.0
+    last = night.head[0][-1] if len(night.head[0]) else 0.0
+    ends = tail.last_index + shift
+    if not before.fits(night) or misfit > 0.25 or ends < first - 1 or ends > last or settings.K is None:
+        return None
+    done, until, own_tail = resume(tail, night, shift)
+    found = estimate(done, h, settings)
+    rows = tuple(
+        HalfPeriod(loop, start + b, start + b + dt, dt, dy, e_max, d, int(direction), why == "ok", str(why), True)
+        for b, dt, dy, e_max, d, direction, why in zip(
+            found.begin.tolist(), found.duration.tolist(), found.dy.tolist(), found.e_max.tolist(), found.d.tolist(),
+            found.direction, found.why, strict=True)
+        if why != "too_short"
+    )
+    return Join(rows, None if until is None else start + until * h, own_tail)
+
+
+def distinct(half_periods: list[HalfPeriod]) -> list[HalfPeriod]:
+    """Return half periods in time order with no moment counted twice, where exports overlap.
+
+    The accepted ones go first, then the complete ones; one that shares more than half of itself with a kept one is
+    left out.
+    """
+    kept: list[HalfPeriod] = []
+    order = sorted(half_periods, key=lambda p: (not p.accepted, p.why == "incomplete", -p.dt_s, p.start))
+    starts: list[float] = []
+    from bisect import bisect_left, insort
+
+    for p in order:
+        place = bisect_left(starts, p.start)
+        near = kept[max(place - 1, 0) : place + 2]
+        if any(min(p.end, q.end) - max(p.start, q.start) > 0.5 * min(p.dt_s, q.dt_s) for q in near):
+            continue
+        insort(starts, p.start)
+        insort(kept, p, key=lambda q: q.start)
+    return kept

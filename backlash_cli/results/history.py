@@ -1,0 +1,207 @@
+"""What the history holds and what follows from it: nights, repairs, wear, and the order of repair."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, date, datetime
+
+from ..record import Note
+from .scan import Verdict
+
+DAY = 86400.0
+
+
+def day_of(time: float) -> date:
+    """Return the UTC calendar day of a time in epoch seconds."""
+    return datetime.fromtimestamp(time, UTC).date()
+
+
+@dataclass(frozen=True)
+class Night:
+    """One scanned export of one loop. Times in UTC epoch seconds, dead bands in output spans.
+
+    d, ci95: dead band and its interval, None where the verdict gives no size. source: "confirmation" (measurement
+    against output) or "cluster" (half periods). limit_of_detection: smallest dead band that this night could have
+    shown. travel: output travel per hour [spans/h]. digest: fingerprint of everything stored for this night.
+    """
+
+    loop: str
+    start: float
+    end: float
+    verdict: Verdict
+    confidence: float = 0.0
+    d: float | None = None
+    ci95: tuple[float, float] | None = None
+    source: str = ""
+    limit_of_detection: float | None = None
+    samples: int = 0
+    interval_s: float | None = None
+    half_periods: int = 0
+    detections: int = 0
+    travel: float | None = None
+    settings: Mapping[str, object] = field(default_factory=dict)
+    reasons: tuple[Note, ...] = ()
+    warnings: tuple[Note, ...] = ()
+    details: Mapping[str, object] = field(default_factory=dict)
+    digest: str = ""
+
+    @property
+    def time(self) -> float:
+        """Middle of the export, the time that stands for the night."""
+        return 0.5 * (self.start + self.end)
+
+    @property
+    def date(self) -> date:
+        """UTC calendar day of the middle of the export."""
+        return day_of(self.time)
+
+    @property
+    def measured(self) -> bool:
+        """Whether the night gives a size of the dead band."""
+        return self.d is not None
+
+    @property
+    def below_detection(self) -> bool:
+        """Whether the night says only that the dead band is below its limit of detection."""
+        return self.d is None and self.verdict is Verdict.NO_BACKLASH and self.limit_of_detection is not None
+
+
+@dataclass(frozen=True)
+class HalfPeriod:
+    """One half period of the history; `joined` tells that it goes over the cut between two nights."""
+
+    loop: str
+    start: float
+    end: float
+    dt_s: float
+    dy: float
+    e_max: float
+    d: float
+    direction: int
+    accepted: bool
+    why: str
+    joined: bool = False
+
+
+@dataclass(frozen=True)
+class Repair:
+    """A repair of a valve; `found` where it was seen in the data instead of entered by a person."""
+
+    loop: str
+    time: float
+    note: str = ""
+    found: bool = False
+    before: float | None = None
+    after: float | None = None
+
+    @property
+    def date(self) -> date:
+        return day_of(self.time)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run that added to the history. Times span the data; there is no clock time, so that a rerun adds nothing."""
+
+    first: float
+    last: float
+    loops: int
+    nights: int
+    inputs: tuple[str, ...]
+    failures: tuple[Note, ...] = ()
+    tool: str = ""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What adding a run changed: nights by what happened to them, as (loop, day) pairs."""
+
+    new: tuple[tuple[str, str], ...] = ()
+    unchanged: tuple[tuple[str, str], ...] = ()
+    revised: tuple[tuple[str, str], ...] = ()
+    untimed: tuple[str, ...] = ()
+
+    def sentence(self) -> str:
+        """Say it in words.
+
+        >>> Outcome(new=(("FIC101", "2026-03-02"),)).sentence()
+        '1 night new'
+        """
+        parts = [f"{len(found)} night{'s' if len(found) > 1 else ''} {word}" for found, word in (
+            (self.new, "new"), (self.unchanged, "known and unchanged"), (self.revised, "revised")) if found]
+        if self.untimed:
+            parts.append(f"{len(self.untimed)} loops without a time, not stored: {', '.join(self.untimed[:5])}")
+        return ", ".join(parts) or "nothing to add"
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Wear between two repairs: nights, slope [span/day] and the fitted dead band at both ends.
+
+    first, last: times of the first and last night. nights: with a size; below: below the limit of detection.
+    slope_ci95: None with too few nights. level_ci95: interval of the dead band at the last night.
+    """
+
+    first: float
+    last: float
+    nights: int
+    below: int = 0
+    slope: float | None = None
+    slope_ci95: tuple[float, float] | None = None
+    level_first: float | None = None
+    level: float | None = None
+    level_ci95: tuple[float, float] | None = None
+
+    @property
+    def growing(self) -> bool:
+        """Whether the dead band grows for sure: the whole interval of the slope is above zero."""
+        return self.slope_ci95 is not None and self.slope_ci95[0] > 0
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Largest dead band [span of output] that a class of loops may have, and who says so."""
+
+    value: float
+    name: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Wear:
+    """The wear of one loop: its segments, the repairs between them, and when the limit is reached.
+
+    limit_date: (value, early end, late end) in epoch seconds; None where there is no trend. state: "growing",
+    "over_limit", "no_trend", "too_few_nights" or "no_estimate". gaps: days whose scan gave no size, with the code of
+    the reason. missing: days between the first and the last night without any export.
+    """
+
+    loop: str
+    nights: int
+    limit: Limit
+    state: str
+    message: str
+    segments: tuple[Segment, ...] = ()
+    repairs: tuple[Repair, ...] = ()
+    limit_date: tuple[float, float, float] | None = None
+    gaps: tuple[tuple[str, str], ...] = ()
+    missing: tuple[str, ...] = ()
+
+    @property
+    def current(self) -> Segment | None:
+        """The segment since the last repair."""
+        return self.segments[-1] if self.segments else None
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place in the order of repair: what to do with the valve, and why, in words."""
+
+    loop: str
+    rank: int
+    action: str
+    title: str
+    why: tuple[str, ...]
+    ratio: float | None = None
+    confidence: float = 0.0
