@@ -1,0 +1,96 @@
+"""Does backlash make this loop oscillate by itself, how fast and how far? From the describing function."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..record import FloatArray
+from .controller import Controller
+from .describing_function import describing_function
+from .process import ComplexArray, Process
+
+# d/a from a hardly disturbed sine to one that hardly moves the valve; closer together at the ends, where N turns fast
+RATIOS = 1.0 - np.cos(np.linspace(1e-3, np.pi - 1e-3, 20001))
+
+
+@dataclass(frozen=True)
+class LimitCycle:
+    """A lasting oscillation: period [s] and amplitudes (half of peak to peak, normalised).
+
+    amplitude_u: at the controller output, the input of the gap. amplitude_y: at the measurement.
+    """
+
+    period: float
+    amplitude_u: float
+    amplitude_y: float
+
+
+def limit_cycle(controller: Controller, process: Process, d: float) -> LimitCycle | None:
+    """Return the stable limit cycle that a dead band d [span] causes, or None when there is none.
+
+    Solves C(i w) P(i w) N(d/a) = -1. The period does not depend on d, the amplitudes are proportional to it.
+    Stable in the sense of Loeb: a slightly larger oscillation dies down, a smaller one grows. A loop that is unstable
+    without any dead band is outside this question.
+    """
+    if d <= 0.0:
+        return None
+    solutions = [s for s in _crossings(controller, process) if _stable(controller, process, *s)]
+    if not solutions:
+        return None
+    # of several stable cycles the largest is the one a disturbance ends in
+    omega, ratio = min(solutions, key=lambda s: s[1])
+    amplitude = d / ratio
+    gain = abs(describing_function(ratio) * process.response(omega))
+    return LimitCycle(2.0 * np.pi / omega, amplitude, float(amplitude * gain))
+
+
+def _open_loop(controller: Controller, process: Process, omega: object) -> ComplexArray:
+    return np.asarray(controller.response(omega) * process.response(omega), dtype=np.complex128)
+
+
+def _crossings(controller: Controller, process: Process) -> list[tuple[float, float]]:
+    """All (w, d/a) with C P N = -1: along w, d/a follows from the phase of N and the size decides."""
+    from scipy.optimize import brentq
+
+    # the phase of N falls steadily from 0 to -pi/2 while the sine gets smaller, so it can be read backwards
+    phases = -np.angle(describing_function(RATIOS))
+
+    def ratio_at(log_omega: object) -> FloatArray:
+        phase = np.angle(_open_loop(controller, process, np.exp(np.asarray(log_omega, dtype=np.float64))) * -1.0)
+        return np.interp(phase, phases, RATIOS, left=np.nan, right=np.nan)
+
+    def excess(log_omega: object) -> FloatArray:
+        ratio = ratio_at(log_omega)
+        size = np.abs(_open_loop(controller, process, np.exp(np.asarray(log_omega, dtype=np.float64))))
+        known = np.isfinite(ratio)
+        gain = np.abs(describing_function(np.where(known, ratio, 0.0)))
+        return np.where(known, np.log(size * gain), np.nan)
+
+    grid = _frequencies(controller, process)
+    values = excess(grid)
+    spans = np.flatnonzero(values[:-1] * values[1:] < 0.0)
+    roots = [float(brentq(lambda w: float(excess(w)), grid[k], grid[k + 1], xtol=1e-12)) for k in spans]
+    return [(float(np.exp(root)), float(ratio_at(root))) for root in roots]
+
+
+def _frequencies(controller: Controller, process: Process) -> FloatArray:
+    """Logarithms of frequencies [rad/s] that span all time constants of the loop, (frequencies,)."""
+    times = [controller.Ti, controller.Td, controller.filter_time, process.dead_time, *process.lags]
+    with np.errstate(divide="ignore"):
+        roots = 1.0 / np.abs(np.roots(process.denominator)) if len(process.denominator) > 1 else []
+    used = [t for t in (*times, *roots) if 0.0 < t < np.inf]
+    return np.linspace(np.log(1e-3 / max(used)), np.log(1e2 / min(used)), 1500)
+
+
+def _stable(controller: Controller, process: Process, omega: float, ratio: float) -> bool:
+    """A larger amplitude must shift the loop's pole to the left: Re(-(dN/da / N) (L / (dL/ds))) < 0."""
+    h = 1e-6
+    # a larger amplitude means a smaller d/a
+    smaller, larger = (describing_function(ratio * (1.0 + k)) for k in (h, -h))
+    slope = (larger - smaller) / (2.0 * h)
+    up, down = (_open_loop(controller, process, omega * (1.0 + k)) for k in (h, -h))
+    d_loop = (up - down) / (2.0 * h * omega) / 1j
+    shift = -(slope / describing_function(ratio)) * _open_loop(controller, process, omega) / d_loop
+    return bool(shift.real < 0.0)
