@@ -1,5 +1,83 @@
-"""backlash: find play (dead band) in control valves from historian exports."""
+"""backlash: find play (dead band) in control valves from historian exports.
+
+    from backlash_cli import read, scan, to_dataframe
+
+    plant = read(["plant.csv"])
+    result = scan(plant)
+    print(to_dataframe(result))
+"""
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 from ._version import __version__
 
-__all__ = ["__version__"]
+if TYPE_CHECKING:
+    from .api import scan
+    from .errors import BacklashError
+    from .loaders import ReadOptions, read
+    from .record import LoopSettings, Note, Record, record_from_arrays
+    from .reporter.json_report import to_json
+    from .reporter.tables import to_dataframe
+    from .results import LoopReport, ScanResult, Verdict
+    from .scan import ScanOptions
+
+_HOMES = {
+    "read": "loaders",
+    "ReadOptions": "loaders",
+    "scan": "api",
+    "ScanOptions": "scan",
+    "to_dataframe": "reporter.tables",
+    "to_json": "reporter.json_report",
+    "Record": "record",
+    "LoopSettings": "record",
+    "Note": "record",
+    "record_from_arrays": "record",
+    "LoopReport": "results",
+    "ScanResult": "results",
+    "Verdict": "results",
+    "BacklashError": "errors",
+}
+
+__all__ = [
+    "BacklashError",
+    "LoopReport",
+    "LoopSettings",
+    "Note",
+    "ReadOptions",
+    "Record",
+    "ScanOptions",
+    "ScanResult",
+    "Verdict",
+    "__version__",
+    "read",
+    "record_from_arrays",
+    "scan",
+    "to_dataframe",
+    "to_json",
+]
+
+
+class _Package(ModuleType):
+    """Keeps `backlash_cli.scan` the function: importing the submodule of that name would put the module there."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (name in _HOMES and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import os
 import pkgutil
+import signal
 import sys
+import warnings
 from typing import Any
 
 import click
@@ -65,24 +68,72 @@ def cli() -> None:
     """Find play (dead band) in control valves from historian exports."""
 
 
+class Stopped(KeyboardInterrupt):
+    """The process was asked to end (SIGTERM, or its terminal was closed); handled like Ctrl-C."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
+
+
 def main() -> None:
     """Run the command line; every failure becomes one message and an exit status of the contract."""
+    for name in ("SIGTERM", "SIGHUP"):
+        if hasattr(signal, name) and signal.getsignal(getattr(signal, name)) is signal.SIG_DFL:
+            signal.signal(getattr(signal, name), _stop)
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # remarks of libraries to programmers; ours are in the report
+    sys.exit(_guarded(sys.argv[1:]))
+
+
+def _guarded(arguments: list[str]) -> int:
     try:
-        code = cli.main(standalone_mode=False)
+        code = _run(arguments)
         sys.stdout.flush()
+        return code
     except BacklashError as error:
-        click.echo(f"backlash: error: {error}", err=True)
-        code = 2
+        _say(f"error: {error}")
     except click.ClickException as error:
         error.show()
-        code = 2
-    except (click.Abort, KeyboardInterrupt):
-        click.echo("backlash: stopped by the user; nothing was left half written", err=True)
-        code = 130
+    except KeyboardInterrupt as stop:
+        _say("; ".join(["stopped", *getattr(stop, "__notes__", []), "nothing was left half written"]))
+        return 128 + (stop.number if isinstance(stop, Stopped) else signal.SIGINT)
     except BrokenPipeError:
-        sys.stderr.close()
-        code = 0
-    sys.exit(code if isinstance(code, int) else 0)
+        # The reader of our output has gone (`| head`): say nothing, also not when Python flushes at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except MemoryError:
+        _say("error: not enough memory -> give fewer files, or fewer loops with --only")
+    except Exception as error:
+        if os.environ.get("BACKLASH_DEBUG"):
+            raise
+        _say(
+            f"error: unexpected {type(error).__name__}: {error} -> this is a fault of backlash; "
+            "BACKLASH_DEBUG=1 shows where it happened"
+        )
+    return 2
+
+
+def _run(arguments: list[str]) -> int:
+    """Run one command and return its exit status; click's own entry would answer Ctrl-C and closed pipes its way."""
+    if "_BACKLASH_COMPLETE" in os.environ:
+        cli.main(arguments, prog_name="backlash")
+    try:
+        with cli.make_context("backlash", arguments) as context:
+            code = cli.invoke(context)
+    except click.exceptions.Exit as done:
+        return done.exit_code
+    return code if isinstance(code, int) else 0
+
+
+def _say(text: str) -> None:
+    from .reporter.safe import terminal
+
+    click.echo(f"backlash: {terminal(text)}", err=True)
+
+
+def _stop(number: int, frame: object) -> None:
+    raise Stopped(number)
 
 
 if __name__ == "__main__":

@@ -40,6 +40,7 @@ def trend(record: Record, report: LoopReport, window: slice | None = None) -> Fi
         layout |= {
             "yaxis": {"title": {"text": "SP, PV"}, "domain": [0.42, 1.0]},
             "yaxis2": {"title": {"text": "OP"}, "domain": [0.0, 0.36]},
+            "xaxis": {"type": "date", "anchor": "y2"},
             "height": 480,
         }
     return {"data": lines, "layout": layout}
@@ -59,7 +60,8 @@ def plane(record: Record, window: slice) -> Figure:
 
     cloud = {"type": "scatter", "mode": "markers", "name": "whole record", "marker": {"size": 3, "color": QUIET}}
     path = {"type": "scatter", "mode": "lines", "name": "close look", "line": {"color": EVIDENCE, "width": 1.5}}
-    layout = {"xaxis": {"title": {"text": "OP"}}, "yaxis": {"title": {"text": "PV"}}, "hovermode": "closest"}
+    layout = {"xaxis": {"title": {"text": "OP"}}, "yaxis": {"title": {"text": "PV"}}, "hovermode": "closest",
+              "height": 420}
     return {"data": [cloud | points(every), path | points(near)], "layout": layout}
 
 

@@ -74,10 +74,13 @@ def file_name(name: str) -> str:
     'etc_x-56da1a2e'
     """
     plain = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._-")[:60]
-    if plain == name and plain.split(".")[0].lower() not in _RESERVED:
+    if plain and plain == name and plain.split(".")[0].lower() not in _RESERVED:
         return plain
-    mark = hashlib.sha256(name.encode("utf-8", "backslashreplace")).hexdigest()[:8]
-    return f"{plain[:50] or 'loop'}-{mark}"
+    return f"{plain[:50] or 'loop'}-{_mark(name)}"
+
+
+def _mark(name: str) -> str:
+    return hashlib.sha256(name.encode("utf-8", "backslashreplace")).hexdigest()[:8]
 
 
 def file_names(names: Iterable[str]) -> dict[str, str]:
@@ -87,11 +90,9 @@ def file_names(names: Iterable[str]) -> dict[str, str]:
     for name in names:
         if name in given:
             continue
-        base = file_name(name)
-        choice, number = base, 1
+        choice = file_name(name)
         while choice.lower() in taken:
-            number += 1
-            choice = f"{base}-{number}"
+            choice = f"{choice[:60]}-{_mark(name + choice)}"
         taken.add(choice.lower())
         given[name] = choice
     return given

@@ -24,7 +24,7 @@ def to_text(result: ScanResult, *, verbose: bool = False, colour: bool = False, 
     """Return the report as text of at most `width` columns; `verbose` adds every reason and warning of every loop."""
     out = io.StringIO()
     console = Console(
-        file=out, width=min(width, WIDTH), force_terminal=colour, no_color=not colour, color_system="standard",
+        file=out, width=min(width, WIDTH), force_terminal=colour, color_system="standard" if colour else None,
         highlight=False, markup=False, emoji=False, legacy_windows=False,
     )
     reports = by_size(result.loops)
@@ -57,7 +57,7 @@ def _table(reports: Sequence[LoopReport]) -> Table:
             Text(terminal(report.loop, 40)),
             Text(VERDICTS[report.verdict], style=_COLOURS[MARKS[report.verdict]]),
             "" if d is None else f"{100 * d:.2f}",
-            "" if d is None else f"{100 * low:.1f}–{100 * high:.1f}",
+            "" if d is None else f"{100 * low:.2f}–{100 * high:.2f}",
             "" if quiet else f"{100 * report.confidence:.0f} %",
             "" if quiet else f"{report.detections} of {report.half_periods}",
             Text(terminal(advice(report), 160)),

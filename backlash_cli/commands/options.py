@@ -1,0 +1,63 @@
+"""Options that several commands share: what to read, how to read it, where to write."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+inputs_argument = click.argument("inputs", metavar="INPUT...", nargs=-1, required=True, type=click.Path(path_type=Path))
+loops_option = click.option(
+    "--loops", metavar="FILE", type=click.Path(path_type=Path),
+    help="Loop settings (TOML or CSV table). Default: plant.loops.toml or loops.toml beside plant.csv.",
+)
+
+_READING = (  # flag, metavar, help
+    ("--time-format", "FORMAT", "How times are written: dmy, mdy, ymd, iso, epoch_s, epoch_ms, excel, or a "
+     "pattern such as '%d.%m.%Y %H:%M:%S'."),
+    ("--timezone", "ZONE", "Zone of times without offset, e.g. Europe/Berlin. Default: UTC."),
+    ("--interpolation", "hold|linear", "Between recorded values. Default: PV linear, the others hold."),
+    ("--delimiter", "CHAR", "Between the columns: comma, semicolon, tab, pipe, space or a character."),
+    ("--decimal", "CHAR", "Decimal mark: . or ,"),
+    ("--encoding", "NAME", "Text encoding, e.g. utf-16 or cp1252."),
+    ("--layout", "NAME", "Arrangement: wide, single, long or pairs."),
+    ("--columns", "A,B,...", "Names of the columns of a file without a header line."),
+    ("--header-row", "N", "Number (from 1) of the line that names the columns."),
+    ("--only", "LOOP", "Only these loops; wildcards allowed, may be repeated."),
+    ("--good-quality", "WORD", "Further quality word or number that means good; may be repeated."),
+    ("--auto-mode", "WORD", "Further MODE word or number that means automatic; may be repeated."),
+)
+_KINDS: dict[str, dict[str, Any]] = {
+    "--header-row": {"type": int},
+    "--only": {"multiple": True},
+    "--good-quality": {"multiple": True},
+    "--auto-mode": {"multiple": True},
+}
+_FIELDS = {"only": "only_loops", "auto_mode": "auto_modes"}
+
+
+def reading_options(command: F) -> F:
+    """Add the options on how to read exports; the command receives them as `reading`, a ReadOptions."""
+
+    @functools.wraps(command)
+    def with_reading(**values: Any) -> Any:
+        from ..loaders import ReadOptions
+
+        chosen: dict[str, Any] = {}
+        for flag, _, _ in _READING:
+            name = flag[2:].replace("-", "_")
+            value = values.pop(name)
+            if name == "columns":
+                value = tuple(c.strip() for c in value.split(",")) if value else ()
+            chosen[_FIELDS.get(name, name)] = value
+        return command(reading=ReadOptions(**chosen), **values)
+
+    decorated: Any = with_reading
+    for flag, metavar, words in reversed(_READING):
+        decorated = click.option(flag, metavar=metavar, help=words, **_KINDS.get(flag, {}))(decorated)
+    return decorated

@@ -1,0 +1,108 @@
+"""backlash scan: from historian exports to one verdict per loop, with its reasons."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from .options import inputs_argument, loops_option, reading_options
+from .terminal import emit, progress, say
+
+if TYPE_CHECKING:
+    from ..loaders import Plant, ReadOptions
+    from ..results import LoopReport, ScanResult
+
+FORMATS = ("table", "json", "csv", "parquet", "html")
+
+
+@click.command(epilog="\b\nExamples:\n  backlash scan sample_data/plant.csv\n"
+               "  backlash scan sample_data/plant.csv --format html --output report.html\n"
+               "  backlash scan sample_data/plant.csv --fail-on 'd>3%' --format csv --output loops.csv")
+@inputs_argument
+@loops_option
+@click.option("--format", "form", metavar="FORMAT", type=click.Choice(FORMATS),
+              help="table, json, csv, parquet or html. Default: after the suffix of --output, else table.")
+@click.option("--output", "-o", metavar="FILE|DIR", type=click.Path(path_type=Path),
+              help="Write the report here, whole or not at all. With html, a name without .html is a folder with a "
+              "page per loop, for many loops.")
+@click.option("--table", metavar="NAME", default="loops",
+              help="For csv and parquet: loops (a row per loop) or estimates (a row per half period).")
+@click.option("--fail-on", metavar="RULE", multiple=True,
+              help="Exit status 1 when a loop meets the rule: backlash, suspected (or worse), oscillating, "
+              "cannot_tell, insufficient_data, error, any (of the first three), or a size such as d>0.03 or d>3%. "
+              "Several: with commas, or given again.")
+@click.option("--no-confirm", is_flag=True, help="Skip the test of PV against OP; faster, less sure.")
+@click.option("--jobs", metavar="N", type=click.IntRange(min=1),
+              help="Processes. Default: as many as the input is worth.")
+@click.option("--verbose", "-v", is_flag=True, help="List every reason and warning of every loop.")
+@click.option("--quiet", "-q", is_flag=True,
+              help="Say only what went wrong: no progress, and no table unless --format asks for it.")
+@reading_options
+def scan(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output: Path | None, table: str,
+         fail_on: tuple[str, ...], no_confirm: bool, jobs: int | None, verbose: bool, quiet: bool,
+         reading: ReadOptions) -> int:
+    """Find dead band in every loop of an export and say how much, how sure, and what to do.
+
+    INPUT is one or more CSV or Parquet files, or folders of them; together they are one plant.
+
+    Exit status: 0 done; 1 a --fail-on rule was met; 2 wrong use, or nothing could be read; 3 done, but some file or
+    loop could not be analysed. When both 1 and 3 apply it is 1.
+    """
+    from ..loaders import read
+    from ..reporter.delivery import check_delivery
+    from ..reporter.rules import met, parse_rules
+
+    rules = parse_rules(fail_on)
+    form = check_delivery(form, output, table)
+    quiet_table = quiet and form is None
+    with progress("reading", None, shown=not quiet):
+        plant = read(inputs, loops=loops, options=reading)
+    result = _analyse(plant, confirm=not no_confirm, jobs=jobs, shown=not quiet)
+    if not quiet_table:
+        _deliver(result, plant, form or "table", output, table, verbose=verbose, quiet=quiet)
+    if form not in (None, "table") or output is not None or quiet:
+        for note in result.failures:
+            say(f"could not be analysed: {note.message}")
+    hits = met(rules, result.loops)
+    if hits and not quiet:
+        say(f"--fail-on {', '.join(fail_on)}: met by {len(hits)} loop{'s' * (len(hits) != 1)}: {', '.join(hits[:10])}")
+    return 1 if hits else 3 if _incomplete(result) else 0
+
+
+def _incomplete(result: ScanResult) -> bool:
+    return bool(result.failures) or any(r.verdict == "error" for r in result.loops)
+
+
+def _analyse(plant: Plant, *, confirm: bool, jobs: int | None, shown: bool) -> ScanResult:
+    from ..api import scan as scan_plant
+    from ..scan import ScanOptions
+
+    done: list[LoopReport] = []
+    total = len(plant.records)
+    try:
+        with progress("scanning", total, shown=shown) as step:
+            def count(report: LoopReport) -> None:
+                done.append(report)
+                step()
+
+            return scan_plant(plant, ScanOptions(confirm=confirm), jobs=jobs, progress=count)
+    except KeyboardInterrupt as stop:
+        stop.add_note(f"{len(done)} of {total} loops were analysed; no report was written")
+        raise
+
+
+def _deliver(result: ScanResult, plant: Plant, form: str, output: Path | None, table: str, *,
+             verbose: bool, quiet: bool) -> None:
+    from ..reporter.delivery import render, write
+
+    if output is None:
+        import sys
+
+        emit(render(result, plant.records, form, table, verbose=verbose, colour=sys.stdout.isatty()))
+        return
+    with progress("writing", None, shown=not quiet) as step:
+        write(result, plant.records, form, output, table, verbose=verbose, step=step)
+    if not quiet:
+        say(f"{len(result.loops)} loop{'s' * (len(result.loops) != 1)} scanned, {form} written to {output}")

@@ -1,0 +1,49 @@
+"""What commands say: reports on standard output as bytes, everything else on standard error."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+
+import click
+
+from ..errors import BacklashError
+from ..reporter.safe import terminal
+
+
+def emit(text: str) -> None:
+    """Write a report to standard output: UTF-8, on a terminal in its encoding; a full disk is one clear message."""
+    data = text.encode("utf-8", "backslashreplace")
+    if sys.stdout.isatty() and (sys.stdout.encoding or "").lower().replace("-", "") != "utf8":
+        data = text.encode(sys.stdout.encoding or "ascii", "replace")
+    try:
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise BacklashError(
+            f"cannot write: {error.strerror}", where="standard output", remedy="write to another place with --output",
+            code="cannot_write",
+        ) from error
+
+
+def say(text: str) -> None:
+    """Write one line to standard error, with foreign control characters made visible."""
+    click.echo(f"backlash: {terminal(text)}", err=True)
+
+
+@contextlib.contextmanager
+def progress(words: str, total: int | None, *, shown: bool) -> Iterator[Callable[[], None]]:
+    """A bar on standard error while the block runs, only on a terminal; gives what counts one more done."""
+    if not (shown and sys.stderr.isatty()):
+        yield lambda: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(words, total=total)
+        yield lambda: bar.advance(task)

@@ -1,0 +1,78 @@
+"""One report in the form that was asked for: as text for standard output, or written whole to a file or folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from ..errors import UsageError
+from ..record import Record
+from ..results import ScanResult
+from .files import replacing, write_text
+
+_SUFFIXES = {".json": "json", ".csv": "csv", ".parquet": "parquet", ".html": "html", ".htm": "html", ".txt": "table"}
+
+
+def check_delivery(form: str | None, output: Path | None, table: str) -> str | None:
+    """Return the form to write, from `form` or else the suffix of `output`; None when neither says.
+
+    Raises UsageError for what cannot be, before any work is done.
+    """
+    from .tables import TABLES
+
+    if table not in TABLES:
+        raise UsageError(f"no table {table!r}", where="--table", remedy=f"one of: {', '.join(TABLES)}")
+    if form is None and output is not None:
+        form = _SUFFIXES.get(output.suffix.lower(), "table")
+    if form == "parquet" and output is None:
+        raise UsageError("Parquet is not for a terminal", where="--format parquet", remedy="add --output FILE.parquet")
+    if table != "loops" and form not in ("csv", "parquet"):
+        raise UsageError(
+            "there are tables in CSV and Parquet only", where=f"--table {table}", remedy="add --format csv"
+        )
+    if output is not None and form != "html" and output.is_dir():
+        raise UsageError("this is a folder", where=f"--output {output}", remedy="give the name of a file")
+    return form
+
+
+def render(
+    result: ScanResult, records: Iterable[Record], form: str, table: str = "loops", *, verbose: bool = False,
+    colour: bool = False,
+) -> str:
+    """Return the report as text in one of the forms table, json, csv, html."""
+    if form == "json":
+        from .json_report import to_json
+
+        return to_json(result)
+    if form == "csv":
+        from .tables import to_csv
+
+        return to_csv(result, table)
+    if form == "html":
+        from .html import single_page
+
+        return single_page(result, {r.loop: r for r in records})
+    from .text import to_text
+
+    return to_text(result, verbose=verbose, colour=colour)
+
+
+def write(
+    result: ScanResult, records: Iterable[Record], form: str, output: Path, table: str = "loops", *,
+    verbose: bool = False, step: Callable[[], None] = lambda: None,
+) -> None:
+    """Write the report to a file, or as pages to a folder; the old report stays until the new one is whole.
+
+    Raises BacklashError when the place cannot be written.
+    """
+    if form == "parquet":
+        from .tables import write_parquet
+
+        with replacing(output) as temporary:
+            write_parquet(result, temporary, table)
+    elif form == "html" and output.suffix.lower() not in (".html", ".htm"):
+        from .html import write_folder
+
+        write_folder(output, result, {r.loop: r for r in records}, step)
+    else:
+        write_text(output, render(result, records, form, table, verbose=verbose))

@@ -1,0 +1,58 @@
+"""`--fail-on`: which findings make the exit status 1, so that a nightly job can raise an alarm."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+
+from ..errors import UsageError, nearest
+from ..results import LoopReport, Verdict
+from .words import size
+
+Rule = Callable[[LoopReport], bool]
+GRAMMAR = """A rule is one of: backlash, suspected (or worse), oscillating, cannot_tell, insufficient_data, error,
+any (backlash, suspected or oscillating), or a size: d>0.03, d>3%, d>=0.02 (loops with backlash or suspicion).
+Several rules, separated by commas or given again, are met when one of them is."""
+
+_SIZE = re.compile(r"d\s*(>=|>)\s*(\d+(?:\.\d*)?|\.\d+)\s*(%?)")
+_NAMED: dict[str, frozenset[Verdict]] = {
+    "backlash": frozenset({Verdict.BACKLASH}),
+    "suspected": frozenset({Verdict.BACKLASH, Verdict.SUSPECTED}),
+    "oscillating": frozenset({Verdict.OSCILLATING}),
+    "cannot_tell": frozenset({Verdict.CANNOT_TELL}),
+    "insufficient_data": frozenset({Verdict.INSUFFICIENT_DATA}),
+    "error": frozenset({Verdict.ERROR}),
+    "any": frozenset({Verdict.BACKLASH, Verdict.SUSPECTED, Verdict.OSCILLATING}),
+}
+
+
+def parse_rules(texts: Iterable[str]) -> list[Rule]:
+    """Return the rules of the given texts; raises UsageError with the known ones for a rule that is none."""
+    return [_rule(part.strip()) for text in texts for part in text.split(",")]
+
+
+def met(rules: Sequence[Rule], reports: Iterable[LoopReport]) -> list[str]:
+    """Names of the loops that meet one of the rules."""
+    return [r.loop for r in reports if any(rule(r) for rule in rules)]
+
+
+def _rule(text: str) -> Rule:
+    known = _NAMED.get(text.lower().replace("-", "_"))
+    if known is not None:
+        return lambda report: report.verdict in known
+    found = _SIZE.fullmatch(text.lower())
+    if found is None:
+        raise UsageError(
+            f"no rule {text!r}", where="--fail-on",
+            remedy=f"{nearest(text, _NAMED)} Rules: {', '.join(_NAMED)}, d>0.03, d>3%",
+        )
+    sign, number, per_cent = found.groups()
+    limit = float(number) / (100.0 if per_cent else 1.0)
+    if limit > 1.0:
+        raise UsageError(
+            f"a dead band of {limit:g} spans cannot be", where=f"--fail-on {text}",
+            remedy=f"d is a part of the span (0.03 is 3 %); did you mean d{sign}{number}% ?",
+        )
+    if sign == ">":
+        return lambda report: (size(report) or 0.0) > limit
+    return lambda report: size(report) is not None and (size(report) or 0.0) >= limit

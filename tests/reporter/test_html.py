@@ -1,0 +1,124 @@
+"""The scan's pages: one file, or a folder that is switched over in one step."""
+
+import json
+import re
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backlash_cli.record import Note
+from backlash_cli.reporter import figures, html
+from backlash_cli.reporter.html import single_page, write_folder
+from tests.reporter.reports import HOSTILE, record, report, result
+from tests.reporter.test_page import Reader
+
+
+def test_one_file_holds_every_loop_with_its_evidence():
+    found = result(report("FIC101"), report("TIC202", None))
+    page = single_page(found, {"FIC101": record("FIC101")})
+    facts = ("8 of 10 estimates agree", "Compensator gain 2.40 %", "Kp is not given", "2.70 to 3.30 %")
+    for words in ("FIC101", "TIC202", *facts):
+        assert words in page, words
+    read = Reader(page)
+    assert [d["id"] for d in read.named("details")] == ["loop-0", "loop-1"]
+    titles = [json.loads(s)["layout"] for s in read.scripts[:-2]]
+    assert len(titles) == 5  # trend, close look, plane, estimates, confirmation
+
+
+def test_many_loops_in_one_file_keep_numbers_and_name_the_folder(monkeypatch):
+    monkeypatch.setattr(html, "DRAWN", 2)
+    loops = [report(f"L{i}", 0.01 * (i + 1)) for i in range(4)]
+    page = single_page(result(*loops), {r.loop: record(r.loop) for r in loops})
+    assert "--output FOLDER" in page and len(Reader(page).named("details")) == 4
+    assert page.count("plot-data") == 2 * 5 + 1  # and once in the script
+
+
+def test_hostile_names_appear_as_text():
+    loops = [report(n, warnings=(Note("w", n),), reasons=(Note(n, n),)) for n in HOSTILE]
+    page = single_page(result(*loops, failures=(Note("f", HOSTILE[1]),)), {n: record(n, 500) for n in HOSTILE})
+    read = Reader(page)
+    assert not read.open and not read.named("img") and "<script>alert(1)" not in page
+    page.encode("utf-8", "backslashreplace")
+
+
+def links(folder):
+    index = (folder / "index.html").read_text("utf-8")
+    return [a["href"] for a in Reader(index).named("a") if a.get("href", "").endswith(".html")]
+
+
+def test_folder_has_a_page_per_loop_and_the_library_once(tmp_path):
+    loops = [report(n) for n in HOSTILE]
+    write_folder(tmp_path / "out", result(*loops), {n: record(n, 500) for n in HOSTILE})
+    found = links(tmp_path / "out")
+    assert len(set(found)) == len(HOSTILE)
+    for href in found:
+        body = (tmp_path / "out" / href).read_text("utf-8")
+        assert "../index.html" in body and len(body) < 400_000
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    assert len(list((tmp_path / "out").rglob("plotly.js"))) == 1
+
+
+def test_a_new_run_replaces_the_folder_and_older_pages_go(tmp_path):
+    for d in (0.01, 0.02, 0.03):
+        write_folder(tmp_path, result(report("FIC101", d)), {})
+    (tmp_path / "mine.txt").write_text("keep")
+    write_folder(tmp_path, result(report("FIC101", 0.03)), {})
+    pages = [p for p in tmp_path.iterdir() if p.is_dir()]
+    assert len(pages) == 1 and (tmp_path / "mine.txt").exists()
+    assert "3.00" in (tmp_path / links(tmp_path)[0]).read_text("utf-8")
+
+
+def test_stopped_in_the_middle_the_old_folder_is_whole(tmp_path):
+    write_folder(tmp_path, result(report("FIC101", 0.01)), {})
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+
+    def stop() -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_folder(tmp_path, result(report("FIC101", 0.02), report("b")), {}, step=stop)
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+
+
+def test_overview_of_a_thousand_loops_is_light(tmp_path):
+    loops = [report(f"FIC{i:04}") for i in range(1000)]
+    began = time.perf_counter()
+    write_folder(tmp_path, result(*loops), {})
+    assert time.perf_counter() - began < 30
+    assert (tmp_path / "index.html").stat().st_size < 1_500_000
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 1999, 2000, 2001, 54_321])
+def test_thinning_keeps_the_extremes(n):
+    rng = np.random.default_rng(n)
+    values = rng.normal(size=n)
+    values[rng.random(n) < 0.2] = np.nan
+    chosen, gaps = figures.thin(np.arange(n), values)
+    assert len(chosen) <= 2002 and (np.diff(chosen) > 0).all() and gaps == []
+    if np.isfinite(values).any():
+        assert np.nanmax(values[chosen]) == np.nanmax(values) and np.nanmin(values[chosen]) == np.nanmin(values)
+
+
+def test_lines_break_at_gaps():
+    index = np.concatenate([np.arange(5), np.arange(100, 105)])
+    assert figures.thin(index, np.zeros(10))[1] == [5]
+    trend = figures.trend(record(), report())
+    assert None in trend["data"][0]["y"]
+
+
+def test_figures_use_engineering_units_and_bounded_points():
+    plain = record()
+    settings = plain.settings.with_values("metadata", pv_range=(0.0, 200.0), op_range=(0.0, 100.0))
+    made = replace(plain, settings=settings)
+    data = figures.trend(made, report())["data"]
+    assert data[0]["y"][0] == 100.0 and 38 <= min(y for y in data[-1]["y"] if y is not None) <= 42
+    assert all(len(line["x"]) <= 2100 for line in data)
+    assert data[2]["name"] == "PV in the half periods used"
+
+
+def test_pages_do_not_depend_on_the_clock_or_place():
+    loops = {"FIC101": record()}
+    assert single_page(result(report()), loops) == single_page(result(report()), loops)
+    assert not re.search(r"/(home|root|tmp)/", single_page(result(report()), loops).split("/**")[0])

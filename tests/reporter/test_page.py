@@ -1,0 +1,125 @@
+"""Pages: escaped, self-contained, safe scripts, readable structure."""
+
+import base64
+import hashlib
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from backlash_cli.reporter.page import Cell, Section, Table, page
+from tests.reporter.reports import HOSTILE
+
+FIGURE = {"data": [{"x": np.arange(3), "y": [1.0, float("nan"), float("inf")], "name": "</script><b>"}], "layout": {}}
+
+
+class Reader(HTMLParser):
+    """Collects elements with their attributes, and the text of scripts."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self.open: list[str] = []
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in ("meta", "link", "input", "img", "br"):
+            self.open.append(tag)
+        if tag == "script":
+            self.scripts.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open and self.open[-1] == tag, f"</{tag}> does not close {self.open[-3:]}"
+        self.open.pop()
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] == "script":
+            self.scripts[-1] += data
+
+    def named(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+def full(*names: str) -> str:
+    rows = [[name, Cell(0.03, "3 %", mark="bad"), 1.5, None, True] for name in names or ("FIC101",)]
+    table = Table(["Loop", "Size", "x", "y", "z"], rows, filterable=True, choices="Loop")
+    sections = [
+        Section("Overview", text=names, table=table),
+        *(Section(n, folded=True, anchor=f"a{i}", summary=n, note=n, parts=[Section(n)]) for i, n in enumerate(names)),
+        Section("Figure", figure=FIGURE, note="one"),
+    ]
+    return page(names[0] if names else "T", sections, subtitle="s", back=("../index.html", "All loops"))
+
+
+@pytest.fixture(scope="module")
+def hostile() -> str:
+    return full(*HOSTILE)
+
+
+def test_hostile_names_are_text(hostile):
+    read = Reader(hostile)
+    assert not read.open
+    assert not read.named("img") and not read.named("b")
+    assert len(read.scripts) == 3  # data of the figure, plotting library, page script
+    for name in ("<script>alert(1)", "</script><b>", "</script><img", "<img"):
+        assert name not in hostile
+
+
+def test_no_event_handlers_and_no_foreign_addresses(hostile):
+    for tag, attributes in Reader(hostile).elements:
+        assert not [a for a in attributes if a.startswith("on")], tag
+        for key in ("src", "href"):
+            assert not re.match(r"(https?:)?//|javascript:", attributes.get(key) or ""), (tag, attributes)
+
+
+def test_policy_allows_the_two_scripts_by_fingerprint_and_nothing_from_outside(hostile):
+    read = Reader(hostile)
+    policy = next(m["content"] for m in read.named("meta") if m.get("http-equiv") == "Content-Security-Policy")
+    assert policy is not None and policy.startswith("default-src 'none'")
+    assert "http" not in policy and "unsafe-eval" not in policy
+    scripts = policy.split("script-src ")[1].split(";")[0]
+    assert "unsafe-inline" not in scripts
+    for script in read.scripts[1:]:
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        assert f"'sha256-{digest}'" in scripts
+
+
+def test_figure_data_is_strict_json(hostile):
+    data = json.loads(Reader(hostile).scripts[0], parse_constant=pytest.fail)
+    assert data["data"][0] == {"x": [0, 1, 2], "y": [1.0, None, None], "name": "</script><b>"}
+
+
+def test_plotly_figures_are_taken_too():
+    import plotly.graph_objects as go
+
+    html = page("T", [Section("F", figure=go.Figure(FIGURE))])
+    assert json.loads(Reader(html).scripts[0])["data"][0]["name"] == "</script><b>"
+
+
+def test_without_figures_the_plotting_library_stays_out():
+    assert len(page("T", [Section("S", text=["words"])])) < 20_000
+
+
+def test_the_library_may_stand_beside_the_page():
+    html = page("T", [Section("F", figure=FIGURE)], plotly_file="plotly.js")
+    assert len(html) < 30_000 and Reader(html).named("script")[1] == {"src": "plotly.js"}
+
+
+def test_structure_for_readers_of_all_kinds():
+    read = Reader(full("FIC101"))
+    assert read.named("html")[0]["lang"] == "en"
+    assert [t for t, _ in read.elements].count("h1") == 1
+    assert any(m.get("name") == "viewport" for m in read.named("meta"))
+    assert len(read.named("main")) == 1 and all(th.get("scope") == "col" for th in read.named("th"))
+    labelled = {a for a in (d.get("aria-label") for d in read.named("div")) if a}
+    assert "Figure. one" in labelled
+
+
+def test_cells_sort_by_value_and_show_text():
+    html = full("FIC101")
+    assert '<td class="number" data-key="0.03"><span class="mark bad">3 %</span></td>' in html
+    assert '<td data-key="">–</td>' in html and '<td data-key="yes">yes</td>' in html

@@ -1,0 +1,64 @@
+"""The terminal table: order, width, colour only where asked, foreign names on one line."""
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from backlash_cli.record import Note
+from backlash_cli.reporter.text import to_text
+from tests.reporter.reports import HOSTILE, report, result
+
+
+def table_rows(text: str) -> list[str]:
+    return text.split("\n\n")[0].splitlines()[1:]
+
+
+def test_largest_dead_band_first_then_the_rest():
+    names = [line.split()[0] for line in table_rows(to_text(result())) if not line.startswith(" ")]
+    assert names == ["LARGE", "small", "maybe", "fine", "waves", "short", "odd", "broken"]
+
+
+def test_a_row_says_size_interval_confidence_count_and_advice():
+    row = " ".join(table_rows(to_text(result(report()))))
+    assert re.split(r"\s{2,}", row) == [
+        "FIC101", "backlash", "3.00", "2.70–3.30", "90 %", "10 of 20", "compensate 2.40 %, error-sign (9)"
+    ]
+
+
+@pytest.mark.parametrize("verbose", [False, True])
+def test_fits_100_columns_whatever_the_names(verbose):
+    loops = [report(n, warnings=(Note("w", f"about {n} " * 9),), reasons=(Note("r", n * 3),)) for n in HOSTILE]
+    found = replace(result(*loops), failures=tuple(Note("f", n) for n in HOSTILE))
+    for line in to_text(found, verbose=verbose, width=250).splitlines():
+        assert len(line) <= 100, line
+
+
+@pytest.mark.parametrize("verbose", [False, True])
+@pytest.mark.parametrize("name", HOSTILE)
+def test_foreign_names_carry_no_control_characters(name, verbose):
+    text = to_text(result(report(name, None, warnings=(Note("w", name),), reasons=(Note("r", name),))), verbose=verbose)
+    assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\ud800-\udfff]", text)
+    assert "FIC\n101" not in text
+
+
+def test_colour_only_when_asked():
+    assert "\x1b[" not in to_text(result(), verbose=True)
+    assert "\x1b[" in to_text(result(), colour=True)
+
+
+def test_warnings_are_summarised_and_verbose_lists_them():
+    found = result(report("a"), report("b"))
+    assert to_text(found).count("default_kp") == 1 and "a (and 1 more loop)" in to_text(found)
+    assert to_text(found, verbose=True).count("default_kp") == 2
+    assert "half periods not used: 8 too_short, 2 shape" in to_text(found, verbose=True)
+
+
+def test_failures_are_listed_and_many_are_cut():
+    found = replace(result(report()), failures=tuple(Note("bad", f"file {i}") for i in range(40)))
+    text = to_text(found)
+    assert "bad: file 0" in text and "file 39" not in text and "and 28 more" in text
+
+
+def test_no_loops_at_all():
+    assert "0 loops" in to_text(replace(result(report()), loops=()))
