@@ -82,8 +82,11 @@ def _in_processes(records: Sequence[Record], options: ScanOptions, count: int) -
             yield report
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
-        for child in set(multiprocessing.active_children()) - others:
+        ours = set(multiprocessing.active_children()) - others
+        for child in ours:
             child.terminate()
+        for child in ours:
+            child.join(5)
 
 
 def _alone(record: Record, options: ScanOptions, context: multiprocessing.context.SpawnContext) -> LoopReport:

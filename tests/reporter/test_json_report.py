@@ -10,7 +10,28 @@ from backlash_cli.record import Note
 from backlash_cli.reporter.json_report import document, iso_time, to_json
 from tests.reporter.reports import HOSTILE, report, result
 
-LOOP_FIELDS = ["loop", "verdict", "reasons", "confidence", "start", "end", "samples", "interval_s", "settings", "half_periods", "long_half_periods", "detections", "detection_rate", "detections_per_hour", "rejected", "estimates", "cluster", "confirmation", "compensator", "warnings"]
+LOOP_FIELDS = [
+    "loop",
+    "verdict",
+    "reasons",
+    "confidence",
+    "start",
+    "end",
+    "samples",
+    "interval_s",
+    "settings",
+    "half_periods",
+    "long_half_periods",
+    "detections",
+    "detection_rate",
+    "detections_per_hour",
+    "rejected",
+    "estimates",
+    "cluster",
+    "confirmation",
+    "compensator",
+    "warnings",
+]
 
 
 def strict(text: str) -> dict:

@@ -1,0 +1,64 @@
+"""Loops in one or several processes: same reports, same order; one loop's failure stays its own."""
+
+import multiprocessing
+import os
+from dataclasses import replace
+
+import pytest
+
+from backlash_cli.engines.local import analyse, processes
+from backlash_cli.record import record_from_arrays
+from backlash_cli.results import Verdict
+from tests.small_plant import records
+
+
+class Deadly:
+    """Ends the process that unpickles it, as the kernel does when memory runs out."""
+
+    def __reduce__(self):
+        return os._exit, (1,)
+
+
+@pytest.fixture(scope="module")
+def plant():
+    return [replace(r, loop=f"{r.loop}-{k}") for k in range(2) for r in records()]
+
+
+def test_number_of_processes_follows_the_work():
+    small, large = records()[:1] * 8, [record_from_arrays(0.0, [0.0], interval=1.0)] * 8
+    assert processes(small) == 1 and processes([]) == 1
+    assert processes(small, 3) == 3 and processes(small, 100) == 8
+    assert processes(large) == 1
+
+
+def test_reports_are_the_same_in_processes(plant):
+    alone = list(analyse(plant, jobs=1))
+    assert [r.loop for r in alone] == [r.loop for r in plant]
+    assert list(analyse(plant, jobs=2)) == alone
+    assert not multiprocessing.active_children()
+
+
+def test_a_failing_loop_is_reported_and_the_others_go_on(plant):
+    broken = replace(plant[1], measurement=None)
+    for jobs in (1, 2):
+        found = list(analyse([plant[0], broken, plant[2]], jobs=jobs))
+        assert [r.verdict is Verdict.ERROR for r in found] == [False, True, False]
+        assert found[1].loop == plant[1].loop and found[1].reasons[0].code == "internal_error"
+        assert "Error" in found[1].reasons[0].message and "Traceback" not in found[1].reasons[0].message
+
+
+def test_a_dead_process_costs_only_its_loop(plant):
+    deadly = replace(plant[1], disturbances={"x": Deadly()})
+    found = list(analyse([plant[0], deadly, *plant[2:]], jobs=2))
+    assert [r.loop for r in found] == [r.loop for r in plant]
+    assert found[1].verdict is Verdict.ERROR and found[1].reasons[0].code == "process_died"
+    assert all(r.verdict is not Verdict.ERROR for r in found[:1] + found[2:])
+
+
+def test_stopping_in_the_middle_leaves_no_process(plant):
+    reports = analyse(plant * 4, jobs=2)
+    next(iter(reports))
+    reports.close()  # what an interrupt does on its way out
+    for child in multiprocessing.active_children():
+        child.join(5)
+    assert not multiprocessing.active_children()

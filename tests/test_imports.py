@@ -1,0 +1,145 @@
+"""The house has one direction: a sample goes from the files to the report, and no room imports from a room before it.
+
+Read from the source with `ast`, imports within functions included (`if TYPE_CHECKING` blocks apart).
+"""
+
+import ast
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import backlash_cli
+
+PACKAGE = Path(backlash_cli.__file__).parent
+BASE = {"errors", "record", "results", "kernels", "_version"}
+# room -> rooms it may use besides itself and BASE
+ALLOWED = {
+    "errors": set(),
+    "_version": set(),
+    "record": {"errors"},
+    "results": {"errors", "record"},
+    "kernels": set(),
+    "filters": set(),
+    "segmenter": {"filters"},
+    "estimator": {"filters", "segmenter"},
+    "scan": {"filters", "segmenter", "estimator"},
+    "effects": set(),
+    "model": {"effects", "filters", "segmenter", "estimator"},
+    "simulator": {"effects", "filters", "segmenter", "estimator", "scan"},
+    "loaders": set(),
+    "reporter": set(),
+    "history": {"estimator", "filters", "segmenter", "scan"},
+    "engines": {"loaders", "scan", "model", "simulator", "history", "reporter"},
+    "api": {"engines", "loaders", "scan", "model", "simulator", "history", "reporter"},
+    "commands": {"api", "engines", "loaders", "scan", "model", "simulator", "effects", "history", "reporter", "check"},
+    "__main__": {"commands", "reporter"},
+    "__init__": {"api", "loaders", "scan", "model", "simulator", "effects", "reporter", "history"},
+}
+# foreign library -> the rooms that may use it
+HOMES = {
+    "click": {"commands", "__main__"},
+    "rich": {"commands", "reporter"},
+    "pandas": {"loaders", "history", "reporter"},
+    "pyarrow": {"loaders", "history", "reporter"},
+    "plotly": {"reporter"},
+    "matplotlib": {"reporter"},
+    "jinja2": {"reporter"},
+    "sqlite3": {"history"},
+}
+CORE = BASE | {"filters", "segmenter", "estimator", "scan", "effects", "model", "simulator"}
+NOT_IN_CORE = {"print", "open", "input"}
+
+
+def modules() -> list[Path]:
+    return sorted(PACKAGE.rglob("*.py"))
+
+
+def room(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def type_checking_lines(tree: ast.Module) -> set[int]:
+    found: set[int] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            found.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+    return found
+
+
+def imports(path: Path) -> list[tuple[int, str]]:
+    """(line, dotted name) of every import, relative ones made absolute."""
+    tree = ast.parse(path.read_text("utf-8"))
+    skipped = type_checking_lines(tree)
+    parts = ("backlash_cli", *path.relative_to(PACKAGE).parts[:-1])
+    found = []
+    for node in ast.walk(tree):
+        if getattr(node, "lineno", 0) in skipped:
+            continue
+        if isinstance(node, ast.Import):
+            found += [(node.lineno, alias.name) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(parts[: len(parts) - node.level + 1]) if node.level else ""
+            name = ".".join(p for p in (base, node.module) if p)
+            found += [(node.lineno, f"{name}.{alias.name}") for alias in node.names]
+    return found
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_go_one_way(path):
+    here = room(path)
+    assert here in ALLOWED, f"{here} has no place in the layout yet: add it to ALLOWED with what it may use"
+    for line, name in imports(path):
+        parts = name.split(".")
+        if parts[0] == "backlash_cli" and len(parts) > 1:
+            # `from . import x` in the package itself names rooms only where a module of that name exists
+            target = parts[1]
+            if (PACKAGE / target).is_dir() or (PACKAGE / f"{target}.py").exists():
+                known = ALLOWED[here] | BASE | {here}
+                assert target in known, f"{path.name}:{line} imports {name}; {here} may use {sorted(known)}"
+        elif parts[0] in HOMES:
+            assert here in HOMES[parts[0]], f"{path.name}:{line}: {parts[0]} belongs in {sorted(HOMES[parts[0]])}"
+
+
+@pytest.mark.parametrize("path", [p for p in modules() if room(p) in CORE], ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_the_core_prints_nothing_opens_nothing_and_has_no_clock(path):
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Call):
+            called = ast.unparse(node.func)
+            assert called not in NOT_IN_CORE, f"{path.name}:{node.lineno} calls {called}"
+            assert not called.startswith(("time.", "np.random.seed", "random.seed", "datetime.now")), (
+                f"{path.name}:{node.lineno} calls {called}"
+            )
+            seeded = ("np.random.default_rng(", "np.random.Generator", "np.random.SeedSequence", "np.random.default_rng")
+            if called.startswith("np.random.") and not called.startswith(seeded):
+                pytest.fail(f"{path.name}:{node.lineno}: {called} uses the global random state")
+
+
+def loaded_by(code: str) -> set[str]:
+    script = f"import sys\n{code}\nprint(' '.join(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
+def test_the_package_and_its_help_load_nothing_heavy():
+    code = "from backlash_cli.__main__ import cli\ncli.main(['--help'], standalone_mode=False)"
+    heavy = {"numpy", "pandas", "pyarrow", "scipy", "numba", "plotly", "matplotlib", "jinja2", "rich"}
+    assert not heavy & loaded_by(code)
+    assert not heavy & loaded_by("import backlash_cli")
+
+
+def test_reading_a_result_as_json_needs_no_pandas():
+    assert "pandas" not in loaded_by("from backlash_cli import to_json, ScanResult; to_json(ScanResult(()))")
+
+
+def test_public_names_exist_and_stay_what_they_are():
+    for name in backlash_cli.__all__:
+        assert getattr(backlash_cli, name) is not None, name
+    importlib.import_module("backlash_cli.scan")  # puts the submodule of that name into the package
+    from backlash_cli import scan
+
+    assert callable(scan) and scan.__module__ == "backlash_cli.api"
+    with pytest.raises(AttributeError, match="no attribute 'skan'"):
+        _ = backlash_cli.skan
