@@ -1,0 +1,226 @@
+"""Do the controller settings of the metadata make the recorded output? If not: which usual mix-up of units would?
+
+    check_settings(record.settings, identify(record)) -> tuple[Note, ...]      (empty: nothing to complain about)
+
+The comparison rests on K/Ti, which a record settles to a few per cent; K and Ti apart are used to tell the mix-ups
+from each other. Codes, each with `values` "factor" (K/Ti as given over as identified), "K" and "Ti" (as identified,
+in the units of the record), and "severity" ("warn": up to 1.5, "contradict": beyond, the size of a dead band is
+wrong by that factor):
+
+    settings_ti_minutes          Ti is given in minutes (or seconds were taken for minutes)
+    settings_ti_repeats          the reset rate is given where the reset time belongs
+    settings_proportional_band   the proportional band in per cent is given where the gain belongs
+    settings_engineering_gain    the gain is in engineering units, not per span
+    settings_form                Ti is that of the parallel form (1/Ki), not K/Ki
+    settings_action_sign         the sign of K is the other one
+    settings_disagree            K/Ti is off by 15 to 50 % and no mix-up explains it
+    settings_contradicted        K/Ti is off by more, and no mix-up explains it
+    settings_gain                K/Ti agrees, but K and Ti are both off by the same factor
+    settings_derivative          the derivative time is another one
+    settings_unchecked           the record does not allow the check (why: `values["why"]`)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import isfinite, log
+
+from ..record import LoopSettings, Note
+from .identification import Identification, Identified
+
+AGREES = log(1.15)  # findings: K/Ti is identified to 4-8 % in nine loops of ten
+SURE = log(1.05)  # by so much at least the interval must lie away from the value given
+CONTRADICTS = log(1.5)
+EXPLAINED = log(1.3)  # how well a mix-up has to explain the factor
+COARSE = 1.5  # Ti in samples below which only a plain mix-up of units can be seen
+LARGE = log(3.0)  # a smaller factor that comes out of the values by accident is not a mix-up
+GAIN_APART = log(1.6)  # K alone is known less well than K/Ti
+
+
+@dataclass(frozen=True)
+class MixUp:
+    """A usual mistake: settings as given = those of the controller times these factors."""
+
+    code: str
+    gain: float
+    reset: float
+    words: str
+    known: bool = False  # the factor follows from the spans alone, so a small one is no accident
+
+
+def check_settings(settings: LoopSettings, found: Identification | Note) -> tuple[Note, ...]:
+    """Compare K, Ti and Td of the metadata with those read from the record; an empty answer means they agree."""
+    K, Ti = _given(settings, "K"), _given(settings, "Ti")
+    if K is None and Ti is None:
+        return ()
+    if isinstance(found, Note):
+        message = f"the settings could not be checked against the data: {found.message}"
+        return (Note("settings_unchecked", message, {"why": found.code}),)
+    notes = []
+    if K is not None and K * found.K.value < 0 and _sign_is_sure(found):
+        notes.append(_sign(K, found))
+    if K is not None and Ti is not None:
+        notes += _both(abs(K), Ti, settings, found)
+    elif Ti is not None:
+        notes += _one("Ti", Ti, found.Ti, found)
+    elif K is not None:
+        notes += _one("K", abs(K), _magnitude(found.K), found)
+    notes += _derivative(settings, found)
+    return tuple(notes)
+
+
+def _given(settings: LoopSettings, name: str) -> float | None:
+    value = getattr(settings, name)
+    if settings.source.get(name) in ("identified", "data"):
+        return None
+    return value if value else None
+
+
+def _sign_is_sure(found: Identification) -> bool:
+    return found.K.ci95[0] * found.K.ci95[1] > 0 and found.ratio.ci95[0] * found.ratio.ci95[1] > 0
+
+
+def _magnitude(x: Identified) -> Identified:
+    ends = sorted(abs(v) for v in x.ci95)
+    return Identified(abs(x.value), (0.0 if x.ci95[0] * x.ci95[1] <= 0 else ends[0], ends[1]))
+
+
+def _distance(given: float, x: Identified) -> tuple[float, float]:
+    """Logarithm of given / identified, and its distance from 0 that the interval leaves no doubt about."""
+    offset = log(given / x.value)
+    nearest = log(given / min(max(given, x.ci95[0]), x.ci95[1])) if x.ci95[1] > 0 else 0.0
+    return offset, abs(nearest)
+
+
+def _values(found: Identification, factor: float, severity: str) -> dict[str, float | str]:
+    return {"factor": factor, "K": found.K.value, "Ti": found.Ti.value, "severity": severity}
+
+
+def _severity(offset: float) -> str:
+    return "contradict" if abs(offset) > CONTRADICTS else "warn"
+
+
+def _sign(K: float, found: Identification) -> Note:
+    action = "reverse (K positive)" if found.K.value > 0 else "direct (K negative)"
+    message = f"K = {K:g} has the wrong sign: the output moves like that of a controller with {action} action"
+    return Note("settings_action_sign", message, _values(found, -1.0, "contradict"))
+
+
+def _both(K: float, Ti: float, settings: LoopSettings, found: Identification) -> list[Note]:
+    gain, ratio = _magnitude(found.K), _magnitude(found.ratio)
+    offset, sure = _distance(K / Ti, ratio)
+    apart, sure_apart = _distance(K, gain)
+    if abs(offset) <= AGREES or sure <= SURE:
+        if abs(apart) > GAIN_APART and sure_apart > AGREES:
+            message = (
+                f"K = {K:g} and Ti = {Ti:g} s are both {_times(apart)} what the data show "
+                f"(K {gain.value:.3g}, Ti {found.Ti.value:.3g} s); their quotient agrees"
+            )
+            return [Note("settings_gain", message, _values(found, K / Ti / ratio.value, "warn"))]
+        return []
+    coarse = Ti < COARSE * found.interval
+    mix_up = _best(K, Ti, settings, gain, ratio, coarse)
+    if mix_up is not None:
+        return [_note(mix_up, offset, found)]
+    if coarse:
+        message = f"Ti = {Ti:g} s and samples {found.interval:g} s apart: too coarse to check the settings"
+        return [Note("settings_unchecked", message, {"why": "sampling_too_coarse"})]
+    beyond = abs(offset) > CONTRADICTS and sure > AGREES
+    message = (
+        f"K/Ti of the metadata is {_times(offset)} what the data show (K {gain.value:.3g}, Ti {found.Ti.value:.3g} s, "
+        f"K/Ti {ratio.value:.3g} +- {50 * (ratio.ci95[1] - ratio.ci95[0]) / ratio.value:.0f} %): check the settings"
+    )
+    code = "settings_contradicted" if beyond else "settings_disagree"
+    return [Note(code, message, _values(found, K / Ti / ratio.value, "contradict" if beyond else "warn"))]
+
+
+def _note(mix_up: MixUp, offset: float, found: Identification) -> Note:
+    values = _values(found, mix_up.gain / mix_up.reset, _severity(offset))
+    return Note(mix_up.code, f"{mix_up.words} (the data show K {found.K.value:.3g}, Ti {found.Ti.value:.3g} s)", values)
+
+
+def _times(offset: float) -> str:
+    factor = 2.718281828459045**offset
+    return f"{factor:.3g} times" if factor > 1 else f"1/{1 / factor:.3g} of"
+
+
+def _best(
+    K: float, Ti: float, settings: LoopSettings, gain: Identified, ratio: Identified, coarse: bool
+) -> MixUp | None:
+    """The mix-up that explains both K/Ti and K best; the simpler one when two do alike."""
+    doubt = max(log(max(gain.ci95[1], gain.value) / gain.value), log(gain.value / max(gain.ci95[0], gain.value / 5)))
+    best, best_misfit = None, 1.0
+    for mix_up in _mix_ups(K, Ti, settings, gain.value):
+        if (coarse or not mix_up.known) and abs(log(mix_up.gain / mix_up.reset)) < LARGE:
+            continue
+        off_ratio = log(K / Ti / ratio.value * mix_up.reset / mix_up.gain)
+        off_gain = log(K / gain.value / mix_up.gain)
+        misfit = max(abs(off_ratio) / EXPLAINED, abs(off_gain) / (EXPLAINED + doubt))
+        if misfit < best_misfit - 0.05:
+            best, best_misfit = mix_up, misfit
+    return best
+
+
+def _mix_ups(K: float, Ti: float, settings: LoopSettings, true_gain: float) -> Iterator[MixUp]:
+    """Single mistakes first, then one of K together with one of Ti."""
+    pv_span = abs(settings.pv_range[1] - settings.pv_range[0])
+    op_span = abs(settings.op_range[1] - settings.op_range[0])
+    of_gain = [
+        MixUp(
+            "settings_proportional_band",
+            K * K / 100.0,
+            1.0,
+            f"K = {K:g} looks like a proportional band of {K:g} % (gain {100 / K:.3g})",
+        )
+    ]
+    for factor, unit in (
+        (op_span / pv_span, "output units per measurement unit"),
+        (pv_span / op_span, "measurement units per output unit"),
+        (op_span, "output units per span of the measurement"),
+        (1.0 / pv_span, "output span per measurement unit"),
+    ):
+        if abs(log(factor)) > AGREES:
+            words = f"K = {K:g} looks like a gain in {unit} (per span {K / factor:.3g})"
+            of_gain.append(MixUp("settings_engineering_gain", factor, 1.0, words, True))
+    of_reset = [
+        MixUp(code, 1.0, factor, f"Ti = {Ti:g} {words}")
+        for code, factor, words in (
+            ("settings_ti_minutes", 1.0 / 60.0, "s looks 60 times too small: given in minutes?"),
+            ("settings_ti_minutes", 60.0, "s looks 60 times too large: seconds taken for minutes?"),
+            ("settings_ti_repeats", Ti * Ti, f"looks like repeats per second (Ti {1 / Ti:.3g} s)"),
+            ("settings_ti_repeats", Ti * Ti / 60.0, f"looks like repeats per minute (Ti {60 / Ti:.3g} s)"),
+            ("settings_form", 1.0 / true_gain, "s looks like that of the parallel form, 1/Ki (Ti = K/Ki)"),
+        )
+    ]
+    yield from of_reset[:1]
+    yield from of_gain
+    yield from of_reset[1:]
+    for a in of_gain:
+        for b in of_reset[:4]:
+            code = a.code if abs(log(a.gain)) > abs(log(b.reset)) else b.code
+            yield MixUp(code, a.gain, b.reset, f"{a.words}, and {b.words}")
+
+
+def _one(name: str, given: float, x: Identified, found: Identification) -> list[Note]:
+    offset, sure = _distance(given, x)
+    if abs(offset) <= GAIN_APART or sure <= AGREES or not isfinite(offset):
+        return []
+    if name == "Ti" and abs(abs(offset) - log(60.0)) < EXPLAINED:
+        size = "small: given in minutes?" if offset < 0 else "large: seconds taken for minutes?"
+        message = f"Ti = {given:g} s looks 60 times too {size} (the data show {x.value:.3g} s)"
+        return [Note("settings_ti_minutes", message, _values(found, given / x.value, "contradict"))]
+    reach = f"{x.value:.3g}, {x.ci95[0]:.3g}..{x.ci95[1]:.3g}"
+    message = f"{name} = {given:g} is {_times(offset)} what the data show ({reach})"
+    return [Note("settings_contradicted", message, _values(found, given / x.value, "contradict"))]
+
+
+def _derivative(settings: LoopSettings, found: Identification) -> list[Note]:
+    """Only where the data show a D part: its absence cannot be told from a filter."""
+    if found.Td.value <= 0:
+        return []
+    low, high = found.Td.ci95
+    if low / 1.5 <= settings.Td <= high * 1.5:
+        return []
+    message = f"Td = {settings.Td:g} s, but the data show {found.Td.value:.3g} s ({low:.3g}..{high:.3g})"
+    return [Note("settings_derivative", message, {"Td": found.Td.value, "severity": "warn"})]

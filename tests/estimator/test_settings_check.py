@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import pytest
+
+from backlash_cli.estimator.identify import identify
+from backlash_cli.estimator.settings_check import check_settings
+from backlash_cli.record import LoopSettings, Note
+
+from .closed_loop import Loop, load_steps, run
+
+LOOP = Loop(K=0.6, Ti=28.0, dead_band=0.02)
+FOUND = identify(run(LOOP, 5000, load=load_steps(5000)))
+PID = identify(run(Loop(K=0.8, Ti=30.0, Td=8.0), 5000, load=load_steps(5000)))
+
+
+def codes(K: float | None, Ti: float | None, **more: object) -> list[str]:
+    settings = LoopSettings(K=K, Ti=Ti, source={"K": "metadata", "Ti": "metadata"}, **more)  # type: ignore[arg-type]
+    return [note.code for note in check_settings(settings, FOUND)]
+
+
+@pytest.mark.parametrize(("K", "Ti"), [(0.6, 28.0), (0.63, 27.0), (None, 28.0), (0.6, None), (None, None)])
+def test_right_settings_are_left_alone(K: float | None, Ti: float | None) -> None:
+    assert codes(K, Ti, pv_range=(0.0, 900.0), op_range=(0.0, 100.0)) == []
+
+
+@pytest.mark.parametrize(
+    ("K", "Ti", "code"),
+    [
+        (0.6, 28.0 / 60, "settings_ti_minutes"),
+        (0.6, 28.0 * 60, "settings_ti_minutes"),
+        (None, 28.0 / 60, "settings_ti_minutes"),
+        (0.6, 60 / 28.0, "settings_ti_repeats"),
+        (0.6, 1 / 28.0, "settings_ti_repeats"),
+        (100 / 0.6, 28.0, "settings_proportional_band"),
+        (100 / 0.6, 28.0 / 60, "settings_proportional_band"),
+        (-0.6, 28.0, "settings_action_sign"),
+        (0.6, 28.0 * 1.3, "settings_disagree"),
+        (1.2, 28.0, "settings_contradicted"),
+        (2.4, 28.0 * 4, "settings_gain"),
+    ],
+)
+def test_wrong_settings_are_named(K: float | None, Ti: float, code: str) -> None:
+    assert codes(K, Ti) == [code]
+
+
+@pytest.mark.parametrize("span", [16.0, 60.0, 150.0, 900.0])
+def test_a_gain_in_engineering_units_is_named_when_the_spans_are_known(span: float) -> None:
+    assert codes(0.6 * 100 / span, 28.0, pv_range=(0.0, span), op_range=(0.0, 100.0)) == ["settings_engineering_gain"]
+
+
+def test_what_was_identified_is_not_compared_with_itself() -> None:
+    settings = LoopSettings(K=5.0, Ti=28.0, source={"K": "identified", "Ti": "identified"})
+    assert check_settings(settings, FOUND) == ()
+
+
+def test_a_check_that_is_not_possible_says_why() -> None:
+    why = Note("no_output", "the record has no controller output")
+    (note,) = check_settings(LoopSettings(K=1.0, Ti=2.0), why)
+    assert note.code == "settings_unchecked" and note.values["why"] == "no_output"
+
+
+def test_a_forgotten_derivative_is_mentioned() -> None:
+    notes = check_settings(LoopSettings(K=0.8, Ti=30.0), PID)
+    assert [note.code for note in notes] == ["settings_derivative"]
+    assert check_settings(LoopSettings(K=0.8, Ti=30.0, Td=8.0), PID) == ()
+
+
+def test_messages_name_the_mistake_and_the_value_from_the_data() -> None:
+    (note,) = check_settings(LoopSettings(K=0.6, Ti=28.0 / 60), FOUND)
+    assert "given in minutes?" in note.message and "Ti 27.8" in note.message
+    assert note.values["severity"] == "contradict"
+    assert note.values["factor"] == pytest.approx(60.0)
