@@ -1,0 +1,149 @@
+"""Which valves to pull at the next shutdown and which to leave alone; every place says why, in words.
+
+The rule. First the group:
+1. pull: even the lower end of the interval of the present dead band is above the limit, and the nights agree;
+2. pull if there is room: above the limit without being sure of it, or the limit is reached before the horizon;
+3. watch: growing, or above 70 % of the limit, or too few nights since a repair to say;
+4. leave alone: below the limit, not growing, or nights without any dead band;
+5. check the data: no night gave an answer.
+Then, inside a group, by the score: dead band expected at the horizon over the limit, times confidence, times a travel
+factor between 0.7 and 1.5 (a valve that moves more wears faster and harms more), the square root of its output travel
+over the plant's median.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..results import Verdict
+from ..results.history import DAY, Night, Place, Wear, day_of
+from .trend import percent
+
+HORIZON = 90.0  # days ahead that count as "until the next shutdown" unless given
+AGREE = 0.5
+NEAR = 0.7
+RECENT = 14  # nights that stand for the present
+
+TITLES = {"pull": "Pull at the next shutdown", "room": "Pull if there is room", "watch": "Watch",
+          "leave": "Leave alone", "check": "Check the data"}
+ORDER = tuple(TITLES)
+
+
+@dataclass(frozen=True)
+class _Facts:
+    """What the rule looks at, for one loop."""
+
+    wear: Wear
+    confidence: float
+    travel: float | None
+    silent: int  # recent nights without any dead band
+    recent: int
+    days_left: float | None
+
+
+def rank(wears: Sequence[Wear], nights: Mapping[str, Sequence[Night]], horizon: float = HORIZON) -> list[Place]:
+    """Return all loops in the order of repair. horizon: days after the plant's last night that the plan must cover."""
+    last = max((n.end for found in nights.values() for n in found), default=0.0)
+    facts = [_facts(wear, nights.get(wear.loop, ()), last) for wear in wears]
+    travels = [f.travel for f in facts if f.travel]
+    usual = float(np.median(travels)) if travels else None
+    rows = []
+    for f in facts:
+        action = _action(f, horizon)
+        factor = _travel_factor(f.travel, usual)
+        ratio = _ratio(f.wear)
+        score = _expected(f.wear, horizon) * f.confidence * factor
+        rows.append((ORDER.index(action), -score, f.wear.loop, action, ratio, f, factor))
+    rows.sort(key=lambda row: row[:3])
+    return [Place(loop, number, action, TITLES[action], _why(f, action, factor, horizon), ratio, f.confidence)
+            for number, (_, _, loop, action, ratio, f, factor) in enumerate(rows, 1)]
+
+
+def _facts(wear: Wear, nights: Sequence[Night], last: float) -> _Facts:
+    since = wear.repairs[-1].time if wear.repairs else -np.inf
+    recent = [n for n in sorted(nights, key=lambda n: n.time) if n.time >= since][-RECENT:]
+    sized = [n for n in recent if n.measured]
+    silent = sum(n.verdict is Verdict.NO_BACKLASH for n in recent)
+    answered = sized if sized else [n for n in recent if n.verdict is Verdict.NO_BACKLASH]
+    share = len(answered) / len(recent) if recent else 0.0
+    confidence = share * float(np.mean([n.confidence for n in answered])) if answered else 0.0
+    travels = [n.travel for n in recent if n.travel is not None]
+    left = (wear.limit_date[0] - last) / DAY if wear.limit_date else None
+    return _Facts(wear, confidence, float(np.median(travels)) if travels else None, silent, len(recent), left)
+
+
+def _action(f: _Facts, horizon: float) -> str:
+    now = f.wear.current if f.wear.state != "no_estimate" else None
+    if now is None or now.level is None:
+        return "leave" if f.silent and f.silent >= 0.5 * f.recent else "check"
+    if f.silent > 0.5 * f.recent:
+        return "watch" if now.level > f.wear.limit.value else "leave"
+    if now.level_ci95 and now.level_ci95[0] > f.wear.limit.value and f.confidence >= AGREE:
+        return "pull"
+    if now.level > f.wear.limit.value or (f.days_left is not None and f.days_left <= horizon):
+        return "room"
+    if now.growing or now.level > NEAR * f.wear.limit.value or f.wear.state == "too_few_nights":
+        return "watch"
+    return "leave"
+
+
+def _ratio(wear: Wear) -> float | None:
+    now = wear.current if wear.state != "no_estimate" else None
+    return None if now is None or now.level is None else now.level / wear.limit.value
+
+
+def _expected(wear: Wear, horizon: float) -> float:
+    """Dead band at the horizon over the limit; only growth that is sure counts."""
+    now = wear.current if wear.state != "no_estimate" else None
+    if now is None or now.level is None:
+        return 0.0
+    grown = now.slope * horizon if now.growing and now.slope else 0.0
+    return max(now.level + grown, 0.0) / wear.limit.value
+
+
+def _travel_factor(travel: float | None, usual: float | None) -> float:
+    return float(np.clip(np.sqrt(travel / usual), 0.7, 1.5)) if travel and usual else 1.0
+
+
+def _why(f: _Facts, action: str, factor: float, horizon: float) -> tuple[str, ...]:
+    """Say in words what decided: size over limit, confidence, trend, travel."""
+    wear, now, limit = f.wear, f.wear.current, f.wear.limit
+    if wear.state == "no_estimate" or now is None or now.level is None:
+        if action == "leave":
+            return (f"{f.silent} of the last {f.recent} nights saw no dead band.",)
+        reasons = sorted({code for _, code in wear.gaps[-RECENT:]})
+        return ("No night gave an answer" + (f": {', '.join(reasons)}." if reasons else "."),
+                "See the reasons of the last night and mend the export or the settings.")
+    words = [f"Dead band {percent(now.level)}, {now.level / limit.value:.1f} times the limit of {percent(limit.value)} "
+             f"({limit.source})."]
+    if now.level_ci95:
+        low, high = now.level_ci95
+        where = "all above" if low > limit.value else "all below" if high < limit.value else "on both sides of"
+        words.append(f"95 % interval {percent(max(low, 0.0))} to {percent(high)}: {where} the limit.")
+    words.append(f"Confidence {f.confidence:.0%} over the last {f.recent} nights"
+                 + (f"; {f.silent} of them saw no dead band." if f.silent else "."))
+    words.append(_trend_words(f, horizon))
+    if factor > 1.1:
+        words.append("The valve moves more than most: it wears faster and its dead band does more harm.")
+    elif factor < 0.9:
+        words.append("The valve moves less than most.")
+    return tuple(words)
+
+
+def _trend_words(f: _Facts, horizon: float) -> str:
+    wear, now = f.wear, f.wear.current
+    if wear.state == "too_few_nights":
+        return "Too few nights for a trend."
+    if wear.limit_date is None or now is None or now.slope is None:
+        return "No trend: it is not getting worse for sure."
+    rate = f"Grows by {percent(30 * now.slope)} of span a month"
+    if f.days_left is not None and f.days_left <= 0:
+        return f"{rate}; it passed the limit about {day_of(wear.limit_date[0]).isoformat()}."
+    if f.days_left is not None and f.days_left <= 3650:
+        side = "within" if f.days_left <= horizon else "after"
+        return (f"{rate}; it reaches the limit about {day_of(wear.limit_date[0]).isoformat()}, "
+                f"in {f.days_left:.0f} days, {side} the horizon of {horizon:.0f} days.")
+    return f"{rate}; the limit is years away."

@@ -1,0 +1,44 @@
+"""Loops and repairs by name and day, as a person types them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from ..errors import UsageError, nearest
+from .store import History
+
+
+def chosen(history: History, names: Sequence[str]) -> list[str]:
+    """Return all loops, or the named ones after a look whether they exist."""
+    known = history.loops()
+    for name in names:
+        if name not in known:
+            raise UsageError(f"the history has no loop {name!r}", where=str(history.path), remedy=nearest(name, known))
+    return [name for name in known if not names or name in names]
+
+
+def mark(history: History, loop: str, date: str, note: str) -> str:
+    """Enter a repair and say so."""
+    chosen(history, [loop])
+    new = history.mark_repair(loop, moment_of(date), note)
+    return f"repair of {loop} on {date} {'entered' if new else 'was already entered'}: {note}"
+
+
+def unmark(history: History, loop: str, date: str) -> str:
+    """Take a repair back and say so."""
+    if not history.remove_repair(loop, moment_of(date)):
+        days = ", ".join(r.date.isoformat() for r in history.repairs(loop)) or "none"
+        raise UsageError(f"no repair of {loop} is entered on {date}", where=str(history.path),
+                         remedy=f"entered are: {days}")
+    return f"repair of {loop} on {date} taken back"
+
+
+def moment_of(date: str) -> float:
+    """Return a day or time (UTC unless it has an offset) as epoch seconds; a day means its first moment."""
+    try:
+        found = datetime.fromisoformat(date.strip())
+    except ValueError:
+        raise UsageError(f"{date!r} is not a day", where="--repair",
+                         remedy="write it as 2026-03-02 or 2026-03-02T14:30") from None
+    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
