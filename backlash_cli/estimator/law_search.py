@@ -74,9 +74,9 @@ def find_settings(levels: list[LawRows], interval: float) -> Identification | No
     # A filter as slow as the controller itself cannot be told from integral action: no fit is excluded then.
     unclear = best.filter_time > UNCLEAR_FILTER * best.reset_time
     plausible = fits if unclear else [fit for fit in fits if best.better_than(fit) <= PLAUSIBLE]
-    found = summarise(rows, plausible, averaged)
-    by_chance = found.K.ci95[0] < 0.0 < found.K.ci95[1] and found.r2 < SURELY_EXPLAINED
-    return _refused(found.r2) if by_chance else found
+    result = summarise(rows, plausible, averaged)
+    by_chance = result.K.ci95[0] < 0.0 < result.K.ci95[1] and result.r2 < SURELY_EXPLAINED
+    return _refused(result.r2) if by_chance else result
 
 
 def _time_scale(levels: list[LawRows]) -> tuple[LawRows, LawForm, float] | Note:
