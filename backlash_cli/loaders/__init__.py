@@ -1,1 +1,6 @@
-"""loaders"""
+"""Loaders: historian exports and loop settings to Records."""
+
+from .options import ReadOptions
+from .plant import Plant, read
+
+__all__ = ["Plant", "ReadOptions", "read"]

@@ -1,0 +1,242 @@
+"""From a path to UTF-8 text or a Parquet file: compression, encodings, and what is no export at all."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import pyarrow as pa
+
+from ..errors import InputError
+from ..record import Note
+from .options import ReadOptions
+
+CHUNK = 1 << 20
+# Text of measurements never shrinks to a 200th; beyond this a small file is a trap, not an export.
+BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20
+_FOREIGN = {
+    b"PK\x03\x04": ("a zip archive or an Excel workbook", "unpack it, or save the sheet as CSV"),
+    b"\xd0\xcf\x11\xe0": ("an old Excel workbook or Office document", "save the sheet as CSV"),
+    b"%PDF": ("a PDF document", "export the data as CSV or Parquet"),
+    b"SQLite format 3": ("an SQLite database", "export the data as CSV or Parquet"),
+    b"\x89HDF": ("an HDF5 file", "export the data as CSV or Parquet"),
+    b"ORC": ("an ORC file", "export the data as CSV or Parquet"),
+}
+_COMPRESSED = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bz2", b"\xfd7zXZ\x00": "xz"}
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a file holds: `kind` "parquet" or "text". `data`: UTF-8 bytes, or None: the file itself is UTF-8 text.
+
+    `prefix`: bytes of a byte-order mark to skip.
+    """
+
+    path: Path
+    kind: str
+    data: bytes | None = None
+    prefix: int = 0
+    notes: tuple[Note, ...] = ()
+
+    def head(self, size: int) -> bytes:
+        """Return the first `size` bytes after the byte-order mark."""
+        if self.data is not None:
+            return self.data[self.prefix : self.prefix + size]
+        with open(self.path, "rb") as file:
+            file.seek(self.prefix)
+            return file.read(size)
+
+    def stream(self, offset: int) -> Any:
+        """Return an Arrow input stream that starts `offset` bytes after the byte-order mark."""
+        if self.data is not None:
+            buffer = pa.py_buffer(self.data)
+            start = min(self.prefix + offset, buffer.size)
+            return pa.BufferReader(buffer.slice(start))
+        file = pa.OSFile(str(self.path), "rb")
+        file.seek(self.prefix + offset)
+        return file
+
+
+def open_content(path: Path, options: ReadOptions) -> Content:
+    """Look at a file, decompress it and bring its text to UTF-8. Raises InputError for what is no export."""
+    try:
+        size = path.stat().st_size
+        with open(path, "rb") as file:
+            magic = file.read(16)
+            if not magic:
+                raise InputError("file is empty (0 bytes)", where=str(path), remedy="export it again")
+            if magic[:4] == b"PAR1":
+                return Content(path, "parquet")
+            _refuse_foreign(magic, path)
+            codec = next((name for mark, name in _COMPRESSED.items() if magic.startswith(mark)), "")
+            file.seek(0)
+            if codec:
+                data, notes = _decompress(file, codec, size, path, options.max_bytes)
+                if data[:4] == b"PAR1":
+                    raise InputError("compressed Parquet file", where=str(path), remedy="decompress it first")
+                _refuse_foreign(data[:16], path)
+                return _decoded(path, data, options, notes)
+            head = file.read(4 * CHUNK)
+            encoding, prefix = guess_encoding(head, path, options)
+            if encoding == "utf-8":
+                return Content(path, "text", None, prefix)
+            if size > options.max_bytes:
+                raise InputError(f"more than {options.max_bytes >> 20} MB of {encoding} text", where=str(path))
+            file.seek(0)
+            return _decoded(path, file.read(), options, ())
+    except FileNotFoundError:
+        raise InputError("no such file", where=str(path), remedy="check the name and the folder") from None
+    except OSError as error:
+        raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
+
+
+def guess_encoding(head: bytes, path: Path, options: ReadOptions) -> tuple[str, int]:
+    """Return (encoding, length of the byte-order mark) of text that begins with `head`.
+
+    Raises InputError for binary data.
+    """
+    for mark, name in ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe\x00\x00", "utf-32-le"), (b"\xff\xfe", "utf-16-le"),
+                       (b"\xfe\xff", "utf-16-be")):  # fmt: skip
+        if head.startswith(mark):
+            return (options.encoding if options.encoding and name == "utf-8" else name), len(mark)
+    if options.encoding:
+        return options.encoding.lower().replace("utf8", "utf-8"), 0
+    sample = head[: 64 << 10]
+    even, odd = sample[0::2].count(0), sample[1::2].count(0)
+    if odd > 0.4 * len(sample) / 2 and even < odd / 8:
+        return "utf-16-le", 0
+    if even > 0.4 * len(sample) / 2 and odd < even / 8:
+        return "utf-16-be", 0
+    control = sum(sample.count(c) for c in range(32) if c not in (9, 10, 11, 12, 13, 26, 27))
+    if control > 0.02 * len(sample):
+        raise InputError(
+            "not text: binary data that is neither CSV nor Parquet", where=str(path), remedy="export it again as CSV"
+        )
+    try:
+        head.decode("utf-8")
+    except UnicodeDecodeError as error:
+        if error.start < len(head) - 3:
+            return "cp1252", 0
+    return "utf-8", 0
+
+
+def as_single_byte(content: Content) -> Content:
+    """Return the same content read as Windows-1252, for text that turns out not to be UTF-8 further down."""
+    data = content.path.read_bytes() if content.data is None else content.data
+    text = _single_byte(data[content.prefix :])
+    return Content(content.path, "text", text.encode("utf-8"), 0, (*content.notes, _encoding_note("cp1252")))
+
+
+def _decoded(path: Path, data: bytes, options: ReadOptions, notes: tuple[Note, ...]) -> Content:
+    if not data:
+        raise InputError("file holds no data", where=str(path), remedy="export it again")
+    encoding, prefix = guess_encoding(data[: 4 * CHUNK], path, options)
+    if encoding == "utf-8":
+        return Content(path, "text", data, prefix, notes)
+    if encoding == "cp1252":
+        text = _single_byte(data[prefix:])
+        notes = (*notes, _encoding_note(encoding))
+    else:
+        try:
+            text = data[prefix:].decode(encoding)
+        except UnicodeDecodeError:
+            text = data[prefix:].decode(encoding, errors="replace")
+            notes = (*notes, Note("encoding", f"some bytes are not valid {encoding} text; they were replaced"))
+        except (LookupError, ValueError) as error:
+            raise InputError(f"cannot decode the text as {encoding}: {error}", where=str(path)) from None
+    return Content(path, "text", text.encode("utf-8", errors="replace"), 0, notes)
+
+
+def _single_byte(data: bytes) -> str:
+    try:
+        return data.decode("cp1252")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def _encoding_note(encoding: str) -> Note:
+    return Note("encoding", f"text is not UTF-8; read with the encoding {encoding} (Western European)")
+
+
+def _refuse_foreign(magic: bytes, path: Path) -> None:
+    for mark, (what, remedy) in _FOREIGN.items():
+        if magic.startswith(mark):
+            raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
+
+
+def _decompress(file: BinaryIO, codec: str, size: int, path: Path, limit: int) -> tuple[bytes, tuple[Note, ...]]:
+    parts: list[bytes] = []
+    total = 0
+    problem = ""
+    pieces = _pieces(file, codec)
+    while True:
+        try:
+            piece = next(pieces, b"")
+        except (OSError, EOFError, zlib.error, ValueError, pa.ArrowException) as error:
+            problem = str(error).strip() or type(error).__name__
+            break
+        if not piece:
+            break
+        parts.append(piece)
+        total += len(piece)
+        if total > limit or (total > BOMB_FLOOR and total > BOMB_RATIO * size):
+            raise InputError(
+                f"{size} bytes of {codec} expand to more than {total >> 20} MB",
+                where=str(path),
+                remedy="if this is a real export, decompress it first or cut it into parts",
+            )
+    data = b"".join(parts)
+    if problem and len(data) < 200:
+        raise InputError(f"damaged {codec} file: {problem}", where=str(path), remedy="export or copy it again")
+    notes: tuple[Note, ...] = ()
+    if problem:
+        cut = data.rfind(b"\n") + 1
+        data = data[:cut] if cut else data
+        notes = (Note("truncated", f"damaged or truncated {codec} file ({problem}): only the part before is read"),)
+    return data, notes
+
+
+def _pieces(file: BinaryIO, codec: str) -> Iterator[bytes]:
+    if codec == "gzip":
+        yield from _gunzip(file)
+        return
+    if codec == "zstd":
+        stream = pa.CompressedInputStream(pa.PythonFile(file, mode="r"), "zstd")
+        while piece := stream.read(CHUNK):
+            yield piece
+        return
+    import bz2
+    import lzma
+
+    opened: Any = (bz2 if codec == "bz2" else lzma).open(file)
+    try:
+        while piece := opened.read(CHUNK):
+            yield piece
+    except lzma.LZMAError as error:
+        raise OSError(str(error)) from None
+
+
+def _gunzip(file: BinaryIO) -> Iterator[bytes]:
+    """Yield the text of a gzip file piece by piece, and all that is whole of a damaged one before the error."""
+    inflate = zlib.decompressobj(wbits=31)
+    rest = b""
+    while chunk := rest or file.read(CHUNK):
+        rest = b""
+        if inflate.eof:
+            if not chunk.startswith(b"\x1f\x8b"):
+                return  # padding after the last member
+            inflate = zlib.decompressobj(wbits=31)
+        piece = inflate.decompress(chunk, CHUNK)
+        if piece:
+            yield piece
+        rest = inflate.unused_data if inflate.eof else inflate.unconsumed_tail
+        if not piece and not rest and inflate.eof:
+            continue
+    tail = inflate.flush()
+    if tail:
+        yield tail
+    if not inflate.eof:
+        raise EOFError("the compressed stream ends too early")

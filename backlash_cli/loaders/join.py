@@ -1,0 +1,191 @@
+"""Series of all files to the signals of each loop: by name, by explicit tags, and joined in time order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LoopError
+from ..record import Note
+from .metadata import ROLE_KEYS, Metadata
+from .names import SIGNALS, plain
+from .quality import good_samples
+from .series import Axis, Series
+from .times import Times
+
+
+@dataclass
+class LoopSeries:
+    """All recorded signals of one loop: role ("sp", "pv", "op", "mode") or column name -> series in file order."""
+
+    name: str
+    roles: dict[str, list[Series]] = field(default_factory=dict)
+    extra: dict[str, list[Series]] = field(default_factory=dict)
+    missing_tags: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """One signal over all files. values: (rows,) nan where blank or bad; bad: (rows,) True where something stood
+    that is no good measurement, None if nowhere."""
+
+    axis: Axis
+    values: NDArray[np.float64]
+    bad: NDArray[np.bool_] | None
+    notes: tuple[Note, ...] = ()
+    unit: str = ""
+
+
+def by_loop(found: Iterable[Series], metadata: Metadata) -> dict[str, LoopSeries]:
+    """Assign every series to a loop; tags named in the metadata go where it says."""
+    series = list(found)
+    explicit: dict[str, list[tuple[str, str]]] = {}
+    asked: dict[str, dict[str, str]] = {}
+    for loop, values in metadata.loops.items():
+        for role in ROLE_KEYS:
+            tag = values.values.get(role)
+            if isinstance(tag, str) and tag.strip():
+                explicit.setdefault(_key(tag), []).append((loop, role))
+                asked.setdefault(loop, {})[role] = tag
+    loops: dict[str, LoopSeries] = {}
+    seen: set[tuple[str, str]] = set()
+    known = {item.loop for item in series}
+    for item in series:
+        owners = explicit.get(_key(item.tag), ()) if explicit else ()
+        for loop, role in owners:
+            loops.setdefault(loop, LoopSeries(loop)).roles.setdefault(role, []).append(item)
+            seen.add((loop, role))
+        if not item.loop or owners:
+            continue
+        name = item.loop
+        if name not in metadata.loops:
+            match = metadata.match(name)
+            name = match if match is not None and match not in known else name
+        if (item.role in asked.get(name, {})) and item.role:
+            continue  # the metadata name another tag for this signal
+        own = loops.setdefault(name, LoopSeries(name))
+        (own.roles if item.role else own.extra).setdefault(item.role or item.signal, []).append(item)
+    for loop, tags in asked.items():
+        for role, tag in tags.items():
+            if (loop, role) not in seen:
+                loops.setdefault(loop, LoopSeries(loop)).missing_tags[role] = tag
+    return {name: own for name, own in loops.items() if own.roles or own.missing_tags}
+
+
+def _key(tag: str) -> str:
+    return tag.strip().lower()
+
+
+class Joiner:
+    """Joins the parts of signals; parts that share their axes share the joined axis."""
+
+    def __init__(self, good_quality: tuple[str, ...] = ()) -> None:
+        self.good_quality = good_quality
+        self._axes: dict[tuple[int, ...], Axis] = {}
+        self._kept: list[Axis] = []
+
+    def signal(self, series: list[Series], role: str, loop: str) -> Signal:
+        """Return one signal from its series. Raises LoopError when two different columns carry one name."""
+        chosen, notes = _one_per_file(series, role, loop)
+        parts = [self._part(item) for item in chosen]
+        if len(parts) == 1:
+            return Signal(parts[0].axis, parts[0].values, parts[0].bad, (*parts[0].notes, *notes), parts[0].unit)
+        parts = sorted(parts, key=lambda part: _first_stamp(part.axis))
+        values = np.concatenate([part.values for part in parts])
+        bad = None
+        if any(part.bad is not None for part in parts):
+            bad = np.concatenate([np.zeros(len(p.values), bool) if p.bad is None else p.bad for p in parts])
+        merged = tuple(dict.fromkeys(_shareable(note) for part in parts for note in part.notes))
+        return Signal(self.axis([part.axis for part in parts]), values, bad, (*_unshare(merged), *notes), parts[0].unit)
+
+    def axis(self, axes: list[Axis]) -> Axis:
+        """Return the axis of all rows of several axes, the same one for the same axes."""
+        if len(axes) == 1:
+            return axes[0]
+        key = tuple(map(id, axes))
+        if key not in self._axes:
+            micros = np.concatenate([axis.micros for axis in axes])
+            notes = tuple(note for axis in axes for note in axis.notes)
+            absolute = all(axis.absolute for axis in axes)
+            joined = Axis(Times(micros, absolute, all(axis.zoned for axis in axes), notes), axes[0].where)
+            joined.parts = tuple(np.cumsum([len(axis.micros) for axis in axes])[:-1].tolist())
+            self._axes[key] = joined
+            self._kept.extend(axes)  # ids stay unique while they live
+        return self._axes[key]
+
+    def _part(self, item: Series) -> Signal:
+        numbers = item.cells.numbers()
+        values, bad = numbers.values, numbers.bad
+        notes: list[Note] = []
+        if numbers.words:
+            top = ", ".join(f"{word or '(blank)'} ({count})" for word, count in numbers.words.most_common(4))
+            notes.append(
+                Note(
+                    "not_numbers",
+                    f"{sum(numbers.words.values())} cells of {item.tag[:60]} are no good numbers: {top}",
+                    {"samples": float(sum(numbers.words.values()))},
+                )
+            )
+        if item.quality is not None:
+            good, more = good_samples(item.quality, self.good_quality)
+            notes.extend(more)
+            if not good.all():
+                dropped = ~good
+                notes.append(
+                    Note(
+                        "bad_quality",
+                        f"{int(dropped.sum())} samples of {item.tag[:60]} have bad quality and are not used",
+                        {"samples": float(dropped.sum())},
+                    )
+                )
+                bad = dropped if bad is None else bad | dropped
+                values = np.where(dropped, np.nan, values)
+        return Signal(item.axis, values, bad, tuple(notes), numbers.unit)
+
+
+def _first_stamp(axis: Axis) -> int:
+    known = axis.micros[axis.micros != np.iinfo(np.int64).min]
+    return int(known[0]) if len(known) else 0
+
+
+def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Series], list[Note]]:
+    if len(series) == 1:
+        return series, []
+    notes: list[Note] = []
+    groups: dict[str, list[Series]] = {}
+    for item in series:
+        groups.setdefault(item.where, []).append(item)
+    chosen = []
+    priority = {word: i for i, word in enumerate(SIGNALS.get(role, "").split())}
+    for where, items in groups.items():
+        best = min(priority.get(plain(item.signal), 99) for item in items)
+        first = [item for item in items if priority.get(plain(item.signal), 99) == best]
+        if len(first) < len(items):
+            names = ", ".join(item.tag for item in items)
+            notes.append(Note("several_columns", f"{names} could all be {role.upper()}; {first[0].tag} is used"))
+        if len(first) > 1 and first[0].axis is first[1].axis:
+            values = [item.cells.numbers().values for item in first]
+            if not all(np.array_equal(values[0], other, equal_nan=True) for other in values[1:]):
+                raise LoopError(
+                    f"{len(first)} columns are called {first[0].tag!r} and differ: duplicate column names",
+                    where=where,
+                    remedy="rename one of them, or name the right one in loops.toml",
+                    code="duplicate_columns",
+                )
+            notes.append(
+                Note("duplicate_columns", f"column {first[0].tag} stands {len(first)} times with the same content")
+            )
+            first = first[:1]
+        chosen.extend(first)
+    return chosen, notes
+
+
+def _shareable(note: Note) -> tuple[str, str, tuple]:
+    return note.code, note.message, tuple(sorted(note.values.items()))
+
+
+def _unshare(notes: Iterable[tuple[str, str, tuple]]) -> tuple[Note, ...]:
+    return tuple(Note(code, message, dict(values)) for code, message, values in notes)

@@ -1,0 +1,173 @@
+"""Cells to numbers: thousands separators, units, digital states and words for "not a number"."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+_NUMBER = r"^[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?$"
+_UNITED = re.compile(r"^([+-]?(?:\d[\d.,'’ \u00a0\u202f]*\d|\d|[.,]\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s].*)?$", re.DOTALL)
+_NOT_FINITE = re.compile(r"^[+-]?(?:inf(?:inity)?|nan|1\.#\w+|∞)$", re.IGNORECASE)
+_FLAG = re.compile(r"\b(bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b", re.IGNORECASE)
+_SUBSTITUTED = re.compile(r"^[?#*]+$")
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """values: (rows,) float64, nan where there is none. bad: (rows,) True where something stood that is no good
+    number (a digital state, inf), None when there is nothing of the kind; a blank cell is not bad.
+    words: what stood there, counted. unit: the unit written behind the numbers."""
+
+    values: NDArray[np.float64]
+    bad: NDArray[np.bool_] | None = None
+    words: Counter[str] = field(default_factory=Counter)
+    unit: str = ""
+
+
+def to_numbers(column: pa.ChunkedArray | pa.Array, decimal: str = ".") -> Numbers:
+    """Convert one column of any type. Text that is no number is bad, and counted by its word."""
+    kind = column.type
+    if pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind):
+        return _plain(_floats(column))
+    if pa.types.is_null(kind):
+        return Numbers(np.full(len(column), np.nan))
+    if pa.types.is_decimal(kind):
+        return _plain(_floats(column.cast(pa.float64())))
+    if pa.types.is_dictionary(kind):
+        return _coded(column, decimal)
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        return _coded(column.dictionary_encode(), decimal)
+    if pa.types.is_binary(kind) or pa.types.is_large_binary(kind):
+        try:
+            return _coded(column.cast(pa.string()).dictionary_encode(), decimal)
+        except pa.ArrowException:
+            pass
+    return Numbers(np.full(len(column), np.nan), np.ones(len(column), bool), Counter({str(kind): len(column)}))
+
+
+def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[NDArray[np.int64], list[str]]:
+    """Return (codes, words) of a text column: codes[i] is -1 for an empty cell, else a position in words."""
+    if not pa.types.is_dictionary(column.type):
+        if not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
+            column = column.cast(pa.string())
+        column = column.dictionary_encode()
+    if isinstance(column, pa.ChunkedArray):
+        column = column.unify_dictionaries().combine_chunks()
+        if isinstance(column, pa.ChunkedArray):  # no chunks at all
+            return np.zeros(0, np.int64), []
+    indices = column.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int64)
+    words = column.dictionary
+    if not pa.types.is_string(words.type):
+        words = words.cast(pa.string())
+    if words.null_count:
+        empty = np.flatnonzero(words.is_null().to_numpy(zero_copy_only=False))
+        indices[np.isin(indices, empty)] = -1
+        words = words.fill_null("")
+    return indices, words.to_pylist()
+
+
+def _plain(values: NDArray[np.float64]) -> Numbers:
+    return Numbers(values)
+
+
+def _floats(column: pa.ChunkedArray | pa.Array) -> NDArray[np.float64]:
+    if not pa.types.is_float64(column.type):
+        column = column.cast(pa.float64(), safe=False)
+    if isinstance(column, pa.ChunkedArray) and column.num_chunks == 1:
+        column = column.chunk(0)
+    if isinstance(column, pa.Array):
+        return column.to_numpy(zero_copy_only=False)
+    return column.to_numpy()
+
+
+def _coded(column: pa.ChunkedArray | pa.Array, decimal: str) -> Numbers:
+    codes, words = codes_and_words(column)
+    values, bad, units = parse_words(words, decimal)
+    counts = np.bincount(codes[codes >= 0], minlength=len(words)) if len(words) else np.zeros(0, int)
+    unit, foreign = main_unit(units, counts)
+    bad |= foreign
+    values[bad] = np.nan
+    tally = Counter({words[i].strip()[:40]: int(counts[i]) for i in np.flatnonzero(bad) if counts[i]})
+    table = np.append(values, np.nan)
+    flags = np.append(bad, False)
+    row_bad = flags[codes]
+    return Numbers(table[codes], row_bad if row_bad.any() else None, tally, unit)
+
+
+def parse_words(words: list[str], decimal: str = ".") -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
+    """Return (values, bad, units) of distinct texts. Blank text gives nan and is not bad."""
+    array = pa.array(words, pa.string())
+    text = pc.utf8_trim_whitespace(array)
+    values = np.full(len(words), np.nan)
+    bad = np.zeros(len(words), bool)
+    units = [""] * len(words)
+    if decimal == ",":
+        simple = np.zeros(len(words), bool)
+    else:
+        simple = pc.match_substring_regex(text, _NUMBER).fill_null(False).to_numpy(zero_copy_only=False)
+        if simple.any():
+            chosen = np.flatnonzero(simple)
+            plain = pc.replace_substring_regex(text.take(chosen), r"^\+", "")
+            values[chosen] = plain.cast(pa.float64()).to_numpy(zero_copy_only=False)
+            bad |= np.isinf(values)
+            values[bad] = np.nan
+    rest = np.flatnonzero(~simple)
+    if len(rest):
+        mark = _thousands_mark([words[i] for i in rest[:5000]], decimal)
+        for i in rest:
+            values[i], bad[i], units[i] = _parse_word(words[i].strip(), decimal, mark)
+    return values, bad, units
+
+
+def _parse_word(text: str, decimal: str, mark: str) -> tuple[float, bool, str]:
+    if not text:
+        return np.nan, False, ""
+    if len(text) > 60:
+        return np.nan, True, ""
+    match = None if _NOT_FINITE.match(text) else _UNITED.match(text)
+    if match is None:
+        return np.nan, True, ""
+    unit = (match[2] or "").strip()
+    if unit and (_FLAG.search(unit) or _SUBSTITUTED.match(unit)):
+        return np.nan, True, ""
+    digits = re.sub(r"['’ \u00a0\u202f]", "", match[1])
+    if decimal == "," or mark == ",":
+        digits = digits.replace(".", "").replace(",", ".")
+    else:
+        digits = digits.replace(",", "")
+    try:
+        value = float(digits)
+    except ValueError:
+        return np.nan, True, ""
+    if not np.isfinite(value) or re.match(r"^\d+[:/-]\d", text):
+        return np.nan, True, ""
+    return value, False, unit
+
+
+def _thousands_mark(words: list[str], decimal: str) -> str:
+    """Return the decimal sign that the texts themselves show: "," only when a comma cannot be a thousands separator."""
+    for text in words:
+        digits = text.strip()
+        if "." in digits and "," in digits:
+            return "," if digits.rfind(",") > digits.rfind(".") else "."
+    commas = [w for w in words if re.match(r"^\s*[+-]?\d+,\d+", w)]
+    grouped = [w for w in commas if re.match(r"^\s*[+-]?[1-9]\d{0,2}(,\d{3})+(?!\d)", w)]
+    return "," if commas and len(grouped) < len(commas) else decimal
+
+
+def main_unit(units: list[str], counts: NDArray[np.int64]) -> tuple[str, NDArray[np.bool_]]:
+    """The unit most cells carry, and which texts carry another one (they cannot be compared and count as bad)."""
+    tally: Counter[str] = Counter()
+    for unit, count in zip(units, counts, strict=True):
+        if unit:
+            tally[unit] += int(count)
+    if not tally:
+        return "", np.zeros(len(units), bool)
+    main = tally.most_common(1)[0][0]
+    return main, np.array([bool(unit) and unit.lower() != main.lower() for unit in units], bool)

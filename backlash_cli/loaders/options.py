@@ -1,0 +1,94 @@
+"""What a user may say about an export when the file itself does not say it clearly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import UsageError, nearest
+
+LAYOUTS = ("wide", "single", "long", "pairs")
+TIME_WORDS = ("iso", "ymd", "dmy", "mdy", "epoch_s", "epoch_ms", "epoch_us", "epoch_ns", "excel", "seconds")
+INTERPOLATIONS = ("hold", "linear")
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How to read exports; every `None` means: find it in the file.
+
+    time_format: strptime pattern ("%d/%m/%Y %H:%M:%S") or one of TIME_WORDS.
+    timezone: IANA name of the zone in which stamps without offset are written ("Europe/Berlin").
+    interpolation: "hold" or "linear" between recorded values, for every signal; None: measurement linear,
+    setpoint, output and mode hold.
+    delimiter, decimal, encoding: of CSV files ("," ";" "tab" ..., "." or ",", "utf-8", "cp1252" ...).
+    layout: one of LAYOUTS. columns: names of the columns of a file without a header line.
+    header_row: number (from 1) of the line that names the columns.
+    only_loops: names or globs of the loops wanted. good_quality: further words or numbers that mean good.
+    auto_modes: further words or numbers that mean automatic. max_bytes: limit on decompressed size per file.
+    """
+
+    time_format: str | None = None
+    timezone: str | None = None
+    interpolation: str | None = None
+    delimiter: str | None = None
+    decimal: str | None = None
+    encoding: str | None = None
+    layout: str | None = None
+    columns: tuple[str, ...] = ()
+    header_row: int | None = None
+    only_loops: tuple[str, ...] = ()
+    good_quality: tuple[str, ...] = ()
+    auto_modes: tuple[str, ...] = ()
+    max_bytes: int = 2 << 30
+
+    def __post_init__(self) -> None:
+        _one_of("interpolation", self.interpolation, INTERPOLATIONS)
+        _one_of("layout", self.layout, LAYOUTS)
+        _one_of("decimal", self.decimal, (".", ","))
+        if self.delimiter is not None:
+            named = {"tab": "\t", "\\t": "\t", "comma": ",", "semicolon": ";", "pipe": "|", "space": " "}
+            object.__setattr__(self, "delimiter", named.get(self.delimiter.lower(), self.delimiter))
+            if len(self.delimiter) != 1 or self.delimiter in '\r\n"0123456789.':
+                raise UsageError(
+                    f"{self.delimiter!r} cannot separate columns",
+                    where="--delimiter",
+                    remedy="give one character or one of: comma, semicolon, tab, pipe, space",
+                )
+        if self.time_format is not None and "%" not in self.time_format:
+            _one_of("time_format", self.time_format, TIME_WORDS)
+        if self.encoding is not None:
+            _check_encoding(self.encoding)
+        if self.timezone is not None:
+            _check_zone(self.timezone)
+        if self.header_row is not None and self.header_row < 1:
+            raise UsageError("lines are counted from 1", where="--header-row", remedy="give the line's number")
+
+
+def _one_of(name: str, value: str | None, allowed: tuple[str, ...]) -> None:
+    if value is not None and value not in allowed:
+        raise UsageError(
+            f"{value!r} is not known here",
+            where=f"--{name.replace('_', '-')}",
+            remedy=f"{nearest(value, allowed)} (one of: {', '.join(allowed)})",
+        )
+
+
+def _check_encoding(name: str) -> None:
+    import codecs
+
+    try:
+        codecs.lookup(name)
+    except (LookupError, ValueError):
+        raise UsageError(
+            f"no text encoding {name!r}", where="--encoding", remedy="for example utf-8, utf-16, cp1252"
+        ) from None
+
+
+def _check_zone(name: str) -> None:
+    from zoneinfo import ZoneInfo, available_timezones
+
+    try:
+        ZoneInfo(name)
+    except Exception:  # zoneinfo raises many kinds for odd names: all mean the same here
+        raise UsageError(
+            f"no time zone {name!r}", where="--timezone", remedy=nearest(name, sorted(available_timezones()))
+        ) from None

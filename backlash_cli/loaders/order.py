@@ -1,0 +1,237 @@
+"""Stamps in time order: unreadable, far-off, repeated and set-back ones found and named."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LoopError
+from ..record import Note
+from .times import DAY, NAT, SECOND
+from .zones import utc_text
+
+HOUR = 3600 * SECOND
+
+
+@dataclass(frozen=True, eq=False)
+class Ordered:
+    """stamps: strictly increasing microseconds. rows: row of each stamp, None when it is every row in order."""
+
+    stamps: NDArray[np.int64]
+    rows: NDArray[np.int64] | None
+    notes: tuple[Note, ...] = ()
+
+
+def ordered(
+    micros: NDArray[np.int64], probe: NDArray[np.float64] | None = None, parts: tuple[int, ...] = (), line: int = 0
+) -> Ordered:
+    """Bring stamps into strictly increasing order.
+
+    probe: (rows,) one measured signal of these rows; it tells repeated rows from rows of another time.
+    parts: first rows of further files. line: line of row 0 in its file, for messages.
+    Raises LoopError when no time passes.
+    """
+    steps = np.diff(micros)
+    if len(micros) and micros[0] != NAT and (not len(steps) or steps.min() > 0) and not _far_span(micros):
+        return Ordered(micros, None)
+    notes: list[Note] = []
+    rows = np.flatnonzero(micros != NAT)
+    if len(rows) < len(micros):
+        first = int(np.flatnonzero(micros == NAT)[0])
+        at = f", the first in line {line + first}" if line else ""
+        notes.append(
+            Note(
+                "unreadable_times",
+                f"{len(micros) - len(rows)} rows without a readable time stamp were dropped{at}",
+                {"rows": float(len(micros) - len(rows))},
+            )
+        )
+    if not len(rows):
+        raise LoopError("no readable time stamps", remedy="describe them with --time-format", code="no_times")
+    stamps = micros[rows]
+    rows, stamps = _without_outliers(rows, stamps, notes)
+    if len(stamps) > 1 and stamps.min() == stamps.max():
+        raise LoopError(
+            f"all {len(stamps)} rows carry the same time stamp {utc_text(stamps[0])}",
+            code="constant_time",
+            remedy="export with full time stamps (the time does not advance)",
+        )
+    back = np.flatnonzero(np.diff(stamps) < 0)
+    values = None if probe is None else probe[rows]
+    if len(back):
+        shifted = _clock_set_back(stamps, back, rows, values, parts, notes)
+        if shifted is not None:
+            stamps = shifted
+        else:
+            turn = np.argsort(stamps, kind="stable")
+            stamps, rows = stamps[turn], rows[turn]
+            values = None if values is None else values[turn]
+            notes.append(
+                Note(
+                    "unsorted",
+                    f"rows were not in time order ({len(back)} steps backwards); they were sorted",
+                    {"steps": float(len(back))},
+                )
+            )
+    repeats = np.flatnonzero(np.diff(stamps) == 0)
+    if len(repeats):
+        spread = _spread(stamps)
+        if spread is not None:
+            notes.append(
+                Note(
+                    "coarse_stamps",
+                    "several rows share each time stamp; they were spread evenly over the time to the next stamp",
+                )
+            )
+            stamps = spread
+        else:
+            stamps, rows = _without_repeats(stamps, rows, values, repeats, notes)
+    return Ordered(stamps, rows, tuple(notes))
+
+
+def _far_span(stamps: NDArray[np.int64]) -> bool:
+    """A quick look: do the ends lie far outside the middle of the stamps?"""
+    if len(stamps) < 20:
+        return False
+    low, high = stamps[len(stamps) // 20], stamps[-1 - len(stamps) // 20]
+    return float(stamps[-1]) - float(stamps[0]) > 10.0 * (float(high) - float(low)) + 2.0 * DAY
+
+
+def _without_outliers(
+    rows: NDArray[np.int64], stamps: NDArray[np.int64], notes: list[Note]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Drop few stamps that lie far from all others (a clock reset to 1970, a year 9999)."""
+    if len(stamps) < 20:
+        return rows, stamps
+    low, middle, high = np.quantile(stamps.astype(np.float64), [0.05, 0.5, 0.95])
+    reach = 10.0 * (high - low) + 2.0 * DAY
+    far = np.abs(stamps.astype(np.float64) - middle) > reach
+    count = int(far.sum())
+    if not count or count > max(3, 0.01 * len(stamps)):
+        return rows, stamps
+    shown = ", ".join(utc_text(s) for s in stamps[far][:3])
+    notes.append(
+        Note(
+            "time_outliers",
+            f"{count} rows with implausible time stamps far out of range were dropped ({shown})",
+            {"rows": float(count)},
+        )
+    )
+    return rows[~far], stamps[~far]
+
+
+def _clock_set_back(
+    stamps: NDArray[np.int64],
+    back: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    values: NDArray[np.float64] | None,
+    parts: tuple[int, ...],
+    notes: list[Note],
+) -> NDArray[np.int64] | None:
+    """A clock that was set back while recording: few steps back, and other values for the same stamps.
+
+    The rows went on in file order, so all stamps after the step are moved on by it. Returns None when the
+    rows are simply not in order.
+    """
+    if values is None or len(back) > max(3, len(stamps) // 2000):
+        return None
+    if np.isin(rows[back + 1], parts).any():
+        return None
+    turn = np.argsort(stamps, kind="stable")
+    same = np.flatnonzero(np.diff(stamps[turn]) == 0)
+    if not len(same):
+        return None
+    differ = _differs(values[turn[same]], values[turn[same + 1]], values)
+    if differ.mean() < 0.5:
+        return None
+    step = int(np.median(np.diff(stamps)[np.diff(stamps) > 0]))
+    out = stamps.copy()
+    for position in back:
+        lost = int(stamps[position] - stamps[position + 1]) + step
+        hour = abs(lost - HOUR) <= 2 * step
+        out[position + 1 :] += HOUR if hour else lost
+        what = (
+            "time stamps go back one hour (end of daylight saving time?); the repeated hour is kept in file order"
+            if hour
+            else f"the clock jumps backwards by {lost / SECOND:g} s with other values for the same time"
+        )
+        notes.append(
+            Note(
+                "dst_repeated_hour" if hour else "clock_set_back",
+                f"{what} at {utc_text(stamps[position])}; later stamps are moved on by it",
+                {"seconds": lost / SECOND},
+            )
+        )
+    return None if np.any(np.diff(out) < 0) else out
+
+
+def _differs(a: NDArray[np.float64], b: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    known = values[np.isfinite(values)]
+    scale = float(np.subtract(*np.quantile(known, [0.95, 0.05]))) if len(known) else 0.0
+    with np.errstate(invalid="ignore", over="ignore"):
+        far = np.abs(a - b) > 0.002 * scale
+    return far & np.isfinite(a) & np.isfinite(b)
+
+
+def _spread(stamps: NDArray[np.int64]) -> NDArray[np.int64] | None:
+    """Stamps written too coarsely (to the minute): spread the rows of each stamp evenly, if their number is steady."""
+    unique, counts = np.unique(stamps, return_counts=True)
+    if len(unique) < 4:
+        return None
+    inner = counts[1:-1]
+    usual = int(np.median(inner))
+    steps = np.diff(unique)
+    width = int(np.median(steps))
+    if (
+        usual < 2
+        or np.mean(np.abs(inner - usual) <= 1) < 0.95
+        or np.mean(steps == width) < 0.9
+        or counts.max() > usual + 1
+    ):
+        return None
+    starts = np.cumsum(counts) - counts
+    rank = np.arange(len(stamps)) - np.repeat(starts, counts)
+    share = np.where(np.abs(counts - usual) <= 1, counts, usual)
+    share[0] = share[-1] = usual
+    rank[: counts[0]] += max(usual - counts[0], 0)
+    return stamps + (rank * width) // np.repeat(share, counts)
+
+
+def _without_repeats(
+    stamps: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    values: NDArray[np.float64] | None,
+    repeats: NDArray[np.int64],
+    notes: list[Note],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    conflicts = 0
+    drop = repeats + 1
+    if values is not None:
+        conflicts = int(_differs(values[repeats], values[repeats + 1], values).sum())
+        first_blank = ~np.isfinite(values[repeats]) & np.isfinite(values[repeats + 1])
+        drop = np.where(first_blank, repeats, drop)
+    keep = np.ones(len(stamps), bool)
+    keep[drop] = False
+    more = f", {conflicts} of them with another value" if conflicts else ""
+    notes.append(
+        Note(
+            "duplicate_times",
+            f"{len(repeats)} rows repeat the time stamp of another row{more}; the first of each is kept",
+            {"rows": float(len(repeats)), "conflicts": float(conflicts)},
+        )
+    )
+    if conflicts > 0.5 * len(stamps):
+        raise LoopError(
+            "most rows repeat a time stamp with another value: the times do not tell the rows apart",
+            code="constant_time",
+            remedy="export with finer time stamps",
+        )
+    stamps, rows = stamps[keep], rows[keep]
+    again = np.flatnonzero(np.diff(stamps) == 0)
+    if len(again):  # a blank first row of three equal stamps leaves a pair
+        keep = np.ones(len(stamps), bool)
+        keep[again + 1] = False
+        stamps, rows = stamps[keep], rows[keep]
+    return stamps, rows

@@ -1,0 +1,160 @@
+"""Quality words and codes, and controller modes: which samples count."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..record import Note
+from .numbers import parse_words
+from .series import Cells
+
+_GOOD = re.compile(
+    r"^\s*(?:good|ok|gut|bon|valid|raw|normal|true|g|0xc0|0x000000c0|good[ ,(/:_\-].*)\s*$", re.IGNORECASE
+)
+_DOUBT = re.compile(r"bad|uncertain|substitut|last ?(?:usable|known)|stale", re.IGNORECASE)
+_AUTO = re.compile(
+    r"^(?:aut.*|a|cas.*|kas.*|c|r-?cas.*|remote.*|rsp|ext.*|r|bcas.*|b-?cas.*|on|true|prog.*|sup.*|normal|"
+    r"closed.*)$",
+    re.IGNORECASE,
+)
+_MANUAL = re.compile(
+    r"^(?:man.*|m|hand.*|h|lo|local.*|i-?man.*|iman.*|init.*|tr.*|oos|out.?of.?serv.*|rout|r-?out|"
+    r"off|false|bman|force.*|hold|open.*|stop.*)$",
+    re.IGNORECASE,
+)
+
+
+def good_samples(cells: Cells, further: tuple[str, ...]) -> tuple[NDArray[np.bool_], list[Note]]:
+    """Return (rows,) True where the quality says good. Numbers are OPC codes (192 and more), percents or 0/1."""
+    codes, words = cells.texts() if cells.is_text else (None, [])
+    notes: list[Note] = []
+    if codes is None:
+        numbers = cells.numbers().values
+        return _good_numbers(numbers, further, notes), notes
+    extra = {word.strip().lower() for word in further}
+    values, _, _ = parse_words(words)
+    if words and np.isfinite(values).all():
+        table = np.append(values, np.nan)
+        return _good_numbers(table[codes], further, notes), notes
+    good = [word.strip().lower() in extra or (bool(_GOOD.match(word)) and not _DOUBT.search(word)) for word in words]
+    blank_is_good = not any(good)  # only faults are marked
+    table_good = np.array([*good, blank_is_good], bool)
+    if not blank_is_good:
+        # a change-driven quality column leaves unchanged rows empty: the last word holds
+        filled = codes.copy()
+        position = np.maximum.accumulate(np.where(filled >= 0, np.arange(len(filled)), 0))
+        codes = filled[position]
+    elif words:
+        notes.append(Note("quality_words", f"no quality reads Good; rows marked {_some(words)} are dropped"))
+    return table_good[codes], notes
+
+
+def _good_numbers(values: NDArray[np.float64], further: tuple[str, ...], notes: list[Note]) -> NDArray[np.bool_]:
+    wanted = [float(w) for w in further if re.fullmatch(r"\d+(?:\.\d+)?", w)]
+    if wanted:
+        return np.isin(values, wanted)
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return np.ones(len(values), bool)
+    if known.max() >= 1 << 30:  # OPC UA status codes: the two highest bits are the severity
+        return np.isfinite(values) & (values < 1 << 30)
+    if known.max() >= 192:
+        return np.isfinite(values) & (values >= 192) & (values < 256)
+    if known.max() == 100:
+        return values == 100
+    usual = float(np.median(known))
+    if known.min() != known.max():
+        notes.append(
+            Note(
+                "quality_code",
+                f"quality numbers are not OPC codes; {usual:g}, the most frequent, is taken as "
+                "good (--good-quality names others)",
+            )
+        )
+    elif usual not in (0.0, 1.0):
+        return np.zeros(len(values), bool)
+    return values == usual
+
+
+def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[NDArray[np.float64], list[Note]]:
+    """Return (rows,) 1 where the controller was in automatic (or cascade), 0 where not, nan where not recorded.
+
+    Numbers: 0 manual and 1, 2, 3 automatic or cascade; powers of two from 16 on as in Foundation Fieldbus.
+    """
+    notes: list[Note] = []
+    extra = {word.strip().lower() for word in further}
+    if not cells.is_text:
+        values = cells.numbers().values
+        return _auto_numbers(values, extra, notes), notes
+    codes, words = cells.texts()
+    values, bad, _ = parse_words(words)
+    if words and np.isfinite(values[~bad]).all() and not bad.all():
+        return _auto_numbers(np.append(values, np.nan)[codes], extra, notes), notes
+    states, unknown = [], []
+    for word in words:
+        text = word.strip()
+        key = text.lower()
+        if key in extra or _AUTO.match(text):
+            states.append(1.0)
+        elif _MANUAL.match(text):
+            states.append(0.0)
+        elif not text:
+            states.append(np.nan)
+        else:
+            states.append(_number_state(text, extra))
+            if np.isnan(states[-1]):
+                states[-1] = 0.0
+                unknown.append(text)
+    if unknown:
+        notes.append(
+            Note(
+                "mode_words",
+                f"modes {_some(unknown)} are not known and count as not automatic "
+                "(auto_modes in loops.toml names further ones)",
+            )
+        )
+    return np.append(np.array(states, float), np.nan)[codes], notes
+
+
+def _number_state(text: str, extra: set[str]) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        return np.nan
+    return float(value != 0) if value in (0, 1, 2, 3) else np.nan
+
+
+def _auto_numbers(values: NDArray[np.float64], extra: set[str], notes: list[Note]) -> NDArray[np.float64]:
+    known = values[np.isfinite(values)]
+    out = np.full(len(values), np.nan)
+    present = np.isfinite(values)
+    if not len(known):
+        return out
+    distinct = np.unique(known)
+    named = [float(w) for w in extra if re.fullmatch(r"-?\d+(?:\.\d+)?", w)]
+    if named:
+        auto = np.isin(values, named)
+    elif set(distinct) <= {0.0, 1.0, 2.0, 3.0}:
+        auto = values >= 1
+    elif all(v > 0 and v == int(v) and int(v) & (int(v) - 1) == 0 and v <= 128 for v in distinct):
+        auto = np.isin(values, (16.0, 32.0, 64.0))
+        notes.append(Note("mode_numbers", "modes are read as fieldbus numbers: 16, 32 and 64 are automatic"))
+    else:
+        auto = values == 1
+        shown = ", ".join(f"{v:g}" for v in distinct[:5])
+        notes.append(
+            Note(
+                "mode_numbers",
+                f"modes {shown} are not all known; only 1 counts as automatic (auto_modes in loops.toml names others)",
+            )
+        )
+    out[present] = auto[present]
+    return out
+
+
+def _some(words: list[str]) -> str:
+    shown = ", ".join(w.strip()[:20] or "(blank)" for w in words[:4])
+    return shown + (", ..." if len(words) > 4 else "")

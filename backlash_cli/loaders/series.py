@@ -1,0 +1,149 @@
+"""One recorded signal as it stands in a file: stamps, cells, quality; converted only when a loop asks for it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from ..record import Note
+from .grid import Grid, make_grid
+from .numbers import Numbers, codes_and_words, main_unit, parse_words, to_numbers
+from .order import Ordered, ordered
+from .times import Times
+
+
+class Axis:
+    """The time stamps of a set of rows, shared by all signals recorded in these rows.
+
+    micros: (rows,) microseconds since 1970 UTC, NAT where unreadable. where: file. first_line: line of row 0.
+    """
+
+    def __init__(self, times: Times, where: str, first_line: int = 0) -> None:
+        self.micros = times.micros
+        self.absolute = times.absolute
+        self.zoned = times.zoned
+        self.notes: tuple[Note, ...] = times.notes
+        self.where = where
+        self.first_line = first_line
+        self.parts: tuple[int, ...] = ()  # first rows of further files
+        self._order: Ordered | None = None
+        self._grid: Grid | None = None
+
+    def order(self, probe: NDArray[np.float64] | None = None) -> Ordered:
+        """Return the stamps in time order; `probe` is a measured signal of these rows, used the first time."""
+        if self._order is None:
+            self._order = ordered(self.micros, probe, self.parts, self.first_line)
+        return self._order
+
+    def grid(self, probe: NDArray[np.float64] | None = None) -> Grid:
+        """Return the uniform grid of these stamps. Raises LoopError when there is none."""
+        if self._grid is None:
+            self._grid = make_grid(self.order(probe))
+        return self._grid
+
+    def take(self, rows: NDArray[np.int64]) -> Axis:
+        """Return the stamps of some rows."""
+        part = Axis(Times(self.micros[rows], self.absolute, self.zoned, self.notes), self.where)
+        return part
+
+
+class Lexicon:
+    """The distinct texts of a column, read as numbers once for all tags that share the column."""
+
+    def __init__(self, words: list[str], decimal: str) -> None:
+        self.words = words
+        self.decimal = decimal
+
+    @cached_property
+    def parsed(self) -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
+        return parse_words(self.words, self.decimal)
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """One column or a part of it: either an Arrow column, or codes into a lexicon, or numbers."""
+
+    column: pa.ChunkedArray | None = None
+    decimal: str = "."
+    codes: NDArray[np.int64] | None = None
+    lexicon: Lexicon | None = None
+    values: NDArray[np.float64] | None = None
+
+    @property
+    def is_text(self) -> bool:
+        if self.codes is not None:
+            return True
+        if self.column is None:
+            return False
+        kind = self.column.type
+        return pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind)
+
+    def split(self) -> Cells:
+        """Return the same cells in a form from which rows can be taken cheaply many times."""
+        if self.column is None:
+            return self
+        if self.is_text:
+            codes, words = codes_and_words(self.column)
+            return Cells(codes=codes, lexicon=Lexicon(words, self.decimal), decimal=self.decimal)
+        return Cells(values=to_numbers(self.column, self.decimal).values, decimal=self.decimal)
+
+    def take(self, rows: NDArray[np.int64]) -> Cells:
+        """Return some rows; call split() first."""
+        if self.codes is not None:
+            return Cells(codes=self.codes[rows], lexicon=self.lexicon, decimal=self.decimal)
+        assert self.values is not None
+        return Cells(values=self.values[rows], decimal=self.decimal)
+
+    def numbers(self) -> Numbers:
+        """Return the cells as numbers."""
+        if self.values is not None:
+            return Numbers(self.values)
+        if self.column is not None:
+            return to_numbers(self.column, self.decimal)
+        assert self.codes is not None and self.lexicon is not None
+        values, bad, units = self.lexicon.parsed
+        words = self.lexicon.words
+        if not words:
+            return Numbers(np.full(len(self.codes), np.nan))
+        counts = np.bincount(self.codes[self.codes >= 0], minlength=len(words))
+        unit, foreign = main_unit(units, counts)
+        bad = bad | foreign
+        flags = np.append(bad, False)[self.codes]
+        out = np.append(np.where(bad, np.nan, values), np.nan)[self.codes]
+        tally = Counter({words[i].strip()[:40]: int(counts[i]) for i in np.flatnonzero(bad) if counts[i]})
+        return Numbers(out, flags if flags.any() else None, tally, unit)
+
+    def texts(self) -> tuple[NDArray[np.int64], list[str]]:
+        """Return (codes, words); code -1 is an empty cell."""
+        if self.codes is not None and self.lexicon is not None:
+            return self.codes, self.lexicon.words
+        if self.column is not None:
+            return codes_and_words(self.column)
+        assert self.values is not None
+        return codes_and_words(pa.array(self.values).cast(pa.string()))
+
+    def __len__(self) -> int:
+        for part in (self.codes, self.values, self.column):
+            if part is not None:
+                return len(part)
+        return 0
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One signal of one file. tag: its name as written. loop, role, signal: that name taken apart."""
+
+    tag: str
+    loop: str
+    role: str
+    signal: str
+    axis: Axis
+    cells: Cells
+    quality: Cells | None = None
+    where: str = ""
+    notes: tuple[Note, ...] = field(default=())

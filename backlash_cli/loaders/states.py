@@ -1,0 +1,134 @@
+"""Which samples count: frozen, saturated, implausible and missing ones marked, short holes filled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
+AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
+LIMIT_RUN = 3  # samples at the limit that make saturation
+FROZEN_RUN = 10  # equal samples below which nothing is called frozen
+FROZEN_CHANCE = 1e-6  # chance that a noisy signal repeats itself this long anywhere in the record
+QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still this long to be called frozen
+
+
+def runs(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
+    edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
+    return edges[0::2], edges[1::2]
+
+
+def long_runs(flags: NDArray[np.bool_], least: int) -> NDArray[np.bool_]:
+    """Keep only the stretches of at least `least` samples."""
+    starts, ends = runs(flags)
+    out = np.zeros(len(flags), bool)
+    for start, end in zip(starts[ends - starts >= least], ends[ends - starts >= least], strict=True):
+        out[start:end] = True
+    return out
+
+
+def short_holes(
+    values: NDArray[np.float64], index: NDArray[np.int64], longest: int
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Fill holes (nan) of at most `longest` samples on a straight line between their neighbours.
+
+    Holes at the ends and next to a gap (a jump of `index`) stay. Returns (values, filled).
+    """
+    missing = ~np.isfinite(values)
+    filled = np.zeros(len(values), bool)
+    starts, ends = runs(missing)
+    inner = (starts > 0) & (ends < len(values)) & (ends - starts <= longest)
+    starts, ends = starts[inner], ends[inner]
+    unbroken = index[ends] - index[starts - 1] == ends - starts + 1
+    starts, ends = starts[unbroken], ends[unbroken]
+    if not len(starts):
+        return values, filled
+    out = values.copy()
+    counts = ends - starts
+    position = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    where = np.repeat(starts, counts) + position
+    left, right = values[starts - 1], values[ends]
+    share = (position + 1) / np.repeat(counts + 1, counts)
+    out[where] = np.repeat(left, counts) + share * np.repeat(right - left, counts)
+    filled[where] = True
+    return out, filled
+
+
+def hold_last(values: NDArray[np.float64], longest: int | None = None) -> NDArray[np.float64]:
+    """Fill nan with the last number before it, over at most `longest` samples."""
+    known = np.isfinite(values)
+    if known.all():
+        return values
+    place = np.arange(len(values))
+    last = np.maximum.accumulate(np.where(known, place, -1))
+    out = np.where(last >= 0, values[last.clip(0)], np.nan)
+    if longest is not None:
+        out[place - last > longest] = np.nan
+    return out
+
+
+def saturated(output: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+    """(samples,) True where a normalised output stays at 0 or 1 for several samples; None when it never does."""
+    with np.errstate(invalid="ignore"):
+        low, high = np.fmin.reduce(output), np.fmax.reduce(output)
+        if low > AT_LIMIT and high < 1.0 - AT_LIMIT:
+            return None
+        flags = long_runs((output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT), LIMIT_RUN)
+    return flags if flags.any() else None
+
+
+def implausible(measurement: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+    """(samples,) True where a normalised measurement lies more than BEYOND spans outside its range."""
+    with np.errstate(invalid="ignore"):
+        if np.fmin.reduce(measurement) >= -BEYOND and np.fmax.reduce(measurement) <= 1.0 + BEYOND:
+            return None
+        return (measurement < -BEYOND) | (measurement > 1.0 + BEYOND)
+
+
+def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+    """(samples,) True where a measurement repeats one number for longer than its own noise allows; None if nowhere.
+
+    A signal with noise repeats a number with some chance p, so a run of L repeats somewhere among n samples has
+    chance about n p^L; runs with less than FROZEN_CHANCE are frozen. p is taken outside the runs found. A signal
+    without noise may stand still, as a valve does in its dead band: it must do so for QUIET_SHARE of the record.
+    """
+    if len(values) < 2 * FROZEN_RUN:
+        return None
+    equal = values[1:] == values[:-1]
+    blocks = equal[: len(equal) // 5 * 5].reshape(-1, 5)
+    if not blocks.all(axis=1).any():  # every run of 9 repeats holds one such block
+        return None
+    starts, ends = runs(equal)
+    lengths = ends - starts
+    kept = np.ones(len(starts), bool)
+    limit = 0.0
+    for _ in range(4):
+        repeats = int(lengths[kept].sum())
+        others = len(equal) - int(lengths[~kept].sum())
+        p = min(max((repeats + 1.0) / (others + 2.0), 1e-4), 1.0 - 1e-6)
+        limit = max(float(FROZEN_RUN - 1), np.log(FROZEN_CHANCE / len(values)) / np.log(p))
+        now = lengths < limit
+        if np.array_equal(now, kept):
+            break
+        kept = now
+    if not _noisy(values, starts[~kept], ends[~kept]):
+        kept = lengths < max(limit, QUIET_SHARE * len(values))
+    if kept.all():
+        return None
+    out = np.zeros(len(values), bool)
+    for start, end in zip(starts[~kept], ends[~kept], strict=True):
+        out[start : end + 1] = True
+    return out
+
+
+def _noisy(values: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray[np.int64]) -> bool:
+    """Neighbouring changes of a noisy signal point in opposite directions (their correlation tends to -1/2)."""
+    changes = np.diff(values)
+    keep = np.isfinite(changes)
+    for start, end in zip(starts, ends, strict=True):
+        keep[start:end] = False
+    both = keep[1:] & keep[:-1]
+    a, b = changes[:-1][both], changes[1:][both]
+    power = float(a @ a + b @ b) / 2.0
+    return len(a) >= FROZEN_RUN and power > 0 and float(a @ b) / power < -0.2

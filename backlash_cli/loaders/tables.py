@@ -1,0 +1,192 @@
+"""Files to tables: pyarrow reads the bulk, this module only tells it where the data begin and what to keep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pa_parquet
+
+from ..errors import InputError
+from ..record import Note
+from .dialect import Dialect, sniff
+from .files import Content, as_single_byte, open_content
+from .options import ReadOptions
+
+HEAD_SIZES = (256 << 10, 4 << 20, 32 << 20)
+NULLS = ["", " ", "null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"]
+MAX_COLUMNS = 100_000
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns as they stand in a file, nothing interpreted yet.
+
+    where: path for messages. stem: file name without endings. first_line: line of the first row in a CSV
+    file, 0 for Parquet. loop: name given by a partition folder (loop=FIC101), else "".
+    """
+
+    where: str
+    stem: str
+    names: tuple[str, ...]
+    columns: tuple[pa.ChunkedArray, ...]
+    decimal: str = "."
+    first_line: int = 0
+    notes: tuple[Note, ...] = ()
+    partition: dict[str, str] = field(default_factory=dict)
+    kinds: tuple[str, ...] = ()
+
+    def kind(self, column: int) -> str:
+        """What the first cells of a CSV column look like ("time", "clock", "number", "text"), "" for Parquet."""
+        return self.kinds[column] if column < len(self.kinds) else ""
+
+    @property
+    def rows(self) -> int:
+        return len(self.columns[0]) if self.columns else 0
+
+
+def read_table(path: Path, options: ReadOptions, partition: dict[str, str] | None = None) -> Table:
+    """Read one CSV or Parquet file. Raises InputError with the file and the reason."""
+    content = open_content(path, options)
+    try:
+        if content.kind == "parquet":
+            table = _read_parquet(path)
+        else:
+            table = _read_csv(content, options)
+    except (pa.ArrowException, ValueError, OSError, OverflowError, MemoryError) as error:
+        raise InputError(
+            f"cannot be read: {_first_line(error)}", where=str(path), remedy="export the file again"
+        ) from None
+    return replace(table, partition=partition or {})
+
+
+def stem_of(path: Path) -> str:
+    """File name without the endings of its format: FIC101.PV.csv.gz -> FIC101.PV."""
+    name = path.name
+    for endings in (
+        (".gz", ".zst", ".zstd", ".bz2", ".xz"),
+        (".csv", ".txt", ".tsv", ".dat", ".parquet", ".pq", ".asc"),
+    ):
+        for ending in endings:
+            if name.lower().endswith(ending) and len(name) > len(ending):
+                name = name[: -len(ending)]
+                break
+    return name
+
+
+def _read_parquet(path: Path) -> Table:
+    file = pa_parquet.ParquetFile(path)
+    if file.metadata.num_columns > MAX_COLUMNS:
+        raise InputError(f"{file.metadata.num_columns} columns are too many", where=str(path))
+    table = file.read()
+    names, columns = [], []
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if pa.types.is_nested(column.type):
+            continue
+        names.append(name)
+        columns.append(column)
+    return Table(str(path), stem_of(path), tuple(names), tuple(columns))
+
+
+def _read_csv(content: Content, options: ReadOptions) -> Table:
+    where = str(content.path)
+    dialect = _dialect(content, options, where)
+    try:
+        table, bad = _parse(content, dialect)
+    except pa.ArrowInvalid as error:
+        if "UTF8" not in str(error):
+            raise
+        content = as_single_byte(content)
+        dialect = _dialect(content, options, where)
+        table, bad = _parse(content, dialect)
+    notes = list(content.notes)
+    if bad:
+        bad = _locate(content, dialect, bad)
+        first = next((b[0] for b in bad if b[0] is not None), None)
+        line = "" if first is None else f", the first is line {dialect.line + first - 1}"
+        notes.append(
+            Note(
+                "ragged_rows",
+                f"{len(bad)} rows have too few or too many cells and were dropped{line} "
+                f"({bad[0][2]} columns instead of {bad[0][1]})",
+                {"rows": float(len(bad)), "file": where},
+            )
+        )
+    if table.num_rows == 0:
+        raise InputError("no rows of data below the header", where=where, remedy="export it again with samples")
+    return Table(
+        where,
+        stem_of(content.path),
+        dialect.names,
+        tuple(table.columns),
+        dialect.decimal,
+        dialect.line,
+        tuple(notes),
+        kinds=dialect.kinds,
+    )
+
+
+def _dialect(content: Content, options: ReadOptions, where: str) -> Dialect:
+    problem: InputError | None = None
+    for size in HEAD_SIZES:
+        raw = content.head(size)
+        complete = len(raw) < size
+        if raw.count(b"\n") + raw.count(b"\r") < 40 and not complete and size != HEAD_SIZES[-1]:
+            continue
+        try:
+            return sniff(raw.decode("utf-8", errors="replace" if complete else "ignore"), complete, options, where)
+        except InputError as error:
+            problem = error
+            if complete:
+                break
+    assert problem is not None
+    raise problem
+
+
+def _parse(content: Content, dialect: Dialect, threads: bool = True) -> tuple[pa.Table, list[tuple]]:
+    bad: list[tuple] = []
+
+    def on_bad_row(row: pa_csv.InvalidRow) -> str:
+        bad.append((row.number, row.expected_columns, row.actual_columns))
+        return "skip"
+
+    # Unique names: two columns of the file may be called the same.
+    names = [f"c{i}" for i in range(len(dialect.names))]
+    if len(names) > MAX_COLUMNS:
+        raise InputError(f"{len(names)} columns are too many", where=str(content.path))
+    table = pa_csv.read_csv(
+        content.stream(dialect.offset),
+        read_options=pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=1 << 22),
+        parse_options=pa_csv.ParseOptions(
+            delimiter=dialect.delimiter,
+            newlines_in_values=dialect.quoted_lines,
+            invalid_row_handler=on_bad_row,
+        ),
+        convert_options=pa_csv.ConvertOptions(
+            decimal_point=dialect.decimal,
+            null_values=NULLS,
+            quoted_strings_can_be_null=True,
+            auto_dict_encode=True,
+            auto_dict_max_cardinality=4096,
+            true_values=["\x00"],
+            false_values=["\x00"],
+        ),
+    )
+    return table, bad
+
+
+def _locate(content: Content, dialect: Dialect, bad: list[tuple]) -> list[tuple]:
+    """Read once more in one thread, where pyarrow numbers the rows, to name the first bad line."""
+    if any(number is not None for number, _, _ in bad):
+        return bad
+    try:
+        return _parse(content, dialect, threads=False)[1] or bad
+    except pa.ArrowException:
+        return bad
+
+
+def _first_line(error: BaseException) -> str:
+    text = str(error).strip().split("\n")[0] or type(error).__name__
+    return text if len(text) <= 300 else text[:297] + "..."

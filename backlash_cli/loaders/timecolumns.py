@@ -1,0 +1,97 @@
+"""Which columns of a table hold the time, and the axis they make."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+
+from ..errors import InputError
+from .names import is_time_name, plain, split_tag
+from .options import ReadOptions
+from .series import Axis
+from .tables import Table
+from .times import DAY, NAT, Times, to_times
+
+_BOUNDS = ("start", "stop", "end", "from", "to", "begin", "starttime", "endtime", "stoptime", "intervalstart")
+
+
+def is_time_like(table: Table, column: int) -> bool:
+    """Say whether a column holds dates or times of day (by type, or by what its first cells look like)."""
+    kind = table.columns[column].type
+    if pa.types.is_timestamp(kind) or pa.types.is_date(kind) or pa.types.is_time(kind):
+        return True
+    return table.kind(column) in ("time", "clock") and not _is_number(kind)
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
+
+
+def time_columns(table: Table) -> list[int]:
+    """Return the columns that hold stamps, numeric ones only when their header says so."""
+    found = []
+    for i, name in enumerate(table.names):
+        if plain(name) in _BOUNDS or pa.types.is_null(table.columns[i].type):
+            continue
+        named = is_time_name(name) or split_tag(name).role == "time"
+        if is_time_like(table, i) or (named and _is_number(table.columns[i].type)):
+            found.append(i)
+    if not found:
+        found = [i for i, name in enumerate(table.names) if is_time_name(name)][:1]
+    if (
+        not found
+        and _is_number(table.columns[0].type)
+        and not split_tag(table.names[0]).role
+        and _rising(table.columns[0])
+    ):
+        found = [0]
+    return found
+
+
+def _rising(column: pa.ChunkedArray) -> bool:
+    head = column.slice(0, 200).cast(pa.float64(), safe=False).to_numpy()
+    return len(head) > 1 and bool(np.all(np.diff(head) > 0))
+
+
+def time_axis(table: Table, options: ReadOptions, only: int | None = None) -> tuple[Axis, set[int]]:
+    """Return the axis of a table and the columns it uses. Raises InputError when the table has no time column."""
+    columns = time_columns(table) if only is None else [only]
+    if not columns:
+        raise InputError(
+            "no time column found",
+            where=table.where,
+            remedy="name the column of time stamps 'timestamp', or say how they are written with --time-format",
+        )
+    if only is None and len(columns) > 1:
+        joined = _date_and_clock(table, columns, options)
+        if joined is not None:
+            return joined
+        utc = [i for i in columns if "utc" in plain(table.names[i]) or "epoch" in plain(table.names[i])]
+        named = [i for i in columns if is_time_name(table.names[i])]
+        columns = (utc or named or columns) + columns
+    chosen = columns[0]
+    times = to_times(table.columns[chosen], table.names[chosen], options, table.where)
+    return Axis(times, table.where, table.first_line), set(columns)
+
+
+def _date_and_clock(table: Table, columns: list[int], options: ReadOptions) -> tuple[Axis, set[int]] | None:
+    clocks = [i for i in columns if pa.types.is_time(table.columns[i].type) or table.kind(i) == "clock"]
+    dates = [i for i in columns if i not in clocks]
+    if not clocks or not dates:
+        return None
+    from dataclasses import replace
+
+    bare = replace(options, timezone=None)
+    date = to_times(table.columns[dates[0]], table.names[dates[0]], bare, table.where)
+    known = date.micros != NAT
+    if np.any(date.micros[known] % DAY):
+        return None
+    clock = to_times(table.columns[clocks[0]], table.names[clocks[0]], replace(bare, time_format=None), table.where)
+    both = known & (clock.micros != NAT)
+    micros = np.where(both, date.micros + clock.micros % DAY, NAT)
+    times = Times(micros, True, False, date.notes)
+    if options.timezone:
+        from .zones import localise
+
+        times = localise(times, options.timezone)
+    return Axis(times, table.where, table.first_line), {dates[0], clocks[0]}

@@ -1,0 +1,197 @@
+"""Stamps of every usual kind to microseconds since 1970-01-01 UTC.
+
+Dates are taken apart by one regular expression for the whole column; day and month are told apart only where
+the data leave no doubt, otherwise the user is asked for --time-format.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..record import Note
+from .names import plain
+from .numbers import codes_and_words, to_numbers
+from .options import ReadOptions
+
+NAT = np.iinfo(np.int64).min
+SECOND = 1_000_000
+DAY = 86_400 * SECOND
+LIMIT = 9.2e18
+
+
+@dataclass(frozen=True)
+class Times:
+    """micros: (rows,) int64 microseconds since 1970 UTC, NAT where unreadable. absolute: False for seconds from
+    an unknown start. zoned: the stamps carried an offset."""
+
+    micros: NDArray[np.int64]
+    absolute: bool = True
+    zoned: bool = False
+    notes: tuple[Note, ...] = field(default=())
+
+
+def to_times(column: pa.ChunkedArray | pa.Array, name: str, options: ReadOptions, where: str) -> Times:
+    """Read a column of stamps. Raises InputError when it holds none or day and month cannot be told apart."""
+    kind = column.type
+    if pa.types.is_dictionary(kind) and not pa.types.is_string(kind.value_type):
+        column = column.cast(kind.value_type)
+        kind = column.type
+    if pa.types.is_timestamp(kind):
+        times = Times(_micros(column, kind.unit), zoned=kind.tz is not None)
+    elif pa.types.is_date(kind):
+        times = Times(_micros(column.cast(pa.timestamp("s")), "s"))
+    elif pa.types.is_time(kind):
+        unit = kind.unit
+        integers = column.cast(pa.int32() if pa.types.is_time32(kind) else pa.int64()).cast(pa.int64())
+        times = _of_day(_scaled(_integers(integers), unit))
+    elif pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind):
+        times = _from_text(column, name, options, where)
+    elif pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
+        times = from_numbers(to_numbers(column).values, name, options, where)
+    else:
+        raise InputError(f"column {name!r} holds no time stamps ({kind})", where=where, remedy="name the time column")
+    if not times.zoned and times.absolute and options.timezone:
+        from .zones import localise
+
+        times = localise(times, options.timezone)
+    return times
+
+
+def from_numbers(values: NDArray[np.float64], name: str, options: ReadOptions, where: str) -> Times:
+    """Read numeric stamps: epoch seconds to nanoseconds, spreadsheet days, or seconds from an unknown start."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        raise InputError(f"time column {name!r} holds no time stamps", where=where, remedy="name it with --time-format")
+    unit = options.time_format or _unit_of(known, name)
+    notes: list[Note] = []
+    factor, zero, absolute = {
+        "epoch_s": (1e6, 0.0, True), "epoch_ms": (1e3, 0.0, True), "epoch_us": (1.0, 0.0, True),
+        "epoch_ns": (1e-3, 0.0, True), "excel": (float(DAY), 25569.0, True),
+        "labview": (1e6, 2082844800.0, True), "filetime": (0.1, 116444736e9, True),
+        "seconds": (1e6, 0.0, False), "millis": (1e3, 0.0, False), "minutes": (6e7, 0.0, False),
+        "hours": (3.6e9, 0.0, False), "days": (float(DAY), 0.0, False),
+    }.get(unit, (0.0, 0.0, True))  # fmt: skip
+    if not factor:
+        raise InputError(
+            f"column {name!r} holds numbers, not {unit!r} stamps", where=where, remedy="mend --time-format"
+        )
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = (values - zero) * factor
+    if unit == "excel":
+        # a day number carries about 2 microseconds of rounding; stamps are written to the millisecond at best
+        scaled = np.rint(scaled / 1000.0) * 1000.0
+        notes.append(Note("time_format", "times are spreadsheet day numbers (days since 1899-12-30)"))
+    if not absolute:
+        notes.append(Note("relative_time", f"times of {name!r} count from an unknown start; shown from 1970-01-01"))
+    out = np.full(len(values), NAT)
+    usable = np.isfinite(scaled) & (np.abs(scaled) < LIMIT)
+    out[usable] = np.rint(scaled[usable]).astype(np.int64)
+    return Times(out, absolute, zoned=unit.startswith("epoch") or not absolute, notes=tuple(notes))
+
+
+def _unit_of(known: NDArray[np.float64], name: str) -> str:
+    middle = float(np.median(np.abs(known)))
+    if 1.2e17 < middle < 1.5e17:
+        return "filetime"
+    for low, high, unit in ((1e17, 1e19, "epoch_ns"), (1e14, 1e17, "epoch_us"), (1e11, 1e14, "epoch_ms"),
+                            (3.4e9, 4.2e9, "labview"), (1e8, 3.4e9, "epoch_s")):  # fmt: skip
+        if low <= middle < high:
+            return unit
+    word = plain(name)
+    steps = np.diff(known[:1000])
+    step = float(np.median(np.abs(steps[steps != 0]))) if np.any(steps != 0) else 1.0
+    if 20_000 < middle < 80_000 and step < 0.5 and np.any(known % 1 != 0):
+        return "excel"
+    bracket = name.lower().rstrip(")] ").replace("[", "(").rpartition("(")[2].strip()
+    if word.endswith("ms") or bracket in ("ms", "msec"):
+        return "millis"
+    if word.endswith(("min", "minutes")) or bracket in ("min", "minutes"):
+        return "minutes"
+    if word.endswith(("hours", "timeh")) or bracket in ("h", "hours"):
+        return "hours"
+    return "seconds"
+
+
+def _from_text(column: pa.ChunkedArray | pa.Array, name: str, options: ReadOptions, where: str) -> Times:
+    codes, words = codes_and_words(column)
+    if options.time_format and "%" in options.time_format:
+        micros, zoned = _by_pattern(words, options.time_format), False
+        notes: tuple[Note, ...] = ()
+    else:
+        from .dates import parse_dates
+
+        micros, zoned, clock_only, notes = parse_dates(words, options.time_format, codes, where, name)
+        if clock_only:
+            times = _of_day(np.append(micros, NAT)[codes])
+            return Times(times.micros, True, zoned, (*times.notes, *notes))
+        if not np.any(micros != NAT) and words:
+            numbers = to_numbers(column)
+            if np.isfinite(numbers.values).mean() > 0.5:
+                return from_numbers(numbers.values, name, options, where)
+    if not np.any(micros != NAT):
+        shown = next((w for w in words if w.strip()), "")[:40]
+        raise InputError(
+            f"time column {name!r} holds no readable time stamps (for example {shown!r})",
+            where=where,
+            remedy="describe them with --time-format, for example --time-format '%d/%m/%Y %H:%M:%S'",
+        )
+    return Times(np.append(micros, NAT)[codes], True, zoned, notes)
+
+
+def _by_pattern(words: list[str], pattern: str) -> NDArray[np.int64]:
+    import pandas as pd
+
+    try:
+        stamps = pd.to_datetime(pd.Series(words, dtype="str").str.strip(), format=pattern, errors="coerce", utc=True)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise InputError(f"bad --time-format {pattern!r}: {error}", remedy="for example '%d/%m/%Y %H:%M:%S'") from None
+    values = stamps.to_numpy(dtype="datetime64[us]")
+    return values.astype(np.int64)
+
+
+def _of_day(micros: NDArray[np.int64]) -> Times:
+    """Times of day without a date: count on past midnight."""
+    known = np.flatnonzero(micros != NAT)
+    out = micros.copy()
+    if len(known):
+        steps = np.diff(micros[known])
+        days = np.concatenate([[0], np.cumsum(steps < -DAY // 2)])
+        out[known] = micros[known] + days * DAY
+    note = Note("relative_time", "times of day without a date: shown from 1970-01-01")
+    return Times(out, True, True, (note,))
+
+
+def _micros(column: pa.ChunkedArray | pa.Array, unit: str) -> NDArray[np.int64]:
+    return _scaled(_integers(column.cast(pa.int64())), unit)
+
+
+def _integers(column: pa.ChunkedArray | pa.Array) -> NDArray[np.int64]:
+    if column.null_count:
+        column = pc.fill_null(column, NAT)
+    if isinstance(column, pa.ChunkedArray):
+        column = column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
+        if isinstance(column, pa.ChunkedArray):
+            return column.to_numpy()
+    return column.to_numpy(zero_copy_only=False)
+
+
+def _scaled(integers: NDArray[np.int64], unit: str) -> NDArray[np.int64]:
+    missing = integers == NAT
+    if unit == "us":
+        return integers
+    if unit == "ns":
+        out = integers // 1000
+    else:
+        factor = SECOND if unit == "s" else 1000
+        far = np.abs(integers.astype(np.float64)) > LIMIT / factor
+        out = np.where(far, 0, integers) * factor
+        missing = missing | far
+    if missing.any():
+        out[missing] = NAT
+    return out
