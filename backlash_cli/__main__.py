@@ -103,7 +103,7 @@ def _guarded(arguments: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except MemoryError:
-        _say("error: not enough memory -> give fewer files, or fewer loops with --only")
+        _say("error: not enough memory -> give fewer files, or fewer loops with --loop")
     except Exception as error:
         if os.environ.get("BACKLASH_DEBUG"):
             raise

@@ -26,22 +26,19 @@ def scan(
     plant: what `read` returns, one Record, or several. jobs: number of processes; None chooses, 1 stays in this
     process. progress: called after each loop. A loop that cannot be analysed is reported with verdict `error`.
     """
-    if isinstance(plant, Record):
-        records: Iterable[Record] = (plant,)
-        inputs, warnings, failures = (), (), ()
-    elif hasattr(plant, "records"):
-        records, inputs, warnings, failures = plant.records, plant.inputs, plant.warnings, plant.failures
-    else:
-        records, inputs, warnings, failures = plant, (), (), ()
+    records = (plant,) if isinstance(plant, Record) else tuple(plant)
+    warnings: tuple[Note, ...] = getattr(plant, "warnings", ())
+    failures: tuple[Note, ...] = getattr(plant, "failures", ())
+    inputs: tuple[str, ...] = getattr(plant, "inputs", ())
     reports = []
-    for report in analyse(tuple(records), options, jobs=jobs):
+    for report in analyse(records, options, jobs=jobs):
         reports.append(report)
         if progress is not None:
             progress(report)
     known = {report.loop for report in reports}
     refused = [_refused(note) for note in failures if _loop(note) and _loop(note) not in known]
     others = tuple(note for note in failures if not _loop(note) or _loop(note) in known)
-    return ScanResult((*reports, *refused), tuple(map(str, inputs)), tuple(warnings), others)
+    return ScanResult((*reports, *refused), inputs, warnings, others)
 
 
 def _loop(note: Note) -> str:

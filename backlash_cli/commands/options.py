@@ -28,17 +28,15 @@ _READING = (  # flag, metavar, help
     ("--layout", "NAME", "Arrangement: wide, single, long or pairs."),
     ("--columns", "A,B,...", "Names of the columns of a file without a header line."),
     ("--header-row", "N", "Number (from 1) of the line that names the columns."),
-    ("--only", "LOOP", "Only these loops; wildcards allowed, may be repeated."),
     ("--good-quality", "WORD", "Further quality word or number that means good; may be repeated."),
     ("--auto-mode", "WORD", "Further MODE word or number that means automatic; may be repeated."),
 )
 _KINDS: dict[str, dict[str, Any]] = {
     "--header-row": {"type": int},
-    "--only": {"multiple": True},
     "--good-quality": {"multiple": True},
     "--auto-mode": {"multiple": True},
 }
-_FIELDS = {"only": "only_loops", "auto_mode": "auto_modes"}
+_FIELDS = {"auto_mode": "auto_modes"}
 
 
 def reading_options(command: F) -> F:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,8 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
                "  backlash scan sample_data/plant.csv --fail-on 'd>3%' --format csv --output loops.csv")
 @inputs_argument
 @loops_option
+@click.option("--loop", "only", metavar="NAME", multiple=True,
+              help="Only this loop; may be repeated, with wildcards such as 'FIC*'.")
 @click.option("--format", "form", metavar="FORMAT", type=click.Choice(FORMATS),
               help="table, json, csv, parquet or html. Default: after the suffix of --output, else table.")
 @click.option("--output", "-o", metavar="FILE|DIR", type=click.Path(path_type=Path),
@@ -29,6 +32,9 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
               "page per loop, for many loops.")
 @click.option("--table", metavar="NAME", default="loops",
               help="For csv and parquet: loops (a row per loop) or estimates (a row per half period).")
+@click.option("--history", metavar="DB", type=click.Path(path_type=Path),
+              help="Also add the result to this history (one SQLite file), made where it does not exist. Scanning the "
+              "same data again changes nothing.")
 @click.option("--fail-on", metavar="RULE", multiple=True,
               help="Exit status 1 when a loop meets the rule: backlash, suspected (or worse), oscillating, "
               "cannot_tell, insufficient_data, error, any (of the first three), or a size such as d>0.03 or d>3%. "
@@ -40,8 +46,8 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
 @click.option("--quiet", "-q", is_flag=True,
               help="Say only what went wrong: no progress, and no table unless --format asks for it.")
 @reading_options
-def scan(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output: Path | None, table: str,
-         fail_on: tuple[str, ...], no_confirm: bool, jobs: int | None, verbose: bool, quiet: bool,
+def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], form: str | None, output: Path | None,
+         table: str, history: Path | None, fail_on: tuple[str, ...], no_confirm: bool, jobs: int | None, verbose: bool, quiet: bool,
          reading: ReadOptions) -> int:
     """Find dead band in every loop of an export and say how much, how sure, and what to do.
 
@@ -58,8 +64,10 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output:
     form = check_delivery(form, output, table)
     quiet_table = quiet and form is None
     with progress("reading", None, shown=not quiet):
-        plant = read(inputs, loops=loops, options=reading)
+        plant = read(inputs, loops=loops, options=replace(reading, only_loops=only))
     result = _analyse(plant, confirm=not no_confirm, jobs=jobs, shown=not quiet)
+    if history is not None:
+        _remember(result, history, inputs, loops, replace(reading, only_loops=only), confirm=not no_confirm, jobs=jobs, quiet=quiet)
     if not quiet_table:
         _deliver(result, plant, form or "table", output, table, verbose=verbose, quiet=quiet)
     if form not in (None, "table") or output is not None or quiet:
@@ -69,6 +77,17 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output:
     if hits and not quiet:
         say(f"--fail-on {', '.join(fail_on)}: met by {len(hits)} loop{'s' * (len(hits) != 1)}: {', '.join(hits[:10])}")
     return 1 if hits else 3 if _incomplete(result) else 0
+
+
+def _remember(result: ScanResult, history: Path, inputs: tuple[Path, ...], loops: Path | None, reading: ReadOptions, *,
+              confirm: bool, jobs: int | None, quiet: bool) -> None:
+    from ..scan import ScanOptions
+    from .to_history import remember
+
+    outcome = remember(result, history, inputs, loops=loops, reading=reading, options=ScanOptions(confirm=confirm),
+                       jobs=jobs)
+    if not quiet:
+        say(f"history {history}: {outcome.sentence()}")
 
 
 def _incomplete(result: ScanResult) -> bool:

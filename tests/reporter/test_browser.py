@@ -1,0 +1,122 @@
+"""The pages in a real browser: no console error, nothing requested from outside, sorting, filter and zoom work."""
+
+import json
+
+import pytest
+
+from backlash_cli.reporter.files import write_text
+from backlash_cli.reporter.html import single_page, write_folder
+from backlash_cli.results import Verdict
+from tests.reporter.chromium import Browser
+from tests.reporter.reports import HOSTILE, record, report, result
+
+COLUMN = "Array.from(document.querySelectorAll('tbody')[0].rows).filter(r => !r.hidden).map(r => r.cells[%d].textContent)"
+CLICK = "document.querySelectorAll('th button')[%d].click()"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    started = Browser()
+    yield started
+    started.close()
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    loops = [report("FIC10", 0.02), report("FIC9", 0.05), report("TIC1", None, Verdict.NO_BACKLASH)]
+    loops += [report(name, 0.01) for name in HOSTILE]
+    write_text(path, single_page(result(*loops), {"FIC10": record("FIC10"), HOSTILE[1]: record(HOSTILE[1])}))
+    return path
+
+
+@pytest.fixture(autouse=True)
+def quiet_page(browser):
+    """Whatever a test does with a page, it may raise no error and ask for nothing outside its folder."""
+    browser.errors.clear()
+    browser.requests.clear()
+    yield
+    browser.evaluate("1")
+    assert not browser.errors
+    assert not [r for r in browser.requests if not r.startswith(("file:", "data:", "blob:"))]
+
+
+@pytest.mark.parametrize("width", [360, 768, 1600])
+@pytest.mark.parametrize("dark", [False, True])
+def test_opens_quickly_at_every_width_without_sideways_scrolling(browser, page, width, dark):
+    assert browser.open(page, width=width, dark=dark) < 3.0
+    wide = "Array.from(document.body.querySelectorAll('*')).filter(e => e.getBoundingClientRect().right > innerWidth + 1 "
+    wide += "&& !e.closest('.scroll')).map(e => e.outerHTML.slice(0, 200))"
+    assert browser.evaluate(wide) == []
+    assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+
+
+def test_hostile_names_are_shown_as_text(browser, page):
+    browser.open(page)
+    names = browser.evaluate(COLUMN % 0)
+    assert "<script>alert(1)</script>" in names and "</script><img src=x onerror=alert(1)>" in names
+    assert browser.evaluate("document.querySelectorAll('main img, main script:not([type])').length") == 0
+
+
+def test_sorting_by_number_and_by_name(browser, page):
+    browser.open(page)
+    browser.evaluate(CLICK % 2)
+    sizes = browser.evaluate(COLUMN % 2)
+    assert sizes[:3] == ["5.00", "2.00", "1.00"] and sizes[-1] == "–"
+    browser.evaluate(CLICK % 2)
+    assert browser.evaluate(COLUMN % 2)[-3:] == ["2.00", "5.00", "–"]
+    assert browser.evaluate("document.querySelectorAll('th')[2].getAttribute('aria-sort')") == "ascending"
+    browser.evaluate(CLICK % 0)
+    names = [n for n in browser.evaluate(COLUMN % 0) if n.startswith("FIC") and "\n" not in n]
+    assert names == ["FIC9", "FIC10"]
+
+
+def test_filter_by_words_and_by_verdict(browser, page):
+    browser.open(page)
+    fill = "(() => {const i = document.querySelector('%s'); i.value = '%s'; i.dispatchEvent(new Event('input', {bubbles: true}))})()"
+    browser.evaluate(fill % (".filter-text", "fic back"))
+    assert sorted(n for n in browser.evaluate(COLUMN % 0) if "\n" not in n) == ["FIC10", "FIC9"]
+    browser.evaluate(fill % (".filter-text", ""))
+    browser.evaluate(fill % (".filter-choice", "no backlash"))
+    assert browser.evaluate(COLUMN % 0) == ["TIC1"]
+    assert browser.evaluate("document.querySelector('.filter-count').textContent").startswith("1 of")
+
+
+def test_sorting_by_keyboard(browser, page):
+    browser.open(page)
+    browser.evaluate("document.querySelectorAll('th button')[2].focus()")
+    for kind in ("keyDown", "keyUp"):
+        browser.call("Input.dispatchKeyEvent", type=kind, key="Enter", code="Enter", windowsVirtualKeyCode=13, text="\r")
+    assert browser.evaluate(COLUMN % 2)[0] == "5.00"
+
+
+def test_a_link_opens_the_loop_draws_its_figures_and_zoom_works(browser, page):
+    browser.open(page)
+    plot = "document.querySelector('details[open] .plot')"
+    assert browser.evaluate("document.querySelectorAll('.main-svg').length") == 0
+    browser.evaluate("Array.from(document.links).find(a => a.textContent === 'FIC10').click()")
+    browser.wait("document.querySelectorAll('details[open] .main-svg').length > 0")
+    before = browser.evaluate(f"{plot}.layout.xaxis.range")
+    box = browser.evaluate(f"(() => {{{plot}.scrollIntoView(); const r = {plot}.querySelector('.nsewdrag').getBoundingClientRect();"
+                           "return [r.left, r.top, r.width, r.height]})()")
+    left, top, width, height = box
+    for kind, share in (("mousePressed", 0.3), ("mouseMoved", 0.5), ("mouseMoved", 0.6), ("mouseReleased", 0.6)):
+        browser.call("Input.dispatchMouseEvent", type=kind, x=left + share * width, y=top + share * height,
+                     button="left", buttons=1, clickCount=1)
+    browser.wait(f"JSON.stringify({plot}.layout.xaxis.range) !== {json.dumps(json.dumps(before))}")
+
+
+def test_the_figures_follow_a_change_to_dark(browser, page):
+    browser.open(page, fragment="#loop-1")
+    browser.wait("document.querySelectorAll('.main-svg').length > 0")
+    browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+    browser.wait("document.querySelector('.plot').layout.font.color === '#e6eaee'")
+
+
+def test_a_folder_of_a_thousand_loops_opens_at_once_and_loads_a_loop_when_asked(browser, tmp_path):
+    loops = [report(f"FIC{i:04}") for i in range(1000)]
+    write_folder(tmp_path, result(*loops), {"FIC0007": record("FIC0007")})
+    assert browser.open(tmp_path / "index.html") < 3.0
+    assert len(browser.evaluate(COLUMN % 0)) == 1000
+    browser.evaluate("Array.from(document.links).find(a => a.textContent === 'FIC0007').click()")
+    browser.wait("location.pathname.endsWith('FIC0007.html') && document.querySelectorAll('.main-svg').length > 0")
