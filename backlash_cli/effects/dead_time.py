@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..record import FloatArray
+from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
 
 
@@ -41,6 +42,11 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return newer + fraction * (older - newer)
 
 
+def propose(clues: Clues) -> list[Values]:
+    """Return delays from a tenth of the process lag to twice the lag."""
+    return [{"theta": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.8, 1.2, 2.0)]
+
+
 EFFECT = Effect(
     name="dead_time",
     stage=Stage.PROCESS,
@@ -49,4 +55,10 @@ EFFECT = Effect(
     parameters=(Parameter("theta", "s", "dead time", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
     start=start,
     step=step,
+    fitting=Fitting(
+        propose=propose,
+        siblings=("second_lag",),
+        meaning="The process answers {theta} after the valve moves. Give the dead time in the loop's settings and "
+        "check the tuning; look for long pipes, slow analysers and sample lines.",
+    ),
 )

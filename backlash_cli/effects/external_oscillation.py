@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from ..record import FloatArray
+from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
 
 
@@ -29,6 +30,11 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return value + p[1] * math.sin(2.0 * math.pi * now / p[0] + p[2])
 
 
+def propose(clues: Clues) -> list[Values]:
+    """Return the periods of the strongest lines in what is missed."""
+    return [{"period": period, "amplitude": 0.0, "phase": 0.0} for period in clues.periods(3)]
+
+
 EFFECT = Effect(
     name="external_oscillation",
     stage=Stage.LOAD,
@@ -41,4 +47,11 @@ EFFECT = Effect(
     ),
     start=start,
     step=step,
+    fitting=Fitting(
+        linear=("amplitude",),
+        phase="phase",
+        propose=propose,
+        meaning="A swing with a period of {period} comes from outside this loop. Look for another loop, a pump or a "
+        "compressor that swings with the same period.",
+    ),
 )

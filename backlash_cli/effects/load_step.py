@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..record import FloatArray
+from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
 
 
@@ -33,6 +34,11 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return value
 
 
+def propose(clues: Clues) -> list[Values]:
+    """Return one to five step times where steps explain most of what is missed."""
+    return [{"times": times, "sizes": tuple(0.0 for _ in times)} for times in clues.step_times(5)]
+
+
 EFFECT = Effect(
     name="load_step",
     stage=Stage.LOAD,
@@ -44,4 +50,11 @@ EFFECT = Effect(
     ),
     start=start,
     step=step,
+    fitting=Fitting(
+        linear=("sizes",),
+        fixed=("times",),
+        propose=propose,
+        meaning="At {times} something other than the valve pushed the process by {sizes}. Look at what was switched, "
+        "opened or changed over at that time.",
+    ),
 )

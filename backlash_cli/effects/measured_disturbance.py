@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..record import FloatArray
+from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
 
 
@@ -29,6 +30,11 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return value + p[0] * state[1 + k]
 
 
+def propose(clues: Clues) -> list[Values]:
+    """Return the one start that a linear effect needs."""
+    return [{"gain": 0.0}]
+
+
 EFFECT = Effect(
     name="measured_disturbance",
     stage=Stage.LOAD,
@@ -38,4 +44,9 @@ EFFECT = Effect(
     start=start,
     step=step,
     column=True,
+    fitting=Fitting(
+        linear=("gain",),
+        propose=propose,
+        meaning="The measured column pushes the process by {gain}. Feedforward from this column would take it away.",
+    ),
 )

@@ -1,7 +1,9 @@
-"""Quantization: transmitter or recorder rounds to a step, so small changes cannot be seen.
+"""Quantization: transmitter or recorder rounds to a step, or repeats the old value until it has moved by a step.
 
 >>> EFFECT.apply([0.500, 0.503, 0.508], EFFECT.pack(step=0.005), interval=1.0).round(3).tolist()
 [0.5, 0.505, 0.51]
+>>> EFFECT.apply([0.500, 0.503, 0.508], EFFECT.pack(step=0.005, hold=1.0), interval=1.0).tolist()
+[0.5, 0.5, 0.508]
 >>> EFFECT.apply([0.500, 0.503, 0.508], EFFECT.neutral, interval=1.0).tolist()
 [0.5, 0.503, 0.508]
 """
@@ -11,27 +13,72 @@ from __future__ import annotations
 import numpy as np
 
 from ..record import FloatArray
+from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
+
+# share of samples that repeat the one before, above which rounding counts: with white noise of standard deviation s
+# a rounding step q repeats this often at q = 1.5 s, where the rounding error is a fifth of the noise variance
+REPEATS = 0.4
 
 
 def start(p: FloatArray, interval: float, first: float) -> FloatArray:
-    """No memory."""
-    return np.empty(0)
+    """State: [value kept last]; nothing has been kept before the first sample."""
+    return np.array([np.inf])
 
 
 def step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the rounded value of one sample."""
+    """Return the recorded value of one sample."""
     if p[0] == 0.0:
         return value
-    return float(np.rint(value / p[0])) * p[0]
+    if p[1] == 0.0:
+        return float(np.rint(value / p[0])) * p[0]
+    if abs(value - state[0]) > p[0]:
+        state[0] = value
+    return state[0]
+
+
+def bounds(measurement: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the lowest and highest true value of each recorded sample; a sample that was just kept is exact."""
+    if p[1] == 0.0:
+        return measurement - 0.5 * p[0], measurement + 0.5 * p[0]
+    kept = np.concatenate([[True], np.diff(measurement) != 0.0])
+    reach = np.where(kept, 0.0, p[0])
+    return measurement - reach, measurement + reach
+
+
+def propose(clues: Clues) -> list[Values]:
+    """Return the step that the repeated values of the measurement show; none when values hardly repeat."""
+    values = clues.measurement[clues.used]
+    jumps = np.abs(np.diff(values))
+    moved = jumps[jumps > 0.0]
+    if moved.size < 3 or moved.size > (1.0 - REPEATS) * jumps.size:
+        return []
+    levels = np.unique(values)
+    apart = np.diff(levels)
+    # a rounded record has few levels, a whole number of steps apart; a record of exceptions has a level per report
+    grid = float(np.median(apart[apart > 0.1 * np.median(apart)]))
+    off = np.abs(moved / grid - np.rint(moved / grid))
+    if levels.size < 0.5 * moved.size and np.mean(off < 0.05) > 0.9:
+        return [{"step": grid, "hold": 0.0}]
+    return [{"step": float(np.quantile(moved, 0.1)), "hold": 1.0}]
 
 
 EFFECT = Effect(
     name="quantization",
     stage=Stage.SENSOR,
     sentence="Coarse recording: values are rounded to a step, so small changes are lost.",
-    source="Mid-tread quantizer, e.g. Widrow and Kollar, Quantization Noise (2008)",
-    parameters=(Parameter("step", "span", "smallest recorded change", 0.0, 0.0, 1.0, (0.001, 0.005, 0.02)),),
+    source="Mid-tread quantizer, e.g. Widrow and Kollar, Quantization Noise (2008); exception reports of historians",
+    parameters=(
+        Parameter("step", "span", "smallest recorded change", 0.0, 0.0, 1.0, (0.001, 0.005, 0.02)),
+        Parameter("hold", "0 or 1", "1: repeats until it moved by a step", 0.0, 0.0, 1.0, choices=(0.0, 1.0)),
+    ),
     start=start,
     step=step,
+    fitting=Fitting(
+        propose=propose,
+        fixed=("step", "hold"),
+        bounds=bounds,
+        meaning="PV is recorded in steps of {step}: what is smaller cannot be seen. Check the transmitter's resolution "
+        "and the historian's exception and compression settings.",
+    ),
 )

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..record import FloatArray
+from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
 
 
@@ -35,6 +36,13 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return 0.5 * (position + end)
 
 
+def propose(clues: Clues) -> list[Values]:
+    """Return speeds that cross the output's usual travel in a fraction of the process lag up to many lags."""
+    low, high = np.quantile(clues.output, [0.05, 0.95])
+    travel = max(float(high - low), 1e-3)
+    return [{"rate": travel / (share * clues.lag)} for share in (0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0)]
+
+
 EFFECT = Effect(
     name="rate_limit",
     stage=Stage.VALVE,
@@ -45,4 +53,9 @@ EFFECT = Effect(
     ),
     start=start,
     step=step,
+    fitting=Fitting(
+        propose=propose,
+        meaning="The actuator moves no faster than {rate}: large moves of the output arrive late. Check the air "
+        "supply, the volume booster and the travel time of the actuator.",
+    ),
 )

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..record import FloatArray
+from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
 
 
@@ -29,6 +30,14 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return value
 
 
+def propose(clues: Clues) -> list[Values]:
+    """Return stops at either side that the output passes for a small up to a large share of the time."""
+    shares = (0.02, 0.06, 0.12, 0.2, 0.3, 0.45)
+    low = [{"low": float(np.quantile(clues.output, share))} for share in shares]
+    high = [{"high": float(np.quantile(clues.output, 1.0 - share))} for share in shares]
+    return [*low, *high]
+
+
 EFFECT = Effect(
     name="saturation",
     stage=Stage.VALVE,
@@ -40,4 +49,9 @@ EFFECT = Effect(
     ),
     start=start,
     step=step,
+    fitting=Fitting(
+        propose=propose,
+        meaning="The valve meets a stop ({low} to {high}): beyond it the output has no effect. Check the mechanical "
+        "stops, the positioner's calibration and the size of the valve.",
+    ),
 )

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..record import FloatArray
+from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
 
 
@@ -32,6 +33,11 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return value + away * state[2]
 
 
+def propose(clues: Clues) -> list[Values]:
+    """Return further lags from a tenth of the process lag up to the same size."""
+    return [{"tau2": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.9)]
+
+
 EFFECT = Effect(
     name="second_lag",
     stage=Stage.PROCESS,
@@ -40,4 +46,10 @@ EFFECT = Effect(
     parameters=(Parameter("tau2", "s", "time constant of the second lag", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
     start=start,
     step=step,
+    fitting=Fitting(
+        propose=propose,
+        siblings=("dead_time",),
+        meaning="The process has a second lag of {tau2}, for example a thermowell, a heavy filter or the actuator. "
+        "Derivative action or faster hardware helps.",
+    ),
 )

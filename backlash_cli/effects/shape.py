@@ -16,13 +16,14 @@ At its neutral values an effect returns its input bit for bit, so models nest an
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
 
 from ..errors import MetadataError, nearest
 from ..record import FloatArray
+from .fitting import Fitting
 
 Start = Callable[[FloatArray, float, float], FloatArray]
 Step = Callable[[FloatArray, float, FloatArray], float]
@@ -66,6 +67,7 @@ class Effect:
     column: the effect also takes the samples of one measured column, (samples,).
     draws: standard normal numbers it takes per sample (random effects); the series then holds draws * (samples + 1).
     fitted: may be looked for in measurements; False for what only the simulator plays.
+    fitting: how a fit starts and refines it; the default serves an effect on the way of the output.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Effect:
     column: bool = False
     draws: int = 0
     fitted: bool = True
+    fitting: Fitting = field(default_factory=Fitting)
 
     def pack(self, values: Mapping[str, object] | None = None, **more: object) -> FloatArray:
         """Return the parameter array for named values; what is left out is neutral (a list left out is empty).

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..record import FloatArray
+from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
 
 
@@ -44,6 +45,34 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return stem
 
 
+def whole(values: FloatArray, p: FloatArray) -> FloatArray:
+    """Return the stem position for all command samples."""
+    from ..kernels import stick_slip
+
+    if p[0] == 0.0 and p[1] == 0.0:
+        return values.copy()
+    return np.asarray(stick_slip(values, p[0], p[1], values[0] + 0.5 * (p[0] + p[1]) * p[2], p[3] != 0.0))
+
+
+def propose(clues: Clues) -> list[Values]:
+    """Return bands around the dead band that fits best, in steps finer than the valleys of the error (4 %)."""
+    dead_band = float(clues.known.get("backlash", {}).get("d", 0.0))  # type: ignore[arg-type]
+    travel = float(np.ptp(clues.output))
+    if dead_band > 0.0:
+        bands = dead_band * np.geomspace(0.9, 2.7, 26)
+        shares = np.geomspace(0.25, 1.0, 26)
+    else:
+        bands = np.geomspace(0.006, 0.2, 30)
+        shares = np.geomspace(0.25, 1.0, 7)
+    return [
+        {"S": float(band), "J": float(share * band), "position": place, "restick": restick}
+        for band in bands[bands < 0.8 * travel]
+        for share in shares
+        for restick in (0.0, 1.0)
+        for place in (-0.8, -0.3, 0.3, 0.8)
+    ]
+
+
 EFFECT = Effect(
     name="stiction",
     stage=Stage.VALVE,
@@ -57,4 +86,12 @@ EFFECT = Effect(
     ),
     start=start,
     step=step,
+    fitting=Fitting(
+        propose=propose,
+        whole=whole,
+        search="jumpy",
+        siblings=("backlash",),
+        meaning="The valve sticks: the output must move {S} before the stem moves, and then it jumps by {J}. "
+        "Check the packing, the seat and the actuator's size.",
+    ),
 )

@@ -17,6 +17,7 @@ import math
 import numpy as np
 
 from ..record import FloatArray
+from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
 
 
@@ -32,6 +33,11 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return math.expm1(p[0] * value) / math.expm1(p[0])
 
 
+def propose(clues: Clues) -> list[Values]:
+    """Return gentle to strong curves, bent either way."""
+    return [{"curvature": c} for c in (-4.0, -2.0, -0.8, 0.8, 2.0, 4.0)]
+
+
 EFFECT = Effect(
     name="valve_characteristic",
     stage=Stage.VALVE,
@@ -42,4 +48,9 @@ EFFECT = Effect(
     ),
     start=start,
     step=step,
+    fitting=Fitting(
+        propose=propose,
+        meaning="The gain changes with the opening (curvature {curvature}): the loop is tuned right at one end only. "
+        "Linearise it with a characteriser in the controller or positioner, or schedule the gain.",
+    ),
 )

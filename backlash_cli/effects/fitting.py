@@ -1,0 +1,71 @@
+"""What a fit needs to know about an effect beyond its physics: where to start, what is linear, what it looks like.
+
+A `Fitting` is data, so that a fit never asks for an effect by name and a user's own effect takes part like the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..record import FloatArray
+
+Values = Mapping[str, float | tuple[float, ...]]
+
+
+class Clues(Protocol):
+    """What is known about the loop when start values are proposed; times in seconds from the first sample.
+
+    output: (samples,) signal that enters the effect. measurement: (samples,), used: (samples,) bool where it counts.
+    interval: between samples. lag: time constant of the process. duration: length of the record.
+    known: what other effects came to when they were tried alone, name -> parameter values.
+    """
+
+    output: FloatArray
+    measurement: FloatArray
+    used: NDArray[np.bool_]
+    interval: float
+    lag: float
+    duration: float
+
+    known: Mapping[str, Values]
+
+    def step_times(self, count: int) -> list[tuple[float, ...]]:
+        """Return sets of 1..count times at which a step load explains most of what the model misses."""
+
+    def periods(self, count: int) -> list[float]:
+        """Return the periods of the `count` strongest lines in what the model misses."""
+
+
+Propose = Callable[[Clues], Sequence[Values]]
+Whole = Callable[[FloatArray, FloatArray], FloatArray]
+Interval = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How an effect takes part in a fit.
+
+    linear: parameters in which the effect adds in proportion; they are solved for, not searched.
+    phase: parameter that turns a linear swing, solved for together with the amplitude.
+    propose: start values from the data; default are the `start` values of the parameters, in all combinations.
+    fixed: parameters that stay as proposed. search: "smooth" parameters are refined by slopes only; "jumpy" ones
+    also by random trials, because the error has narrow valleys.
+    siblings: names of effects that look much alike. bounds: (measurement, parameters) -> lowest and highest true
+    value of each sample, for effects of the recorder. meaning: what it means in the plant, with {name} of parameters.
+    whole: (values, parameters) -> (samples,), a faster way to the same result as `step` over all samples.
+    """
+
+    linear: tuple[str, ...] = ()
+    phase: str = ""
+    propose: Propose | None = None
+    fixed: tuple[str, ...] = ()
+    search: str = "smooth"
+    siblings: tuple[str, ...] = ()
+    bounds: Interval | None = None
+    meaning: str = ""
+    whole: Whole | None = None

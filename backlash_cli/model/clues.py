@@ -1,0 +1,118 @@
+"""Clues for start values: where in time a load step, or at which period a swing, explains most of what is missed.
+
+Both ask for the gain in likelihood of one more column. For a step at every possible sample this takes one backward
+pass per column of the model, because <whitened step at k, z> = sum over j >= k of (adjoint z)_j.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from ..effects.fitting import Values
+from ..record import FloatArray
+from .noise import Whitener
+from .pipeline import Shape, moved_output, regressors
+from .problem import Problem
+from .response import delayed_lag
+
+# a column of which less than this share is new to the model cannot carry an effect of its own
+LEAST_NEW = 0.05
+
+
+@numba.njit(cache=True)
+def lag_adjoint(z: FloatArray, h: float, tau: float) -> FloatArray:
+    """Return the transposed lag of z (samples,): <lagged u, z> = <u, lag_adjoint z> for u that starts at 0."""
+    a = np.exp(-h / tau)
+    out = np.empty(len(z))
+    later = 0.0
+    for k in range(len(z) - 1, -1, -1):
+        out[k] = (1.0 - a) * later
+        later = z[k] + a * later
+    return out
+
+
+class Clue:
+    """What is known about the loop when start values are proposed (see effects.fitting.Clues)."""
+
+    def __init__(self, problem: Problem, shape: Shape, white: Whitener, known: Mapping[str, Values]) -> None:
+        self._problem, self._shape, self._white = problem, shape, white
+        self.output = moved_output(problem, shape.parts)
+        self.measurement: FloatArray = problem.measurement
+        self.used: NDArray[np.bool_] = problem.used
+        self.interval = problem.interval
+        self.lag = shape.lag
+        self.duration = problem.duration
+        self.known = known
+
+    def _space(self) -> tuple[FloatArray, FloatArray]:
+        """Return an orthonormal basis of the model's whitened columns (samples, columns) and the whitened rest."""
+        Z = self._white.columns(np.column_stack([regressors(self._problem, self._shape), self._problem.measurement]))
+        Q, _ = np.linalg.qr(Z[:, :-1])
+        rest = Z[:, -1] - Q @ (Q.T @ Z[:, -1])
+        return Q, rest
+
+    def step_times(self, count: int) -> list[tuple[float, ...]]:
+        """Return sets of 1..count times at which a step load explains most of what the model misses."""
+        Q, rest = self._space()
+        h, n = self.interval, self._problem.samples
+        answer = self._white.one(delayed_lag(np.concatenate([[0.0], np.ones(n - 1)]), h, self.lag, 0.0))
+        own = np.cumsum(answer**2)[::-1]
+        chosen: list[int] = []
+        sets = []
+        for _ in range(count):
+            chosen.append(self._best_step(Q, rest, own, chosen))
+            for _sweep in range(2 if len(chosen) > 1 else 0):
+                before = list(chosen)
+                for i in range(len(chosen)):
+                    chosen[i] = self._best_step(Q, rest, own, chosen[:i] + chosen[i + 1 :])
+                if chosen == before:
+                    break
+            sets.append(tuple(h * k for k in sorted(chosen)))
+        return sets
+
+    def _best_step(self, Q: FloatArray, rest: FloatArray, own: FloatArray, others: list[int]) -> int:
+        if others:
+            steps = np.column_stack([self._step(k) for k in others])
+            steps -= Q @ (Q.T @ steps)
+            extra, _ = np.linalg.qr(steps)
+            Q = np.column_stack([Q, extra])
+            rest = rest - extra @ (extra.T @ rest)
+        reach = np.column_stack([self._from_there_on(q) for q in Q.T])
+        new = own - np.sum(reach**2, axis=1)
+        gain = np.where(new > LEAST_NEW * own, self._from_there_on(rest) ** 2 / np.maximum(new, 1e-300), 0.0)
+        gain[: max(2, int(self.lag / self.interval))] = 0.0
+        gain[-2:] = 0.0
+        for k in others:
+            gain[max(0, k - 2) : k + 3] = 0.0
+        return int(np.argmax(gain))
+
+    def _step(self, k: int) -> FloatArray:
+        u = np.zeros(self._problem.samples)
+        u[k:] = 1.0
+        return self._white.one(delayed_lag(u, self.interval, self.lag, 0.0))
+
+    def _from_there_on(self, z: FloatArray) -> FloatArray:
+        """Return <whitened step at k, z> for every k, (samples,)."""
+        return np.cumsum(lag_adjoint(self._white.adjoint(z), self.interval, self.lag)[::-1])[::-1]
+
+    def periods(self, count: int) -> list[float]:
+        """Return the periods of the `count` strongest lines in what the model misses; three swings at least."""
+        _, rest = self._space()
+        size = 4 * self._problem.samples
+        power = np.abs(np.fft.rfft(rest, size)) ** 2
+        lowest = 3 * 4
+        power[:lowest] = 0.0
+        power[-size // 8 :] = 0.0
+        out = []
+        for _ in range(count):
+            k = int(np.argmax(power))
+            if power[k] <= 0.0:
+                break
+            out.append(size * self.interval / k)
+            power[max(0, k - 8) : k + 9] = 0.0
+        return out
+

@@ -1,0 +1,179 @@
+"""Fits a shape to one loop: linear numbers by generalised least squares, the others by slopes, noise by likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..record import FloatArray
+from .free import Free, free_numbers, get, put
+from .noise import Noise, Whitener, fit_noise, whitener
+from .pipeline import Shape, load_regressors, moved_output, moved_process, regressors
+from .problem import Problem
+from .response import whitened_gains
+
+# moved outputs held in memory at once
+BATCH = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted model of one loop.
+
+    coefficients: gain, then offset, forgotten start, and one per linear column. deviance: -2 log likelihood.
+    error: (samples,) measured minus predicted PV, nan where nothing was measured. rmse: its root mean square.
+    """
+
+    shape: Shape
+    coefficients: FloatArray
+    noise: Noise
+    deviance: float
+    error: FloatArray
+    rmse: float
+
+    @property
+    def gain(self) -> float:
+        """Static gain [PV span / OP span]."""
+        return float(self.coefficients[0])
+
+
+class Solver:
+    """Solves the linear numbers of many shapes under one noise, remembering the columns that stay the same."""
+
+    def __init__(self, problem: Problem, white: Whitener) -> None:
+        self.problem, self.white = problem, white
+        self._y = white.one(problem.measurement)
+        self._yy = float(self._y @ self._y)
+        self._key: object = None
+        self._others = np.empty((0, 0))
+        self._gram = np.empty((0, 0))
+        self._cross = np.empty(0)
+
+    def _use(self, shape: Shape) -> None:
+        key = (shape.lag, *[(p.effect.name, p.column, tuple(p.values.items())) for p in shape.parts if p.is_linear])
+        if key != self._key:
+            self._key = key
+            self._others = self.white.columns(load_regressors(self.problem, shape))
+            self._gram = self._others.T @ self._others
+            self._cross = self._others.T @ self._y
+
+    def solve(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
+        """Return coefficients, whitened sum of squares and the whitened moved process of a shape."""
+        self._use(shape)
+        x = self.white.one(moved_process(self.problem, shape))
+        m = len(self._cross) + 1
+        G = np.empty((m, m))
+        G[1:, 1:] = self._gram
+        G[0, 1:] = G[1:, 0] = x @ self._others
+        G[0, 0] = x @ x
+        b = np.concatenate([[x @ self._y], self._cross])
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-300))
+        A = G * scale[:, None] * scale
+        # a trace of damping, so that a column that does nothing gets the coefficient 0
+        A[np.diag_indices(m)] += 1e-10
+        c = np.linalg.solve(A, scale * b) * scale
+        return c, max(self._yy - float(c @ (2.0 * b - G @ c)), 1e-300), x
+
+    def rss(self, shape: Shape) -> float:
+        """Return the whitened sum of squares of a shape."""
+        return self.solve(shape)[1]
+
+    def rss_of_many(self, shapes: Sequence[Shape]) -> list[float]:
+        """Return the whitened sums of squares of shapes that share lag and delay; fast where the loads are the same."""
+        if not shapes or any(part.is_linear for part in shapes[0].parts[len(shapes[0].parts) - 1 :]):
+            return [self.rss(shape) for shape in shapes]
+        out: list[float] = []
+        self._use(shapes[0])
+        Q, _ = np.linalg.qr(self._others)
+        rest = self._y - Q @ (Q.T @ self._y)
+        total = float(rest @ rest)
+        white, h = self.white, self.problem.interval
+        for first in range(0, len(shapes), BATCH):
+            batch = shapes[first : first + BATCH]
+            moved = np.stack([moved_output(self.problem, shape.parts) for shape in batch])
+            gains = whitened_gains(
+                moved, h, batch[0].lag, batch[0].delay, white.a1, white.a2, white.gain, white.weight, Q, rest
+            )
+            out += (total - gains).tolist()
+        return out
+
+    def rest(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
+        """Return coefficients, whitened sum of squares and the whitened rest (samples,) of a shape."""
+        c, rss, x = self.solve(shape)
+        return c, rss, self._y - c[0] * x - self._others @ c[1:]
+
+
+def descend(solver: Solver, shape: Shape, *, rounds: int = 8, tolerance: float = 0.05) -> Shape:
+    """Refine the searched numbers by Levenberg-Marquardt steps until the deviance gains less than `tolerance`."""
+    _, rss, rest = solver.rest(shape)
+    damping = 1e-2
+    for _ in range(rounds):
+        free = free_numbers(solver.problem, shape)
+        J = slopes(solver, shape, rest, free)
+        A, g = J.T @ J, J.T @ rest
+        diagonal = np.maximum(np.diag(A), 1e-12 * max(float(np.max(np.diag(A))), 1e-300))
+        numbers = get(shape, free)
+        gained = 0.0
+        for _try in range(4):
+            move = -np.linalg.solve(A + np.diag(damping * diagonal), g)
+            trial = put(shape, free, numbers + move)
+            trial_rss = solver.rss(trial)
+            if trial_rss < rss:
+                gained = solver.white.samples * float(np.log(rss / trial_rss))
+                shape, damping = trial, max(damping * 0.2, 1e-6)
+                break
+            damping = min(damping * 8.0, 1e6)
+        if gained < tolerance:
+            break
+        _, rss, rest = solver.rest(shape)
+    return shape
+
+
+def slopes(solver: Solver, shape: Shape, rest: FloatArray, free: list[Free]) -> FloatArray:
+    """Return the change of the whitened rest per unit of each searched number, (samples, numbers)."""
+    numbers = get(shape, free)
+    J = np.empty((len(rest), len(free)))
+    for j, f in enumerate(free):
+        step = f.step if numbers[j] + f.step <= f.high else -f.step
+        moved = numbers.copy()
+        moved[j] += step
+        J[:, j] = (solver.rest(put(shape, free, moved))[2] - rest) / step
+    return J
+
+
+def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3) -> Fit:
+    """Fit a shape from start values: searched numbers and noise in turn until the likelihood stands still."""
+    deviance = np.inf
+    for _ in range(rounds):
+        shape = descend(Solver(problem, whitener(noise, problem.used, problem.interval)), shape)
+        noise = refit_noise(problem, shape, noise)
+        now = finished(problem, shape, noise).deviance
+        if now > deviance - 0.5:
+            break
+        deviance = now
+    return finished(problem, shape, noise)
+
+
+def refit_noise(problem: Problem, shape: Shape, noise: Noise) -> Noise:
+    """Return the noise of greatest likelihood for the error that a shape leaves under `noise`."""
+    solver = Solver(problem, whitener(noise, problem.used, problem.interval))
+    raw = raw_error(problem, shape, solver.solve(shape)[0])
+    return fit_noise(raw, problem.used, problem.interval, noise)
+
+
+def finished(problem: Problem, shape: Shape, noise: Noise) -> Fit:
+    """Return the fit of a shape whose searched numbers stand."""
+    white = whitener(noise, problem.used, problem.interval)
+    coefficients, rss, _ = Solver(problem, white).solve(shape)
+    raw = raw_error(problem, shape, coefficients)
+    used = problem.used
+    rmse = float(np.sqrt(np.mean(raw[used] ** 2)))
+    return Fit(shape, coefficients, noise, white.deviance(rss), np.where(used, raw, np.nan), rmse)
+
+
+def raw_error(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatArray:
+    """Return measured minus predicted PV (samples,), 0 where nothing was measured."""
+    error: FloatArray = np.where(problem.used, problem.measurement - regressors(problem, shape) @ coefficients, 0.0)
+    return error

@@ -1,0 +1,141 @@
+"""From the controller output to the predicted measurement: effects in their order, dead time, lag, gain, offset."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..effects import EFFECTS, Effect, Stage
+from ..effects.fitting import Values
+from ..record import FloatArray
+from .problem import Problem
+from .response import delayed_lag
+
+ORDER = {stage: i for i, stage in enumerate(Stage)}
+PLACE = {effect.name: i for i, effect in enumerate(EFFECTS)}
+
+
+@dataclass(frozen=True)
+class Part:
+    """One effect in a model, with the values of its parameters and, where it needs one, its measured column."""
+
+    effect: Effect
+    values: Values
+    column: str = ""
+
+    def with_values(self, **values: float | tuple[float, ...]) -> Part:
+        """Return the part with some values replaced."""
+        return replace(self, values={**self.values, **values})
+
+    @property
+    def is_linear(self) -> bool:
+        """True when the effect adds to the process input in proportion to some of its parameters."""
+        return bool(self.effect.fitting.linear)
+
+    @property
+    def is_recorder(self) -> bool:
+        """True when the effect belongs to the recorder and does not move the prediction."""
+        return self.effect.fitting.bounds is not None
+
+
+@dataclass(frozen=True)
+class Shape:
+    """The part of a model that is searched: time constant and dead time [s] of the process, and its effects."""
+
+    lag: float
+    delay: float
+    parts: tuple[Part, ...] = ()
+
+    def with_part(self, part: Part) -> Shape:
+        """Return the shape with one more effect, at the place where the signal meets it."""
+        return replace(self, parts=in_order((*self.parts, part)))
+
+    def without(self, name: str) -> Shape:
+        """Return the shape without the effect called `name`."""
+        return replace(self, parts=tuple(p for p in self.parts if p.effect.name != name))
+
+    def with_values(self, place: int, **values: float | tuple[float, ...]) -> Shape:
+        """Return the shape with values of the part at `place` replaced."""
+        parts = list(self.parts)
+        parts[place] = parts[place].with_values(**values)
+        return replace(self, parts=tuple(parts))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects, in the order a signal meets them."""
+        return tuple(p.effect.name for p in self.parts)
+
+
+def in_order(parts: Sequence[Part]) -> tuple[Part, ...]:
+    """Return the parts in the order a signal meets them; effects from outside come last within their stage."""
+    return tuple(sorted(parts, key=lambda p: (ORDER[p.effect.stage], PLACE.get(p.effect.name, len(PLACE)))))
+
+
+def moved_output(problem: Problem, parts: Sequence[Part]) -> FloatArray:
+    """Return the output (samples,) after all effects that are not linear and not of the recorder."""
+    signal = problem.output
+    for part in parts:
+        if not part.is_linear and not part.is_recorder:
+            signal = after(problem, part, signal)
+    return signal
+
+
+def after(problem: Problem, part: Part, signal: FloatArray) -> FloatArray:
+    """Return the signal (samples,) after one effect."""
+    p = part.effect.pack(part.values)
+    if part.effect.fitting.whole is not None:
+        return part.effect.fitting.whole(signal, p)
+    series: FloatArray | tuple[float, ...] = problem.columns[part.column] if part.column else ()
+    return part.effect.apply(signal, p, problem.interval, series=series)
+
+
+def load_columns(problem: Problem, part: Part) -> list[FloatArray]:
+    """Return what a linear effect adds to the process input per unit of each linear value, one (samples,) each."""
+    effect, fitting = part.effect, part.effect.fitting
+    series: FloatArray | tuple[float, ...] = problem.columns[part.column] if part.column else ()
+    nothing = np.zeros(problem.samples)
+    fixed = {k: v for k, v in part.values.items() if k not in fitting.linear}
+    many = {q.name: q.many for q in effect.parameters}
+    base = {n: tuple(0.0 for _ in as_tuple(part.values.get(n, ()))) if many[n] else 0.0 for n in fitting.linear}
+    out = []
+    for name in fitting.linear:
+        value = base[name]
+        units: list[float | tuple[float, ...]]
+        if isinstance(value, tuple):
+            units = [tuple(1.0 if j == i else 0.0 for j in range(len(value))) for i in range(len(value))]
+        else:
+            units = [1.0]
+        for unit in units:
+            turns = (0.0, 0.5 * np.pi) if fitting.phase else (None,)
+            for turn in turns:
+                more = {} if turn is None else {fitting.phase: turn}
+                p = effect.pack({**fixed, **base, name: unit, **more})
+                out.append(effect.apply(nothing, p, problem.interval, series=series))
+    return out
+
+
+def as_tuple(value: object) -> tuple[float, ...]:
+    """Return one number or several as a tuple."""
+    return tuple(value) if isinstance(value, tuple | list) else (float(value),)  # type: ignore[arg-type]
+
+
+def moved_process(problem: Problem, shape: Shape) -> FloatArray:
+    """Return how the process follows the moved output, per unit of gain, (samples,)."""
+    return delayed_lag(moved_output(problem, shape.parts), problem.interval, shape.lag, shape.delay)
+
+
+def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
+    """Return the other columns of the prediction, (samples, columns): 1, the forgotten start, and the loads."""
+    h = problem.interval
+    columns = [np.ones(problem.samples), np.exp(-h / shape.lag * np.arange(problem.samples))]
+    for part in shape.parts:
+        if part.is_linear:
+            columns += [delayed_lag(c, h, shape.lag, 0.0) for c in load_columns(problem, part)]
+    return np.column_stack(columns)
+
+
+def regressors(problem: Problem, shape: Shape) -> FloatArray:
+    """Return all columns whose sum predicts PV, (samples, columns): moved process, then the others."""
+    return np.column_stack([moved_process(problem, shape), load_regressors(problem, shape)])
