@@ -60,7 +60,9 @@ class Scenario:
     The loop starts at rest: measurement at the setpoint's level, output at `output`. step: inner step [s].
     sample_time: of the controller, record_interval: of the export; both multiples of step, default step and
     sample_time. effects: of the loop; each sits at its own stage, in the order given. columns: further measured
-    signals. recorder: what the historian does to recorded signals. seed: of every random effect.
+    signals. recorder: what the historian does to recorded signals. seed: of every random effect. start: epoch
+    seconds. pv_range, op_range: engineering values of 0 and 1 in a written file. hidden: settings, such as Kp, that
+    the metadata keep to themselves.
     """
 
     controller: Controller
@@ -79,6 +81,9 @@ class Scenario:
     seed: int = 0
     name: str = "loop"
     start: float = 0.0
+    pv_range: tuple[float, float] = (0.0, 1.0)
+    op_range: tuple[float, float] = (0.0, 1.0)
+    hidden: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("duration", "step"):
@@ -86,6 +91,9 @@ class Scenario:
                 raise MetadataError(f"{name} = {getattr(self, name):g} s is not possible", where=self.name)
         if self.duration / self.step > 5e7:
             raise MetadataError("more than 50 million inner steps", where=self.name, remedy="enlarge step")
+        unknown = [h for h in self.hidden if h not in ("K", "Ti", "Td", "Tf", "Kp", "theta")]
+        if unknown:
+            raise MetadataError(f"'{unknown[0]}' cannot be hidden", where=self.name, remedy="K, Ti, Td, Tf, Kp, theta")
         every(self.sample_seconds, self.step, "sample_time")
         every(self.record_seconds, self.step, "record_interval")
 
@@ -108,7 +116,8 @@ class Scenario:
             values["Kp"] = self.process.static_gain
         if self.process.dead_time > 0.0:
             values["theta"] = self.process.dead_time
-        return LoopSettings().with_values("metadata", **values)
+        told = {k: v for k, v in values.items() if k not in self.hidden}
+        return LoopSettings(pv_range=self.pv_range, op_range=self.op_range).with_values("metadata", **told)
 
 
 def every(time: float, step: float, name: str) -> int:

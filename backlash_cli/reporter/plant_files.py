@@ -1,0 +1,165 @@
+"""Writes records as a historian would export them: CSV or Parquet, with settings and truth beside them."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import BacklashError, UsageError
+from ..record import FloatArray, LoopSettings, Record, SampleState
+from .files import write_bytes, write_text
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+SUFFIXES = (".csv", ".csv.gz", ".parquet")
+# finest step of a written number, in spans: far below any transmitter's resolution
+FINEST = 1e-6
+
+
+def stem_of(path: Path) -> str:
+    """Return the file's name without .csv, .csv.gz or .parquet; UsageError for another suffix."""
+    for suffix in sorted(SUFFIXES, key=len, reverse=True):
+        if path.name.endswith(suffix) and path.name != suffix:
+            return path.name.removesuffix(suffix)
+    raise UsageError(f"cannot write '{path.name}'", remedy=f"let the name end in {', '.join(SUFFIXES)}")
+
+
+def write_plant(path: Path, records: Sequence[Record], *, layout: str = "wide", finest: float = FINEST) -> None:
+    """Write the records of a plant in engineering units, whole or not at all; the suffix of `path` is the format.
+
+    layout: "wide" (one column per signal; all loops need the same times) or "long" (tag, time, value).
+    finest: rounding of the numbers in spans.
+    """
+    stem_of(path)
+    table = _long(records, finest) if layout == "long" else _wide(records, finest)
+    sink = io.BytesIO()
+    if path.name.endswith(".parquet"):
+        import pyarrow.parquet as pq
+
+        pq.write_table(table, sink, compression="zstd")
+    else:
+        import pyarrow.csv as pc
+
+        sink.write((",".join(table.column_names) + "\n").encode())
+        pc.write_csv(_times_as_text(table), sink, pc.WriteOptions(include_header=False, quoting_style="none"))
+    data = sink.getvalue()
+    # no time stamp inside, so that the same plant gives the same bytes
+    write_bytes(path, gzip.compress(data, 9, mtime=0) if path.name.endswith(".gz") else data)
+
+
+def write_settings(path: Path, records: Iterable[Record]) -> None:
+    """Write the loops' settings as `loops.toml` that `scan` finds beside the export."""
+    lines = ["# Settings of the loops: gains on signals normalised by the ranges, times in seconds."]
+    for record in records:
+        lines += ["", f"[loops.{_key(record.loop)}]"]
+        lines += [f"{name} = {_toml(value)}" for name, value in _settings(record.settings)]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def write_truth(path: Path, rows: Iterable[Sequence[object]]) -> None:
+    """Write what was planted, one row per loop and parameter: loop, effect, parameter, value, unit."""
+    text = ["loop,effect,parameter,value,unit", *(",".join(str(cell) for cell in row) for row in rows)]
+    write_text(path, "\n".join(text) + "\n")
+
+
+def _wide(records: Sequence[Record], finest: float) -> pa.Table:
+    import pyarrow as pa
+
+    first = records[0]
+    for record in records[1:]:
+        if len(record) != len(first) or record.interval != first.interval or record.start != first.start:
+            raise BacklashError(
+                f"{record.loop} and {first.loop} have different times",
+                remedy="write them with --layout long, or give all loops the same duration, record_interval and start",
+                code="bad_metadata",
+            )
+    columns: dict[str, Any] = {"timestamp": _times(first)}
+    for record in records:
+        columns |= {f"{record.loop}.{name}": values for name, values in _signals(record, finest).items()}
+    return pa.table(columns)
+
+
+def _long(records: Sequence[Record], finest: float) -> pa.Table:
+    import pyarrow as pa
+
+    parts = []
+    for record in records:
+        times = _times(record)
+        for name, values in _signals(record, finest).items():
+            tag = pa.array([f"{record.loop}.{name}"] * len(record))
+            parts.append(pa.table({"tag": tag, "timestamp": times, "value": pa.array(values)}))
+    types = {part.schema.field("value").type for part in parts}
+    if len(types) > 1:
+        # one value column holds numbers and modes, so it is text, as historians export it
+        parts = [part.set_column(2, "value", part.column(2).cast(pa.string())) for part in parts]
+    return pa.concat_tables(parts)
+
+
+def _signals(record: Record, finest: float) -> dict[str, Any]:
+    """Columns of one loop in engineering units, name -> (samples,); MODE only where the loop was ever in manual."""
+    settings = record.settings
+    columns: dict[str, Any] = {
+        "SP": _engineering(record.setpoint, settings.pv_range, finest),
+        "PV": _engineering(record.measurement, settings.pv_range, finest),
+    }
+    if record.output is not None:
+        columns["OP"] = _engineering(record.output, settings.op_range, finest)
+    manual = record.state == SampleState.MANUAL
+    if manual.any():
+        columns["MODE"] = np.where(manual, "MAN", "AUTO")
+    for name, values in record.disturbances.items():
+        # five significant digits of its own swing: the span of a further signal is not known
+        swing = float(np.ptp(values)) or 1.0
+        columns[name] = np.round(values, max(0, 5 - math.ceil(math.log10(swing))))
+    return columns
+
+
+def _engineering(values: FloatArray, span: tuple[float, float], finest: float) -> FloatArray:
+    low, high = span
+    decimals = max(0, math.ceil(-math.log10(abs(high - low) * finest) - 1e-9))
+    return np.round(low + (high - low) * values, decimals) + 0.0
+
+
+def _times(record: Record) -> Any:
+    import pyarrow as pa
+
+    milliseconds = np.round(record.time * 1e3).astype(np.int64)
+    return pa.array(milliseconds, type=pa.timestamp("ms", tz="UTC"))
+
+
+def _times_as_text(table: pa.Table) -> pa.Table:
+    """ISO 8601 with Z; milliseconds only where a time has them."""
+    import pyarrow as pa
+
+    place = table.schema.get_field_index("timestamp")
+    stamps = np.asarray(table.column(place).to_numpy(), dtype="datetime64[ms]")
+    whole = bool(np.all(stamps == stamps.astype("datetime64[s]")))
+    text = np.char.add(np.datetime_as_string(stamps, unit="s" if whole else "ms"), "Z")
+    return table.set_column(place, "timestamp", pa.array(text))
+
+
+def _settings(settings: LoopSettings) -> Iterable[tuple[str, object]]:
+    for name in ("K", "Ti", "Td", "Tf", "Kp", "theta"):
+        value = getattr(settings, name)
+        if value is not None and not (name == "Td" and value == 0.0):
+            yield name, value
+    yield "pv_range", settings.pv_range
+    yield "op_range", settings.op_range
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_toml(v) for v in value) + "]"
+    return repr(float(f"{value:.10g}"))
+
+
+def _key(name: str) -> str:
+    bare = name.replace("-", "").replace("_", "").isalnum() and name.isascii()
+    return name if bare else '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -1,0 +1,194 @@
+"""Reads a scenario file (TOML): one or more loops to simulate, in seconds and normalised signals.
+
+    [simulation]                    # used by every loop that does not say otherwise
+    duration = 3600.0
+    step = 0.1
+    record_interval = 1.0
+    seed = 1
+    [loops.FIC101]
+    controller = { K = 0.6, Ti = 28.0 }
+    process = { gain = 1.3, lags = [20.0, 2.0] }
+    setpoint = { level = 0.44, effects = [{ effect = "load_step", times = [600], sizes = [0.02] }] }
+    output = 0.3
+    effects = [{ effect = "backlash", d = 0.03 }]
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ..errors import MetadataError, nearest
+from .controller import Compensator, Controller
+from .process import Process
+from .recorder import Recorder
+from .scenario import Applied, Manual, Scenario, Signal, use
+
+SIMULATION = ("duration", "step", "sample_time", "record_interval", "seed", "start")
+LOOP = (*SIMULATION, "controller", "process", "setpoint", "output", "effects", "compensator", "manual", "columns",
+        "recorder", "pv_range", "op_range", "hidden")  # fmt: skip
+
+
+def read_scenarios(path: Path) -> tuple[Scenario, ...]:
+    """Return the loops of a scenario file. Raises MetadataError with place and remedy for whatever is wrong."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise MetadataError(f"cannot read the scenario: {error}", where=str(path)) from error
+    return parse_scenarios(text, where=str(path))
+
+
+def parse_scenarios(text: str, where: str = "scenario") -> tuple[Scenario, ...]:
+    """Return the loops described by the text of a scenario file."""
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise MetadataError(f"not valid TOML: {error}", where=where) from error
+    _known(document, ("simulation", "loops"), where)
+    common, loops = _table(document.get("simulation", {}), f"{where}: [simulation]"), document.get("loops", {})
+    _known(common, SIMULATION, f"{where}: [simulation]")
+    if not _table(loops, f"{where}: [loops]"):
+        raise MetadataError("there is no loop", where=where, remedy="add a table [loops.NAME]")
+    return tuple(
+        _loop(str(name), {**common, **_table(entry, f"{where}: [loops.{name}]")}, f"{where}: [loops.{name}]", k)
+        for k, (name, entry) in enumerate(loops.items())
+    )
+
+
+def loop_seed(seed: int, place: int) -> int:
+    """Every loop of a plant has its own random numbers, also where all share one seed."""
+    return seed * 100_000 + place
+
+
+def _loop(name: str, entry: Mapping[str, Any], where: str, place: int) -> Scenario:
+    _known(entry, LOOP, where)
+    for needed in ("controller", "process", "duration", "step"):
+        if needed not in entry:
+            raise MetadataError(f"'{needed}' is missing", where=where, remedy=f"add {needed} = ...")
+    plain = {key: _number(entry[key], f"{where} {key}") for key in (*LOOP[:4], "output") if key in entry}
+    seed = loop_seed(int(_number(entry.get("seed", 0), f"{where} seed")), place)
+    try:
+        return Scenario(
+            controller=_build(Controller, entry["controller"], f"{where} controller"),
+            process=_build(Process, entry["process"], f"{where} process"),
+            effects=_effects(entry.get("effects", ()), f"{where} effects"),
+            setpoint=_signal(entry.get("setpoint", {}), f"{where} setpoint"),
+            compensator=_build(Compensator, entry.get("compensator", {}), f"{where} compensator"),
+            manual=tuple(_build(Manual, m, f"{where} manual") for m in _list(entry.get("manual", ()), where)),
+            columns={
+                str(k): _signal(v, f"{where} columns.{k}")
+                for k, v in _table(entry.get("columns", {}), f"{where} columns").items()
+            },
+            recorder=tuple(_recorder(r, f"{where} recorder") for r in _list(entry.get("recorder", ()), where)),
+            pv_range=_range(entry.get("pv_range", (0.0, 1.0)), f"{where} pv_range"),
+            op_range=_range(entry.get("op_range", (0.0, 1.0)), f"{where} op_range"),
+            hidden=tuple(str(h) for h in _list(entry.get("hidden", ()), where)),
+            name=name,
+            seed=seed,
+            start=_start(entry.get("start", 0.0), f"{where} start"),
+            **plain,
+        )
+    except MetadataError as error:
+        if error.where.startswith(where):
+            raise
+        raise MetadataError(error.what, where=where, remedy=error.remedy) from error
+
+
+def _build(cls: Any, entry: object, where: str) -> Any:
+    """Make a description object from a table whose keys are its fields."""
+    table = _table(entry, where)
+    names = [f.name for f in fields(cls)]
+    _known(table, names, where)
+    values = {key: _value(value, f"{where}.{key}") for key, value in table.items()}
+    try:
+        return cls(**values)
+    except TypeError as error:
+        missing = [f.name for f in fields(cls) if f.name not in table and repr(f.default).startswith("<dataclasses")]
+        raise MetadataError(f"needs {', '.join(missing) or error}", where=where) from error
+    except MetadataError as error:
+        raise MetadataError(error.what, where=where, remedy=error.remedy) from error
+
+
+def _value(value: object, where: str) -> object:
+    if isinstance(value, bool):
+        return value
+    return [_number(v, where) for v in value] if isinstance(value, list) else _number(value, where)
+
+
+def _effects(entries: object, where: str) -> tuple[Applied, ...]:
+    return tuple(_effect(_table(e, where), where) for e in _list(entries, where))
+
+
+def _effect(table: Mapping[str, Any], where: str) -> Applied:
+    if not isinstance(table.get("effect"), str):
+        raise MetadataError("an entry names no effect", where=where, remedy='write { effect = "backlash", d = 0.03 }')
+    parameters = {k: v for k, v in table.items() if k not in ("effect", "column")}
+    try:
+        return use(table["effect"], column=table.get("column"), **parameters)
+    except MetadataError as error:
+        raise MetadataError(error.what, where=f"{where} {error.where}".strip(), remedy=error.remedy) from error
+
+
+def _signal(entry: object, where: str) -> Signal:
+    if isinstance(entry, int | float) and not isinstance(entry, bool):
+        return Signal(float(entry))
+    table = _table(entry, where)
+    _known(table, ("level", "effects"), where)
+    return Signal(_number(table.get("level", 0.0), f"{where}.level"), _effects(table.get("effects", ()), where))
+
+
+def _recorder(entry: object, where: str) -> Recorder:
+    table = dict(_table(entry, where))
+    signals = tuple(str(s).upper() for s in _list(table.pop("signals", ("PV", "OP")), where))
+    for signal in signals:
+        _known({signal: 0}, ("SP", "PV", "OP"), f"{where} signals")
+    lines = bool(table.pop("lines", False))
+    return Recorder(_effect(table, where), signals, lines)
+
+
+def _start(value: object, where: str) -> float:
+    """Epoch seconds, a TOML date-time, or an ISO text; without a zone it is UTC."""
+    if isinstance(value, str):
+        try:
+            value = datetime.fromisoformat(value)
+        except ValueError:
+            raise MetadataError(f"'{value}' is not a time", where=where, remedy="2026-03-02T06:00:00Z") from None
+    if isinstance(value, datetime):
+        return (value if value.tzinfo else value.replace(tzinfo=UTC)).timestamp()
+    return _number(value, where)
+
+
+def _range(value: object, where: str) -> tuple[float, float]:
+    ends = [_number(v, where) for v in _list(value, where)]
+    if len(ends) != 2 or ends[0] == ends[1]:
+        raise MetadataError(f"{value} is not a range", where=where, remedy="give [low, high]")
+    return ends[0], ends[1]
+
+
+def _number(value: object, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise MetadataError(f"{value!r} is not a number", where=where)
+    return float(value)
+
+
+def _table(value: object, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise MetadataError(f"{value!r} is not a table", where=where, remedy="write { key = value, ... }")
+    return value
+
+
+def _list(value: object, where: str) -> Iterable[Any]:
+    if not isinstance(value, list | tuple):
+        raise MetadataError(f"{value!r} is not a list", where=where, remedy="write [ ... ]")
+    return value
+
+
+def _known(table: Mapping[str, Any], known: Iterable[str], where: str) -> None:
+    names = list(known)
+    for key in table:
+        if key not in names:
+            raise MetadataError(f"unknown key '{key}'", where=where, remedy=nearest(str(key), names))
