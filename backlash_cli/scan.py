@@ -12,6 +12,7 @@ from .estimator.carry_bytes import pack
 from .estimator.clusters import densest
 from .estimator.compensator import recommend
 from .estimator.haegglund import DEFAULT_KP, ErrorScanner, HalfPeriods, error_scanner, estimate
+from .estimator.identify import IdentifyScanner
 from .estimator.oscillation import detect_oscillation
 from .estimator.verdict import decide
 from .record import LoopSettings, Note, Record
@@ -22,9 +23,11 @@ COARSEST = 0.5  # largest sampling interval in integral times: half periods need
 
 @dataclass(frozen=True)
 class ScanOptions:
-    """What a scan does: `confirm` runs the test of PV against OP through a dead band."""
+    """What a scan does: `confirm` runs the test of PV against OP through a dead band; `carry` keeps what the next
+    night needs to go on with the half period that is open at the end (for a history)."""
 
     confirm: bool = True
+    carry: bool = False
 
 
 def scan(record: Record, options: ScanOptions | None = None) -> LoopReport:
@@ -38,7 +41,9 @@ class LoopScanner:
     """Takes the blocks of one loop's record in time order, `update` by `update`, and `finish`es with the report.
 
     A record cut into blocks anywhere gives the same report as the whole record, rounding aside. Kept between blocks:
-    filter states, the open half period, the half periods found, and sums; not the samples.
+    filter states, the open half period, the half periods found, and sums; not the samples. Only where K or Ti are not
+    known the blocks are kept until the end: they must be read from the whole record before the first half period
+    can be judged.
     """
 
     def __init__(self, loop: str, settings: LoopSettings, start: float, interval: float,
@@ -50,11 +55,12 @@ class LoopScanner:
         self.used = 0
         self.first: int | None = None
         self.last = 0
+        self._waiting: list[Record] | None = [] if settings.K is None or settings.Ti is None else None
         self._errors: ErrorScanner | None = None
         self._carry: CarryRecorder | None = None
         if settings.K and settings.Ti and interval <= COARSEST * settings.Ti:
             self._errors = error_scanner(settings, interval)
-            self._carry = CarryRecorder(settings, interval)
+            self._carry = CarryRecorder(settings, interval) if self.options.carry else None
 
     def update(self, block: Record) -> None:
         """Take the next block; its index goes on where the last block ended, or later."""
@@ -66,17 +72,22 @@ class LoopScanner:
         self.last = int(block.index[-1])
         self.samples += len(block)
         self.used += int(np.count_nonzero(block.usable))
-        if self._errors is not None and self._carry is not None:
+        if self._waiting is not None:
+            self._waiting.append(block)
+        if self._errors is not None:
             self._errors.update(block)
+        if self._carry is not None:
             self._carry.update(block)
 
     def finish(self) -> LoopReport:
         """Return the report of everything taken so far."""
+        if self._waiting is not None and self.used >= 2:
+            return self._with_identified_settings(self._waiting)
         refusal = self._refusal()
         if refusal is not None:
             few = refusal.code == "insufficient_data"
             return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL, (refusal,), 0.0)
-        assert self._errors is not None and self._carry is not None and self.settings.Ti is not None
+        assert self._errors is not None and self.settings.Ti is not None
         settings = self.settings
         warnings = []
         if settings.Kp is None:
@@ -92,12 +103,34 @@ class LoopScanner:
         if verdict is Verdict.BACKLASH:
             compensator = recommend(cluster, None, derivative=settings.Td > 0, output_noise=0.0)
         return self._report(verdict, reasons, confidence, warnings=tuple(warnings), settings=settings,
-                            cluster=cluster, compensator=compensator, carry=pack(self._carry.finish(self._errors)),
+                            cluster=cluster, compensator=compensator,
+                            carry=pack(self._carry.finish(self._errors)) if self._carry else None,
                             **self._tally(half_periods, accepted, long))
+
+    def _with_identified_settings(self, blocks: list[Record]) -> LoopReport:
+        """Read what is missing of K and Ti from the record and scan it with that, or say why it cannot be read."""
+        identifier = IdentifyScanner(self.interval)
+        for block in blocks:
+            identifier.update(block)
+        found = identifier.finish()
+        missing = " and ".join(name for name in ("K", "Ti") if getattr(self.settings, name) is None)
+        if isinstance(found, Note):
+            reason = Note("missing_settings", f"{missing} not given, and not to be read from the data: {found.message}; "
+                          "give K and Ti in the loops file", {"why": found.code})
+            return self._report(Verdict.CANNOT_TELL, (reason,), 0.0)
+        scanner = LoopScanner(self.loop, found.settings(self.settings), self.start, self.interval, self.options)
+        for block in blocks:
+            scanner.update(block)
+        used = scanner.settings
+        scanner.notes[("identified_settings", "")] = Note(
+            "identified_settings", f"{missing} not given; read from the data: K = {used.K:.3g}, Ti = {used.Ti:.3g} s")
+        for note in found.notes:
+            scanner.notes[(note.code, note.message)] = note
+        return scanner.finish()
 
     def _refusal(self) -> Note | None:
         if self.settings.K is None or self.settings.Ti is None:
-            return Note("missing_settings", "K and Ti are not known; give them in the loops file")
+            return Note("insufficient_data", f"only {self.used} usable samples, and K or Ti are not known")
         if self.interval > COARSEST * self.settings.Ti:
             return Note("sampling_too_coarse", f"sampled every {self.interval:g} s, too coarse for Ti = "
                         f"{self.settings.Ti:g} s; at most {COARSEST * self.settings.Ti:g} s are needed")

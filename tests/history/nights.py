@@ -6,7 +6,7 @@ import numpy as np
 
 from backlash_cli.record import LoopSettings, Note
 from backlash_cli.results import Cluster, Confirmation, Estimate, LoopReport, ScanResult, Verdict
-from backlash_cli.scan import scan
+from backlash_cli.scan import ScanOptions, scan
 
 MARCH = 1772323200.0  # 2026-03-01 00:00 UTC
 DAY = 86400.0
@@ -53,5 +53,5 @@ def cut(record, edges, loop="FIC101"):
     for first, last in zip([0, *edges], [*edges, len(record)], strict=True):
         block = record.slice(first, last)
         part = replace(block, loop=loop, start=MARCH + first * record.interval, index=block.index - first)
-        reports.append(scan(part))
+        reports.append(scan(part, ScanOptions(carry=True)))
     return reports

@@ -71,12 +71,13 @@ def test_nights_cut_anywhere_hold_the_half_periods_of_the_whole(tmp_path, edges)
 def test_overlapping_exports_count_no_half_period_twice(tmp_path):
     from dataclasses import replace
 
-    from backlash_cli.scan import scan
+    from backlash_cli.scan import ScanOptions, scan
 
     reports = []
     for first, last in ((0, 3001), (3000, 6000), (2000, 5000)):
         block = RECORD.slice(first, last)
-        reports.append(scan(replace(block, loop="FIC101", start=MARCH + first, index=block.index - first)))
+        reports.append(scan(replace(block, loop="FIC101", start=MARCH + first, index=block.index - first),
+                            ScanOptions(carry=True)))
     filled(tmp_path / "a.db", reports)
     whole = [e for e in scan(RECORD).estimates if e.accepted]
     with History(tmp_path / "a.db") as history:
