@@ -1,13 +1,50 @@
-"""Recommended compensator gain: cautious, because a gain above the true dead band makes the loop oscillate."""
+"""Recommended compensator gain: cautious, because a gain above the true dead band makes the loop oscillate.
+
+One rule for `scan` and `compensate`. With scheme (9) the output jumps by the gain whenever the error changes sign,
+and close to the setpoint noise alone changes it all the time. The valve stays still in its gap as long as the jump
+and the noise on the output together are smaller than the gap: gain + 5 sigma < d (5 sigma: peak to peak of noise over
+a few hundred samples). `python -m tests.benchmarks.compensation_benchmark` prints what the rule reaches.
+"""
 
 from __future__ import annotations
 
 from ..results import Cluster, Compensator, Confirmation
 
-SHARE_PI = 0.8
-SHARE_NOISY = 0.5
+SHARE_PI = 0.8  # below 1 because valve travel, not the error, grows first when the gain comes near the dead band
+SHARE_NOISY = 0.5  # with derivative action, which carries more noise to the output than a scan can see
+NOISE_SPREAD = 5.0  # peak to peak of the fast motion of the output, in standard deviations
+SMALLEST_SHARE = 0.2  # a gain below this fifth of the dead band changes nothing that anyone would notice
+HYSTERESIS = 1.0  # standard deviations of the filtered measurement before the sign of the error counts as changed
 SCHEME_ERROR = "error-sign (9)"
 SCHEME_OUTPUT = "filtered-output (8)"
+
+
+def gain_share(d: float, *, derivative: bool, output_noise: float) -> tuple[float, str]:
+    """Return the share of the dead band d [span of output] that a compensator may use (0: none), and why.
+
+    derivative: the controller uses Td. output_noise: standard deviation of the fast motion of the output [span].
+
+    >>> gain_share(0.05, derivative=False, output_noise=0.0)[0]
+    0.8
+    >>> gain_share(0.05, derivative=False, output_noise=0.005)[0]
+    0.5
+    >>> gain_share(0.05, derivative=False, output_noise=0.01)
+    (0.0, 'noise on the output is 20 % of the dead band: every change of its sign would move the valve')
+    """
+    if d <= 0.0:
+        return 0.0, "the dead band may be zero"
+    noise = output_noise / d
+    free = 1.0 - NOISE_SPREAD * noise
+    if free < SMALLEST_SHARE:
+        return 0.0, (f"noise on the output is {100 * noise:.0f} % of the dead band: every change of its sign would "
+                     "move the valve")
+    cap = SHARE_NOISY if derivative else SHARE_PI
+    if free < cap:
+        return free, (f"noise on the output is {100 * noise:.0f} % of the dead band and must stay inside the gap "
+                      "together with the gain")
+    if derivative:
+        return cap, "derivative action carries noise to the output, and a larger gain would wear the valve"
+    return cap, "the gain must stay below the true dead band, else the loop oscillates"
 
 
 def recommend(cluster: Cluster | None, confirmation: Confirmation | None, *, derivative: bool,
@@ -15,17 +52,14 @@ def recommend(cluster: Cluster | None, confirmation: Confirmation | None, *, der
     """Return the gain delta [span of output] for scheme (9), None where compensation would do harm.
 
     derivative: the controller uses Td. output_noise: standard deviation of the fast motion of the output [span].
-    PI: 0.8 of the lower end of the interval of d. With derivative action or noise above d/10: 0.5 of it.
-    Noise above d/5: none, the valve would move at every sign change of the noise.
+    The gain is a share of the lower end of the interval of d: 0.8, with derivative action 0.5, and less where the
+    output is noisy; at a noise of d/6.25 and above none.
     """
     best = confirmation or cluster
     if best is None:
         return None
     low = min(best.ci95[0], best.d)
-    if output_noise > best.d / 5.0 or low <= 0:
+    share, why = gain_share(low, derivative=derivative, output_noise=output_noise)
+    if share == 0.0:
         return None
-    if derivative or output_noise > best.d / 10.0:
-        return Compensator(SHARE_NOISY * low, SCHEME_ERROR, "half of the lower end of the interval: derivative action "
-                           "or noise on the output make a larger gain wear the valve")
-    return Compensator(SHARE_PI * low, SCHEME_ERROR,
-                       "0.8 of the lower end of the interval, so that the gain stays below the true dead band")
+    return Compensator(share * low, SCHEME_ERROR, f"{share:.2g} of the lower end of the interval: {why}")
