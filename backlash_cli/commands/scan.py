@@ -47,8 +47,8 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
               help="Say only what went wrong: no progress, and no table unless --format asks for it.")
 @reading_options
 def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], form: str | None, output: Path | None,
-         table: str, history: Path | None, fail_on: tuple[str, ...], no_confirm: bool, jobs: int | None, verbose: bool, quiet: bool,
-         reading: ReadOptions) -> int:
+         table: str, history: Path | None, fail_on: tuple[str, ...], no_confirm: bool, jobs: int | None,
+         verbose: bool, quiet: bool, reading: ReadOptions) -> int:
     """Find dead band in every loop of an export and say how much, how sure, and what to do.
 
     INPUT is one or more CSV or Parquet files, or folders of them; together they are one plant.
@@ -67,7 +67,8 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], fo
         plant = read(inputs, loops=loops, options=replace(reading, only_loops=only))
     result = _analyse(plant, confirm=not no_confirm, jobs=jobs, shown=not quiet)
     if history is not None:
-        _remember(result, history, inputs, loops, replace(reading, only_loops=only), confirm=not no_confirm, jobs=jobs, quiet=quiet)
+        _remember(result, history, inputs, loops, replace(reading, only_loops=only), confirm=not no_confirm, jobs=jobs,
+                  quiet=quiet)
     if not quiet_table:
         _deliver(result, plant, form or "table", output, table, verbose=verbose, quiet=quiet)
     if form not in (None, "table") or output is not None or quiet:
