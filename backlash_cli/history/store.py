@@ -9,9 +9,10 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from .. import __version__
 from ..record import Note
@@ -49,33 +50,38 @@ class History:
 
     def add(self, result: ScanResult) -> Outcome:
         """Store a scan; nights that are known with the same content stay untouched."""
+        return self.add_all([result])
+
+    def add_all(self, results: Sequence[ScanResult]) -> Outcome:
+        """Store several scans at once: all of them are in the file afterwards, or none."""
         new: list[tuple[str, str]] = []
         unchanged: list[tuple[str, str]] = []
         revised: list[tuple[str, str]] = []
         untimed: list[str] = []
-        touched: dict[str, None] = {}
-        rows = []
         with transaction(self.db, self.path, self.patience, self.say):
-            for report in result.loops:
-                if report.start is None or report.end is None:
-                    untimed.append(report.loop)
-                    continue
-                row = night_row(report)
-                rows.append(row)
-                known = self.db.execute("SELECT digest FROM nights WHERE loop = ? AND start = ? AND end = ?",
-                                        (row["loop"], row["start"], row["end"])).fetchone()
-                entry = (report.loop, day_of(0.5 * (row["start"] + row["end"])).isoformat())
-                if known is not None and known["digest"] == row["digest"]:
-                    unchanged.append(entry)
-                    continue
-                (new if known is None else revised).append(entry)
-                touched[report.loop] = None
-                self._write(row, report)
-            for loop in touched:
+            for result in results:
+                rows = []
+                for report in result.loops:
+                    if report.start is None or report.end is None:
+                        untimed.append(report.loop)
+                        continue
+                    rows.append(row := night_row(report))
+                    known = self._digest(row)
+                    entry = (report.loop, day_of(0.5 * (row["start"] + row["end"])).isoformat())
+                    (new if known is None else unchanged if known == row["digest"] else revised).append(entry)
+                    if known != row["digest"]:
+                        self._write(row, report)
+                if rows:
+                    self._write_run(rows, result)
+            for loop in dict.fromkeys(loop for loop, _ in (*new, *revised)):
                 rejoin(self.db, loop)
-            if rows:
-                self._write_run(rows, result)
         return Outcome(tuple(new), tuple(unchanged), tuple(revised), tuple(untimed))
+
+    def _digest(self, row: dict[str, Any]) -> str | None:
+        """Return the fingerprint of the night as it is in the file."""
+        known = self.db.execute("SELECT digest FROM nights WHERE loop = ? AND start = ? AND end = ?",
+                                (row["loop"], row["start"], row["end"])).fetchone()
+        return None if known is None else str(known["digest"])
 
     def _write(self, row: dict[str, object], report: LoopReport) -> None:
         key = (row["loop"], row["start"], row["end"])
