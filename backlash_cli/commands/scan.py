@@ -62,22 +62,22 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], fo
 
     rules = parse_rules(fail_on)
     form = check_delivery(form, output, table)
-    quiet_table = quiet and form is None
+    reading = replace(reading, only_loops=only)
     with progress("reading", None, shown=not quiet):
-        plant = read(inputs, loops=loops, options=replace(reading, only_loops=only))
+        plant = read(inputs, loops=loops, options=reading)
     result = _analyse(plant, confirm=not no_confirm, jobs=jobs, shown=not quiet)
     if history is not None:
-        _remember(result, history, inputs, loops, replace(reading, only_loops=only), confirm=not no_confirm, jobs=jobs,
-                  quiet=quiet)
-    if not quiet_table:
+        _remember(result, history, inputs, loops, reading, confirm=not no_confirm, jobs=jobs, quiet=quiet)
+    if not (quiet and form is None):
         _deliver(result, plant, form or "table", output, table, verbose=verbose, quiet=quiet)
-    if form not in (None, "table") or output is not None or quiet:
-        for note in result.failures:
-            say(f"could not be analysed: {note.message}")
+    wrong = _wrong(result)
+    if quiet or output is not None or form not in (None, "table"):
+        for message in wrong:
+            say(f"not analysed: {message}")
     hits = met(rules, result.loops)
     if hits and not quiet:
         say(f"--fail-on {', '.join(fail_on)}: met by {len(hits)} loop{'s' * (len(hits) != 1)}: {', '.join(hits[:10])}")
-    return 1 if hits else 3 if _incomplete(result) else 0
+    return 1 if hits else 3 if wrong else 0
 
 
 def _remember(result: ScanResult, history: Path, inputs: tuple[Path, ...], loops: Path | None, reading: ReadOptions, *,
@@ -91,8 +91,10 @@ def _remember(result: ScanResult, history: Path, inputs: tuple[Path, ...], loops
         say(f"history {history}: {outcome.sentence()}")
 
 
-def _incomplete(result: ScanResult) -> bool:
-    return bool(result.failures) or any(r.verdict == "error" for r in result.loops)
+def _wrong(result: ScanResult) -> list[str]:
+    """What could not be read or analysed: files, and loops with the verdict `error`."""
+    loops = [note.message for r in result.loops if r.verdict == "error" for note in r.reasons[:1]]
+    return [note.message for note in result.failures] + loops
 
 
 def _analyse(plant: Plant, *, confirm: bool, jobs: int | None, shown: bool) -> ScanResult:

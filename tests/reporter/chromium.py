@@ -86,9 +86,10 @@ class Browser:
             case "Network.requestWillBeSent":
                 self.requests.append(details["request"]["url"][:200])
 
-    def open(self, path: Path, *, width: int = 1200, height: int = 900, dark: bool = False, fragment: str = "") -> float:
+    def open(self, path: Path, *, width: int = 1200, dark: bool = False, fragment: str = "") -> float:
         """Open a file and return the seconds until it was loaded and laid out."""
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 500)
+        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
         began = time.perf_counter()

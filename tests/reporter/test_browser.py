@@ -10,7 +10,12 @@ from backlash_cli.results import Verdict
 from tests.reporter.chromium import Browser
 from tests.reporter.reports import HOSTILE, record, report, result
 
-COLUMN = "Array.from(document.querySelectorAll('tbody')[0].rows).filter(r => !r.hidden).map(r => r.cells[%d].textContent)"
+ROWS = "Array.from(document.querySelector('tbody').rows).filter(r => !r.hidden)"
+COLUMN = ROWS + ".map(r => r.cells[%d].textContent)"
+FILL = """(() => {const i = document.querySelector('%s'); i.value = '%s';
+i.dispatchEvent(new Event('input', {bubbles: true}))})()"""
+WIDE = """Array.from(document.body.querySelectorAll('*')).filter(e => !e.closest('.scroll')
+&& e.getBoundingClientRect().right > innerWidth + 1).map(e => e.outerHTML.slice(0, 200))"""
 CLICK = "document.querySelectorAll('th button')[%d].click()"
 
 
@@ -45,9 +50,7 @@ def quiet_page(browser):
 @pytest.mark.parametrize("dark", [False, True])
 def test_opens_quickly_at_every_width_without_sideways_scrolling(browser, page, width, dark):
     assert browser.open(page, width=width, dark=dark) < 3.0
-    wide = "Array.from(document.body.querySelectorAll('*')).filter(e => e.getBoundingClientRect().right > innerWidth + 1 "
-    wide += "&& !e.closest('.scroll')).map(e => e.outerHTML.slice(0, 200))"
-    assert browser.evaluate(wide) == []
+    assert browser.evaluate(WIDE) == []
     assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
 
 
@@ -73,11 +76,10 @@ def test_sorting_by_number_and_by_name(browser, page):
 
 def test_filter_by_words_and_by_verdict(browser, page):
     browser.open(page)
-    fill = "(() => {const i = document.querySelector('%s'); i.value = '%s'; i.dispatchEvent(new Event('input', {bubbles: true}))})()"
-    browser.evaluate(fill % (".filter-text", "fic back"))
+    browser.evaluate(FILL % (".filter-text", "fic back"))
     assert sorted(n for n in browser.evaluate(COLUMN % 0) if "\n" not in n) == ["FIC10", "FIC9"]
-    browser.evaluate(fill % (".filter-text", ""))
-    browser.evaluate(fill % (".filter-choice", "no backlash"))
+    browser.evaluate(FILL % (".filter-text", ""))
+    browser.evaluate(FILL % (".filter-choice", "no backlash"))
     assert browser.evaluate(COLUMN % 0) == ["TIC1"]
     assert browser.evaluate("document.querySelector('.filter-count').textContent").startswith("1 of")
 
@@ -85,8 +87,9 @@ def test_filter_by_words_and_by_verdict(browser, page):
 def test_sorting_by_keyboard(browser, page):
     browser.open(page)
     browser.evaluate("document.querySelectorAll('th button')[2].focus()")
+    enter = {"key": "Enter", "code": "Enter", "windowsVirtualKeyCode": 13, "text": "\r"}
     for kind in ("keyDown", "keyUp"):
-        browser.call("Input.dispatchKeyEvent", type=kind, key="Enter", code="Enter", windowsVirtualKeyCode=13, text="\r")
+        browser.call("Input.dispatchKeyEvent", type=kind, **enter)
     assert browser.evaluate(COLUMN % 2)[0] == "5.00"
 
 
@@ -97,9 +100,9 @@ def test_a_link_opens_the_loop_draws_its_figures_and_zoom_works(browser, page):
     browser.evaluate("Array.from(document.links).find(a => a.textContent === 'FIC10').click()")
     browser.wait("document.querySelectorAll('details[open] .main-svg').length > 0")
     before = browser.evaluate(f"{plot}.layout.xaxis.range")
-    box = browser.evaluate(f"(() => {{{plot}.scrollIntoView(); const r = {plot}.querySelector('.nsewdrag').getBoundingClientRect();"
-                           "return [r.left, r.top, r.width, r.height]})()")
-    left, top, width, height = box
+    browser.evaluate(f"{plot}.scrollIntoView()")
+    box = f"{plot}.querySelector('.nsewdrag').getBoundingClientRect()"
+    left, top, width, height = (browser.evaluate(f"{box}.{side}") for side in ("left", "top", "width", "height"))
     for kind, share in (("mousePressed", 0.3), ("mouseMoved", 0.5), ("mouseMoved", 0.6), ("mouseReleased", 0.6)):
         browser.call("Input.dispatchMouseEvent", type=kind, x=left + share * width, y=top + share * height,
                      button="left", buttons=1, clickCount=1)
