@@ -1,0 +1,193 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from backlash_cli.estimator.quality import QualityScanner, data_quality
+from backlash_cli.estimator.recording import fast_noise, reversals, rounding_step, stored_as
+from backlash_cli.record import Record, SampleState, record_from_arrays
+
+from .closed_loop import Loop, load_steps, run
+
+RECORD = run(Loop(), 6000, load=load_steps(6000, 0.1))
+PV = RECORD.measurement
+INDEX = np.arange(len(PV))
+
+
+def exception_reporting(values: np.ndarray, deviation: float) -> np.ndarray:
+    held = values.copy()
+    for k in range(1, len(held)):
+        if abs(values[k] - held[k - 1]) <= deviation:
+            held[k] = held[k - 1]
+    return held
+
+
+def interpolated(values: np.ndarray, deviation: float) -> np.ndarray:
+    stored = [0]
+    for k in range(1, len(values)):
+        if abs(values[k] - values[stored[-1]]) > deviation:
+            stored += [k - 1, k]
+    stored = sorted({*stored, len(values) - 1})
+    return np.interp(np.arange(len(values)), stored, values[stored])
+
+
+def test_a_logged_signal_is_a_row_of_samples() -> None:
+    storage = stored_as(INDEX, PV)
+    assert (storage.kind, storage.share, storage.step) == ("samples", 0.0, 0.0)
+    assert storage.noise == pytest.approx(0.001, rel=0.1)
+
+
+@pytest.mark.parametrize("deviation", [0.002, 0.005, 0.01])
+def test_exception_reporting_is_seen_with_its_deviation(deviation: float) -> None:
+    storage = stored_as(INDEX, exception_reporting(PV, deviation))
+    assert storage.kind == "held"
+    assert storage.deviation == pytest.approx(deviation, rel=0.1)
+
+
+@pytest.mark.parametrize("deviation", [0.005, 0.01])
+@pytest.mark.parametrize("digits", [15, 5])
+def test_interpolation_between_stored_values_is_seen(deviation: float, digits: int) -> None:
+    storage = stored_as(INDEX, np.round(interpolated(PV, deviation), digits))
+    assert storage.kind == "linear" and storage.share > 0.3
+
+
+def test_a_slower_scan_is_seen() -> None:
+    storage = stored_as(INDEX, np.repeat(PV[::10], 10))
+    assert storage.kind == "held" and storage.run == pytest.approx(10, rel=0.02)
+
+
+@pytest.mark.parametrize("step", [0.001, 0.0005, 0.005])
+def test_rounding_is_no_compression(step: float) -> None:
+    storage = stored_as(INDEX, np.round(PV / step) * step)
+    assert storage.kind == "samples"
+    assert storage.step == pytest.approx(step, rel=1e-6)
+
+
+def test_a_noise_free_signal_is_not_taken_for_an_interpolated_one() -> None:
+    smooth = run(Loop(noise=0.0), 6000, load=load_steps(6000, 0.1)).measurement
+    for digits in (15, 5, 4, 3):
+        assert stored_as(INDEX, np.round(smooth, digits)).kind == "samples"
+
+
+def test_no_rounding_step_in_scattered_numbers() -> None:
+    assert rounding_step(np.random.default_rng(0).normal(size=300)) == 0.0
+    assert rounding_step(np.array([1.0])) == 0.0
+
+
+def test_noise_of_a_slow_signal() -> None:
+    rng = np.random.default_rng(0)
+    values = np.sin(INDEX / 300.0) + 0.01 * rng.normal(size=len(INDEX))
+    assert fast_noise(INDEX, values) == pytest.approx(0.01, rel=0.05)
+
+
+def turns_by_hand(values: list[float], threshold: float) -> int:
+    count, direction, extreme = 0, 0, values[0]
+    low = high = values[0]
+    for v in values:
+        if direction == 0:
+            low, high = min(low, v), max(high, v)
+            if high - v > threshold:
+                direction, extreme = -1, v
+            elif v - low > threshold:
+                direction, extreme = 1, v
+        elif (v - extreme) * direction > 0:
+            extreme = v
+        elif (extreme - v) * direction > threshold:
+            direction, extreme, count = -direction, v, count + 1
+    return count
+
+
+@given(st.lists(st.integers(-20, 20), min_size=1, max_size=60), st.integers(1, 10))
+def test_reversals_are_those_counted_by_hand(values: list[int], threshold: int) -> None:
+    numbers = [float(v) for v in values]
+    assert reversals(np.array(numbers), threshold + 0.5) == turns_by_hand(numbers, threshold + 0.5)
+
+
+def codes(record: Record, Ti: float | None = 20.0) -> dict[str, str]:
+    return {note.code: str(note.values["effect"]) for note in data_quality(record, Ti).notes}
+
+
+def test_a_good_record_has_nothing_to_say() -> None:
+    assert codes(RECORD) == {}
+
+
+def test_every_finding_has_its_code_and_effect() -> None:
+    assert RECORD.output is not None
+    op = RECORD.output
+    assert codes(RECORD, 4.0) == {"sampling_coarse": "info"}
+    assert codes(RECORD, 1.5) == {"sampling_too_coarse": "blocks"}
+    assert codes(replace(RECORD, measurement=exception_reporting(PV, 0.0025))) == {"compressed_held": "limits"}
+    assert codes(replace(RECORD, measurement=exception_reporting(PV, 0.02))) == {"compressed_held": "blocks"}
+    assert codes(replace(RECORD, measurement=interpolated(PV, 0.01))) == {"compressed_linear": "limits"}
+    assert codes(replace(RECORD, measurement=np.repeat(PV[::5], 5))) == {"scanned_slowly": "limits"}
+    assert codes(replace(RECORD, measurement=np.repeat(PV[::15], 15))) == {"scanned_slowly": "blocks"}
+    assert codes(replace(RECORD, output=np.round(op, 3))) == {"output_rounded": "info"}
+    assert codes(replace(RECORD, output=exception_reporting(op, 0.01))) == {"output_compressed": "info"}
+    assert codes(replace(RECORD, output=None)) == {"no_output": "info"}
+    assert codes(replace(RECORD, output=0.5 + 0.1 * (op - 0.5))) == {"little_motion": "info"}
+    assert codes(replace(RECORD, output=np.full(len(op), 0.3))) == {"output_constant": "blocks"}
+    assert codes(replace(RECORD, measurement=np.full(len(op), 0.3))) == {"measurement_constant": "blocks"}
+    assert codes(replace(RECORD, setpoint=0.5 + 0.001 * np.sin(INDEX))) == {"setpoint_moves": "info"}
+
+
+@pytest.mark.parametrize(
+    ("state", "code"),
+    [
+        (SampleState.MANUAL, "manual"),
+        (SampleState.SATURATED, "saturated"),
+        (SampleState.MISSING, "missing_samples"),
+        (SampleState.FROZEN, "frozen"),
+        (SampleState.IMPLAUSIBLE, "spikes"),
+        (SampleState.FILLED, "filled"),
+    ],
+)
+def test_shares_of_what_cannot_be_used(state: SampleState, code: str) -> None:
+    states = RECORD.state.copy()
+    states[1000:1600] = state
+    (note,) = data_quality(replace(RECORD, state=states), 20.0).notes
+    assert note.code == code and note.values["share"] == pytest.approx(0.1)
+    states[1000:4600] = state
+    half = codes(replace(RECORD, state=states))
+    assert ("little_usable" in half) == (state != SampleState.FILLED)
+
+
+def test_gaps_are_counted_with_the_longest() -> None:
+    keep = np.r_[0:1000, 1300:2000, 2100:6000]
+    record = replace(
+        RECORD,
+        index=INDEX[keep],
+        setpoint=RECORD.setpoint[keep],
+        measurement=PV[keep],
+        output=None,
+        state=RECORD.state[keep],
+    )
+    quality = data_quality(record, 20.0)
+    assert (quality.gaps, quality.longest_gap) == (2, 300.0)
+    assert quality.missing_share == pytest.approx(400 / 6000)
+    assert "gaps" in {note.code for note in quality.notes}
+
+
+def test_nothing_usable_blocks() -> None:
+    dead = replace(RECORD, state=np.full(len(PV), SampleState.MANUAL, dtype=np.uint8))
+    assert codes(dead) == {"no_usable_data": "blocks"}
+    assert data_quality(dead, 20.0).effect == "blocks"
+    empty = data_quality(record_from_arrays([], [], interval=1.0))
+    assert empty.samples == 0 and empty.effect == "blocks"
+
+
+LONG = run(Loop(), 30_000, load=load_steps(30_000, 0.1))
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.integers(1, 29_999), max_size=6, unique=True))
+def test_the_cut_into_blocks_does_not_matter(cuts: list[int]) -> None:
+    whole = data_quality(LONG, 20.0)
+    scanner = QualityScanner(1.0)
+    for first, last in pairwise([0, *sorted(cuts), len(LONG)]):
+        scanner.update(LONG.slice(first, last))
+    assert scanner.finish(20.0) == whole
