@@ -123,7 +123,8 @@ def test_every_finding_has_its_code_and_effect() -> None:
     assert codes(RECORD, 1.5) == {"sampling_too_coarse": "blocks"}
     assert codes(replace(RECORD, measurement=exception_reporting(PV, 0.0025))) == {"compressed_held": "limits"}
     assert codes(replace(RECORD, measurement=exception_reporting(PV, 0.02))) == {"compressed_held": "blocks"}
-    assert codes(replace(RECORD, measurement=interpolated(PV, 0.01))) == {"compressed_linear": "limits"}
+    assert codes(replace(RECORD, measurement=interpolated(PV, 0.003))) == {"compressed_linear": "limits"}
+    assert codes(replace(RECORD, measurement=interpolated(PV, 0.01))) == {"compressed_linear": "blocks"}
     assert codes(replace(RECORD, measurement=np.repeat(PV[::5], 5))) == {"scanned_slowly": "limits"}
     assert codes(replace(RECORD, measurement=np.repeat(PV[::15], 15))) == {"scanned_slowly": "blocks"}
     assert codes(replace(RECORD, output=np.round(op, 3))) == {"output_rounded": "info"}
