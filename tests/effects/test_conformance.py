@@ -62,6 +62,14 @@ def test_plain_python_steps_equal_the_compiled_array(effect):
 
 
 @each_effect
+def test_a_faster_way_over_the_whole_array_equals_step(effect):
+    if effect.fitting.whole is None:
+        return
+    u, p = signal(), effect.pack(ACTIVE[effect.name])
+    np.testing.assert_allclose(effect.fitting.whole(u, p), effect.apply(u, p, INTERVAL), rtol=0, atol=1e-13)
+
+
+@each_effect
 def test_blocks_equal_the_whole(effect):
     u, p = signal(), effect.pack(ACTIVE[effect.name])
     series = series_for(effect, u.size)
