@@ -49,7 +49,7 @@ def rounding_step(values: FloatArray) -> float:
     smallest = float(gaps.min())
     for parts in (1, 2, 3, 5):
         steps = gaps * (parts / smallest)
-        if np.all(np.abs(steps - np.round(steps)) <= LATTICE * np.maximum(steps, 1.0) ** 0.5):
+        if np.all(np.abs(steps - np.round(steps)) <= np.minimum(LATTICE * np.sqrt(np.maximum(steps, 1.0)), 0.2)):
             # A lattice is a finding only where levels recur: a few scattered values always fit some lattice.
             recurring = len(levels) <= 0.7 * len(values) or np.median(steps) <= 2.0
             return float(smallest / parts) if recurring else 0.0
@@ -78,7 +78,9 @@ def stored_as(index: IntArray, values: FloatArray) -> Storage:
     if held > 0.2 and moved.sum() >= LEAST_KINKS:
         smallest = float(np.quantile(change[moved], 0.01))
         run = 1.0 / max(1.0 - held, 1e-9)
-        if smallest > max(2.5 * step, VISIBLE * np.ptp(values)) and _gap_at_zero(change[moved], smallest):
+        # Without a deviation jumps thin out towards zero: one in a hundred of a normal law is below 2 % of the median.
+        jump = float(np.median(change[moved]))
+        if smallest > max(2.5 * step, VISIBLE * np.ptp(values), 0.1 * jump):
             return Storage("held", held, run, smallest, step, noise)
         if step == 0.0 and held > 0.4:
             return Storage("held", held, run, 0.0, step, noise)
@@ -86,12 +88,6 @@ def stored_as(index: IntArray, values: FloatArray) -> Storage:
     if linear > 0.2:
         return Storage("linear", linear, run, deviation, step, noise)
     return plain
-
-
-def _gap_at_zero(jumps: FloatArray, smallest: float) -> bool:
-    """Jumps of a held signal with a deviation pile up just above it; without one they thin out towards zero."""
-    near, next_ = np.mean(jumps < 1.5 * smallest), np.mean((jumps >= 1.5 * smallest) & (jumps < 3.0 * smallest))
-    return bool(near > 0.3 * next_)
 
 
 def _bends(index: IntArray, values: FloatArray) -> FloatArray:
