@@ -18,7 +18,7 @@ from .scenario import Manual, Scenario, Signal, every, use
 __all__ = ["Manual", "Scenario", "Signal", "Trace", "export", "simulate", "trace", "use"]
 
 # the measurement of a loop that works stays within a few spans
-UNSTABLE_SPANS = 100.0
+UNSTABLE_SPANS = 10.0
 # an output this close to its limit is at its limit
 AT_LIMIT = 1e-9
 

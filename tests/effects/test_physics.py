@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.effects import EFFECTS
-from backlash_cli.effects.registry import load_effect
+from backlash_cli.effects.registry import all_effects, load_effect
 from backlash_cli.errors import MetadataError
 from backlash_cli.kernels import play
 
@@ -267,3 +267,22 @@ def test_effects_are_found_by_name_and_from_outside(tmp_path, monkeypatch):
         load_effect("no_such_module:X")
     with pytest.raises(MetadataError, match="did you mean stiction"):
         load_effect("sticktion")
+
+
+def test_effects_of_installed_packages_are_found_by_plain_name(tmp_path, monkeypatch):
+    (tmp_path / "their_effects.py").write_text(
+        "from dataclasses import replace\n"
+        "from backlash_cli.effects.backlash import EFFECT\n"
+        "PLAY = replace(EFFECT, name='play')\n"
+    )
+    folder = tmp_path / "theirs-1.0.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (folder / "entry_points.txt").write_text("[backlash.effects]\nplay = their_effects:PLAY\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    all_effects.cache_clear()
+    try:
+        assert load_effect("play").name == "play"
+        assert [e.name for e in all_effects()][-1] == "play"
+    finally:
+        all_effects.cache_clear()

@@ -6,6 +6,8 @@ import time
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy import signal as ss
 
 from backlash_cli.effects import Effect, Stage, backlash
@@ -282,3 +284,20 @@ def test_example_2_takes_less_than_a_fifth_of_a_second():
         simulate(example_2(seed=seed))
         times.append(time.perf_counter() - begin)
     assert min(times) < 0.2
+
+
+@given(st.floats(0.1, 3.0), st.booleans())
+@settings(max_examples=10, deadline=None)
+def test_the_loop_scales_and_mirrors(scale, mirror):
+    """Dead band, load and setpoint times s give every signal times s; both gains negative mirror the output."""
+    sign = -1.0 if mirror else 1.0
+
+    def run(s, sign):
+        effects = (use("backlash", d=0.04 * s), use("load_step", times=[15.0], sizes=[sign * 0.1 * s]))
+        setpoint = Signal(0.0, (use("load_step", times=[0.0], sizes=[0.3 * s]),))
+        pid, process = Controller(K=sign * 1.2, Ti=2.2, Td=1.2), Process(gain=sign, lags=(1.0,) * 4)
+        return trace(Scenario(pid, process, 40.0, 0.05, effects, setpoint, compensator=Compensator(0.01 * s, 7)))
+
+    base, other = run(1.0, 1.0), run(scale, sign)
+    np.testing.assert_allclose(other.process_output, scale * base.process_output, atol=1e-9)
+    np.testing.assert_allclose(other.output, sign * scale * base.output, atol=1e-9)
