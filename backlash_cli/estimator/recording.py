@@ -38,8 +38,8 @@ class Storage:
 def rounding_step(values: FloatArray) -> float:
     """Return the step of the lattice that all values lie on, 0 when they lie on none (in the signal's unit).
 
-    >>> rounding_step(np.array([0.1, 0.3, 0.4, 0.2, 0.7, 0.2, 0.8, 0.5]))  # doctest: +ELLIPSIS
-    0.1...
+    >>> round(rounding_step(np.array([0.1, 0.3, 0.4, 0.2, 0.7, 0.2, 0.8, 0.5])), 9)
+    0.1
     """
     levels = np.unique(values)
     if len(levels) < 2:
