@@ -17,7 +17,7 @@ from typing import Any
 from .. import __version__
 from ..record import Note
 from ..results import LoopReport, ScanResult
-from ..results.history import HalfPeriod, Night, Outcome, Repair, Run, day_of
+from ..results.history import DAY, HalfPeriod, Night, Outcome, Repair, Run, day_of
 from .connection import PATIENCE, Say, connect, in_words, transaction
 from .joins import active, distinct
 from .rejoin import rejoin
@@ -116,13 +116,23 @@ class History:
         counting = set(active([(row["start"], row["end"]) for row in rows]))
         return [night_of(row) for row in rows if (row["start"], row["end"]) in counting]
 
-    def half_periods(self, loop: str) -> list[HalfPeriod]:
-        """Return all half periods of a loop in time order, each moment once, joined where nights meet."""
+    def recent_half_periods(self, loop: str, days: float = 14.0) -> list[HalfPeriod]:
+        """Return the half periods of a loop's last `days`."""
+        with in_words(self.path):
+            last = self.db.execute("SELECT max(end) FROM nights WHERE loop = ?", (loop,)).fetchone()[0]
+        return self.half_periods(loop, (last or 0.0) - days * DAY)
+
+    def half_periods(self, loop: str, since: float = -1e300) -> list[HalfPeriod]:
+        """Return the half periods of a loop in time order, each moment once, joined where nights meet.
+
+        since: epoch seconds; only nights that end later.
+        """
         with in_words(self.path):
             spans = self.db.execute("SELECT start, end FROM nights WHERE loop = ?", (loop,)).fetchall()
             rows = self.db.execute(
                 "SELECT h.*, j.of AS joint, j.until FROM half_periods h LEFT JOIN joins j ON j.loop = h.loop AND "
-                "j.start = h.night_start AND j.end = h.night_end WHERE h.loop = ?", (loop,)).fetchall()
+                "j.start = h.night_start AND j.end = h.night_end WHERE h.loop = ? AND h.night_end > ?",
+                (loop, since)).fetchall()
         counting = set(active([(row["start"], row["end"]) for row in spans]))
         return distinct([half_period_of(row) for row in rows if (row["night_start"], row["night_end"]) in counting
                          and not _replaced(row)])

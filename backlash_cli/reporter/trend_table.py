@@ -100,7 +100,7 @@ def trend_text(wears: Mapping[str, Wear], places: Sequence[Place], *, verbose: b
         lines.append("Why each loop has its place: --verbose")
     for place in places if verbose else ():
         lines += ["", f"{place.rank}. {terminal(place.loop, 60)}: {place.title}"]
-        lines += [f"   {terminal(words)}" for words in (*place.why, *_remarks(wears[place.loop]))]
+        lines += [f"   {terminal(words)}" for words in (*place.why, *remarks(wears[place.loop]))]
     return "\n".join(lines) + "\n"
 
 
@@ -116,7 +116,7 @@ def _cells(wear: Wear, place: Place) -> tuple[str, ...]:
     )
 
 
-def _remarks(wear: Wear) -> list[str]:
+def remarks(wear: Wear) -> list[str]:
     """Name repairs, nights without an answer, and days without an export."""
     out = [f"Repair {r.date.isoformat()}{', ' + r.note if r.note else ''}." for r in wear.repairs]
     if wear.gaps:

@@ -1,0 +1,121 @@
+"""The report of a history, for the person who plans repairs: order of repair, and wear of every loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from .._version import __version__
+from ..results.history import HalfPeriod, Night, Place, Wear
+from .page import Cell, Section, Table, page
+from .safe import shorten
+from .trend_table import day_or_none, remarks
+from .wear_figure import half_period_figure, wear_figure
+from .words import MARKS, VERDICTS, percent
+
+ACTION_MARKS = {"pull": "bad", "room": "warn", "watch": "warn", "leave": "good", "check": "quiet"}
+DRAWN = 60  # loops with figures in a single file
+LATEST = 30  # nights in a loop's table
+TITLE = "Valve wear report"
+COLUMNS = ("#", "Loop", "To do", "Now [%]", "Limit [%]", "Per month [%]", "Limit date", "between", "Sure [%]", "Nights")
+
+
+def history_page(places: Sequence[Place], wears: Mapping[str, Wear], nights: Mapping[str, Sequence[Night]],
+                 half_periods: Mapping[str, Sequence[HalfPeriod]]) -> str:
+    """Return one self-contained page; figures for the first 60 places, numbers for all."""
+    links = {p.loop: f"#loop-{p.rank}" for p in places}
+    loops = [
+        Section(shorten(p.loop, 120), folded=True, anchor=f"loop-{p.rank}", mark=ACTION_MARKS[p.action],
+                summary=brief(p, wears[p.loop]),
+                parts=loop_parts(p, wears[p.loop], nights[p.loop], half_periods.get(p.loop, ()),
+                                 drawn=i < DRAWN))
+        for i, p in enumerate(places)
+    ]
+    notes = [f"Figures are shown for the first {DRAWN} places. For figures of all {len(places)} loops write a folder: "
+             "--output FOLDER."] if len(places) > DRAWN else []
+    return page(TITLE, [*overview(places, wears, links, notes), Section("Loops", parts=loops)],
+                subtitle=subtitle(nights))
+
+
+def subtitle(nights: Mapping[str, Sequence[Night]]) -> str:
+    """Say how much the history holds, from which day to which; the clock is not asked."""
+    times = [n.time for found in nights.values() for n in found]
+    span = f", {day_or_none(min(times))} to {day_or_none(max(times))}" if times else ""
+    loops = len(nights)
+    return f"{loops} loop{'s' * (loops != 1)}, {len(times)} nights{span}. Made by backlash {__version__}."
+
+
+def brief(place: Place, wear: Wear) -> str:
+    """Return one line on a loop."""
+    return f"{place.title}: {wear.message}."
+
+
+def overview(places: Sequence[Place], wears: Mapping[str, Wear], links: Mapping[str, str],
+             notes: Sequence[str] = ()) -> list[Section]:
+    """Return the order of repair as a table that can be sorted and filtered, with the rule behind it."""
+    counts = {title: sum(p.title == title for p in places) for title in dict.fromkeys(p.title for p in places)}
+    said = "; ".join(f"{title}: {n}" for title, n in counts.items())
+    rule = ("Pull: the dead band is above its limit beyond doubt and the nights agree. Pull if there is room: above "
+            "the limit without being sure, or the limit is reached before the horizon. Watch: growing, near the "
+            "limit, or too few nights. Leave alone: below the limit and not growing. Within a group the order follows "
+            "the dead band expected at the horizon over the limit, times confidence, times how much the valve moves.")
+    words = [f"{said}." if said else "The history holds no night.", "Dead band (play) of the valves in per cent of the "
+             "output span. Select a loop for the reasons of its place and its wear over the nights.", *notes]
+    rows = [_row(p, wears[p.loop], links[p.loop]) for p in places]
+    table = Table(COLUMNS, rows, filterable=True, choices="To do")
+    return [Section("Order of repair", text=words, table=table, note=rule)]
+
+
+def _row(p: Place, wear: Wear, link: str) -> list[object]:
+    now = wear.current if wear.state != "no_estimate" else None
+    date, early, late = (day_or_none(t) for t in wear.limit_date) if wear.limit_date else (None, None, None)
+    growth = 30 * now.slope if now is not None and now.growing and now.slope is not None else None
+    level = None if now is None else now.level
+    return [
+        p.rank, Cell(p.loop, text=shorten(p.loop, 80), href=link), Cell(p.title, mark=ACTION_MARKS[p.action]),
+        None if level is None else Cell(level, text=f"{100 * level:.2f}"),
+        Cell(wear.limit.value, text=f"{100 * wear.limit.value:.2g}"),
+        None if growth is None else Cell(growth, text=f"+{100 * growth:.2f}"),
+        date if date else "no trend" if wear.state == "no_trend" else None,
+        f"{early or 'earlier'} and {late or 'later'}" if date else None,
+        Cell(p.confidence, text=f"{100 * p.confidence:.0f}"), wear.nights,
+    ]
+
+
+def loop_parts(p: Place, wear: Wear, nights: Sequence[Night], half_periods: Sequence[HalfPeriod], *,
+               drawn: bool = True) -> list[Section]:
+    """Return everything about one loop: why its place, wear, half periods, advice, nights."""
+    parts = [Section("Why this place", text=list(p.why))]
+    if drawn and nights:
+        parts.append(Section("Wear", text=[f"{wear.message[:1].upper()}{wear.message[1:]}.", *remarks(wear)],
+                             figure=wear_figure(nights, wear),
+                             note="One point per night with its 95 % interval; a triangle says that the dead band is "
+                                  "smaller than this. The line is a robust fit (Theil-Sen) since the last repair; "
+                                  f"limit: {wear.limit.source}."))
+    if drawn and any(h.accepted for h in half_periods):
+        parts.append(Section("Half periods", figure=half_period_figure(half_periods), folded=True,
+                             note="The estimates behind the sizes of the last nights, one per half period of the "
+                                  "control error. Scatter is normal; what counts is where they gather."))
+    advice = [n for n in nights if isinstance(n.details.get("compensator"), Mapping)]
+    if advice and p.action in ("pull", "room", "watch"):
+        found = advice[-1].details["compensator"]
+        assert isinstance(found, Mapping)
+        parts.append(Section("Until then", text=[
+            f"Compensator gain {percent(found['gain'])} of the output span, scheme {found['scheme']}. "
+            f"{found['reason']}", "This is advice to a person; nothing is written to the control system."]))
+    parts.append(Section(f"Last {min(LATEST, len(nights))} nights", table=_nights(nights[-LATEST:]), folded=True))
+    return parts
+
+
+def _nights(nights: Sequence[Night]) -> Table:
+    rows: list[list[object]] = []
+    for n in reversed(nights):
+        low, high = n.ci95 or (None, None)
+        rows.append([
+            n.date.isoformat(), Cell(VERDICTS[n.verdict], mark=MARKS[n.verdict]),
+            None if n.d is None else Cell(n.d, text=f"{100 * n.d:.2f}"),
+            None if low is None or high is None else Cell(low, text=f"{100 * low:.2f} to {100 * high:.2f}"),
+            Cell(n.confidence, text=f"{100 * n.confidence:.0f}"), n.half_periods, n.detections,
+            shorten("; ".join(note.message for note in n.reasons[:2]), 240),
+        ])
+    return Table(("Night", "Verdict", "Size [%]", "95 % interval", "Confidence [%]", "Half periods", "Found", "Reason"),
+                 rows)
