@@ -12,14 +12,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..errors import MetadataError
 from ..record import FloatArray
 from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
+
+# delayed samples are kept in memory
+MOST_SAMPLES = 10_000_000
 
 
 def start(p: FloatArray, interval: float, first: float) -> FloatArray:
     """State: [next place in the ring, fraction f, ring of the last n + 1 inputs]."""
     samples = p[0] / interval
+    if samples > MOST_SAMPLES:
+        raise MetadataError(f"a dead time of {p[0]:g} s is {samples:.0f} samples", remedy="sample more coarsely")
     # a theta written as k intervals must not turn into k - 1 intervals and a fraction of 1 - 1e-16
     whole = np.floor(samples + 1e-9)
     return np.concatenate([[0.0, max(samples - whole, 0.0)], np.full(int(whole) + 1, first)])

@@ -108,10 +108,13 @@ class Compensator:
 
     def packed(self, controller: Controller, sample_time: float) -> FloatArray:
         """Numbers for the kernel, in its order."""
-        default = controller.filter_time if self.scheme is Scheme.FILTERED_OUTPUT else 0.0
-        a, b = lag_pair(default if self.filter_time is None else self.filter_time, sample_time)
+        filter_time = self.filter_time or 0.0
+        if self.filter_time is None and self.scheme is Scheme.FILTERED_OUTPUT:
+            filter_time = controller.Td / 5.0 if controller.Td > 0.0 else controller.Ti / 10.0
+        a, b = lag_pair(filter_time, sample_time)
         scheme = self.scheme if self.gain > 0.0 else Scheme.NONE
-        return np.array([float(scheme), 0.5 * self.gain, self.hysteresis, a, b])
+        hysteresis = self.hysteresis if self.scheme is Scheme.ERROR else 0.0
+        return np.array([float(scheme), 0.5 * self.gain, hysteresis, a, b])
 
 
 def lag_pair(filter_time: float, sample_time: float) -> tuple[float, float]:

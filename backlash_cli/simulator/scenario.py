@@ -15,6 +15,9 @@ from .controller import Compensator, Controller
 from .process import Process
 from .recorder import Recorder
 
+# a signal at rest further out than this many spans is an engineering value, not a normalised one
+LARGEST = 10.0
+
 
 @dataclass(frozen=True, eq=False)
 class Applied:
@@ -89,8 +92,18 @@ class Scenario:
         for name in ("duration", "step"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise MetadataError(f"{name} = {getattr(self, name):g} s is not possible", where=self.name)
-        if self.duration / self.step > 5e7:
+        if max(self.duration, self.process.dead_time) / self.step > 5e7:
             raise MetadataError("more than 50 million inner steps", where=self.name, remedy="enlarge step")
+        if not max(abs(self.output), abs(self.setpoint.level)) < LARGEST:
+            raise MetadataError(
+                f"output {self.output:g} or setpoint level {self.setpoint.level:g} is not possible",
+                where=self.name,
+                remedy="signals are normalised: 0..1 of their spans",
+            )
+        if not np.isfinite([*self.pv_range, *self.op_range]).all():
+            raise MetadataError("ranges must be finite", where=self.name)
+        if self.seed < 0:
+            raise MetadataError(f"seed = {self.seed} is not possible", where=self.name, remedy="0, 1, 2, ...")
         unknown = [h for h in self.hidden if h not in ("K", "Ti", "Td", "Tf", "Kp", "theta")]
         if unknown:
             raise MetadataError(f"'{unknown[0]}' cannot be hidden", where=self.name, remedy="K, Ti, Td, Tf, Kp, theta")

@@ -70,7 +70,10 @@ def _loop(name: str, entry: Mapping[str, Any], where: str, place: int) -> Scenar
         if needed not in entry:
             raise MetadataError(f"'{needed}' is missing", where=where, remedy=f"add {needed} = ...")
     plain = {key: _number(entry[key], f"{where} {key}") for key in (*LOOP[:4], "output") if key in entry}
-    seed = loop_seed(int(_number(entry.get("seed", 0), f"{where} seed")), place)
+    number = _number(entry.get("seed", 0), f"{where} seed")
+    if not 0.0 <= number < 1e12 or number % 1.0:
+        raise MetadataError(f"{number:g} is not a seed", where=f"{where} seed", remedy="0, 1, 2, ...")
+    seed = loop_seed(int(number), place)
     try:
         return Scenario(
             controller=_build(Controller, entry["controller"], f"{where} controller"),
@@ -101,9 +104,9 @@ def _loop(name: str, entry: Mapping[str, Any], where: str, place: int) -> Scenar
 def _build(cls: Any, entry: object, where: str) -> Any:
     """Make a description object from a table whose keys are its fields."""
     table = _table(entry, where)
-    names = [f.name for f in fields(cls)]
-    _known(table, names, where)
-    values = {key: _value(value, f"{where}.{key}") for key, value in table.items()}
+    types = {f.name: str(f.type) for f in fields(cls)}
+    _known(table, types, where)
+    values = {key: _value(value, types[key], f"{where}.{key}") for key, value in table.items()}
     try:
         return cls(**values)
     except TypeError as error:
@@ -113,10 +116,13 @@ def _build(cls: Any, entry: object, where: str) -> Any:
         raise MetadataError(error.what, where=where, remedy=error.remedy) from error
 
 
-def _value(value: object, where: str) -> object:
-    if isinstance(value, bool):
+def _value(value: object, kind: str, where: str) -> object:
+    """Read a value as the type that its field is declared with: a switch, a list of numbers, or a number."""
+    if kind == "bool":
+        if not isinstance(value, bool):
+            raise MetadataError(f"{value!r} is not true or false", where=where)
         return value
-    return [_number(v, where) for v in value] if isinstance(value, list) else _number(value, where)
+    return tuple(_number(v, where) for v in _list(value, where)) if kind.startswith("tuple") else _number(value, where)
 
 
 def _effects(entries: object, where: str) -> tuple[Applied, ...]:
@@ -126,9 +132,12 @@ def _effects(entries: object, where: str) -> tuple[Applied, ...]:
 def _effect(table: Mapping[str, Any], where: str) -> Applied:
     if not isinstance(table.get("effect"), str):
         raise MetadataError("an entry names no effect", where=where, remedy='write { effect = "backlash", d = 0.03 }')
+    column = table.get("column")
+    if column is not None and not isinstance(column, str):
+        raise MetadataError(f"{column!r} is not the name of a column", where=where)
     parameters = {k: v for k, v in table.items() if k not in ("effect", "column")}
     try:
-        return use(table["effect"], column=table.get("column"), **parameters)
+        return use(table["effect"], column=column, **parameters)
     except MetadataError as error:
         raise MetadataError(error.what, where=f"{where} {error.where}".strip(), remedy=error.remedy) from error
 
@@ -170,7 +179,7 @@ def _range(value: object, where: str) -> tuple[float, float]:
 
 
 def _number(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
         raise MetadataError(f"{value!r} is not a number", where=where)
     return float(value)
 

@@ -1,11 +1,12 @@
 """Scenario files: what comes with the tool runs, what is wrong is refused with place and remedy."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from backlash_cli.errors import LoopError, MetadataError, UsageError
+from backlash_cli.errors import BacklashError, LoopError, MetadataError, UsageError
 from backlash_cli.simulator import simulate, trace
 from backlash_cli.simulator.named import load_scenarios, scenario_names, scenario_text, with_dead_band, with_seed
 from backlash_cli.simulator.scenario_file import parse_scenarios
@@ -106,3 +107,24 @@ def test_loops_of_one_file_have_their_own_random_numbers():
     loops = scenario_text("example-2") + scenario_text("example-2").split("\n\n", 1)[1].replace("EXAMPLE2", "TWIN")
     one, two = (simulate(s).measurement for s in parse_scenarios(loops))
     assert not np.array_equal(one, two)
+
+
+ODD = ("nan", "inf", "-inf", "-1", "0", "1e308", "1e-308", '"x"', "[]", "{}", "true", "[1, [2]]", "2026-01-01")
+VALUE = r"(\[[^=]*?\](?=[ \n])|\[\{.*\}\]|\{.*\}|[^,\n}]+?)(?=[,\n]| \})"
+KEYS = sorted(set(re.findall(r"(\w+) = ", GOOD)))
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_odd_values_give_a_message_or_a_finite_record(key):
+    """Whatever stands behind a key: a clear error, or a record without infinities; never a traceback."""
+    for odd in ODD:
+        text = re.sub(rf"\b{key} = " + VALUE, f"{key} = {odd}", GOOD, count=1)
+        try:
+            loops = parse_scenarios(text)
+            if max(s.duration / s.step for s in loops) > 1e6:
+                continue
+            for s in loops:
+                record = simulate(s)
+                assert np.all(np.isfinite(record.measurement)) and np.all(np.isfinite(record.output)), (key, odd)
+        except BacklashError as error:
+            assert str(error)
