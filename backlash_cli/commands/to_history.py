@@ -30,7 +30,7 @@ def remember(result: ScanResult, history: Path, inputs: Sequence[Path], *, loops
 
     with History(history, create=True, say=say) as store:
         parts = _one_by_one(result, inputs, loops, reading, options, jobs) or [result]
-        return store.add_all([_undated(part) for part in parts])
+        return store.add_all([undated(part) for part in parts])
 
 
 def _one_by_one(result: ScanResult, inputs: Sequence[Path], loops: Path | None, reading: ReadOptions,
@@ -59,6 +59,6 @@ def _one_by_one(result: ScanResult, inputs: Sequence[Path], loops: Path | None, 
     return [scan(plant, options, jobs=jobs) for plant in plants]
 
 
-def _undated(result: ScanResult) -> ScanResult:
+def undated(result: ScanResult) -> ScanResult:
     """Return the result with the date taken off loop names that come from dated files (FIC101_20260302_2155.csv)."""
     return replace(result, loops=tuple(replace(r, loop=_STAMP.sub("", r.loop) or r.loop) for r in result.loops))

@@ -42,7 +42,8 @@ _REPAIRS = "CREATE TABLE repairs (loop TEXT, time REAL, note TEXT NOT NULL, PRIM
 
 VERSION_1 = (_NIGHTS_1, _HALF_PERIODS, _RUNS, _REPAIRS)
 
-# Version 2: half periods go over the cut between two nights; valve travel and details of the evidence are kept.
+# Version 2: half periods go over the cut between two nights; valve travel and details of the evidence are kept; the
+# nightly job knows which exports it has scanned.
 _JOINS = """
 CREATE TABLE joins (
     loop TEXT NOT NULL, start REAL NOT NULL, end REAL NOT NULL,
@@ -50,12 +51,14 @@ CREATE TABLE joins (
     PRIMARY KEY (loop, start, end)
 ) WITHOUT ROWID
 """
+_EXPORTS = "CREATE TABLE exports (name TEXT PRIMARY KEY, fingerprint TEXT NOT NULL) WITHOUT ROWID"
 STEPS: dict[int, tuple[str, ...]] = {
     1: (
         "ALTER TABLE nights ADD COLUMN travel REAL",
         "ALTER TABLE nights ADD COLUMN details TEXT NOT NULL DEFAULT '{}'",
         "ALTER TABLE nights ADD COLUMN carry BLOB",
         _JOINS,
+        _EXPORTS,
     ),
 }
 

@@ -52,8 +52,11 @@ class History:
         """Store a scan; nights that are known with the same content stay untouched."""
         return self.add_all([result])
 
-    def add_all(self, results: Sequence[ScanResult]) -> Outcome:
-        """Store several scans at once: all of them are in the file afterwards, or none."""
+    def add_all(self, results: Sequence[ScanResult], *, export: tuple[str, str] | None = None) -> Outcome:
+        """Store several scans at once: all of them are in the file afterwards, or none.
+
+        export: name and fingerprint of the export they come from, for the nightly job to know it again.
+        """
         new: list[tuple[str, str]] = []
         unchanged: list[tuple[str, str]] = []
         revised: list[tuple[str, str]] = []
@@ -75,6 +78,8 @@ class History:
                     self._write_run(rows, result)
             for loop in dict.fromkeys(loop for loop, _ in (*new, *revised)):
                 rejoin(self.db, loop)
+            if export is not None:
+                self.db.execute("INSERT OR REPLACE INTO exports VALUES (?, ?)", export)
         return Outcome(tuple(new), tuple(unchanged), tuple(revised), tuple(untimed))
 
     def _digest(self, row: dict[str, Any]) -> str | None:
@@ -102,6 +107,12 @@ class History:
         self.db.execute("INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (
             digest, min(n[1] for n in nights), max(n[2] for n in nights), len({n[0] for n in nights}), len(nights),
             as_json(inputs), as_json(failures), __version__))
+
+    def export_fingerprint(self, name: str) -> str | None:
+        """Return the fingerprint with which an export was scanned last, None when it never was."""
+        with in_words(self.path):
+            row = self.db.execute("SELECT fingerprint FROM exports WHERE name = ?", (name,)).fetchone()
+        return None if row is None else str(row["fingerprint"])
 
     def loops(self) -> list[str]:
         """Return the names of all loops, in order."""

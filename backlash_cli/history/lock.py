@@ -1,0 +1,45 @@
+"""One nightly job at a time: a lock that the operating system gives back when a run dies."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..errors import BacklashError
+
+
+@contextlib.contextmanager
+def lock(path: Path) -> Iterator[str]:
+    """Hold the lock file at `path`; gives a remark on a stale lock that was taken over, else an empty text.
+
+    The file holds process and host of the run that works, and is empty when none does. A file that is not empty and
+    that nobody holds was left by a run that was killed. Raises BacklashError when another run works.
+    """
+    try:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise BacklashError(f"cannot make the lock file: {error.strerror}", where=str(path), code="lock",
+                            remedy="check the folder, or set `lock` in the configuration") from None
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise BacklashError(f"another nightly job is working ({_holder(handle) or 'unknown'})", where=str(path),
+                                code="busy", remedy="wait for it; the next run does what this one did not") from None
+        before = _holder(handle)
+        os.ftruncate(handle, 0)
+        os.pwrite(handle, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
+        try:
+            yield f"the last job ({before}) was stopped before its end; its lock is taken over" if before else ""
+        finally:
+            os.ftruncate(handle, 0)
+    finally:
+        os.close(handle)
+
+
+def _holder(handle: int) -> str:
+    return os.pread(handle, 200, 0).decode("utf-8", "replace").strip()
