@@ -71,7 +71,7 @@ def parse_dates(
         if valid.any():
             chosen = rest[valid]
             fields = compact.take(np.flatnonzero(valid))
-            days = _days(_int(fields, "y"), _int(fields, "m"), _int(fields, "d"))
+            days = days_of(_int(fields, "y"), _int(fields, "m"), _int(fields, "d"))
             micros[chosen], zoned[chosen] = _with_clock(days, fields)
         elif not dated.any():
             clock = pc.extract_regex(text.take(rest), _CLOCK_ONLY)
@@ -111,7 +111,7 @@ def _dated(
     elif order == "ydm":
         month, day = np.where(year_first, day, month), np.where(year_first, month, day)
     year = np.where(year < 70, year + 2000, np.where(year < 100, year + 1900, year))
-    return _with_clock(_days(year, month, day), fields)
+    return _with_clock(days_of(year, month, day), fields)
 
 
 def _order(
@@ -183,7 +183,7 @@ def _offsets(zone: pa.Array) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDAr
     return np.array(minutes, np.int64)[index], given, ~np.array(known, bool)[index]
 
 
-def _days(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int64]) -> NDArray[np.int64]:
+def days_of(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int64]) -> NDArray[np.int64]:
     """Days since 1970-01-01 of the Gregorian calendar; NAT where there is no such day (H. Hinnant's algorithm)."""
     bad = (month < 1) | (month > 12) | (day < 1) | (day > 31) | (year < 1) | (year > 9999)
     y = np.where(month <= 2, year - 1, year)

@@ -149,7 +149,8 @@ def _regular(order: Ordered, steps: NDArray[np.int64], step: int) -> Grid:
 
 def _jitter(order: Ordered, steps: NDArray[np.int64], middle: float) -> Grid:
     near = steps <= 10 * middle
-    step = _nice(float(steps[near].sum()) / float(np.rint(steps[near] / middle).sum()))
+    single = float(steps[steps <= 1.5 * middle].mean())  # the median of coarse stamps (2, 2, 3, 2, 3 s) is not the mean
+    step = _nice(float(steps[near].sum()) / float(np.rint(steps[near] / single).sum()))
     gaps = steps > (MAX_HOLE + 1.5) * step
     spread = float(np.std(steps[~gaps] / step))
     notes = [

@@ -60,10 +60,8 @@ def _is_text(column: pa.ChunkedArray) -> bool:
 
 def _paired(table: Table, times: list[int]) -> bool:
     """Time columns that are each followed by a value of their own."""
-    names = [split_tag(table.names[i]) for i in times]
-    if sum(tag.role == "time" for tag in names) >= 2:
-        return True
-    return all(i + 1 < len(table.names) and i + 1 not in times for i in times) and not _clocks(table, times)
+    followed = all(i + 1 < len(table.names) and i + 1 not in times for i in times)
+    return followed and not _clocks(table, times)
 
 
 def _clocks(table: Table, times: list[int]) -> bool:

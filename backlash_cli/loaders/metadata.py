@@ -123,7 +123,7 @@ def parse_toml(text: str, where: str) -> Metadata:
     check_keys(defaults, lambda key: _line_of(text, where, key, "defaults"))
     loops: dict[str, LoopValues] = {}
     for name, given in _table(document.get("loops", {}), where, "loops").items():
-        values = _table(given, _line_of(text, where, name, "loops"), f"loops.{name}")
+        values = _table(given, where, f"loops.{name}")
         check_keys(values, lambda key, name=name: _line_of(text, where, key, name))
         inherited = inherit(defaults, values)
         loops[name] = LoopValues({**inherited, **values}, where, frozenset(inherited))

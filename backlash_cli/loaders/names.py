@@ -46,6 +46,7 @@ IGNORED = _words("result table start stop count samples no nr row rownumber id c
 
 _LOOKUP = {word: role for role, words in SIGNALS.items() for word in words.split()}
 _SEPARATORS = r"[.\-_/:\\|# ]"
+_SERVER = re.compile(r"^\\\\[^\\]+\\")  # \\SERVER\ before a tag
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
 
 
@@ -88,7 +89,7 @@ def split_tag(text: str) -> Tag:
     >>> split_tag("FIC101.PV").loop, split_tag("FIC101_OUT").role, split_tag("FIC101.PV.Quality").of
     ('FIC101', 'op', 'FIC101.PV')
     """
-    name = without_unit(text)
+    name = _SERVER.sub("", without_unit(text))
     parts = [m for m in re.finditer(rf"(?:^|{_SEPARATORS}+)([^.\-_/:\\|# ]+)", name)] if len(name) < 20_000 else []
     if len(parts) < 2:
         return Tag("", signal_role(name), name)

@@ -33,9 +33,10 @@ def ordered(
     parts: first rows of further files. line: line of row 0 in its file, for messages.
     Raises LoopError when no time passes.
     """
-    steps = np.diff(micros)
-    if len(micros) and micros[0] != NAT and (not len(steps) or steps.min() > 0) and not _far_span(micros):
-        return Ordered(micros, None)
+    if len(micros) and micros.min() != NAT:
+        steps = np.diff(micros)
+        if (not len(steps) or steps.min() > 0) and not _far_span(micros):
+            return Ordered(micros, None)
     notes: list[Note] = []
     rows = np.flatnonzero(micros != NAT)
     if len(rows) < len(micros):

@@ -10,6 +10,8 @@ AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
 LIMIT_RUN = 3  # samples at the limit that make saturation
 FROZEN_RUN = 10  # equal samples below which nothing is called frozen
 FROZEN_CHANCE = 1e-6  # chance that a noisy signal repeats itself this long anywhere in the record
+LEAST_CHANGES = 50  # changes that any working measurement shows in a record, however slow and coarse
+RESOLVED = 3.0  # recorder steps that a usual change of a noisy signal is large
 QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still this long to be called frozen
 
 
@@ -93,7 +95,7 @@ def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
     chance about n p^L; runs with less than FROZEN_CHANCE are frozen. p is taken outside the runs found. A signal
     without noise may stand still, as a valve does in its dead band: it must do so for QUIET_SHARE of the record.
     """
-    if len(values) < 2 * FROZEN_RUN:
+    if len(values) < 2 * LEAST_CHANGES:
         return None
     equal = values[1:] == values[:-1]
     blocks = equal[: len(equal) // 5 * 5].reshape(-1, 5)
@@ -106,7 +108,7 @@ def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
     for _ in range(4):
         repeats = int(lengths[kept].sum())
         others = len(equal) - int(lengths[~kept].sum())
-        p = min(max((repeats + 1.0) / (others + 2.0), 1e-4), 1.0 - 1e-6)
+        p = min(max((repeats + 1.0) / (others + 2.0), 1e-4), 1.0 - LEAST_CHANGES / len(equal))
         limit = max(float(FROZEN_RUN - 1), np.log(FROZEN_CHANCE / len(values)) / np.log(p))
         now = lengths < limit
         if np.array_equal(now, kept):
@@ -123,7 +125,8 @@ def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
 
 
 def _noisy(values: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray[np.int64]) -> bool:
-    """Neighbouring changes of a noisy signal point in opposite directions (their correlation tends to -1/2)."""
+    """Is the noise resolved? Then neighbouring changes point in opposite directions (their correlation tends to -1/2),
+    and changes are larger than the recorder's step."""
     changes = np.diff(values)
     keep = np.isfinite(changes)
     for start, end in zip(starts, ends, strict=True):
@@ -131,4 +134,7 @@ def _noisy(values: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray
     both = keep[1:] & keep[:-1]
     a, b = changes[:-1][both], changes[1:][both]
     power = float(a @ a + b @ b) / 2.0
-    return len(a) >= FROZEN_RUN and power > 0 and float(a @ b) / power < -0.2
+    if len(a) < FROZEN_RUN or not power > 0 or float(a @ b) / power >= -0.2:
+        return False
+    sizes = np.abs(a[a != 0])
+    return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))

@@ -22,7 +22,7 @@ from .options import ReadOptions
 NAT = np.iinfo(np.int64).min
 SECOND = 1_000_000
 DAY = 86_400 * SECOND
-LIMIT = 9.2e18
+LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,9 @@ def from_numbers(values: NDArray[np.float64], name: str, options: ReadOptions, w
     if not len(known):
         raise InputError(f"time column {name!r} holds no time stamps", where=where, remedy="name it with --time-format")
     unit = options.time_format or _unit_of(known, name)
+    digits = _written_digits(known) if options.time_format is None else ""
+    if digits:
+        return _from_digits(values, digits)
     notes: list[Note] = []
     factor, zero, absolute = {
         "epoch_s": (1e6, 0.0, True), "epoch_ms": (1e3, 0.0, True), "epoch_us": (1.0, 0.0, True),
@@ -93,6 +96,31 @@ def from_numbers(values: NDArray[np.float64], name: str, options: ReadOptions, w
     usable = np.isfinite(scaled) & (np.abs(scaled) < LIMIT)
     out[usable] = np.rint(scaled[usable]).astype(np.int64)
     return Times(out, absolute, zoned=unit.startswith("epoch") or not absolute, notes=tuple(notes))
+
+
+def _written_digits(known: NDArray[np.float64]) -> str:
+    """Return the pattern of stamps written as one number, 20260317080000 or 202603170800, "" when they are none."""
+    for pattern, low, high in (("ymdhms", 1.9e13, 2.2e13), ("ymdhm", 1.9e11, 2.2e11)):
+        if known.min() < low or known.max() >= high or np.any(known % 1):
+            continue
+        rest = known if pattern == "ymdhms" else known * 100
+        fits = (rest % 100 < 60) & (rest // 100 % 100 < 60) & (rest // 1e4 % 100 < 24)
+        day, month = rest // 1e6 % 100, rest // 1e8 % 100
+        fits &= (day >= 1) & (day <= 31) & (month >= 1) & (month <= 12)
+        if fits.all():
+            return pattern
+    return ""
+
+
+def _from_digits(values: NDArray[np.float64], pattern: str) -> Times:
+    from .dates import days_of
+
+    present = np.isfinite(values)
+    whole = np.where(present, values, 0.0).astype(np.int64) * (1 if pattern == "ymdhms" else 100)
+    days = days_of(whole // 10**10, whole // 10**8 % 100, whole // 10**6 % 100)
+    known = present & (days != NAT)
+    clock = ((whole // 10**4 % 100) * 60 + whole // 100 % 100) * 60 + whole % 100
+    return Times(np.where(known, np.where(known, days, 0) * DAY + clock * SECOND, NAT))
 
 
 def _unit_of(known: NDArray[np.float64], name: str) -> str:
@@ -184,7 +212,8 @@ def _integers(column: pa.ChunkedArray | pa.Array) -> NDArray[np.int64]:
 def _scaled(integers: NDArray[np.int64], unit: str) -> NDArray[np.int64]:
     missing = integers == NAT
     if unit == "us":
-        return integers
+        far = (integers > LIMIT) | (integers < -LIMIT)
+        return np.where(far, NAT, integers) if far.any() else integers
     if unit == "ns":
         out = integers // 1000
     else:

@@ -1,0 +1,163 @@
+"""Time stamps to a uniform grid: order, repeats, gaps, jitter, compression."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from backlash_cli.errors import LoopError
+from backlash_cli.loaders.grid import MAX_HOLE, make_grid
+from backlash_cli.loaders.order import ordered
+from backlash_cli.loaders.times import NAT, SECOND
+
+T0 = 1_773_734_400 * SECOND
+
+
+def stamps(seconds: object) -> np.ndarray:
+    return T0 + np.rint(np.asarray(seconds, float) * SECOND).astype(np.int64)
+
+
+def codes(thing) -> list[str]:
+    return [note.code for note in thing.notes]
+
+
+def test_uniform_stamps_need_nothing():
+    order = ordered(stamps(np.arange(100)))
+    grid = make_grid(order)
+    assert order.rows is None and grid.rows is None and grid.interval == 1.0 and not grid.notes
+
+
+def test_short_holes_get_rows_and_gaps_jump():
+    seconds = np.delete(np.arange(200), [10, 11, *range(50, 150)])
+    grid = make_grid(ordered(stamps(seconds)))
+    assert grid.kind == "regular"
+    assert np.array_equal(np.flatnonzero(grid.rows < 0), [10, 11])
+    assert np.array_equal(grid.index, np.delete(np.arange(200), np.arange(50, 150)))
+    assert codes(grid) == ["gaps", "missing_rows"]
+
+
+def test_months_between_two_recordings_take_no_memory():
+    grid = make_grid(ordered(stamps(np.concatenate([np.arange(1000), 1e8 + np.arange(1000)]))))
+    assert len(grid.index) == 2000
+    assert grid.index[-1] == 100_000_999
+
+
+def test_a_far_off_stamp_is_dropped():
+    micros = stamps(np.arange(500))
+    micros[[7, 300]] = 0
+    micros[400] = 253_402_300_799 * SECOND
+    order = ordered(micros)
+    assert codes(order) == ["time_outliers"]
+    assert len(make_grid(order).index) == 500  # the three become short holes
+
+
+def test_unreadable_stamps_name_the_line():
+    micros = stamps(np.arange(100))
+    micros[3] = NAT
+    order = ordered(micros, line=2)
+    assert "line 5" in order.notes[0].message
+
+
+def test_shuffled_and_repeated_rows():
+    rng = np.random.default_rng(1)
+    values = rng.standard_normal(300)
+    rows = rng.permutation(np.concatenate([np.arange(300), np.arange(0, 300, 30)]))
+    order = ordered(stamps(rows), values[rows])
+    assert codes(order) == ["unsorted", "duplicate_times"]
+    assert np.array_equal(values[rows][order.rows], values)
+
+
+def test_rows_in_reverse():
+    order = ordered(stamps(np.arange(100)[::-1]), np.arange(100.0))
+    assert np.array_equal(order.rows, np.arange(100)[::-1])
+
+
+@pytest.mark.parametrize(("back", "code"), [(3600, "dst_repeated_hour"), (600, "clock_set_back")])
+def test_clock_set_back_keeps_the_file_order(back, code):
+    seconds = np.arange(9000.0)
+    seconds[5000:] -= back
+    values = np.random.default_rng(2).standard_normal(9000)
+    order = ordered(stamps(seconds), values)
+    assert codes(order) == [code]
+    grid = make_grid(order)
+    assert np.array_equal(grid.index, np.arange(9000))
+
+
+def test_the_same_hour_exported_twice_is_no_clock_change():
+    values = np.random.default_rng(2).standard_normal(6000)
+    rows = np.concatenate([np.arange(4000), np.arange(3000, 6000)])
+    order = ordered(stamps(rows), values[rows], parts=(4000,))
+    assert codes(order) == ["unsorted", "duplicate_times"]
+    assert len(order.stamps) == 6000
+
+
+def test_stamps_to_the_minute_are_spread():
+    seconds = np.arange(37, 37 + 1200)
+    order = ordered(stamps(seconds // 60 * 60), np.random.default_rng(0).standard_normal(1200))
+    assert codes(order) == ["coarse_stamps"]
+    grid = make_grid(order)
+    assert grid.interval == 1.0 and np.array_equal(grid.index, np.arange(1200))
+    assert grid.start == T0 + 37 * SECOND
+
+
+@pytest.mark.parametrize("seconds", [np.zeros(50), np.repeat([0.0, 1.0], 200)])
+def test_no_time_passes(seconds):
+    with pytest.raises(LoopError) as caught:
+        make_grid(ordered(stamps(seconds), np.random.default_rng(0).standard_normal(len(seconds))))
+    assert caught.value.code in ("constant_time", "too_few_samples")
+
+
+def test_jitter_is_resampled():
+    rng = np.random.default_rng(3)
+    seconds = np.sort(np.arange(2000) + rng.uniform(-0.3, 0.3, 2000))
+    seconds = np.delete(seconds, rng.choice(2000, 60, replace=False))
+    grid = make_grid(ordered(stamps(seconds)))
+    assert grid.kind == "jitter" and grid.interval == 1.0 and codes(grid) == ["resampled"]
+    assert np.array_equal(grid.index, np.arange(len(grid.index)))
+    assert abs(len(grid.index) - 2000) <= 2
+
+
+def test_slow_drift_of_the_scan_time_keeps_the_clock():
+    grid = make_grid(ordered(stamps(np.arange(20_000) * 1.0003 + 0.002 * np.sin(np.arange(20_000)))))
+    assert grid.interval == 1.0
+    assert abs(grid.index[-1] - 20_000 * 1.0003) <= 2
+
+
+def test_scan_time_that_is_no_round_number():
+    grid = make_grid(ordered(stamps(np.round(np.arange(5000) * 2.4))))
+    assert grid.interval == pytest.approx(2.4)
+    assert grid.kind == "jitter"
+
+
+def test_compressed_recording():
+    rng = np.random.default_rng(4)
+    seconds = np.cumsum(rng.geometric(0.2, 1500))
+    grid = make_grid(ordered(stamps(seconds)))
+    assert grid.kind == "compressed" and grid.interval == 1.0
+    assert grid.recorded.mean() == pytest.approx(0.2, abs=0.03)
+    seconds[700:] += 7200
+    assert "gaps" in codes(make_grid(ordered(stamps(seconds))))
+
+
+def test_far_too_irregular_is_refused():
+    seconds = np.cumsum(np.exp(np.random.default_rng(5).normal(0, 6, 400)))
+    try:
+        grid = make_grid(ordered(stamps(seconds)))
+    except LoopError as error:
+        assert error.code == "irregular"
+    else:
+        assert len(grid.index) <= 200 * 400
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.integers(-(10**15), 10**15), min_size=1, max_size=200), st.integers(0, 3))
+def test_any_stamps_give_an_increasing_bounded_grid_or_a_refusal(values, repeats):
+    micros = np.array(values * (repeats + 1), np.int64)
+    try:
+        grid = make_grid(ordered(micros, np.arange(len(micros), dtype=float)))
+    except LoopError:
+        return
+    assert np.all(np.diff(grid.index) > 0)
+    assert len(grid.index) <= 200 * len(micros) + (MAX_HOLE + 1) * len(micros)

@@ -1,0 +1,127 @@
+"""Loop settings from TOML and CSV, with the place of every mistake."""
+
+from __future__ import annotations
+
+import pytest
+
+from backlash_cli.errors import MetadataError
+from backlash_cli.loaders.loop_settings import settings_of
+from backlash_cli.loaders.metadata import merge, parse_toml, read_metadata
+from backlash_cli.loaders.metadata_table import parse_table
+
+GOOD = """
+[defaults]
+Kp = 1.5
+Ti = 30.0
+
+[loops.FIC101]
+K = 0.6
+Ti = "0.5 min"
+pv_range = [0, 900]
+op_range = [0, 100]
+
+[loops."Druck Ö1 (Süd)"]
+PB = 50
+reset = "2 /min"
+"""
+
+
+def test_defaults_hold_where_a_loop_says_nothing():
+    metadata = parse_toml(GOOD, "loops.toml")
+    settings = settings_of(metadata.of("FIC101"))
+    assert (settings.loop.K, settings.loop.Ti, settings.loop.Kp) == (0.6, 30.0, 1.5)
+    assert settings.loop.source == {
+        "K": "metadata", "Ti": "metadata", "Kp": "default", "pv_range": "metadata", "op_range": "metadata"
+    }  # fmt: skip
+    assert settings.pv_range == (0.0, 900.0)
+    # the default Ti does not stand beside the loop's own reset
+    assert settings_of(metadata.of("Druck Ö1 (Süd)")).loop.K == 2.0
+    assert settings_of(metadata.fallback()).loop.Ti == 30.0
+
+
+def test_names_match_without_case():
+    metadata = parse_toml(GOOD, "x")
+    assert metadata.match("fic101") == "FIC101"
+    assert metadata.match("FIC102") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "words"),
+    [("[loops.A]\nK = 1\nTii = 3\n", "f.toml, line 3", "did you mean.*Ti"),
+     ("[loop.A]\nK = 1\n", "f.toml, line 1", "did you mean loops"),
+     ("[loops.A\nK = 1\n", "f.toml, line 1", "TOML"),
+     ("[loops.A]\nK = 1\n[loops.A]\nK = 2\n", "f.toml, line 3", "TOML"),
+     ("[defaults]\nkp = 1\n", "f.toml, line 2", "Kp"),
+     ("loops = 3\n", "f.toml", "table"),
+     ("[loops]\nA = 3\n", "f.toml", "table"),
+     ("a = " + "[" * 3000, "f.toml", "TOML")],
+)  # fmt: skip
+def test_mistakes_are_placed(text, where, words):
+    with pytest.raises(MetadataError, match=words) as caught:
+        parse_toml(text, "f.toml")
+    assert caught.value.where.startswith(where)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [("pv_range = [450, 450]", "zero width"),
+     ("pv_range = [900, 0]", "reversed"), ("op_range = [0, 5, 9]", "two numbers"),
+     ("pv_range = 900", "two numbers"), ("op_range = ['a', 'b']", "must be a number"), ("Kp = 0", "must not be zero"),
+     ("Kp = nan", "must be a number"), ("theta = -3", "must not be negative"), ("Tf = -1", "must not be negative"),
+     ("units = 'bar'", "units"), ("pv_range = [-1e308, 1e308]", "too wide"), ("Kp = 'x'", "must be a number")],
+)  # fmt: skip
+def test_wrong_values_name_key_and_remedy(values, words):
+    metadata = parse_toml(f"[loops.A]\nK = 1\nTi = 2\n{values}\n", "x")
+    with pytest.raises(MetadataError, match=words) as caught:
+        settings_of(metadata.of("A"))
+    assert caught.value.remedy
+
+
+def test_gain_signs_belong_together():
+    settings = settings_of(parse_toml("[loops.A]\nK = -0.5\nTi = 3\nKp = 1.2\n", "x").of("A"))
+    assert settings.loop.Kp == -1.2
+    assert [note.code for note in settings.notes] == ["kp_sign"]
+    assert not settings_of(parse_toml("[loops.A]\nK = -0.5\nTi = 3\nKp = -1.2\n", "x").of("A")).notes
+
+
+def test_table_with_the_same_keys(tmp_path):
+    path = tmp_path / "plant.loops.csv"
+    path.write_text(
+        "loop;K;Ti;pv_range;op_range;Kp\ndefaults;;;;0..100;1.5\nFIC101;0,6;0,5 min;0..900;;\nLIC1;1;20;[0, 5];;2\n"
+    )
+    metadata = read_metadata(path)
+    settings = settings_of(metadata.of("FIC101"))
+    assert (settings.loop.K, settings.loop.Ti, settings.loop.Kp) == (0.6, 30.0, 1.5)
+    assert (settings.pv_range, settings.op_range) == ((0.0, 900.0), (0.0, 100.0))
+    assert settings_of(metadata.of("LIC1")).loop.Kp == 2.0
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("loop,K,Tii\nA,1,2\n", "unknown column"), ("K,Ti\n1,2\n", "no column 'loop'"),
+     ("loop,K\nA,1\nA,2\n", "listed twice"),
+     ("loop,pv_range\nA,wide\n", "not a range"), ("loop,K\n,1\n", "without a loop name")],
+)  # fmt: skip
+def test_table_mistakes(text, words):
+    with pytest.raises(MetadataError, match=words) as caught:
+        parse_table(text, "t.csv")
+    assert "t.csv" in caught.value.where
+
+
+def test_files_that_are_no_metadata(tmp_path):
+    with pytest.raises(MetadataError, match="not found"):
+        read_metadata(tmp_path / "nothing.toml")
+    (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00K")
+    with pytest.raises(MetadataError, match="UTF-8"):
+        read_metadata(tmp_path / "b.toml")
+    with pytest.raises(MetadataError):
+        read_metadata(tmp_path)
+    (tmp_path / "bom.toml").write_text("\ufeff[loops.A]\nK = 1\n", encoding="utf-8")
+    assert read_metadata(tmp_path / "bom.toml").loops["A"].values == {"K": 1}
+
+
+def test_first_file_counts_and_conflicts_are_named():
+    merged = merge([parse_toml("[loops.A]\nK = 1\n", "a"), parse_toml("[loops.A]\nK = 2\n[loops.B]\nK = 3\n", "b")])
+    assert merged.loops["A"].values["K"] == 1
+    assert merged.loops["B"].values["K"] == 3
+    assert len(merged.conflicts) == 1

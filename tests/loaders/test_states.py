@@ -1,0 +1,95 @@
+"""Samples that must not be used are found, and only those."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from backlash_cli.loaders.states import frozen, hold_last, implausible, long_runs, runs, saturated, short_holes
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.booleans(), max_size=60))
+def test_runs_cover_exactly_the_flags(flags):
+    array = np.array(flags, bool)
+    starts, ends = runs(array)
+    rebuilt = np.zeros(len(array), bool)
+    for start, end in zip(starts, ends, strict=True):
+        rebuilt[start:end] = True
+    assert np.array_equal(rebuilt, array)
+    kept = long_runs(array, 3)
+    brute = np.array([any(all(flags[j : j + 3]) and len(flags[j : j + 3]) == 3 for j in range(max(0, i - 2), i + 1))
+                      for i in range(len(flags))], bool)  # fmt: skip
+    assert np.array_equal(kept, brute)
+
+
+def test_short_holes_are_bridged_on_a_line():
+    values = np.array([1.0, np.nan, np.nan, 4.0, np.nan, np.nan, np.nan, 8.0, np.nan])
+    out, filled = short_holes(values, np.arange(9), 2)
+    assert np.array_equal(filled, [False, True, True, False, False, False, False, False, False])
+    assert np.allclose(out[:4], [1, 2, 3, 4]) and np.isnan(out[4:7]).all() and np.isnan(out[8])
+
+
+def test_no_hole_is_bridged_across_a_gap():
+    values = np.array([1.0, np.nan, 3.0])
+    _, filled = short_holes(values, np.array([0, 1, 500]), 5)
+    assert not filled.any()
+
+
+def test_hold_last():
+    values = np.array([np.nan, 2.0, np.nan, np.nan, np.nan, 5.0])
+    assert np.array_equal(hold_last(values), [np.nan, 2, 2, 2, 2, 5], equal_nan=True)
+    assert np.array_equal(hold_last(values, 2), [np.nan, 2, 2, 2, np.nan, 5], equal_nan=True)
+
+
+def test_saturation_needs_several_samples():
+    u = np.full(100, 0.5)
+    u[10] = 1.0
+    assert saturated(u) is None
+    u[20:25] = 0.9999
+    u[40:44] = -0.01
+    flags = saturated(u)
+    assert flags is not None and np.array_equal(np.flatnonzero(flags), [*range(20, 25), *range(40, 44)])
+
+
+def test_spikes_beyond_the_span():
+    y = np.full(50, 0.4)
+    assert implausible(y) is None
+    y[3], y[9], y[12] = 1e308, -np.inf, 1.4
+    flags = implausible(y)
+    assert flags is not None and np.array_equal(np.flatnonzero(flags), [3, 9])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_frozen_stretch_of_a_noisy_signal(seed):
+    rng = np.random.default_rng(seed)
+    y = (0.5 + 0.01 * rng.standard_normal(5000)).round(4)
+    assert frozen(y) is None
+    y[2000:2100] = y[2000]
+    flags = frozen(y)
+    assert flags is not None and flags[2000:2100].all() and flags.sum() <= 102
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_coarse_signal_is_not_frozen(seed):
+    rng = np.random.default_rng(seed)
+    slow = 0.5 + 0.02 * np.sin(np.arange(8000) / 400) + 0.002 * rng.standard_normal(8000)
+    assert frozen(np.round(slow, 2)) is None
+
+
+def test_a_valve_that_sticks_in_a_quiet_loop_is_not_frozen():
+    ramp = np.concatenate([np.full(200, k * 0.01) + 0 for k in range(20)])
+    smooth = np.interp(np.arange(4000), [0, 900, 1100, 2000, 2300, 4000], [0.4, 0.4, 0.5, 0.5, 0.45, 0.4])
+    assert frozen(smooth) is None
+    assert frozen(ramp) is None
+
+
+def test_constant_signal_is_frozen():
+    flags = frozen(np.full(4500, 0.45))
+    assert flags is not None and flags.all()
+    assert (
+        frozen(np.concatenate([np.full(3000, 0.45), 0.45 + 0.01 * np.random.default_rng(0).standard_normal(3000)]))
+        is not None
+    )
