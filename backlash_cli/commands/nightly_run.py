@@ -130,9 +130,10 @@ def _key(config: NightlyConfig, export: Export) -> str:
 def _scan(config: NightlyConfig, files: list[str]) -> tuple[ScanResult, tuple[Record, ...]]:
     from ..api import scan
     from ..loaders import ReadOptions, read
+    from ..scan import ScanOptions
 
     plant = read(files, loops=config.loops, options=ReadOptions(**config.reading))
-    return scan(plant, jobs=config.jobs), plant.records
+    return scan(plant, ScanOptions(carry=True), jobs=config.jobs), plant.records
 
 
 def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records: Sequence[Record],
@@ -168,7 +169,8 @@ def _summary(config: NightlyConfig, night: Night, plant: PlantHistory, hits: Seq
     """Return the line for the cron mail."""
     last = max((n.end for found in plant.nights.values() for n in found), default=None)
     loops = len(plant.places)
-    parts = [f"backlash {day_of(last).isoformat() if last is not None else 'no data'}: {loops} loop{'s' * (loops != 1)}"]
+    day = day_of(last).isoformat() if last is not None else "no data"
+    parts = [f"backlash {day}: {loops} loop{'s' * (loops != 1)}"]
     parts.append(f"scanned {_names(night.scanned)} ({_counts(night)})" if night.scanned
                  else f"nothing new ({len(night.known)} known)")
     for action, words in (("pull", "pull"), ("room", "pull if room"), ("watch", "watch")):

@@ -65,7 +65,7 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], fo
     reading = replace(reading, only_loops=only)
     with progress("reading", None, shown=not quiet):
         plant = read(inputs, loops=loops, options=reading)
-    result = _analyse(plant, confirm=not no_confirm, jobs=jobs, shown=not quiet)
+    result = _analyse(plant, confirm=not no_confirm, carry=history is not None, jobs=jobs, shown=not quiet)
     if history is not None:
         _remember(result, history, inputs, loops, reading, confirm=not no_confirm, jobs=jobs, quiet=quiet)
     if not (quiet and form is None):
@@ -85,8 +85,8 @@ def _remember(result: ScanResult, history: Path, inputs: tuple[Path, ...], loops
     from ..scan import ScanOptions
     from .to_history import remember
 
-    outcome = remember(result, history, inputs, loops=loops, reading=reading, options=ScanOptions(confirm=confirm),
-                       jobs=jobs)
+    options = ScanOptions(confirm=confirm, carry=True)
+    outcome = remember(result, history, inputs, loops=loops, reading=reading, options=options, jobs=jobs)
     if not quiet:
         say(f"history {history}: {outcome.sentence()}")
 
@@ -97,7 +97,7 @@ def _wrong(result: ScanResult) -> list[str]:
     return [note.message for note in result.failures] + loops
 
 
-def _analyse(plant: Plant, *, confirm: bool, jobs: int | None, shown: bool) -> ScanResult:
+def _analyse(plant: Plant, *, confirm: bool, carry: bool, jobs: int | None, shown: bool) -> ScanResult:
     from ..api import scan as scan_plant
     from ..scan import ScanOptions
 
@@ -109,7 +109,7 @@ def _analyse(plant: Plant, *, confirm: bool, jobs: int | None, shown: bool) -> S
                 done.append(report)
                 step()
 
-            return scan_plant(plant, ScanOptions(confirm=confirm), jobs=jobs, progress=count)
+            return scan_plant(plant, ScanOptions(confirm=confirm, carry=carry), jobs=jobs, progress=count)
     except KeyboardInterrupt as stop:
         stop.add_note(f"{len(done)} of {total} loops were analysed; no report was written")
         raise

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from ..estimator.carry_bytes import unpack
 from ..record import LoopSettings, Note
 from ..results import LoopReport, Verdict
 from ..results.history import HalfPeriod, Night
@@ -36,7 +37,7 @@ def night_row(report: LoopReport) -> dict[str, Any]:
         "interval_s": short(report.interval_s), "half_periods": report.half_periods, "detections": report.detections,
         "settings": as_json(settings_dict(report.settings)), "reasons": as_json(list(map(_note, report.reasons))),
         "warnings": as_json(list(map(_note, report.warnings))),
-        "travel": short(_number(report.details.get("output_travel_per_hour"))), "details": as_json(_evidence(report)),
+        "travel": short(unpack(report.carry).travel) if report.carry else None, "details": as_json(_evidence(report)),
     }
     halves = [half_period_row(row, e, joined=False) for e in report.estimates]
     content = as_json([row, halves]).encode("utf-8", "backslashreplace") + (report.carry or b"")

@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 from backlash_cli.estimator.carry import resume
 from backlash_cli.estimator.carry_bytes import pack, unpack, unpack_tail
 from backlash_cli.estimator.haegglund import estimate
-from backlash_cli.record import SampleState
-from backlash_cli.scan import scan
+from backlash_cli.record import SampleState, record_from_arrays
+from backlash_cli.scan import ScanOptions, scan
 from tests.test_scan import RECORD
+
+KEEP = ScanOptions(carry=True)
 
 
 def night(record, first, last):
@@ -28,7 +30,7 @@ def joined(record, cuts, offset=0):
     found, tail, before = {}, None, 0
     for first, last in pairwise(edges):
         part = night(record, first, last)
-        report = scan(part)
+        report = scan(part, KEEP)
         carry = unpack(report.carry)
         own = [(e.start, e.d) for e in report.estimates if e.accepted]
         passed = None
@@ -70,13 +72,21 @@ def test_any_number_of_nights_joined_equals_the_uncut_record(cuts, manual):
 
 
 def test_packing_is_exact_and_the_same_every_time():
-    data = scan(RECORD).carry
+    data = scan(RECORD, KEEP).carry
     carry = unpack(data)
     assert pack(carry) == data
     assert unpack_tail(pack(carry.tail)).open == carry.tail.open
     assert carry.settled and len(carry.head[0]) < 200
 
 
+def test_the_travel_of_the_output_leaves_out_what_does_not_move_a_valve():
+    output = np.concatenate([np.linspace(0.4, 0.6, 1801), np.linspace(0.6, 0.4, 1801)[1:]])
+    for wiggle in (0.0, 0.002):
+        noisy = output + wiggle * (-1.0) ** np.arange(3601)
+        record = record_from_arrays(0.5, np.full(3601, 0.5), noisy, interval=1.0, settings=RECORD.settings)
+        assert unpack(scan(record, KEEP).carry).travel == pytest.approx(0.4, abs=0.01)
+
+
 def test_nights_with_other_filters_do_not_fit():
-    carry = unpack(scan(RECORD).carry)
+    carry = unpack(scan(RECORD, KEEP).carry)
     assert carry.fits(carry) and not carry.fits(replace(carry, Ti=9.0))
