@@ -67,7 +67,8 @@ def missing_dates(exports: Sequence[Export]) -> list[str]:
 
 def matches(pattern: str) -> list[tuple[Path, date | None]]:
     """Return the files behind one pattern with the date in their names (None where the pattern has none)."""
-    wild = "".join("*" if i % 2 else part for i, part in enumerate(_pieces(pattern)))
+    wild = "".join(re.sub("[^/]+", "*", piece) if i % 2 else piece.replace("[", "[[]")
+                   for i, piece in enumerate(_pieces(pattern)))
     expression, formats = _expression(pattern)
     out: list[tuple[Path, date | None]] = []
     for name in sorted(glob.glob(wild, recursive=True)):

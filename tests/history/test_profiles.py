@@ -1,0 +1,94 @@
+"""Limits profile, nightly configuration and lock: what is wrong is said with file, key and remedy."""
+
+import subprocess
+import sys
+
+import pytest
+
+from backlash_cli.errors import BacklashError
+from backlash_cli.history.limits import parse_limits, read_limits
+from backlash_cli.history.lock import lock
+from backlash_cli.history.nightly_config import read_config
+
+CLASSES = '[classes.a]\nlimit = 3\nsource = "s"\n[classes.b]\nlimit = 1.5\n'
+
+
+def test_the_first_pattern_that_fits_counts_and_a_loop_of_its_own_goes_first():
+    limits = parse_limits('default = "a"\n' + CLASSES + '[[assign]]\nloops = ["FIC1*"]\nclass = "b"\n'
+                          '[[assign]]\nloops = "*"\nclass = "a"\n[loops.FIC100]\nlimit = 2\n'
+                          '[loops.X]\nclass = "b"', "f")
+    assert limits.of("fic101").value == 0.015 and limits.of("TIC1").value == 0.03
+    assert limits.of("FIC100").value == 0.02 and limits.of("X").name == "b"
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("", "no class"), ("[classes.a]\nlimit = 0", "between 0 and 100"), ("[classes.a]\nlimit = true", "number"),
+    ("[classes.a]\nlimit = 3\nsorce = 1", "sorce"), (CLASSES + "[[assign]]\nloops = 'x'\nclass = 'c'", "no class 'c'"),
+    ("default = 'z'\n" + CLASSES, "no class 'z'"), (CLASSES + "[[assign]]\nclass = 'a'", "must be a name"),
+    ("assign = 3\n" + CLASSES, "list"), ("classes = 3", "table"), ("[", "TOML"), (CLASSES + "[loops]\nX = 1", "table"),
+])
+def test_a_wrong_profile_is_refused_in_words(text, words):
+    with pytest.raises(BacklashError) as caught:
+        parse_limits(text, "limits.toml")
+    assert words in str(caught.value) and "limits.toml" in caught.value.where and caught.value.remedy
+
+
+def test_a_profile_that_is_not_there(tmp_path):
+    with pytest.raises(BacklashError, match="--limits"):
+        read_limits(tmp_path / "absent.toml")
+
+
+GOOD = 'inputs = "x_{date}.csv"\nhistory = "h.db"\n'
+
+
+def config(tmp_path, text):
+    (tmp_path / "n.toml").write_text(text)
+    return read_config(tmp_path / "n.toml")
+
+
+def test_paths_are_relative_to_the_configuration(tmp_path):
+    found = config(tmp_path, GOOD + 'fail_on = "d>3%"\n[outputs]\nreport = "out/wear"\nscan = "s/{date}.json"\n'
+                   '[reading]\ntimezone = "Europe/Berlin"\nauto_modes = ["A"]')
+    assert found.history == tmp_path / "h.db" and found.lock == tmp_path / "h.db.lock"
+    assert found.inputs == (str(tmp_path / "x_{date}.csv"),) and found.report == tmp_path / "out/wear"
+    assert found.fail_on == ("d>3%",) and found.reading == {"timezone": "Europe/Berlin", "auto_modes": ("A",)}
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ('history = "h.db"', "no inputs"), ('inputs = "x"', "no history"), (GOOD + "inputz = 3", "did you mean inputs"),
+    (GOOD + "horizon = -1", "positive"), (GOOD + 'together = "yes"', "true or false"), (GOOD + "loops = 3", "text"),
+    (GOOD + '[outputs]\nscan = "s.json"', "needs its date"), (GOOD + '[outputs]\nscan = "{date}.doc"', ".doc"),
+    (GOOD + '[outputs]\nreprt = "x"', "did you mean report"), (GOOD + '[log]\nformat = "xml"', "text, json"),
+    (GOOD + '[reading]\ntimezon = "x"', "timezone"), ("inputs = [3]\nhistory = 'h'", "list of texts"), ("[", "TOML"),
+])
+def test_a_wrong_configuration_is_refused_in_words(tmp_path, text, words):
+    with pytest.raises(BacklashError) as caught:
+        config(tmp_path, text)
+    assert words in str(caught.value) and "n.toml" in caught.value.where and caught.value.remedy
+
+
+def test_a_configuration_that_is_not_there(tmp_path):
+    with pytest.raises(BacklashError, match="docs/nightly"):
+        read_config(tmp_path / "absent.toml")
+
+
+def test_only_one_job_works_and_a_stale_lock_is_taken_over(tmp_path):
+    path = tmp_path / "x.lock"
+    with lock(path) as stale:
+        assert stale == ""
+        with pytest.raises(BacklashError, match="another nightly job is working \\(process"), lock(path):
+            pass
+    assert path.read_text() == ""
+    with pytest.raises(ValueError), lock(path):
+        raise ValueError
+    assert path.read_text() == ""
+    code = ("import os, sys\nfrom pathlib import Path\nfrom backlash_cli.history.lock import lock\n"
+            "with lock(Path(sys.argv[1])):\n    os.kill(os.getpid(), 9)\n")
+    subprocess.run([sys.executable, "-c", code, str(path)], check=False)
+    with lock(path) as stale:
+        assert "stopped before its end" in stale
+
+
+def test_a_lock_that_cannot_be_made(tmp_path):
+    with pytest.raises(BacklashError, match="lock file"), lock(tmp_path / "no" / "x.lock"):
+        pass
