@@ -1,5 +1,37 @@
 """Frozen results: all that a reporter ever sees."""
 
+from .explain import (
+    Candidate,
+    Comparison,
+    Explanation,
+    Fitness,
+    FittedEffect,
+    FittedParameter,
+    Model,
+    ModelEffect,
+    Region,
+    Series,
+    Step,
+)
 from .scan import Cluster, Compensator, Confirmation, Estimate, LoopReport, ScanResult, Verdict
 
-__all__ = ["Cluster", "Compensator", "Confirmation", "Estimate", "LoopReport", "ScanResult", "Verdict"]
+__all__ = [
+    "Candidate",
+    "Cluster",
+    "Comparison",
+    "Compensator",
+    "Confirmation",
+    "Estimate",
+    "Explanation",
+    "Fitness",
+    "FittedEffect",
+    "FittedParameter",
+    "LoopReport",
+    "Model",
+    "ModelEffect",
+    "Region",
+    "ScanResult",
+    "Series",
+    "Step",
+    "Verdict",
+]

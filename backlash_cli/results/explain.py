@@ -1,0 +1,240 @@
+"""What comparing a model with the measurements found, and which physical effects explain the difference.
+
+All errors are root mean squares of measured minus predicted PV, normalised (0.01 = 1 % of the measurement span).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..record import FloatArray, LoopSettings, Note
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """One number of a model, or several of a kind (times and sizes of load steps).
+
+    value: one number, or a tuple of them. ci95: its 95 % interval, or one interval for each number; None when it was
+    not fitted. unit: as in the effect ("span", "s", "1/s", "OP span", ...). nuisance: says how the record began only.
+    """
+
+    value: float | tuple[float, ...]
+    unit: str = ""
+    ci95: Interval | tuple[Interval, ...] | None = None
+    meaning: str = ""
+    nuisance: bool = False
+
+
+@dataclass(frozen=True)
+class FittedEffect:
+    """One accepted effect with its numbers, as fitted together with the others.
+
+    column: measured column it uses, if any. sentence: what the effect is. meaning: what it says about this plant, with
+    {name} where a parameter belongs. stage: command, valve, process, load or sensor.
+    """
+
+    effect: str
+    parameters: Mapping[str, FittedParameter] = field(default_factory=dict)
+    column: str = ""
+    sentence: str = ""
+    meaning: str = ""
+    stage: str = ""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect tried at the first step: how far it alone lowers the error on samples the fit did not see.
+
+    error_reduction: share of the squared hold-out error of the baseline that goes, 0..1. evidence: difference of the
+    information criterion, positive in favour of the effect. verdict: "accepted", "look-alike", "not needed" ...
+    """
+
+    effect: str
+    rmse_holdout: float
+    error_reduction: float
+    parameters: Mapping[str, FittedParameter] = field(default_factory=dict)
+    column: str = ""
+    evidence: float | None = None
+    verdict: str = ""
+    sentence: str = ""
+    meaning: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One rung of the ladder: the model after `added` came in (None: the baseline), everything refitted together.
+
+    prediction: (samples,) PV predicted by this model on the time axis of the series, None where not kept.
+    chosen: "search" or "user" (--add, or part of the model file).
+    """
+
+    added: str | None
+    rmse_holdout: float
+    rmse: float | None = None
+    prediction: FloatArray | None = field(default=None, repr=False)
+    chosen: str = "search"
+
+
+@dataclass(frozen=True)
+class Region:
+    """A part of the record, and how badly the model does there.
+
+    region: short name ("after output reversals, upwards"). kind: group of regions that cut the record in one way, such
+    as "reversal", "setpoint", "output level", "direction", "limit", "frequency", "time", "load". rmse: error there.
+    share: of the squared error of the whole record. samples: in the region. expected: share of all usable samples, so
+    that share / expected > 1 says where the model is worse than on average. sentence: in words an engineer understands.
+    stretches: (first, last) pairs of epoch seconds, for shading; empty for a frequency band.
+    """
+
+    region: str
+    rmse: float
+    share: float
+    samples: int
+    kind: str = ""
+    expected: float | None = None
+    sentence: str = ""
+    stretches: tuple[Interval, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """What was measured and what the model says, on a grid without gaps; all (samples,), normalised, nan in holes.
+
+    time: epoch seconds. used: bool, where the sample counts. residual is measured minus predicted.
+    inside: named signals between OP and PV ("valve": stem position), for pictures.
+    """
+
+    time: FloatArray
+    setpoint: FloatArray
+    output: FloatArray
+    measured: FloatArray
+    predicted: FloatArray
+    used: NDArray[np.bool_]
+    inside: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    @property
+    def residual(self) -> FloatArray:
+        """Measured minus predicted PV (samples,), nan where the sample does not count."""
+        return np.where(self.used, self.measured - self.predicted, np.nan)
+
+
+@dataclass(frozen=True)
+class ModelEffect:
+    """One effect in a model: its name, or module:NAME of one from outside, with plain parameter values."""
+
+    effect: str
+    parameters: Mapping[str, float | tuple[float, ...]] = field(default_factory=dict)
+    column: str = ""
+    source: str = ""
+
+    @property
+    def reference(self) -> str:
+        """What finds the effect again: `module:NAME` for one from outside, else its name."""
+        return self.source or self.effect
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model of one loop that can be kept: PV = Kp * lag(tau, effects(OP delayed by theta)) + offset.
+
+    Kp: static gain [PV span / OP span]. tau, theta: seconds. offset: [PV span]. start: epoch seconds of the first
+    sample it was fitted to; times within effects count from there. interval: seconds between its samples.
+    pv_range, op_range: spans the normalised numbers belong to; None when not known.
+    rmse_holdout: error it had on the record it was fitted to.
+    """
+
+    loop: str
+    Kp: float
+    tau: float
+    offset: float = 0.0
+    theta: float = 0.0
+    effects: tuple[ModelEffect, ...] = ()
+    start: float | None = None
+    end: float | None = None
+    interval: float | None = None
+    pv_range: Interval | None = None
+    op_range: Interval | None = None
+    rmse_holdout: float | None = None
+
+    def without(self, name: str) -> Model:
+        """Return the model without the effect called `name`."""
+        return replace(self, effects=tuple(e for e in self.effects if e.effect != name))
+
+
+@dataclass(frozen=True)
+class Fitness:
+    """How well a model fits one record: errors and the numbers of the first-order part (Kp, tau, theta, offset)."""
+
+    rmse: float
+    rmse_holdout: float
+    parameters: Mapping[str, FittedParameter] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """One model against one record: how far off it is, how far off it could be at best, and where it fails.
+
+    baseline: the plain first-order model fitted to the same record, to judge by. fitness: the model compared.
+    where: worst first. noise_floor: standard deviation of the measurement noise. unexplained: share of the squared
+    error above the noise floor that this model leaves, 1 for the baseline. fitted: False when the numbers of the
+    model file were kept and only offset and start were matched to the record.
+    """
+
+    loop: str
+    baseline: Fitness
+    fitness: Fitness
+    noise_floor: float
+    where: tuple[Region, ...] = ()
+    effects: tuple[FittedEffect, ...] = ()
+    unexplained: float | None = None
+    series: Series | None = field(default=None, repr=False)
+    warnings: tuple[Note, ...] = ()
+    settings: LoopSettings = field(default_factory=LoopSettings)
+    model: Model | None = None
+    fitted: bool = True
+    details: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Which physical effects are missing in the first-order model of a loop, and how far the error falls with them.
+
+    candidates: effects tried alone, best first. steps: the ladder, first the baseline. effects: accepted, in the order
+    they were accepted, numbers as fitted together. missing_effect: the first of them, None when nothing is missing.
+    where: of the final model, worst first; where_before: of the baseline. unexplained: share of the squared error
+    above the noise floor that no effect removed. look_alikes: (effect, other) pairs that the data cannot tell apart.
+    margin: evidence of the first accepted effect over the runner-up, with the runner-up's name.
+    verdict: one plain sentence. reasons: why, for instance why nothing can be told.
+    """
+
+    loop: str
+    baseline: Fitness
+    noise_floor: float
+    candidates: tuple[Candidate, ...] = ()
+    steps: tuple[Step, ...] = ()
+    effects: tuple[FittedEffect, ...] = ()
+    missing_effect: str | None = None
+    where: tuple[Region, ...] = ()
+    where_before: tuple[Region, ...] = ()
+    unexplained: float | None = None
+    look_alikes: tuple[tuple[str, str], ...] = ()
+    margin: tuple[float, str] | None = None
+    verdict: str = ""
+    reasons: tuple[Note, ...] = ()
+    warnings: tuple[Note, ...] = ()
+    series: Series | None = field(default=None, repr=False)
+    settings: LoopSettings = field(default_factory=LoopSettings)
+    final: Fitness | None = None
+    model: Model | None = None
+    details: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def rmse_holdout(self) -> float:
+        """Hold-out error of the final model."""
+        return self.steps[-1].rmse_holdout if self.steps else self.baseline.rmse_holdout
