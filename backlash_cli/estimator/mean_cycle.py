@@ -1,0 +1,113 @@
+"""Does a gap in the valve explain the mean cycle of an oscillation better than a plain linear process?
+
+Averaged over many cycles, noise goes and the harmonics remain. They show what the fundamental hides: through a gap the
+valve stands still after each reversal, and PV runs straight for that while. The process is a gain, two lags and a dead
+time, all searched on a grid; with the first lag far longer than the period it is an integrator.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..record import FloatArray
+from .wave import crossings, detrended
+
+POINTS = 128
+HARMONICS = np.arange(1, 10)
+LEAST_CYCLES = 4
+MODEL_ERROR = 0.003  # of the fundamental: how well two lags and a dead time can follow a real process
+DELAYS = np.linspace(0.0, 0.4, 21)  # all in periods
+FIRST_LAGS = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 50.0])
+SECOND_LAGS = np.array([0.0, 0.02, 0.05, 0.1, 0.2])
+INTEGRATOR = 1.5  # first lag over period from which no levelling off shows within a cycle
+GAPS = np.linspace(0.05, 0.95, 19)  # of the output's swing
+
+
+@dataclass(frozen=True)
+class CycleTest:
+    """misfit: mean squared error of the harmonics of PV without a gap, in units of their scatter (1: explained).
+
+    left: share of it that remains with the best gap. d: that gap [span of output]. integrating: the process that fits
+    does not level off within a cycle. cycles: number averaged.
+    """
+
+    misfit: float
+    left: float
+    d: float
+    integrating: bool
+    cycles: int
+
+    @property
+    def evidence(self) -> float:
+        """Likelihood ratio 2 ln L in favour of the gap, for normal errors of nine complex harmonics."""
+        return 2.0 * len(HARMONICS) * self.misfit * (1.0 - self.left)
+
+
+def compare_mean_cycle(measurement: FloatArray, output: FloatArray, period: float) -> CycleTest | None:
+    """Compare the mean cycle of PV with that of OP through a linear process, with and without a gap in the valve."""
+    pv, op = detrended(measurement, period), detrended(output, period)
+    pv_cycles, op_cycles = _cycles(pv, op, period)
+    if len(pv_cycles) < LEAST_CYCLES:
+        return None
+    parts = np.fft.rfft(pv_cycles, axis=1)[:, HARMONICS] / POINTS
+    target = parts.mean(0)
+    n = len(parts)
+    scatter = np.sum(np.abs(parts - target) ** 2, axis=0) / (n * (n - 1))
+    weight = 1.0 / (scatter + (MODEL_ERROR * np.abs(target[0])) ** 2)
+    mean_output = op_cycles.mean(0)
+    gaps = np.concatenate([[0.0], GAPS]) * np.ptp(mean_output)
+    through = np.array([np.fft.rfft(_played(mean_output, d))[HARMONICS] / POINTS for d in gaps])
+    fits = [_best_process(target, part, weight) for part in through]
+    misfit = np.array([left for left, _ in fits]) / len(HARMONICS)
+    best = int(misfit.argmin())
+    first_lag = fits[best][1][1]
+    share = float(misfit[best] / misfit[0]) if misfit[0] > 0 else 1.0
+    return CycleTest(float(misfit[0]), share, float(gaps[best]), bool(first_lag > INTEGRATOR), n)
+
+
+def _cycles(pv: FloatArray, op: FloatArray, period: float) -> tuple[FloatArray, FloatArray]:
+    """(cycles, POINTS) of both signals between rising zero crossings of PV."""
+    at, rising = crossings(pv, period)
+    starts = at[rising]
+    length = np.diff(starts)
+    typical = np.flatnonzero((length > 0.6 * period) & (length < 1.5 * period))
+    grid = np.arange(POINTS) / POINTS
+    time = starts[typical, None] + grid * length[typical, None]
+    samples = np.arange(len(pv))
+    return np.interp(time, samples, pv), np.interp(time, samples, op)
+
+
+def _played(cycle: FloatArray, d: float) -> FloatArray:
+    """One period of a repeated cycle behind a gap d, after it has settled."""
+    if d == 0.0:
+        return cycle
+    half, out = 0.5 * d, np.empty_like(cycle)
+    x = float(cycle[0])
+    for _ in range(2):
+        for k, u in enumerate(cycle.tolist()):
+            x = max(u - half, min(x, u + half))
+            out[k] = x
+    return out
+
+
+def _best_process(
+    target: NDArray[np.complex128], through: NDArray[np.complex128], weight: FloatArray
+) -> tuple[float, tuple[float, float, float]]:
+    """Weighted squares that the best process leaves, and its dead time and lags [periods]; grid, then twice finer."""
+    delays, first, second = DELAYS, FIRST_LAGS, SECOND_LAGS
+    for finer in (0.5, 0.2, 0.0):
+        w = 2j * np.pi * HARMONICS
+        shape = np.exp(-w * delays[:, None, None, None]) / (1.0 + w * first[:, None, None])
+        model = through * (shape / (1.0 + w * second[:, None]))
+        along = np.sum((np.conj(model) * (target * weight)).real, axis=-1)
+        own = np.sum(np.abs(model) ** 2 * weight, axis=-1)
+        left = np.sum(np.abs(target) ** 2 * weight) - along**2 / np.maximum(own, 1e-300)
+        i, j, k = np.unravel_index(int(left.argmin()), left.shape)
+        best = float(left[i, j, k]), (float(delays[i]), float(first[j]), float(second[k]))
+        near = np.linspace(-finer, finer, 7)
+        delays = np.clip(best[1][0] + 0.02 * near, 0.0, None)
+        first, second = best[1][1] * 2.0**near, np.clip(best[1][2] * 2.0**near, 0.005 * finer, None)
+    return best
