@@ -52,7 +52,7 @@ SUM_OF_BOTH = (
 WORDS = {
     "none": "the loop does not oscillate regularly",
     "stiction": "looks like stiction: the valve sticks and slips",
-    "backlash_integrating": "looks like backlash (or sticking) in an integrating loop, which cycles with integral action",
+    "backlash_integrating": "looks like backlash or sticking in an integrating loop, which cycles with integral action",
     "aggressive_tuning": "looks like a loop close to its stability limit: the controller is tuned too hard",
     "external": "looks like an oscillation from outside the loop (or a controller exactly at its stability limit)",
     "setpoint": "follows an oscillating setpoint: the source is the master loop or further up",
