@@ -83,7 +83,13 @@ def main() -> None:
             signal.signal(getattr(signal, name), _stop)
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # remarks of libraries to programmers; ours are in the report
-    sys.exit(_guarded(sys.argv[1:]))
+    code = _guarded(sys.argv[1:])
+    if code > 128:
+        # Stopped from outside: libraries may still be at work in threads of their own, which do not all survive
+        # an orderly end of the interpreter. Everything of ours is cleaned up by now.
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def _guarded(arguments: list[str]) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import cache
 from pathlib import Path
 
@@ -47,12 +48,12 @@ def write_plant(folder: Path, names: dict[str, str] | None = None, hours: float 
     head, columns, settings = ["time"], [], []
     for record in records(hours):
         name = names.get(record.loop, record.loop)
-        quoted = name.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\x1b", "\\u001b")
         head += ['"' + f"{name}.{signal}".replace('"', '""') + '"' for signal in ("SP", "PV", "OP")]
         assert record.output is not None
         columns += [record.setpoint, record.measurement, record.output]
         settings.append(
-            f'[loops."{quoted}"]\nK = 1.1\nTi = 12.0\nKp = 1.1\ntheta = 2.0\npv_range = [0, 200]\nop_range = [0, 100]\n'
+            f"[loops.{json.dumps(name)}]\nK = 1.1\nTi = 12.0\nKp = 1.1\ntheta = 2.0\n"
+            "pv_range = [0, 200]\nop_range = [0, 100]\n"
         )
     scale = np.array([200.0, 200.0, 100.0] * len(settings))
     values = np.stack(columns, axis=1) * scale

@@ -1,0 +1,49 @@
+"""Walks the commands: a new one without help, summary or example fails at once."""
+
+import importlib
+import pkgutil
+import re
+import shlex
+
+import click
+import pytest
+
+from backlash_cli import commands
+from backlash_cli.__main__ import SUMMARIES, cli
+
+NAMES = [name for name in SUMMARIES if name in {m.name for m in pkgutil.iter_modules(commands.__path__)}]
+
+
+def help_of(name: str) -> str:
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None
+    return command.get_help(click.Context(command, info_name=f"backlash {name}", max_content_width=100))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_command_has_help_and_an_example_that_its_options_allow(name):
+    text = help_of(name)
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None and command.help and len(command.help.split(".")[0]) > 10
+    examples = re.findall(rf"^ *(?:Examples?: )?backlash ({name}\b.*)$", text, re.MULTILINE)
+    assert examples, f"backlash {name} --help ends without an example"
+    for parameter in command.params:
+        if isinstance(parameter, click.Option):
+            assert parameter.help, f"backlash {name} {parameter.opts[0]} has no help"
+    known = {flag for p in command.params for flag in (*p.opts, *p.secondary_opts)}
+    for sub in getattr(command, "commands", {}).values():
+        known |= {flag for p in sub.params for flag in (*p.opts, *p.secondary_opts)}
+    for example in examples:
+        used = {word.split("=")[0] for word in shlex.split(example) if word.startswith("-")}
+        assert used <= known, f"{example}: {sorted(used - known)} do not exist"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_command_is_named_in_the_summary_and_loads_alone(name):
+    assert SUMMARIES[name].endswith(".")
+    assert getattr(importlib.import_module(f"backlash_cli.commands.{name}"), name).name == name
+
+
+def test_unknown_command_names_the_nearest():
+    with pytest.raises(click.UsageError, match="did you mean scan"):
+        cli.main(["scna"], standalone_mode=False)

@@ -1,0 +1,157 @@
+"""backlash as a process: signals, closed pipes, full disks, terminals, and how fast it answers."""
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.commands.run import COMMAND, files, process
+from tests.small_plant import write_plant
+
+# the second loop takes for ever; the line on standard error says that it has begun
+SLOW = """
+import sys, time
+import backlash_cli.engines.local as local
+real, calls = local.analyse_loop, []
+def slow(record, options):
+    calls.append(record)
+    if len(calls) == 2:
+        print("second loop", file=sys.stderr, flush=True)
+        time.sleep(60)
+    return real(record, options)
+local.analyse_loop = slow
+from backlash_cli.__main__ import main
+main()
+"""
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory):
+    return write_plant(tmp_path_factory.mktemp("plant"))
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("output", ["r.json", "r.parquet", "r.html", "pages"])
+def test_a_stop_is_quick_says_what_was_done_and_leaves_the_old_report(plant, tmp_path, number, status, output):
+    old = tmp_path / output
+    if output == "pages":
+        old.mkdir()
+        old = old / "index.html"
+    old.write_text("old")
+    before = files(tmp_path)
+    command = [sys.executable, "-c", SLOW, "scan", str(plant), "--format", "html" if output == "pages" else output[2:]]
+    running = subprocess.Popen([*command, "--output", str(tmp_path / output)], stdout=subprocess.PIPE,
+                               stderr=subprocess.PIPE, text=True)
+    assert running.stderr is not None and running.stderr.readline() == "second loop\n"
+    began = time.perf_counter()
+    running.send_signal(number)
+    out, err = running.communicate(timeout=20)
+    assert time.perf_counter() - began < 3.0
+    assert running.returncode == status and out == ""
+    assert "1 of 3 loops were analysed; no report was written" in err and "Traceback" not in err
+    assert files(tmp_path) == before
+
+
+def test_a_stop_ends_the_other_processes_too(plant, tmp_path):
+    code = SLOW.replace("if len(calls) == 2:", "if False:")
+    script = tmp_path / "slow.py"
+    script.write_text(code.replace("main()\n", "if __name__ == '__main__':\n    main()\n"))
+    for delay in (0.4, 1.0, 1.6):
+        running = subprocess.Popen([sys.executable, str(script), "scan", str(plant), "--jobs", "2"],
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+        time.sleep(delay)
+        running.send_signal(signal.SIGTERM)
+        _, err = running.communicate(timeout=20)
+        assert running.returncode in (0, 143, -signal.SIGTERM), err
+        assert "Traceback" not in err
+        with pytest.raises(ProcessLookupError):
+            until = time.time() + 5
+            while time.time() < until:
+                os.killpg(running.pid, 0)
+                time.sleep(0.05)
+
+
+@pytest.mark.parametrize("form", ["table", "json", "csv", "html"])
+def test_a_reader_that_goes_away_is_no_error(plant, form):
+    command = f"{subprocess.list2cmdline(COMMAND)} scan {plant} --format {form} | head -c 10"
+    done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and done.stderr == "" and len(done.stdout) == 10
+
+
+@pytest.mark.parametrize("form", ["table", "json", "html"])
+def test_a_full_disk_behind_standard_output(plant, form):
+    if not Path("/dev/full").exists():
+        pytest.skip("this system has no /dev/full")
+    with open("/dev/full", "w") as full:
+        command = [*COMMAND, "scan", str(plant), "--format", form]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2 and "standard output" in done.stderr and "Traceback" not in done.stderr
+    assert "Exception" not in done.stderr
+
+
+def test_a_full_disk_for_a_file_leaves_the_old_report(plant, tmp_path):
+    """The limit on file sizes stands in for a full disk: both fail in the middle of writing."""
+    old = tmp_path / "r.html"
+    old.write_text("old")
+    command = f"trap '' XFSZ; ulimit -f 100; {subprocess.list2cmdline(COMMAND)} scan {plant} --output {old}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and "cannot write" in done.stderr and "Traceback" not in done.stderr
+    assert files(tmp_path) == {"r.html": b"old"}
+
+
+def in_terminal(*arguments: str, **environment: str) -> tuple[bytes, int]:
+    """Run with standard output and error on a terminal; return what it showed and the status."""
+    ours, theirs = pty.openpty()
+    env = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "120", **environment}
+    running = subprocess.Popen([*COMMAND, *arguments], stdout=theirs, stderr=theirs, stdin=theirs, env=env)
+    os.close(theirs)
+    shown = b""
+    while True:
+        try:
+            block = os.read(ours, 65536)
+        except OSError:  # the other side is closed
+            break
+        if not block:
+            break
+        shown += block
+    os.close(ours)
+    return shown, running.wait(60)
+
+
+def test_colour_and_progress_on_a_terminal_only(plant):
+    shown, status = in_terminal("scan", str(plant))
+    assert status == 0 and b"\x1b[" in shown and b"scanning" in shown
+    assert b"scanning" not in in_terminal("scan", str(plant), "--quiet", "--format", "table")[0]
+    assert b"\x1b[1;31m" not in in_terminal("scan", str(plant), NO_COLOR="1")[0]
+    plain = process("scan", plant)
+    assert "\x1b" not in plain.stdout and plain.stderr == ""
+
+
+def test_a_terminal_that_knows_ascii_only(plant):
+    done = process("scan", plant, env={**os.environ, "PYTHONIOENCODING": "ascii", "LC_ALL": "C"})
+    assert done.returncode == 0 and "PIC303" in done.stdout
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], [], ["scan", "--help"], ["scn"]])
+def test_help_answers_at_once(arguments):
+    best = 9.0
+    for _ in range(3):
+        began = time.perf_counter()
+        process(*arguments)
+        best = min(best, time.perf_counter() - began)
+    assert best < 0.3
+
+
+def test_an_unexpected_fault_is_one_message(plant, tmp_path):
+    script = tmp_path / "faulty.py"
+    script.write_text("import backlash_cli.api as a\na.analyse = None\nfrom backlash_cli import __main__ as m\nm.main()\n")
+    done = subprocess.run([sys.executable, script, "scan", plant], capture_output=True, text=True)
+    assert done.returncode == 2 and "fault of backlash" in done.stderr and "Traceback" not in done.stderr
+    debug = subprocess.run([sys.executable, script, "scan", plant], capture_output=True, text=True,
+                           env={**os.environ, "BACKLASH_DEBUG": "1"})
+    assert "Traceback" in debug.stderr
