@@ -1,0 +1,192 @@
+"""scan --history, history, trend and report from the outside, and the scan of single nights against one clean pass."""
+
+import json
+import shutil
+import signal
+import sqlite3
+import subprocess
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from backlash_cli.history.store import History
+from tests.commands.run import COMMAND, files, run
+from tests.history.nights import growing, made, result
+from tests.small_plant import TRUTH, write_plant
+
+DAY = np.timedelta64(1, "D")
+
+
+@pytest.fixture(scope="module")
+def nights(tmp_path_factory):
+    """Four nights of the small plant, with the same signals and their own dates."""
+    folder = tmp_path_factory.mktemp("nights")
+    plant = write_plant(folder, hours=1.0)
+    head, *rows = plant.read_text().splitlines()
+    stamps = np.array([row.split(",", 1)[0] for row in rows], "datetime64[s]")
+    for k in range(4):
+        moved = np.datetime_as_string(stamps + k * DAY)
+        lines = [f"{t},{row.split(',', 1)[1]}" for t, row in zip(moved, rows, strict=True)]
+        (folder / f"night{k}.csv").write_text("\n".join([head, *lines]) + "\n")
+    shutil.move(folder / "plant.loops.toml", folder / "loops.toml")
+    plant.unlink()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def db(tmp_path_factory):
+    path = tmp_path_factory.mktemp("db") / "made.db"
+    with History(path, create=True) as history:
+        for name, options in {"FIC101": {}, "FIC102": {"repair": 30}, "TIC1": {"first": 0.015, "last": 0.015}}.items():
+            for report in growing(60, loop=name, **options):
+                history.add(result(report))
+    return path
+
+
+def dump(path):
+    with sqlite3.connect(path) as connection:
+        assert connection.execute("PRAGMA integrity_check").fetchone()[0] == "ok"
+        return list(connection.iterdump())
+
+
+@pytest.fixture(scope="module")
+def clean(nights, tmp_path_factory):
+    """The history of one clean pass, one night after the other."""
+    path = tmp_path_factory.mktemp("clean") / "h.db"
+    for k in range(4):
+        done = subprocess.run([*COMMAND, "scan", nights / f"night{k}.csv", "--history", path, "--jobs", "1"],
+                              capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0 and "3 nights new" in done.stderr
+    return dump(path)
+
+
+def test_nights_out_of_order_and_twice_give_the_history_of_one_clean_pass(capfd, nights, clean, tmp_path):
+    for k in (2, 0, 3, 2, 1, 0):
+        done = run(capfd, "scan", nights / f"night{k}.csv", "--history", tmp_path / "h.db", "--jobs", 1)
+        assert done.status == 0
+    assert "known and unchanged" in done.err
+    assert dump(tmp_path / "h.db") == clean
+
+
+def test_several_nights_on_one_command_line_are_single_nights(capfd, nights, clean, tmp_path):
+    exports = [nights / f"night{k}.csv" for k in (3, 1, 0, 2)]
+    assert run(capfd, "scan", *exports, "--history", tmp_path / "h.db", "--jobs", 1).status == 0
+    assert dump(tmp_path / "h.db") == clean
+
+
+def test_a_scan_killed_at_random_moments_leaves_the_history_of_a_clean_pass(capfd, nights, clean, tmp_path):
+    path = tmp_path / "h.db"
+    rng = np.random.default_rng(5)
+    for k in range(4):
+        job = subprocess.Popen([*COMMAND, "scan", str(nights / f"night{k}.csv"), "--history", str(path), "--jobs", "1"],
+                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        time.sleep(float(rng.uniform(0.3, 1.6)))
+        job.send_signal(signal.SIGKILL)
+        job.wait()
+    for k in range(4):
+        assert run(capfd, "scan", nights / f"night{k}.csv", "--history", path, "--jobs", 1).status == 0
+    assert dump(path) == clean
+
+
+def test_dated_files_of_one_loop_are_nights_of_one_loop(capfd, tmp_path):
+    rng = np.random.default_rng(0)
+    for day in (2, 3):
+        rows = [f"2026-03-0{day}T00:{s // 60:02}:{s % 60:02},50,{50 + rng.normal():.3f},40" for s in range(900)]
+        (tmp_path / f"FIC7_2026030{day}_2155.csv").write_text("\n".join(["time,SP,PV,OP", *rows]) + "\n")
+    (tmp_path / "loops.toml").write_text("[defaults]\nK = 1.0\nTi = 10.0\npv_range = [0, 100]\n")
+    for day in (2, 3):
+        run(capfd, "scan", tmp_path / f"FIC7_2026030{day}_2155.csv", "--history", tmp_path / "h.db")
+    with History(tmp_path / "h.db") as history:
+        assert history.loops() == ["FIC7"] and len(history.nights("FIC7")) == 2
+
+
+def test_the_list_names_loops_nights_verdicts_and_repairs(capfd, db):
+    done = run(capfd, "history", db)
+    assert done.status == 0 and "FIC101  60" in done.out and "60 backlash" in done.out
+    assert run(capfd, "history", "--history", db, "--runs").out.count("FIC101.csv") == 60
+    assert run(capfd, "history", db, "--loop", "FIC10").status == 2
+
+
+def test_export_to_csv_and_parquet(capfd, db, tmp_path):
+    for suffix in ("csv", "parquet"):
+        path = tmp_path / f"n.{suffix}"
+        assert "180 rows of nights" in run(capfd, "history", db, "--export", path).err
+        frame = pd.read_csv(path, parse_dates=["start"]) if suffix == "csv" else pd.read_parquet(path)
+        assert list(frame.columns[:6]) == ["loop", "date", "start", "end", "verdict", "confidence"]
+        assert frame.d.max() > 0.03 and str(frame.start.dtype).startswith("datetime64")
+    assert "600 rows" in run(capfd, "history", db, "--export", path, "--table", "half_periods", "--loop", "TIC1").err
+    assert run(capfd, "history", db, "--export", tmp_path / "n.xls").status == 2
+    assert "did you mean" in run(capfd, "history", db, "--export", path, "--table", "night").err
+    assert "0 rows" in run(capfd, "history", db, "--export", tmp_path / "r.csv", "--table", "repairs").err
+
+
+def test_a_repair_is_entered_taken_back_and_splits_the_trend(capfd, db, tmp_path):
+    path = tmp_path / "h.db"
+    shutil.copy(db, path)
+    assert "entered" in run(capfd, "history", path, "--repair", "FIC101", "2026-03-21", "new packing").err
+    assert "already" in run(capfd, "history", path, "--repair", "FIC101", "2026-03-21", "new packing").err
+    (loop,) = json.loads(run(capfd, "trend", "--history", path, "--format", "json", "--loop", "FIC101").out)["loops"]
+    assert [s["nights"] for s in loop["segments"]] == [20, 40]
+    assert loop["repairs"] == [{"date": "2026-03-21", "time": "2026-03-21T00:00:00Z", "note": "new packing",
+                                "found": False, "before": None, "after": None}]
+    assert run(capfd, "history", path, "--remove-repair", "FIC101", "2026-03-22").status == 2
+    assert "taken back" in run(capfd, "history", path, "--remove-repair", "FIC101", "2026-03-21").err
+    for bad in (("FIC1", "2026-03-21"), ("FIC101", "yesterday")):
+        done = run(capfd, "history", path, "--repair", *bad, "x")
+        assert done.status == 2 and "->" in done.err
+
+
+def test_trend_json_has_the_names_of_the_contract(capfd, db):
+    loops = {x["loop"]: x for x in json.loads(run(capfd, "trend", "--history", db, "--format", "json").out)["loops"]}
+    worn = loops["FIC101"]
+    assert worn["nights"] == 60 and worn["limit"] == 0.03 and worn["repairs"] == []
+    assert worn["slope_per_day"]["value"] == pytest.approx(0.03 / 59, rel=0.15)
+    low, high = worn["slope_per_day"]["ci95"]
+    assert low < worn["slope_per_day"]["value"] < high
+    early, late = worn["limit_date"]["ci95"]
+    assert early <= worn["limit_date"]["value"] <= late and worn["limit_date"]["value"].startswith("2026-04-")
+    assert len(loops["FIC102"]["segments"]) == 2 and loops["FIC102"]["repairs"][0]["found"] is True
+    assert loops["TIC1"]["limit_date"] is None and loops["TIC1"]["state"] == "no_trend"
+
+
+def test_trend_table_limits_and_reasons(capfd, db, tmp_path):
+    text = run(capfd, "trend", "--history", db, "-v").out
+    assert "FIC101  pull" in text and "no trend" in text and "1. FIC101: Pull at the next shutdown" in text
+    (tmp_path / "l.toml").write_text('[classes.a]\nlimit = 10\nsource = "ours"\n')
+    done = run(capfd, "trend", "--history", db, "--limits", tmp_path / "l.toml", "--horizon", 30, "-o", tmp_path / "t")
+    assert done.status == 0 and done.out == ""
+    assert " 10 " in (tmp_path / "t").read_text()
+    assert run(capfd, "trend", "--history", tmp_path / "absent.db").status == 2
+    assert run(capfd, "trend", "--history", db, "--loop", "FIC").status == 2
+
+
+def test_report_as_a_file_and_as_a_folder(capfd, db, tmp_path):
+    assert run(capfd, "report", "--history", db, "-o", tmp_path / "w.html").status == 0
+    assert "Valve wear report" in (tmp_path / "w.html").read_text()
+    assert run(capfd, "report", "--history", db, "-o", tmp_path / "w").status == 0
+    first = files(tmp_path / "w")
+    assert {name.split("/")[-1] for name in first} == {"index.html", "plotly.js", "FIC101.html", "FIC102.html",
+                                                      "TIC1.html"}
+    run(capfd, "report", "--history", db, "-o", tmp_path / "w")
+    assert files(tmp_path / "w") == first
+
+
+def test_hostile_names_go_through_every_table(capfd, tmp_path):
+    name = '=1+"\x1b[31m<b>'
+    with History(tmp_path / "h.db", create=True) as history:
+        for k in range(6):
+            history.add(result(made(k, 0.02, loop=name)))
+    assert "\x1b" not in run(capfd, "history", tmp_path / "h.db").out + run(capfd, "trend", "--history",
+                                                                           tmp_path / "h.db", "-v").out
+    run(capfd, "history", tmp_path / "h.db", "--export", tmp_path / "n.csv")
+    assert "\n\"'=1" in (tmp_path / "n.csv").read_text()
+    assert run(capfd, "report", "--history", tmp_path / "h.db", "-o", tmp_path / "w.html").status == 0
+    assert "<b>" not in (tmp_path / "w.html").read_text()
+
+
+def test_the_small_plant_is_ranked_by_its_truth(capfd, nights, tmp_path):
+    run(capfd, "scan", *sorted(nights.glob("*.csv")), "--history", tmp_path / "h.db", "--jobs", 1)
+    found = json.loads(run(capfd, "trend", "--history", tmp_path / "h.db", "--format", "json").out)["loops"]
+    assert {x["loop"] for x in found} == set(TRUTH) and found[0]["loop"] == "PIC303"

@@ -1,0 +1,136 @@
+"""The nightly job from the outside: what is new, late, missing, repeated and broken; exit status, log and rotation."""
+
+import json
+
+import numpy as np
+import pytest
+
+from backlash_cli.history.lock import lock
+from backlash_cli.history.store import History
+from tests.commands.run import run
+
+CONFIG = """
+inputs = ["p_{date}.csv"]
+history = "h.db"
+fail_on = ["d>90%"]
+[outputs]
+report = "out/wear.html"
+scan = "out/scan_{date}.json"
+trend = "out/trend.json"
+keep = 2
+[log]
+file = "out/nightly.log"
+format = "json"
+"""
+
+
+def export(folder, day, seed=0):
+    rng = np.random.default_rng([seed, day])
+    rows = [f"2026-03-{day:02}T00:{s // 60:02}:{s % 60:02},50,{50 + rng.normal():.3f},40" for s in range(900)]
+    (folder / f"p_2026-03-{day:02}.csv").write_text("\n".join(["time,F1.SP,F1.PV,F1.OP", *rows]) + "\n")
+
+
+@pytest.fixture
+def job(tmp_path):
+    (tmp_path / "loops.toml").write_text(
+        "[loops.F1]\nK = 1.0\nTi = 10.0\npv_range = [0, 100]\nop_range = [0, 100]\n")
+    (tmp_path / "n.toml").write_text(CONFIG)
+    return tmp_path
+
+
+def events(folder):
+    return [json.loads(line) for line in (folder / "out/nightly.log").read_text().splitlines()]
+
+
+def test_new_late_missing_and_repeated_nights_are_named_on_one_line(capfd, job):
+    for day in (1, 2, 4):
+        export(job, day)
+    done = run(capfd, "nightly", job / "n.toml")
+    assert done.status == 0 and done.out.count("\n") == 1 and done.err == ""
+    assert "scanned 2026-03-01, 2026-03-02, 2026-03-04 (loop nights: 3 new)" in done.out
+    assert "missing 2026-03-03" in done.out and "; late" not in done.out
+    export(job, 3)
+    done = run(capfd, "nightly", job / "n.toml")
+    assert "scanned 2026-03-03 (" in done.out and "late 2026-03-03" in done.out and "; missing" not in done.out
+    done = run(capfd, "nightly", job / "n.toml")
+    assert "nothing new (4 known)" in done.out and done.status == 0
+    assert sorted(p.name for p in (job / "out").glob("scan*")) == ["scan_2026-03-03.json", "scan_2026-03-04.json"]
+    assert "Valve wear report" in (job / "out/wear.html").read_text()
+    assert json.loads((job / "out/trend.json").read_text())["loops"][0]["nights"] == 4
+    found = events(job)
+    assert {e["event"] for e in found} >= {"scanned", "missing", "known", "removed", "report", "done"}
+    assert [e["night"] for e in found if e.get("late")] == ["2026-03-03"]
+    with History(job / "h.db") as history:
+        assert len(history.nights("F1")) == 4
+
+
+def test_a_corrected_export_or_new_settings_are_scanned_again(capfd, job):
+    export(job, 1)
+    run(capfd, "nightly", job / "n.toml")
+    export(job, 1, seed=1)
+    assert "1 revised" in run(capfd, "nightly", job / "n.toml").out
+    (job / "loops.toml").write_text("[loops.F1]\nK = 1.0\nTi = 12.0\npv_range = [0, 100]\nop_range = [0, 100]\n")
+    assert "1 revised" in run(capfd, "nightly", job / "n.toml").out
+    with History(job / "h.db") as history:
+        assert len(history.nights("F1")) == 1 and history.nights("F1")[0].settings["Ti"] == 12.0
+
+
+def test_a_broken_export_does_not_stop_the_others(capfd, job):
+    export(job, 1)
+    (job / "p_2026-03-02.csv").write_bytes(b"\x00\x01\x02" * 50)
+    done = run(capfd, "nightly", job / "n.toml")
+    assert done.status == 3 and "failed 2026-03-02" in done.out and "scanned 2026-03-01" in done.out
+    assert [e["level"] for e in events(job) if e["event"] == "failed"] == ["error"]
+    export(job, 2)
+    assert run(capfd, "nightly", job / "n.toml").status == 0
+
+
+def test_nothing_at_all_is_an_error_with_a_remedy(capfd, job):
+    done = run(capfd, "nightly", job / "n.toml")
+    assert done.status == 2 and "no export fits the patterns" in done.err
+    (job / "p_2026-03-02.csv").write_bytes(b"\x00\x01\x02" * 50)
+    done = run(capfd, "nightly", job / "n.toml")
+    assert done.status == 2 and "none of 1 exports could be read" in done.err
+
+
+def test_a_rule_that_is_met_makes_the_status_1(capfd, job):
+    export(job, 1)
+    (job / "n.toml").write_text(CONFIG.replace("d>90%", "no_such"))
+    assert run(capfd, "nightly", job / "n.toml").status == 2
+    verdict = json.loads(run(capfd, "scan", job / "p_2026-03-01.csv", "--format", "json").out)["loops"][0]["verdict"]
+    rule = verdict if verdict in ("cannot_tell", "backlash", "oscillating", "insufficient_data") else None
+    if rule is None:
+        pytest.skip(f"no rule for {verdict}")
+    (job / "n.toml").write_text(CONFIG.replace("d>90%", rule))
+    done = run(capfd, "nightly", job / "n.toml")
+    assert done.status == 1 and "alarm F1" in done.out
+
+
+def test_a_second_job_is_told_of_the_first(capfd, job):
+    export(job, 1)
+    with lock(job / "h.db.lock"):
+        done = run(capfd, "nightly", job / "n.toml")
+    assert done.status == 2 and "another nightly job is working (process" in done.err
+    (job / "h.db.lock").write_text("process 1 on elsewhere\n")
+    assert run(capfd, "nightly", job / "n.toml").status == 0
+    assert "taken over" in events(job)[-4]["event"] or any("taken over" in e["event"] for e in events(job))
+
+
+def test_check_lists_what_would_be_scanned_and_changes_nothing(capfd, job):
+    for day in (1, 3):
+        export(job, day)
+    done = run(capfd, "nightly", job / "n.toml", "--check")
+    assert done.out.splitlines() == ["2026-03-01: p_2026-03-01.csv", "2026-03-03: p_2026-03-03.csv",
+                                     "2026-03-02: missing"]
+    assert not (job / "h.db").exists() and not (job / "out").exists()
+
+
+def test_text_log_and_standard_error(capfd, job):
+    for day in (1, 3):
+        export(job, day)
+    (job / "n.toml").write_text(CONFIG.split("[log]")[0])
+    done = run(capfd, "nightly", job / "n.toml")
+    assert done.err == "backlash: missing night=2026-03-02\n"
+    (job / "n.toml").write_text(CONFIG.replace('"json"', '"text"'))
+    run(capfd, "nightly", job / "n.toml")
+    assert "info known night=2026-03-01" in (job / "out/nightly.log").read_text()
