@@ -1,0 +1,57 @@
+"""The README's blocks do what they say.
+
+Making environments and running the tests themselves is for `.ci/run`, which types the first two blocks as they stand
+(here it would call itself); the commands and programs in them run with what is already installed.
+"""
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+from tests.readme_blocks import README, ROOT, backlash_lines, blocks, output, shown
+
+LINES = [line for block in blocks("sh") for line in backlash_lines(block)]
+
+
+def test_first_screen_holds_the_two_command_blocks():
+    first = README.read_text("utf-8").splitlines()[:60]
+    assert first.count("```sh") >= 2
+    install, check = blocks("sh")[:2]
+    assert "pip install" in install and install.endswith("backlash scan sample_data/plant.csv\n")
+    assert "[test]" in check and "pytest" in check
+
+
+@pytest.mark.parametrize(("language", "block", "promised"), shown(), ids=[f"{s[0]}{i}" for i, s in enumerate(shown())])
+def test_the_output_shown_is_the_present_one(language, block, promised):
+    assert output(language, block) == promised, "python -m tests.readme_blocks refresh puts the present output there"
+
+
+def test_outputs_are_shown_for_the_first_command_and_for_python():
+    assert {language for language, _, _ in shown()} == {"sh", "python"}
+
+
+@pytest.mark.parametrize("line", LINES, ids=" ".join)
+def test_command_lines_work(line, tmp_path):
+    (tmp_path / "sample_data").symlink_to(ROOT / "sample_data")
+    command = [sys.executable, "-m", "backlash_cli", *line]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=120)
+    assert done.returncode in (0, 1) and "Traceback" not in done.stderr, done.stderr
+    assert (done.returncode == 1) == ("--fail-on" in line)
+
+
+def test_settings_shown_are_understood(tmp_path):
+    from backlash_cli.loaders.loop_settings import settings_of
+    from backlash_cli.loaders.metadata import read_metadata
+
+    (tmp_path / "loops.toml").write_text(blocks("toml")[0])
+    values = read_metadata(str(tmp_path / "loops.toml")).of("FIC101")
+    assert values is not None
+    settings = settings_of(values)
+    assert settings.tuning.Ti == 28.0 and settings.pv_range == (0.0, 900.0)
+
+
+def test_links_to_files_exist():
+    for target in re.findall(r"\]\(([^)#:]+)\)", README.read_text("utf-8")):
+        assert (ROOT / target).exists(), target
