@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"])  # words for an empty cell
 _NUMBER = r"^[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?$"
 _UNITED = re.compile(r"^([+-]?(?:\d[\d.,'’ \u00a0\u202f]*\d|\d|[.,]\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s].*)?$", re.DOTALL)
 _NOT_FINITE = re.compile(r"^[+-]?(?:inf(?:inity)?|nan|1\.#\w+|∞)$", re.IGNORECASE)
@@ -44,32 +45,38 @@ def to_numbers(column: pa.ChunkedArray | pa.Array, decimal: str = ".") -> Number
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
         return _coded(column.dictionary_encode(), decimal)
     if pa.types.is_binary(kind) or pa.types.is_large_binary(kind):
-        try:
-            return _coded(column.cast(pa.string()).dictionary_encode(), decimal)
-        except pa.ArrowException:
-            pass
+        return _coded(_as_text(column).dictionary_encode(), decimal)
     return Numbers(np.full(len(column), np.nan), np.ones(len(column), bool), Counter({str(kind): len(column)}))
 
 
 def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[NDArray[np.int64], list[str]]:
     """Return (codes, words) of a text column: codes[i] is -1 for an empty cell, else a position in words."""
     if not pa.types.is_dictionary(column.type):
-        if not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
-            column = column.cast(pa.string())
+        column = _as_text(column)
         column = column.dictionary_encode()
     if isinstance(column, pa.ChunkedArray):
         column = column.unify_dictionaries().combine_chunks()
         if isinstance(column, pa.ChunkedArray):  # no chunks at all
             return np.zeros(0, np.int64), []
     indices = column.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int64)
-    words = column.dictionary
-    if not pa.types.is_string(words.type):
-        words = words.cast(pa.string())
-    if words.null_count:
-        empty = np.flatnonzero(words.is_null().to_numpy(zero_copy_only=False))
-        indices[np.isin(indices, empty)] = -1
-        words = words.fill_null("")
-    return indices, words.to_pylist()
+    words = _as_text(column.dictionary)
+    texts = words.fill_null("").to_pylist()
+    empty = [i for i, text in enumerate(texts) if not text or text in BLANK or text.isspace()]
+    if empty:
+        keep = np.ones(len(texts) + 1, bool)
+        keep[empty] = False
+        indices = np.where(keep[indices], indices, -1)
+    return indices, texts
+
+
+def _as_text(column: pa.ChunkedArray | pa.Array) -> pa.ChunkedArray | pa.Array:
+    """Any column as text; bytes that are no text become empty cells."""
+    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+        return column
+    try:
+        return column.cast(pa.string())
+    except pa.ArrowException:
+        return pa.nulls(len(column), pa.string())
 
 
 def _plain(values: NDArray[np.float64]) -> Numbers:

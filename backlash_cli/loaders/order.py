@@ -78,7 +78,8 @@ def ordered(
             )
     repeats = np.flatnonzero(np.diff(stamps) == 0)
     if len(repeats):
-        spread = _spread(stamps)
+        others = values is None or _differs(values[repeats], values[repeats + 1], values).mean() > 0.5
+        spread = _spread(stamps) if others else None
         if spread is not None:
             notes.append(
                 Note(

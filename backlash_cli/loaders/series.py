@@ -107,25 +107,34 @@ class Cells:
             return to_numbers(self.column, self.decimal)
         assert self.codes is not None and self.lexicon is not None
         values, bad, units = self.lexicon.parsed
-        words = self.lexicon.words
-        if not words:
+        codes, used, counts = self._used()
+        if not len(used):
             return Numbers(np.full(len(self.codes), np.nan))
-        counts = np.bincount(self.codes[self.codes >= 0], minlength=len(words))
-        unit, foreign = main_unit(units, counts)
-        bad = bad | foreign
-        flags = np.append(bad, False)[self.codes]
-        out = np.append(np.where(bad, np.nan, values), np.nan)[self.codes]
-        tally = Counter({words[i].strip()[:40]: int(counts[i]) for i in np.flatnonzero(bad) if counts[i]})
+        unit, foreign = main_unit([units[i] for i in used], counts)
+        bad = bad[used] | foreign
+        flags = np.append(bad, False)[codes]
+        out = np.append(np.where(bad, np.nan, values[used]), np.nan)[codes]
+        words = self.lexicon.words
+        tally = Counter({words[used[i]].strip()[:40]: int(counts[i]) for i in np.flatnonzero(bad)})
         return Numbers(out, flags if flags.any() else None, tally, unit)
 
     def texts(self) -> tuple[NDArray[np.int64], list[str]]:
-        """Return (codes, words); code -1 is an empty cell."""
+        """Return (codes, words); code -1 is an empty cell. Only words that occur are listed."""
         if self.codes is not None and self.lexicon is not None:
-            return self.codes, self.lexicon.words
+            codes, used, _ = self._used()
+            return codes, [self.lexicon.words[i] for i in used]
         if self.column is not None:
             return codes_and_words(self.column)
         assert self.values is not None
         return codes_and_words(pa.array(self.values).cast(pa.string()))
+
+    def _used(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Return (codes into the words that occur, their places in the lexicon, how often each occurs)."""
+        assert self.codes is not None
+        used, codes, counts = np.unique(self.codes, return_inverse=True, return_counts=True)
+        if len(used) and used[0] < 0:
+            return codes - 1, used[1:], counts[1:]
+        return codes, used, counts
 
     def __len__(self) -> int:
         for part in (self.codes, self.values, self.column):

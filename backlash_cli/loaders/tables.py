@@ -12,11 +12,11 @@ import pyarrow.parquet as pa_parquet
 from ..errors import InputError
 from ..record import Note
 from .dialect import Dialect, sniff
-from .files import Content, as_single_byte, open_content
+from .files import Content, open_content
+from .numbers import BLANK
 from .options import ReadOptions
 
 HEAD_SIZES = (256 << 10, 4 << 20, 32 << 20)
-NULLS = ["", " ", "null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"]
 MAX_COLUMNS = 100_000
 
 
@@ -93,14 +93,7 @@ def _read_parquet(path: Path) -> Table:
 def _read_csv(content: Content, options: ReadOptions) -> Table:
     where = str(content.path)
     dialect = _dialect(content, options, where)
-    try:
-        table, bad = _parse(content, dialect)
-    except pa.ArrowInvalid as error:
-        if "UTF8" not in str(error):
-            raise
-        content = as_single_byte(content)
-        dialect = _dialect(content, options, where)
-        table, bad = _parse(content, dialect)
+    table, bad = _parse(content, dialect)
     notes = list(content.notes)
     if bad:
         bad = _locate(content, dialect, bad)
@@ -166,7 +159,7 @@ def _parse(content: Content, dialect: Dialect, threads: bool = True) -> tuple[pa
         ),
         convert_options=pa_csv.ConvertOptions(
             decimal_point=dialect.decimal,
-            null_values=NULLS,
+            null_values=["", " ", *BLANK],
             quoted_strings_can_be_null=True,
             auto_dict_encode=True,
             auto_dict_max_cardinality=4096,

@@ -1,0 +1,425 @@
+"""Whole plants: several files, folders, sidecars, damage, and one clear message for each."""
+
+from __future__ import annotations
+
+import gzip
+from datetime import timedelta
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from backlash_cli.errors import BacklashError, InputError, LoopError, MetadataError, UsageError
+from backlash_cli.loaders import ReadOptions, read
+from backlash_cli.record import SampleState
+
+from .exports import SETTINGS, SIGNALS, STAMPS, arrow, cell, iso, long, wide
+
+
+def save(folder, text, name="plant.csv", settings=SETTINGS):
+    (folder / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    if settings is not None:
+        (folder / "loops.toml").write_text(settings, encoding="utf-8")
+    return folder / name
+
+
+def codes(notes):
+    return [note.code for note in notes]
+
+
+def edited(rows, column, texts):
+    """The plain export with other texts in one column."""
+    lines = [line.split(",") for line in wide().splitlines()]
+    for row, text in zip(rows, texts, strict=True):
+        lines[row + 1][column] = text
+    return "\n".join(",".join(cells) for cells in lines) + "\n"
+
+
+PV = 2  # column of FIC101.PV
+
+
+def test_digital_states_are_missing_and_counted(tmp_path):
+    words = [
+        "Bad Input",
+        "I/O Timeout",
+        "[-11059] No Good Data",
+        "#VALUE!",
+        "kein Wert",
+        "404.73 Bad",
+        "?",
+        "Bad",
+        "nan",
+        "-inf",
+    ]
+    plant = read(save(tmp_path, edited(range(100, 110), PV, words)))
+    record = plant["FIC101"]
+    assert (record.state[100:110] == SampleState.MISSING).all() and record.usable.sum() == 590
+    assert "not_numbers" in codes(record.notes)
+    assert "Bad Input" in next(n.message for n in record.notes if n.code == "not_numbers")
+    assert plant["PIC303"].usable.all()
+
+
+def test_short_faults_are_filled_on_a_line(tmp_path):
+    record = read(save(tmp_path, edited([50, 200, 201, 300], PV, ["Bad", "", "", "1e308"])))["FIC101"]
+    assert (record.state[[50, 200, 201, 300]] == SampleState.FILLED).all() and record.usable.all()
+    assert record.measurement[50] == pytest.approx((record.measurement[49] + record.measurement[51]) / 2)
+
+
+def test_another_unit_in_a_few_cells_is_no_measurement(tmp_path):
+    text = wide(value=lambda t, v: f"{cell(t, v)} {'%' if t.endswith('OP') else 'm3/h'}").split("\n")
+    for row in range(300, 320):
+        text[row] = text[row].replace(" m3/h", " l/s")
+    record = read(save(tmp_path, "\n".join(text)))["FIC101"]
+    assert record.usable.sum() == 580
+
+
+@pytest.mark.parametrize(
+    ("good", "bad"),
+    [("Good", "Bad"), ("GOOD", "UNCERTAIN"), ("192", "0"), ("192", "24"), ("216", "64"), ("100", "0"),
+     ("0", "2147483648"), ("Good, NonSpecific", "Bad, Comm Failure"), ("ok", "stale"), ("", "Bad"), ("1", "0")],
+)  # fmt: skip
+def test_quality_marks_are_no_measurements(tmp_path, good, bad):
+    spoiled = set(range(100, 130))
+
+    def row(tag, stamp, value):
+        i = int((stamp - STAMPS[0]).total_seconds())
+        wrong = tag == "FIC101.PV" and i in spoiled
+        return f'{tag},{iso(stamp)},{"0.00" if wrong else value},"{bad if wrong else good}"'
+
+    record = read(save(tmp_path, long(row, "tag,time,value,quality")))["FIC101"]
+    assert (record.state[100:130] == SampleState.MISSING).all()
+    assert record.usable.sum() == 570
+    assert "bad_quality" in codes(record.notes)
+
+
+@pytest.mark.parametrize("name", ["{}.Quality", "{} Status", "{}_Q", "Quality", "{}.ST"])
+def test_quality_columns_beside_values(tmp_path, name):
+    names = [x for tag in SIGNALS for x in (tag, name.format(tag))]
+    lines = [",".join(["timestamp", *names])]
+    for i, stamp in enumerate(STAMPS):
+        wrong = 100 <= i < 130
+        pairs = [
+            ("0.0,Bad" if wrong and tag == "FIC101.PV" else f"{cell(tag, v[i])},Good") for tag, v in SIGNALS.items()
+        ]
+        lines.append(",".join([iso(stamp), *pairs]))
+    record = read(save(tmp_path, "\n".join(lines) + "\n"))["FIC101"]
+    assert (record.state[100:130] == SampleState.MISSING).all() and record.usable.sum() == 570
+
+
+def test_a_quality_that_is_unknown_can_be_named(tmp_path):
+    text = long(lambda n, t, v: f"{n},{iso(t)},{v},Fein", "tag,time,value,quality")
+    path = save(tmp_path, text)
+    with pytest.raises(BacklashError):
+        read(path)
+    assert read(path, options=ReadOptions(good_quality=("fein",)))["FIC101"].usable.all()
+
+
+@pytest.mark.parametrize(
+    ("auto", "manual"),
+    [
+        ("AUTO", "MAN"),
+        ("Automatik", "Hand"),
+        ("1", "0"),
+        ("CAS", "LO"),
+        ("16", "8"),
+        ("RCAS", "IMAN"),
+        ("2", "0"),
+        ("AUTO", "HOLD"),
+    ],
+)
+def test_manual_operation_is_marked(tmp_path, auto, manual):
+    lines = wide().splitlines()
+    lines = [
+        f"{line},{'FIC101.MODE' if i == 0 else manual if 200 < i <= 300 else auto}" for i, line in enumerate(lines)
+    ]
+    record = read(save(tmp_path, "\n".join(lines) + "\n"))["FIC101"]
+    assert np.array_equal(np.flatnonzero(record.state == SampleState.MANUAL), np.arange(200, 300))
+
+
+def test_mode_recorded_on_change_only(tmp_path):
+    rows = [f"{tag},{iso(t)},{cell(tag, v[i])}" for tag, v in SIGNALS.items() for i, t in enumerate(STAMPS)]
+    rows += [f"FIC101.MODE,{iso(STAMPS[i])},{word}" for i, word in ((200, "MAN"), (300, "AUTO"))]
+    record = read(save(tmp_path, "\n".join(["tag,time,value", *rows]) + "\n"))["FIC101"]
+    assert np.array_equal(np.flatnonzero(record.state == SampleState.MANUAL), np.arange(200, 300))
+    assert "mode_unknown" in codes(record.notes)
+
+
+def test_two_files_of_one_loop_keep_the_gap(tmp_path):
+    lines = wide().splitlines()
+    later = wide(lambda t: iso(t + timedelta(days=90))).splitlines()
+    a = save(tmp_path, "\n".join(lines) + "\n", "a.csv")
+    b = save(tmp_path, "\n".join(later) + "\n", "b.csv")
+    record = read([b, a])["FIC101"]
+    assert len(record) == 1200
+    assert (
+        record.index[600] == 90 * 86400
+        and record.start == (STAMPS[0] - STAMPS[0].__class__(1970, 1, 1)).total_seconds()
+    )
+    assert "gaps" in codes(record.notes)
+
+
+def test_the_same_export_twice_is_one(tmp_path):
+    path = save(tmp_path, wide())
+    pq.write_table(arrow(), tmp_path / "copy.parquet")
+    record = read([path, tmp_path / "copy.parquet"])["FIC101"]
+    assert len(record) == 600 and "duplicate_times" in codes(record.notes)
+    assert len(read([path, path])["FIC101"]) == 600
+
+
+def test_rows_in_any_order_give_the_same(tmp_path):
+    lines = wide().splitlines()
+    turned = [lines[0], *np.random.default_rng(0).permutation(lines[1:])]
+    plain = read(save(tmp_path, "\n".join(lines)))["FIC101"]
+    mixed = read(save(tmp_path, "\n".join(turned)))["FIC101"]
+    assert np.array_equal(plain.measurement, mixed.measurement) and "unsorted" in codes(mixed.notes)
+
+
+def test_explicit_tags_of_the_metadata(tmp_path):
+    names = dict(zip(SIGNALS, ("SC211.X", "FT211", "FV211", "PC7", "PT7", "PV7"), strict=True))
+    settings = """
+[loops.FIC101]
+K = 1.0
+Ti = 20
+pv_range = [0, 900]
+op_range = [0, 100]
+sp = "SC211.X"
+pv = "ft211"
+op = "FV211"
+"""
+    plant = read(save(tmp_path, wide(name=names.__getitem__), settings=settings))
+    assert [r.loop for r in plant] == ["FIC101"]
+    np.testing.assert_allclose(plant["FIC101"].measurement * 900, SIGNALS["FIC101.PV"], atol=1e-6)
+
+
+def test_extra_columns_are_disturbances(tmp_path):
+    lines = wide().splitlines()
+    lines = [f"{line},{'FIC101.DV1' if i == 0 else i}" for i, line in enumerate(lines)]
+    record = read(save(tmp_path, "\n".join(lines) + "\n"))["FIC101"]
+    assert np.array_equal(record.disturbances["DV1"], np.arange(1, 601))
+
+
+def test_constant_setpoint_from_the_metadata(tmp_path):
+    lines = [",".join(np.delete(line.split(","), 1)) for line in wide().splitlines()]
+    path = save(tmp_path, "\n".join(lines) + "\n", settings=SETTINGS)
+    record = read(path)["FIC101"]
+    assert np.isnan(record.setpoint).all() and "no_setpoint" in codes(record.notes)
+    path = save(tmp_path, "\n".join(lines) + "\n", settings=SETTINGS.replace("FIC101]\n", "FIC101]\nsp = 405.0\n"))
+    assert np.allclose(read(path)["FIC101"].setpoint, 0.45)
+
+
+def test_interpolation_can_be_chosen(tmp_path):
+    rng = np.random.default_rng(1)
+    rows = []
+    for tag, values in SIGNALS.items():
+        keep = range(600) if tag.endswith("SP") else np.flatnonzero(rng.random(600) < 0.3)
+        rows += [f"{tag},{iso(STAMPS[i])},{cell(tag, values[i])}" for i in keep]
+    path = save(tmp_path, "\n".join(["tag,time,value", *rows]) + "\n")
+    auto = read(path)["FIC101"]
+    held = read(path, options=ReadOptions(interpolation="hold"))["FIC101"]
+    line = read(path, options=ReadOptions(interpolation="linear"))["FIC101"]
+    assert "compressed" in codes(auto.notes)
+    assert len(np.unique(held.measurement)) < len(np.unique(auto.measurement))
+    assert np.array_equal(auto.measurement, line.measurement)
+    assert len(np.unique(line.output)) > len(np.unique(auto.output))
+
+
+def test_a_folder_with_broken_files(tmp_path):
+    good = wide().splitlines()
+    for i in range(30):
+        rows = [good[0].replace("FIC101", f"F{i:02d}").replace("PIC303", f"P{i:02d}"), *good[1:]]
+        (tmp_path / f"e{i:02d}.csv").write_text("\n".join(rows) + "\n")
+    (tmp_path / "empty.csv").write_text("")
+    (tmp_path / "junk.csv").write_bytes(bytes(range(256)) * 40)
+    (tmp_path / "page.csv").write_text("<html><body>Login</body></html>\n" * 5)
+    (tmp_path / "cut.parquet").write_bytes(b"PAR1" + bytes(500))
+    (tmp_path / "notes.md").write_text("not an export")
+    plant = read(tmp_path)
+    assert len(plant) == 60
+    assert sorted(str(n.values["file"]).rsplit("/", 1)[-1] for n in plant.failures) == [
+        "cut.parquet", "empty.csv", "junk.csv", "page.csv"
+    ]  # fmt: skip
+
+
+def test_unknown_and_failed_loops(tmp_path):
+    plant = read(save(tmp_path, wide(), settings=SETTINGS.replace("Ti = 20.0", "Ti = 0", 1)))
+    assert [n.values["loop"] for n in plant.failures] == ["FIC101"]
+    with pytest.raises(LoopError, match="Ti must be positive"):
+        plant["FIC101"]
+    with pytest.raises(UsageError, match="PIC303"):
+        plant["PIC304"]
+    with pytest.raises(UsageError, match="FIC101"):
+        read(tmp_path / "plant.csv", options=ReadOptions(only_loops=("FIC102",)))
+    assert [r.loop for r in read(tmp_path / "plant.csv", options=ReadOptions(only_loops=("p*",)))] == ["PIC303"]
+
+
+def test_ranges(tmp_path):
+    def settings(text):
+        return f"[loops.FIC101]\n{text}\n[loops.PIC303]\nK = 1\nTi = 9\npv_range = [0, 16]\n"
+
+    plant = read(save(tmp_path, wide(), settings=settings("K = 1\nTi = 5")))
+    assert codes(plant.failures) == ["missing_range"] and "pv_range" in plant.failures[0].message
+    assert "op_percent" in codes(plant["PIC303"].notes)
+    record = read(save(tmp_path, wide(), settings=settings("Ti = 5")))["FIC101"]
+    assert record.settings.pv_range[1] > 450 and "guessed_pv_range" in codes(record.notes)
+    record = read(
+        save(tmp_path, wide(), settings=settings('K = 0.1\nTi = 5\nKp = 9\nunits = "engineering"\npv_range = [0, 900]'))
+    )["FIC101"]
+    assert pytest.approx(0.9) == record.settings.K and record.settings.Kp == pytest.approx(1.0)
+    assert record.settings.source["op_range"] == "data"
+
+
+def test_units_of_the_signals_do_not_matter(tmp_path):
+    base = read(save(tmp_path, wide()))["FIC101"]
+    scaled = read(save(tmp_path, wide(value=lambda t, v: f"{v * 7 - 3 if 'FIC' in t and 'OP' not in t else v:.6f}"),
+                       settings=SETTINGS.replace("[0.0, 900.0]", "[-3, 6297]")))["FIC101"]  # fmt: skip
+    np.testing.assert_allclose(scaled.measurement, base.measurement, atol=1e-9)
+
+
+def test_sidecars(tmp_path):
+    path = save(tmp_path, wide())
+    (tmp_path / "plant.loops.toml").write_text(SETTINGS.replace("K = 0.9", "K = 0.3"))
+    assert read(path)["FIC101"].settings.K == 0.3
+    (tmp_path / "other.toml").write_text(SETTINGS.replace("K = 0.9", "K = 0.4") + "\n[loops.LIC9]\nK = 1\n")
+    plant = read(path, loops=tmp_path / "other.toml")
+    assert plant["FIC101"].settings.K == 0.4
+    assert [n.values["loop"] for n in plant.warnings if n.code == "loop_not_found"] == ["LIC9"]
+    for sidecar in tmp_path.glob("*.toml"):
+        sidecar.unlink()
+    assert "no_metadata" in codes(read(path).warnings)
+
+
+def bomb() -> bytes:
+    return gzip.compress(b"0" * (300 << 20), 9)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.csv", b"", "empty"),
+        ("a.csv", b"timestamp,FIC101.SP,FIC101.PV,FIC101.OP\n", "only a header"),
+        ("a.csv", b"\n\n\n", "no data"),
+        ("a.csv", bytes(range(256)) * 100, "binary"),
+        ("a.csv", b"PK\x03\x04" + bytes(100), "Excel"),
+        ("a.csv.gz", b"\x1f\x8b\x08" + bytes(100), "damaged gzip"),
+        ("a.csv.zst", b"\x28\xb5\x2f\xfd" + b"x" * 100, "damaged zstd"),
+        ("a.csv.gz", bomb, "expand"),
+        ("a.parquet", b"PAR1" + bytes(100), "cannot be read"),
+        ("a.csv", b"<html><head><title>Login</title></head></html>\n", "no"),
+        ("a.csv", b'{"error": "session expired"}\n', "no"),
+        ("a.csv", wide().split("\n", 1)[1].encode(), "no header"),
+        ("a.csv", b"time,comment\n2026-03-17 08:00:00,hello\n2026-03-17 08:00:01,you\n", "no signal columns"),
+        ("a.csv", b"a,b\n1,x\n2,y\n", "no"),
+        ("a.csv", wide(lambda t: t.strftime("0%w/03/%Y %H:%M:%S")).encode(), "ambiguous"),
+        ("a.csv", wide(lambda t: "yesterday").encode(), "no"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_says_so(tmp_path, name, content, words):
+    data = content() if callable(content) else content
+    path = save(tmp_path, data, name)
+    with pytest.raises(BacklashError, match=words) as caught:
+        read(path)
+    assert name in str(caught.value)
+
+
+def test_wrong_inputs(tmp_path):
+    for inputs in (tmp_path / "nothing.csv", tmp_path, [], tmp_path / "a\x00b"):
+        with pytest.raises(InputError):
+            read(inputs)
+    with pytest.raises(MetadataError, match="not found"):
+        read(save(tmp_path, wide()), loops=tmp_path / "no.toml")
+    for options in ({"interpolation": "cubic"}, {"delimiter": "ab"}, {"timezone": "Europe/Nowhere"},
+                    {"time_format": "hms"}, {"encoding": "utf-9"}, {"layout": "tall"}, {"header_row": 0}):  # fmt: skip
+        with pytest.raises(UsageError):
+            ReadOptions(**options)
+
+
+def test_ragged_rows_are_counted_with_their_line(tmp_path):
+    lines = wide().splitlines()
+    lines[250] = lines[250].rsplit(",", 2)[0]
+    lines[400] += ",1,2"
+    plant = read(save(tmp_path, "\n".join(lines) + "\n"))
+    note = next(n for n in plant.warnings if n.code == "ragged_rows")
+    assert note.message.startswith("2 rows") and "line 251" in note.message
+    assert plant["FIC101"].usable.all()
+
+
+def test_truncated_gzip_gives_what_is_whole(tmp_path):
+    rng = np.random.default_rng(0)
+    text = wide(value=lambda t, v: f"{v + rng.random():.9f}")
+    plant = read(save(tmp_path, gzip.compress(text.encode())[:-5000], "plant.csv.gz"))
+    assert "truncated" in codes(plant.warnings) and 100 < len(plant["FIC101"]) < 600
+
+
+def test_columns_of_one_name(tmp_path):
+    lines = [line.split(",") for line in wide().splitlines()]
+    doubled = "\n".join(",".join([*c[:3], c[2] if i == 0 else "1.0", *c[3:]]) for i, c in enumerate(lines)) + "\n"
+    plant = read(save(tmp_path, doubled))
+    assert codes(plant.failures) == ["duplicate_columns"] and "FIC101.PV" in plant.failures[0].message
+    same = "\n".join(",".join([*c[:3], c[2], *c[3:]]) for c in lines) + "\n"
+    assert read(save(tmp_path, same))["FIC101"].usable.all()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../../etc/x",
+        "<script>alert(1)</script>",
+        '=HYPERLINK("http://x")',
+        "A" * 10_000,
+        "Druckregler Ö1 (Süd)",
+        "a, b",
+    ],
+)
+def test_any_name_of_a_loop(tmp_path, name):
+    quoted = name.replace('"', '""')
+    text = wide(name=lambda n: '"' + n.replace("FIC101", quoted) + '"')
+    key = name.replace("\\", "\\\\").replace('"', '\\"')
+    plant = read(save(tmp_path, text, settings=SETTINGS.replace("FIC101", f'"{key}"')))
+    assert plant[name].settings.K == 0.9
+
+
+def test_one_sample_and_few_samples(tmp_path):
+    lines = wide().splitlines()
+    for count in (1, 2, 3, 7):
+        path = save(tmp_path, "\n".join(lines[: count + 1]) + "\n")
+        if count == 1:
+            with pytest.raises(BacklashError, match=r"only 1 sample|too few|no rows"):
+                read(path)
+        else:
+            assert len(read(path)["FIC101"]) == count
+
+
+def test_partitions_in_time_of_many_files(tmp_path):
+    lines = wide().splitlines()
+    for part in range(12):
+        folder = tmp_path / "set" / f"hour={part}"
+        folder.mkdir(parents=True)
+        (folder / "x.csv").write_text("\n".join([lines[0], *lines[1 + 50 * part : 51 + 50 * part]]) + "\n")
+    record = read(tmp_path / "set")["FIC101"]
+    assert len(record) == 600 and np.array_equal(record.index, np.arange(600))
+    assert not [n for n in record.notes if n.code in ("unsorted", "gaps")]
+
+
+def test_arrow_types_that_are_no_signals(tmp_path):
+    table = arrow().append_column("list", pa.array([[1.0]] * 600)).append_column("blob", pa.array([b"x"] * 600))
+    pq.write_table(table, tmp_path / "plant.parquet")
+    (tmp_path / "loops.toml").write_text(SETTINGS)
+    assert len(read(tmp_path / "plant.parquet")) == 2
+
+
+def test_characters_cut_by_the_reading_buffer(tmp_path):
+    from io import BytesIO
+
+    from backlash_cli.loaders.files import is_utf8
+
+    for text in ("ö" * 700_001, "a" + "€" * 500_000, "x" * 600_000 + "\n" + "𝄞" * 300_000):
+        assert is_utf8(BytesIO(text.encode()))
+        assert not is_utf8(BytesIO(text.encode() + b"\xb0"))
+        assert not is_utf8(BytesIO(b"\xb0" + text.encode()))
+
+
+def test_a_byte_that_is_no_text_far_below_the_header(tmp_path):
+    text = wide().encode().replace(b"\n2026-03-18T00:04:00,", b"\n2026-03-18T00:04:00 \xb0,")
+    plant = read(save(tmp_path, text))
+    assert "encoding" in codes(plant.warnings) and plant["FIC101"].usable.all()
