@@ -22,6 +22,7 @@ class FittedParameter:
 
     value: one number, or a tuple of them. ci95: its 95 % interval, or one interval for each number; None when it was
     not fitted. unit: as in the effect ("span", "s", "1/s", "OP span", ...). nuisance: says how the record began only.
+    level: a place on the scale (a stop at 20 %), not an amount (a gap of 2 %).
     """
 
     value: float | tuple[float, ...]
@@ -29,6 +30,7 @@ class FittedParameter:
     ci95: Interval | tuple[Interval, ...] | None = None
     meaning: str = ""
     nuisance: bool = False
+    level: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ class Candidate:
     verdict: str = ""
     sentence: str = ""
     meaning: str = ""
+    stage: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,175 @@
+"""How errors, parameters and effects of a model are said to a person, the same in the terminal and on a page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from string import Formatter
+
+from ..record import LoopSettings
+from ..results import Candidate, Comparison, Explanation, FittedEffect, FittedParameter, Step
+from .safe import terminal
+from .words import duration, moment
+
+SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
+
+
+def error_size(value: float | None) -> str:
+    """An error in per cent of the measurement span with three digits, e.g. '0.812 %'."""
+    return "–" if value is None or not math.isfinite(value) else f"{100 * value:.3g} %"
+
+
+def share(value: float | None) -> str:
+    """A share of a whole in whole per cent, e.g. '41 %'; small ones keep a digit."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    return f"{100 * value:.0f} %" if abs(value) >= 0.0995 or value == 0 else f"{100 * value:.1f} %"
+
+
+def plain_name(effect: str) -> str:
+    """The name of an effect in words: 'dead time' for dead_time."""
+    return terminal(effect.replace("_", " "), 60)
+
+
+def ladder(steps: Sequence[Step], noise_floor: float) -> str:
+    """The ladder in one line.
+
+    >>> ladder([Step(None, 0.032), Step("dead_time", 0.021), Step("backlash", 0.008)], 0.0075)
+    'baseline 3.2 % -> + dead time 2.1 % -> + backlash 0.8 % (noise floor 0.75 %)'
+    """
+    rungs = [
+        f"{'baseline' if step.added is None else '+ ' + plain_name(step.added)} {error_size(step.rmse_holdout)}"
+        for step in steps
+    ]
+    return f"{' -> '.join(rungs)} (noise floor {error_size(noise_floor)})"
+
+
+def quantity(p: FittedParameter, stage: str, settings: LoopSettings, start: float | None = None) -> str:
+    """A parameter with unit and interval, in engineering units too where the range is known.
+
+    >>> quantity(FittedParameter(0.0302, "span", (0.0295, 0.031)), "valve", LoopSettings())
+    '3.02 % of OP span (95 %: 2.95 to 3.10 %)'
+    """
+    if isinstance(p.value, tuple):
+        return _several(p, stage, settings, start)
+    if math.isinf(p.value):
+        return "none"
+    interval = p.ci95 if p.ci95 and not isinstance(p.ci95[0], tuple) else None
+    low, high = interval if interval else (math.nan, math.nan)
+    scale, unit, short = _unit(p.unit, stage)
+    digits = _digits(p.value * scale, low * scale, high * scale)
+    said = f"{p.value * scale:.{digits}f}{unit}"
+    if math.isfinite(low) and math.isfinite(high):
+        said += f" (95 %: {low * scale:.{digits}f} to {high * scale:.{digits}f}{short})"
+    return said + _engineering(p, stage, settings)
+
+
+def _several(p: FittedParameter, stage: str, settings: LoopSettings, start: float | None) -> str:
+    assert isinstance(p.value, tuple)
+    clock = p.unit == "s" and start is not None
+    said = []
+    for place, value in enumerate(p.value[:SHOWN_EVENTS]):
+        own = p.ci95[place] if p.ci95 and place < len(p.ci95) else None
+        interval = own if isinstance(own, tuple) else None
+        one = FittedParameter(value, p.unit, interval)
+        said.append(moment((start or 0.0) + value) if clock else quantity(one, stage, settings))
+    more = len(p.value) - SHOWN_EVENTS
+    return ", ".join(said) + (f" and {more} more" if more > 0 else "")
+
+
+def _unit(unit: str, stage: str) -> tuple[float, str, str]:
+    """Factor to the unit that is shown, its words, and its short form for an interval."""
+    whose = "PV" if stage == "sensor" else "OP"
+    known = {
+        "span": (100.0, f" % of {whose} span", " %"),
+        "OP span": (100.0, " % of OP span", " %"),
+        "PV span": (100.0, " % of PV span", " %"),
+        "OP span/h": (100.0, " % of OP span per hour", " %"),
+        "1/s": (100.0, " % of OP span per second", " %"),
+        "OP span per column unit": (100.0, " % of OP span per unit of the column", " %"),
+        "s": (1.0, " s", " s"),
+        "1": (1.0, "", ""),
+        "": (1.0, "", ""),
+    }
+    return known.get(unit, (1.0, f" {unit}", ""))
+
+
+def _digits(value: float, low: float, high: float) -> int:
+    """Decimals worth showing: one digit of the interval's half width, or three digits of the value."""
+    half = 0.5 * (high - low)
+    if math.isfinite(half) and half > 0:
+        worth = -math.floor(math.log10(half))
+    else:
+        worth = 2 - math.floor(math.log10(abs(value))) if value and math.isfinite(value) else 2
+    return min(max(worth, 0), 8)
+
+
+def _engineering(p: FittedParameter, stage: str, settings: LoopSettings) -> str:
+    """The same amount in the units of the export, where a range is known and says something new."""
+    assert not isinstance(p.value, tuple)
+    whose = {"span": "PV" if stage == "sensor" else "OP", "OP span": "OP", "PV span": "PV"}.get(p.unit)
+    if whose is None:
+        return ""
+    low, high = settings.pv_range if whose == "PV" else settings.op_range
+    if (low, high) in ((0.0, 1.0), (0.0, 100.0)):
+        return ""
+    amount = p.value * (high - low) + (low if p.level else 0.0)
+    return f", {amount:.3g} in {whose} units"
+
+
+def numbers(effect: FittedEffect | Candidate, settings: LoopSettings, start: float | None = None) -> dict[str, str]:
+    """What to show of an effect: parameter name -> value with unit and interval; the start of the record left out."""
+    shown = {"column": terminal(effect.column, 60)} if effect.column else {}
+    for name, p in effect.parameters.items():
+        if not p.nuisance and not (isinstance(p.value, float) and math.isinf(p.value)):
+            shown[name] = quantity(p, effect.stage, settings, start)
+    return shown
+
+
+def meaning(effect: FittedEffect, settings: LoopSettings, start: float | None = None) -> str:
+    """The sentence that says what an effect means in this plant, its numbers filled in."""
+    values = {n: quantity(p, effect.stage, settings, start) for n, p in effect.parameters.items()}
+    values["column"] = terminal(effect.column, 60)
+    return fill(effect.meaning or effect.sentence, values)
+
+
+def fill(template: str, values: Mapping[str, str]) -> str:
+    """Put values into the {name} places of a sentence; a name that is not known stays as it is.
+
+    >>> fill("The gap is {d}, {x}.", {"d": "3 %"})
+    'The gap is 3 %, {x}.'
+    """
+    try:
+        pieces = list(Formatter().parse(template))
+    except ValueError:
+        return template
+    return "".join(text + ("" if name is None else values.get(name, f"{{{name}}}")) for text, name, _, _ in pieces)
+
+
+def look_alike_words(explanation: Explanation) -> list[str]:
+    """One sentence for each pair of effects that this record cannot tell apart."""
+    return [
+        f"{plain_name(a)} and {plain_name(b)} explain this record about equally well: it cannot tell them apart."
+        for a, b in explanation.look_alikes
+    ]
+
+
+def verdict(explanation: Explanation) -> str:
+    """The answer in one sentence."""
+    if explanation.verdict:
+        return explanation.verdict
+    if explanation.missing_effect is None:
+        return "Nothing is missing: no effect that was tried predicts this record better than the plain model."
+    names = " and ".join(plain_name(e.effect) for e in explanation.effects)
+    one = len(explanation.effects) == 1
+    return f"Missing in the plain model: {names}. The error on unseen samples falls with {'it' if one else 'them'}."
+
+
+def span_words(found: Comparison | Explanation) -> str:
+    """Which record this is about: from when to when, how many samples, how far apart."""
+    series = found.series
+    if series is None or len(series.time) == 0:
+        return ""
+    used = int(series.used.sum())
+    every = duration(float(series.time[1] - series.time[0])) if len(series.time) > 1 else "–"
+    return f"{moment(float(series.time[0]))} to {moment(float(series.time[-1]))}, {used} samples, every {every}"
