@@ -7,18 +7,20 @@ settle (filter, scan rate of the controller) widens the intervals.
 
     identify(record) -> Identification | Note          IdentifyScanner(interval).update(block) ... finish()
 
-A Note says why the settings cannot be read: no_output, output_constant, too_short, not_this_controller.
-An Identification may carry notes: gain_uncertain, sampling_too_coarse, one_frequency; `separate` is False where only
-K/Ti is to be relied on.
+A Note says why the settings cannot be read: no_output, output_constant, too_short, not_this_controller,
+proportional_part_unseen.
+An Identification may carry notes: gain_uncertain, sampling_too_coarse, interpolated, one_frequency; `separate` is
+False where only K/Ti is to be relied on.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..record import Note, Record
+from ..record import Note, Record, SampleState
 from .stretches import StretchSample
 
 if TYPE_CHECKING:
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 
 LEVELS = (1, 4, 16, 64, 256)  # samples per row of the ever slower pictures of the record that are kept
 LEAST_ROWS = 60
+MOSTLY_OWN = 0.2  # share of interpolated samples that leaves the P part visible
 
 
 def identify(record: Record) -> Identification | Note:
@@ -43,6 +46,7 @@ class IdentifyScanner:
         self._levels = [StretchSample(size, 3) for size in LEVELS]
         self._output_seen = False
         self._low, self._high = np.inf, -np.inf
+        self._used = self._filled = 0
 
     def update(self, block: Record) -> None:
         """Take in the next block of the loop; only usable samples count."""
@@ -52,6 +56,8 @@ class IdentifyScanner:
         self._output_seen |= bool(np.isfinite(block.output).any())
         if not use.any():
             return
+        self._used += int(use.sum())
+        self._filled += int(np.sum(block.state[use] == SampleState.FILLED))
         values = np.column_stack([block.setpoint[use], block.measurement[use], block.output[use]])
         self._low, self._high = min(self._low, values[:, 2].min()), max(self._high, values[:, 2].max())
         for level in self._levels:
@@ -75,4 +81,9 @@ class IdentifyScanner:
             return Note(
                 "too_short", f"fewer than {LEAST_ROWS} usable samples with output: K and Ti cannot be read from them"
             )
-        return find_settings(levels, self._interval)
+        found = find_settings(levels, self._interval)
+        if isinstance(found, Note) or self._filled <= MOSTLY_OWN * self._used:
+            return found
+        share = self._filled / self._used
+        message = f"{100 * share:.0f} % of the samples are interpolated: only K/Ti is known"
+        return replace(found, notes=(*found.notes, Note("interpolated", message, {"share": share})))

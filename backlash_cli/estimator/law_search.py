@@ -76,7 +76,7 @@ def find_settings(levels: list[LawRows], interval: float) -> Identification | No
     plausible = fits if unclear else [fit for fit in fits if best.better_than(fit) <= PLAUSIBLE]
     result = summarise(rows, plausible, averaged)
     by_chance = result.K.ci95[0] < 0.0 < result.K.ci95[1] and result.r2 < SURELY_EXPLAINED
-    return _refused(result.r2) if by_chance else result
+    return _refused(result.r2, by_chance=True) if by_chance else result
 
 
 def _time_scale(levels: list[LawRows]) -> tuple[LawRows, LawForm, float] | Note:
@@ -92,6 +92,9 @@ def _time_scale(levels: list[LawRows]) -> tuple[LawRows, LawForm, float] | Note:
         phase = 0.5 if level else 0.0 if Ti >= 10.0 * h else 0.25
         form = LawForm(terms, window, min(int(np.ceil(5.0 * longest / h)) + 1, window), 0, phase)
         fits = search_filter(rows, form, longest, step=4.0)
+        if not fits and moves:  # the setpoint moved between the windows only
+            form = replace(form, terms=(PROPORTIONAL, INTEGRAL))
+            fits = search_filter(rows, form, longest, step=4.0)
         if not fits:
             return _refused(0.0)
         before, explained = Ti, 1.0 - fits[0].unexplained
@@ -127,7 +130,14 @@ def _derivative_is_real(pid: LawFit, pi: LawFit) -> bool:
     return Td > max(2.0 * pid.filter_time, 0.02 * pid.reset_time) and pid.better_than(pi) > CLEARLY
 
 
-def _refused(explained: float) -> Note:
+def _refused(explained: float, *, by_chance: bool = False) -> Note:
+    if explained > LEAST_EXPLAINED and not by_chance:
+        return Note(
+            "proportional_part_unseen",
+            "the output follows the sum of the control error, but no P part shows: the data are compressed, "
+            "interpolated or too coarse, so K and Ti cannot be read from them",
+            {"r2": explained},
+        )
     return Note(
         "not_this_controller",
         f"a PI or PID controller of these signals explains {100 * max(explained, 0.0):.0f} % of the output's motion: "

@@ -13,7 +13,8 @@ Codes and their effect:
     output_compressed     info     the same for OP, which can be rebuilt from SP, PV, K and Ti
     output_rounded        info     dead bands below 2.5 rounding steps of OP cannot be seen in OP
     measurement_rounded   info     PV is rounded more coarsely than its noise
-    little_usable         limits   less than half of the record can be used (manual, saturated, missing, frozen)
+    little_usable         info     less than half of the record can be used (manual, saturated, missing, frozen)
+    interpolated          limits   more than a fifth of the samples were interpolated over holes by the reader
     manual, saturated, missing_samples, gaps, frozen, spikes, filled     info
     little_motion         info     OP covers so little that a dead band of more than the value named stays unseen
     setpoint_moves        info     the setpoint moves at most samples (cascade or ramp)
@@ -39,6 +40,7 @@ MOTION_NEEDED = 1.5  # range of OP over the dead band to be seen
 LITTLE_MOTION = 0.03  # an OP range that leaves dead bands above 2 % unseen deserves a word
 NOTABLE = 0.01  # shares below one per cent are not worth a line
 HALF = 0.5
+MOSTLY_OWN = 0.2  # the same share as for compression seen in the values themselves
 
 
 def quality_notes(quality: Quality) -> tuple[Note, ...]:
@@ -112,17 +114,22 @@ def _output_storage(op: Storage) -> Iterator[Note]:
 def _shares(quality: Quality) -> Iterator[Note]:
     if quality.usable_share < HALF:
         message = f"only {_percent(quality.usable_share)} of the record can be used"
-        yield _note("little_usable", message, "limits", share=quality.usable_share)
+        yield _note("little_usable", message, "info", share=quality.usable_share)
     for code, share, words in (
         ("manual", quality.manual_share, "of the time the controller was not in automatic; left out"),
         ("saturated", quality.saturated_share, "of the time OP was at its limit; left out"),
         ("missing_samples", quality.missing_share, "of the samples are missing or bad"),
         ("frozen", quality.frozen_share, "of the time PV stood still at one number; left out"),
         ("spikes", quality.implausible_share, "of the samples are far outside the span; left out"),
-        ("filled", quality.filled_share, "of the samples were interpolated over short holes"),
     ):
         if share >= NOTABLE:
             yield _note(code, f"{_percent(share)} {words}", "info", share=share)
+    if quality.filled_share > MOSTLY_OWN:
+        message = f"{_percent(quality.filled_share)} of the samples were not recorded but interpolated"
+        yield _note("interpolated", message, "limits", share=quality.filled_share)
+    elif quality.filled_share >= NOTABLE:
+        message = f"{_percent(quality.filled_share)} of the samples were interpolated over short holes"
+        yield _note("filled", message, "info", share=quality.filled_share)
     if quality.gaps:
         holes = "1 gap" if quality.gaps == 1 else f"{quality.gaps} gaps"
         message = f"{holes} in time, the longest {quality.longest_gap:.4g} s; no half period crosses one"

@@ -104,7 +104,7 @@ def _severity(offset: float) -> str:
 def _sign(K: float, found: Identification) -> Note:
     action = "reverse (K positive)" if found.K.value > 0 else "direct (K negative)"
     message = f"K = {K:g} has the wrong sign: the output moves like that of a controller with {action} action"
-    return Note("settings_action_sign", message, _values(found, -1.0, "contradict"))
+    return Note("settings_action_sign", message, _values(found, -1.0, "warn"))
 
 
 def _both(K: float, Ti: float, settings: LoopSettings, found: Identification) -> list[Note]:
@@ -112,7 +112,7 @@ def _both(K: float, Ti: float, settings: LoopSettings, found: Identification) ->
     offset, sure = _distance(K / Ti, ratio)
     apart, sure_apart = _distance(K, gain)
     if abs(offset) <= AGREES or sure <= SURE:
-        if abs(apart) > GAIN_APART and sure_apart > AGREES:
+        if found.separate and abs(apart) > GAIN_APART and sure_apart > AGREES:
             message = (
                 f"K = {K:g} and Ti = {Ti:g} s are both {_times(apart)} what the data show "
                 f"(K {gain.value:.3g}, Ti {found.Ti.value:.3g} s); their quotient agrees"

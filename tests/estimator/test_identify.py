@@ -179,3 +179,28 @@ def test_missing_settings_are_filled_in_and_named() -> None:
     filled = found.settings(LoopSettings(Ti=21.0, source={"Ti": "metadata"}))
     assert filled.Ti == 21.0 and found.K.value == filled.K
     assert filled.source == {"Ti": "metadata", "K": "identified"}
+
+
+def test_mostly_interpolated_samples_leave_only_the_quotient() -> None:
+    record = run(Loop(), 4000, load=load_steps(4000))
+    state = record.state.copy()
+    state[::3] = SampleState.FILLED
+    found = identified(replace(record, state=state))
+    assert [note.code for note in found.notes] == ["interpolated"] and not found.separate
+
+
+def test_a_setpoint_that_moved_between_the_windows_only_is_no_term() -> None:
+    record = run(Loop(), 4000, load=load_steps(4000))
+    setpoint, keep = record.setpoint.copy(), np.r_[0:2000, 2200:4000]
+    setpoint[2100:] += 0.1
+    assert record.output is not None
+    part = replace(
+        record,
+        index=record.index[keep],
+        setpoint=setpoint[keep],
+        measurement=record.measurement[keep] + 0.1 * (keep >= 2100),
+        output=record.output[keep],
+        state=record.state[keep],
+    )
+    found = identified(part)
+    assert found.K.value == pytest.approx(0.6, rel=0.02) and found.b is None

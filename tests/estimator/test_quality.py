@@ -154,7 +154,8 @@ def test_shares_of_what_cannot_be_used(state: SampleState, code: str) -> None:
     assert note.code == code and note.values["share"] == pytest.approx(0.1)
     states[1000:4600] = state
     half = codes(replace(RECORD, state=states))
-    assert ("little_usable" in half) == (state != SampleState.FILLED)
+    filled = state == SampleState.FILLED
+    assert ("little_usable" in half) == (not filled) and ("interpolated" in half) == filled
 
 
 def test_gaps_are_counted_with_the_longest() -> None:

@@ -1,0 +1,138 @@
+"""Before any verdict: is the record of each loop good enough, and do its settings agree with the data?
+
+    check_loop(record) -> LoopCheck          check(plant) -> CheckResult
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from .errors import BacklashError
+from .estimator.diagnosis import Diagnosis, diagnose
+from .estimator.identify import identify
+from .estimator.quality import Quality, data_quality
+from .estimator.settings_check import check_settings
+from .record import LoopSettings, Note, Record
+
+if TYPE_CHECKING:
+    from .estimator.identification import Identification
+
+
+@dataclass(frozen=True)
+class LoopCheck:
+    """What was found about one loop's data and settings. start, end: UTC epoch seconds; signals normalised.
+
+    identified: settings read from the data, or a Note that says why they cannot be. settings_notes: disagreements.
+    diagnosis: what an oscillation looks like, None where there is none. notes: what the loader found or assumed.
+    failure: why the loop could not be checked at all; quality and identified are None then.
+    """
+
+    loop: str
+    start: float | None = None
+    end: float | None = None
+    settings: LoopSettings = field(default_factory=LoopSettings)
+    quality: Quality | None = None
+    identified: Identification | Note | None = None
+    settings_notes: tuple[Note, ...] = ()
+    diagnosis: Diagnosis | None = None
+    notes: tuple[Note, ...] = ()
+    failure: Note | None = None
+
+    @property
+    def effect(self) -> str:
+        """What it all means for a verdict: "none" (nothing in its way), "limits", "blocks" or "failed"."""
+        if self.failure is not None:
+            return "failed"
+        if self._blocking():
+            return "blocks"
+        contradicted = any(note.values.get("severity") == "contradict" for note in self.settings_notes)
+        limited = self.quality is not None and self.quality.effect == "limits"
+        return "limits" if contradicted or limited else "none"
+
+    @property
+    def meaning(self) -> str:
+        """One sentence on what it means for the verdict on backlash."""
+        if self.failure is not None:
+            return f"not checked: {self.failure.message}"
+        blocking = self._blocking()
+        if blocking:
+            return f"no verdict possible: {blocking[0].message}"
+        for note in self.settings_notes:
+            if note.values.get("severity") == "contradict":
+                return f"the size of a dead band would be wrong: {note.message}"
+        if self.effect == "limits" and self.quality is not None:
+            return f"a dead band can be suspected at most: {self.quality.notes[0].message}"
+        for note in self.settings_notes:
+            return f"fit for a verdict, but: {note.message}"
+        return "fit for a verdict"
+
+    def _blocking(self) -> list[Note]:
+        notes = [] if self.quality is None else list(self.quality.notes)
+        blocking = [note for note in notes if note.values.get("effect") == "blocks"]
+        if not blocking and isinstance(self.identified, Note) and not (self.settings.K and self.settings.Ti):
+            message = f"K and Ti are not given, and {self.identified.message}"
+            blocking = [Note("settings_missing", message, {"why": self.identified.code})]
+        return blocking
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """All loops of a plant, and what could not be read."""
+
+    loops: tuple[LoopCheck, ...]
+    inputs: tuple[str, ...] = ()
+    warnings: tuple[Note, ...] = ()
+    failures: tuple[Note, ...] = ()
+
+
+def check_loop(record: Record) -> LoopCheck:
+    """Judge one loop's data and compare its settings with those that the data show."""
+    identified = identify(record)
+    settings = record.settings
+    Ti = settings.Ti
+    notes = check_settings(settings, identified)
+    if not isinstance(identified, Note) and (Ti is None or any(n.code in _OF_TI for n in notes)):
+        Ti = identified.Ti.value
+    diagnosis = diagnose(record)
+    first, last = record.time[[0, -1]].tolist() if len(record) else (None, None)
+    return LoopCheck(
+        record.loop,
+        first,
+        last,
+        settings,
+        data_quality(record, Ti),
+        identified,
+        notes,
+        diagnosis if diagnosis.kind != "none" else None,
+        record.notes,
+    )
+
+
+# After these the given Ti is no measure for the sampling.
+_OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settings_contradicted")
+
+
+def check(plant: Iterable[Record], progress: Callable[[], None] | None = None) -> CheckResult:
+    """Check every loop; one that fails is reported as failed and the others go on. `progress` is called after each."""
+    loops = []
+    for record in plant:
+        try:
+            loops.append(check_loop(record))
+        except BacklashError as error:
+            loops.append(LoopCheck(record.loop, notes=record.notes, failure=Note(error.code, str(error))))
+        except Exception as error:  # one loop's failure must not cost the others their report
+            why = Note("internal_error", f"the check failed: {type(error).__name__}: {error}")
+            loops.append(LoopCheck(record.loop, notes=record.notes, failure=why))
+        if progress is not None:
+            progress()
+    known = {loop.loop for loop in loops}
+    failures: tuple[Note, ...] = getattr(plant, "failures", ())
+    for note in failures:
+        name = str(note.values.get("loop", ""))
+        if name and name not in known:
+            loops.append(LoopCheck(name, failure=note))
+            known.add(name)
+    rest = tuple(note for note in failures if not note.values.get("loop"))
+    return CheckResult(tuple(loops), getattr(plant, "inputs", ()), getattr(plant, "warnings", ()), rest)
