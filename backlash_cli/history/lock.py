@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import socket
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,20 +26,39 @@ def lock(path: Path) -> Iterator[str]:
                             remedy="check the folder, or set `lock` in the configuration") from None
     try:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise BacklashError(f"another nightly job is working ({_holder(handle) or 'unknown'})", where=str(path),
+            _hold(handle)
+        except OSError:
+            raise BacklashError(f"another nightly job is working ({_read(handle) or 'unknown'})", where=str(path),
                                 code="busy", remedy="wait for it; the next run does what this one did not") from None
-        before = _holder(handle)
-        os.ftruncate(handle, 0)
-        os.pwrite(handle, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
+        before = _read(handle)
+        _write(handle, f"process {os.getpid()} on {socket.gethostname()}\n")
         try:
             yield f"the last job ({before}) was stopped before its end; its lock is taken over" if before else ""
         finally:
-            os.ftruncate(handle, 0)
+            _write(handle, "")
     finally:
         os.close(handle)
 
 
-def _holder(handle: int) -> str:
-    return os.pread(handle, 200, 0).decode("utf-8", "replace").strip()
+def _hold(handle: int) -> None:
+    """Take the lock or raise OSError at once."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        os.lseek(handle, 1 << 20, os.SEEK_SET)  # beyond the text, which others must be able to read
+        msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+    else:
+        import fcntl
+
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _read(handle: int) -> str:
+    os.lseek(handle, 0, os.SEEK_SET)
+    return os.read(handle, 200).decode("utf-8", "replace").strip()
+
+
+def _write(handle: int, text: str) -> None:
+    os.ftruncate(handle, 0)
+    os.lseek(handle, 0, os.SEEK_SET)
+    os.write(handle, text.encode())
