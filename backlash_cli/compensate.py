@@ -1,0 +1,95 @@
+"""From one loop's record to advice on a backlash compensator: dead band, process, simulation, gain."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .errors import LoopError
+from .estimator.compensator import HYSTERESIS, gain_share
+from .record import LoopSettings, Note, Record
+from .results import LoopReport
+from .results.compensation import CompensationStudy, ProcessModel
+from .scan import scan
+from .simulator.compensation import Study, noise_gains, study
+from .simulator.controller import Controller
+from .simulator.process import Process
+from .simulator.process_fit import fit_process
+from .simulator.record_noise import noise_density, typical_load
+
+LEAST_MARGIN = 1.4  # gain margin below which a fitted process cannot be the one of a loop that works
+
+
+def compensate(
+    record: Record, *, process: Process | None = None, dead_band: float | None = None, seed: int = 0
+) -> CompensationStudy:
+    """Return what compensation would do to a loop, simulated; advice to a person, nothing is written anywhere.
+
+    process: given process, else fitted to the record. dead_band: given size [span of output], else from a scan.
+    Raises LoopError when the settings, the dead band or the process cannot be had from the record.
+    """
+    report = scan(record)
+    settings = report.settings
+    if settings.K is None or settings.Ti is None:
+        raise LoopError("K and Ti are not known", where=record.loop, remedy="give them in loops.toml",
+                        code="missing_settings")
+    d, interval, d_source = size_of(report, dead_band)
+    controller = Controller(settings.K, settings.Ti, settings.Td, settings.Tf)
+    known = record if record.settings.K else _with(record, settings)
+    model, warnings = model_of(known, controller, d, process)
+    simulated = process or Process(model.gain, model.lags, model.dead_time)
+    if simulated.gain * controller.K < 0.0:
+        raise LoopError(f"K = {controller.K:g} and the process gain {simulated.gain:g} make positive feedback",
+                        where=record.loop, remedy="give both the same sign", code="wrong_sign")
+    density = noise_density(record, controller)
+    filtered, arrived = (gain * float(np.sqrt(density)) for gain in noise_gains(controller))
+    share, why = gain_share(interval[0], derivative=controller.Td > 0.0, output_noise=arrived)
+    return study(
+        Study(controller, simulated, d, interval, density, typical_load(record, d), HYSTERESIS * filtered,
+              share * interval[0], why, seed),
+        record.loop, d_source, model, warnings,
+    )
+
+
+def size_of(report: LoopReport, given: float | None) -> tuple[float, tuple[float, float], str]:
+    """Return dead band, the ends of its interval and its source. Raises LoopError when the scan found none."""
+    if given is not None:
+        return given, (given, given), "given"
+    found = report.confirmation or report.cluster
+    if found is None or found.d <= 0.0:
+        reason = report.reasons[0].message if report.reasons else "no half period could be used"
+        raise LoopError(f"the scan found no dead band ({report.verdict}: {reason})", where=report.loop,
+                        remedy="give one from a valve test with --dead-band 0.03 (3 % of the output span)",
+                        code="no_dead_band")
+    return found.d, (min(found.ci95[0], found.d), max(found.ci95[1], found.d)), "scan"
+
+
+def model_of(
+    record: Record, controller: Controller, d: float, given: Process | None
+) -> tuple[ProcessModel, tuple[Note, ...]]:
+    """Return the process to simulate and what to know about it."""
+    if given is not None:
+        return ProcessModel(given.static_gain or given.gain, given.lags, given.dead_time, given.integrating), ()
+    told = record.settings.source.get("Kp") == "metadata"
+    model = fit_process(record, d, record.settings.Kp if told else None)
+    margin = gain_margin(controller, Process(model.gain, model.lags, model.dead_time))
+    if margin >= LEAST_MARGIN:
+        return model, ()
+    gain = model.gain * margin / LEAST_MARGIN
+    note = Note("fit_lowered", f"with the fitted process gain {model.gain:.3g} the loop would be (almost) unstable, "
+                f"which it is not; {gain:.3g} is used. --process gives a better one")
+    return ProcessModel(gain, model.lags, model.dead_time, source=model.source, evidence=model.evidence), (note,)
+
+
+def gain_margin(controller: Controller, process: Process) -> float:
+    """Return by which factor the gain may grow until the loop is unstable, infinite if it never is."""
+    slowest = max(controller.Ti, process.dead_time + sum(process.lags))
+    omega = np.logspace(-2.0, 4.0, 20_000) / slowest
+    loop = controller.response(omega) * process.response(omega)
+    down = np.flatnonzero((loop.imag[:-1] < 0.0) & (loop.imag[1:] >= 0.0) & (loop.real[1:] < 0.0))
+    return float(1.0 / np.max(-loop.real[down + 1])) if len(down) else float("inf")
+
+
+def _with(record: Record, settings: LoopSettings) -> Record:
+    from dataclasses import replace
+
+    return replace(record, settings=settings)

@@ -1,0 +1,189 @@
+"""What would a backlash compensator do to this loop? The same loads and noise, without it and with a range of gains.
+
+Advice to a person: nothing here reaches a control system.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..record import Note
+from ..results.compensation import CompensationStudy, Glimpse, ProcessModel, Trial
+from .controller import Compensator, Controller, Scheme
+from .limit_cycle import limit_cycle
+from .loop import Trace, trace
+from .process import Process
+from .scenario import Scenario, use
+
+SHARES = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)  # gains shown, in dead bands
+MARGIN = 1.25  # the loop must stay quiet at this much more than the recommended gain
+MOST_TRAVEL = 1.3  # valve travel that is accepted, relative to the loop without compensator
+LEAST_FALL = 0.03  # a smaller fall of IAE is not worth a change in the control system
+STEPS_BACK = (1.0, 0.75, 0.5)  # shares of the rule's gain that are tried when the gain itself does not pass
+LOAD_STEPS = 12
+SPACING = 12.0  # slowest time constants of the loop between load steps
+MOST_SAMPLES = 60_000
+SWING = 0.05  # dead bands: a valve that swings by less and for ever is not worth the name of limit cycle
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is known about the loop before the simulation.
+
+    d, interval: dead band and the ends of its interval [span]. density: of the white measurement noise [span^2 s].
+    load: size of a typical load step at the process input [span of output]. hysteresis: of the error's sign [span].
+    rule_gain: gain that the rule allows, 0 for none, rule_reason: why.
+    """
+
+    controller: Controller
+    process: Process
+    d: float
+    interval: tuple[float, float]
+    density: float
+    load: float
+    hysteresis: float
+    rule_gain: float
+    rule_reason: str
+    seed: int = 0
+
+
+def noise_gains(controller: Controller) -> tuple[float, float]:
+    """Return standard deviations of filtered measurement and output per square root of the noise density [s^-1/2].
+
+    Behind 1/(1 + s Tf)^2 white noise of density S has the variance S/(4 Tf); P and D part together multiply the
+    spectrum by K^2 (1 + w^2 Td^2), which makes K^2 (1 + Td^2/Tf^2) S/(4 Tf) (Parseval). The integral part is slow.
+    """
+    tf = controller.filter_time
+    filtered = 1.0 / np.sqrt(4.0 * tf)
+    return float(filtered), float(abs(controller.K) * filtered * np.hypot(1.0, controller.Td / tf))
+
+
+def study(
+    s: Study, loop: str, d_source: str, model: ProcessModel, warnings: tuple[Note, ...] = ()
+) -> CompensationStudy:
+    """Simulate all gains and choose one. Raises LoopError when the loop is unstable even without compensator."""
+    allowed = [back * s.rule_gain for back in STEPS_BACK]
+    gains = {0.0, *(share * s.d for share in SHARES), *allowed, *(gain * MARGIN for gain in allowed)}
+    scenario = load_scenario(s)
+    runs = {gain: trace(with_gain(scenario, s, gain)) for gain in sorted(gains)}
+    trials = {gain: judge(run, s, gain) for gain, run in runs.items()}
+    recommended, reason, refusals = choose(s, trials)
+    shown = tuple(trials[gain] for gain in sorted(trials))
+    spell = glimpse_window(scenario)
+    return CompensationStudy(
+        loop=loop,
+        settings={"K": s.controller.K, "Ti": s.controller.Ti, "Td": s.controller.Td, "Tf": s.controller.filter_time},
+        d=s.d, interval=s.interval, d_source=d_source, process=model,
+        output_noise=noise_gains(s.controller)[1] * float(np.sqrt(s.density)),
+        hysteresis=s.hysteresis, load=s.load, trials=shown, rule_gain=s.rule_gain, recommended=recommended,
+        reason=reason, refusals=refusals, warnings=warnings, before=glimpse(runs[0.0], 0.0, spell),
+        after=None if recommended is None else glimpse(runs[recommended], recommended, spell),
+    )
+
+
+def slowest(s: Study) -> float:
+    """Return the time scale of the loop [s]: integral time, or the process's lags and dead time."""
+    return max(s.controller.Ti, s.process.dead_time + sum(s.process.lags))
+
+
+def load_scenario(s: Study) -> Scenario:
+    """Return the loop at rest in the middle of its range, met by load steps up and down, without compensator."""
+    spacing = SPACING * slowest(s)
+    random = np.random.default_rng(s.seed)
+    sizes = s.load * random.uniform(0.5, 1.5, LOAD_STEPS) * np.where(np.arange(LOAD_STEPS) % 2, -1.0, 1.0)
+    times = spacing * (0.5 + np.arange(LOAD_STEPS) + random.uniform(-0.2, 0.2, LOAD_STEPS))
+    duration = spacing * (LOAD_STEPS + 0.5)
+    # fine enough for the filter, whose noise would be lost otherwise
+    step = max(s.controller.filter_time / 4.0, duration / MOST_SAMPLES)
+    effects = [use("backlash", d=s.d), use("load_step", times=times.tolist(), sizes=sizes.tolist())]
+    if s.density > 0.0:
+        effects.append(use("measurement_noise", density=s.density))
+    return Scenario(s.controller, s.process, duration, step, tuple(effects), seed=s.seed)
+
+
+def with_gain(scenario: Scenario, s: Study, gain: float) -> Scenario:
+    """Return the same scenario with compensator (9)."""
+    return replace(scenario, compensator=Compensator(gain, Scheme.ERROR, hysteresis=s.hysteresis))
+
+
+def judge(run: Trace, s: Study, gain: float) -> Trial:
+    """Return the numbers of one run."""
+    hours = run.scenario.duration / 3600.0
+    error = run.setpoint - run.process_output
+    moves = np.diff(run.valve)
+    directions = np.sign(moves[np.abs(moves) > 1e-9])
+    return Trial(
+        gain=gain, iae=float(np.mean(np.abs(error))), peak=float(np.max(np.abs(error))),
+        travel=float(np.sum(np.abs(moves))) / hours,
+        output_travel=float(np.sum(np.abs(np.diff(run.output)))) / hours,
+        reversals=float(np.count_nonzero(np.diff(directions))) / hours,
+        limit_cycle=goes_on_oscillating(s, gain),
+    )
+
+
+def goes_on_oscillating(s: Study, gain: float) -> bool:
+    """True when the loop, pushed once and then left alone without noise, still turns its valve over and over."""
+    duration = 120.0 * slowest(s)
+    step = max(s.controller.filter_time / 4.0, duration / MOST_SAMPLES)
+    push = use("load_step", times=[0.0], sizes=[2.0 * s.d])
+    quiet = Scenario(s.controller, s.process, duration, step, (use("backlash", d=s.d), push))
+    run = trace(with_gain(quiet, s, gain))
+    valve = run.valve[run.time > 0.7 * duration]
+    moves = np.diff(valve)
+    turns = np.count_nonzero(np.diff(np.sign(moves[np.abs(moves) > 1e-9])))
+    return bool(turns >= 4 and np.ptp(valve) > SWING * s.d)
+
+
+def choose(s: Study, trials: dict[float, Trial]) -> tuple[float | None, str, tuple[Note, ...]]:
+    """Return the recommended gain or None, the reason, and what spoke against (larger) gains."""
+    against: list[Note] = []
+    if s.process.integrating:
+        against.append(Note("integrating", "the process integrates: with integral action and dead band it oscillates "
+                            "whatever the gain; a compensator only makes the oscillation smaller"))
+    elif trials[0.0].limit_cycle or limit_cycle(s.controller, s.process, s.d) is not None:
+        against.append(Note("limit_cycle", "the loop oscillates by itself with this dead band and tuning: repair the "
+                            "valve, or retune first (a lower K or a longer Ti)"))
+    if s.rule_gain <= 0.0:
+        against.append(Note("noisy_output", s.rule_reason))
+    if against:
+        return None, against[0].message, tuple(against)
+    for back in STEPS_BACK:
+        gain = back * s.rule_gain
+        notes = objections(trials[0.0], trials[gain], trials[gain * MARGIN])
+        if not notes:
+            reason = s.rule_reason
+            if back < 1.0:
+                reason = f"{back:g} of what the rule allows, because at more: {against[-1].message}"
+            return gain, reason, tuple(against)
+        against += notes
+    return None, against[-1].message, tuple(against)
+
+
+def objections(base: Trial, trial: Trial, beyond: Trial) -> list[Note]:
+    """Return what speaks against a gain; `beyond` is the trial at 1.25 times that gain."""
+    notes = []
+    if trial.limit_cycle or beyond.limit_cycle:
+        notes.append(Note("compensator_limit_cycle", f"the compensator itself makes the loop oscillate at a gain of "
+                          f"{100 * (trial if trial.limit_cycle else beyond).gain:.2f} %"))
+    if trial.travel > MOST_TRAVEL * base.travel:
+        notes.append(Note("valve_travel", f"at a gain of {100 * trial.gain:.2f} % the valve travels "
+                          f"{trial.travel / base.travel:.1f} times as far: it would wear faster"))
+    if trial.iae > (1.0 - LEAST_FALL) * base.iae:
+        notes.append(Note("no_improvement", f"at a gain of {100 * trial.gain:.2f} % the mean error changes by "
+                          f"{100 * (trial.iae / base.iae - 1.0):+.0f} % only"))
+    return notes
+
+
+def glimpse_window(scenario: Scenario) -> tuple[float, float]:
+    """Return the stretch that is drawn: two load steps in the middle."""
+    spacing = scenario.duration / (LOAD_STEPS + 0.5)
+    return 4.0 * spacing, 6.0 * spacing
+
+
+def glimpse(run: Trace, gain: float, window: tuple[float, float]) -> Glimpse:
+    inside = np.flatnonzero((run.time >= window[0]) & (run.time < window[1]))
+    pick = inside[:: max(1, len(inside) // 1500)]
+    return Glimpse(gain, run.time[pick] - window[0], run.process_output[pick], run.setpoint[pick], run.output[pick],
+                   run.valve[pick])

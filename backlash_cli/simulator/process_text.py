@@ -1,0 +1,84 @@
+"""A process as a person writes it: `K=1.3,T=20,L=2`, or a TOML file with gain, lags and dead time."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import MetadataError, nearest
+from .process import Process
+
+NAMES = {
+    "k": "gain", "kp": "gain", "gain": "gain", "t": "lag", "t1": "lag", "t2": "lag", "t3": "lag", "t4": "lag",
+    "tau": "lag", "tau1": "lag", "tau2": "lag", "l": "dead_time", "theta": "dead_time", "dead_time": "dead_time",
+}
+WHERE = "--process"
+REMEDY = "for example --process K=1.3,T=20,L=2 (static gain, lag and dead time in seconds; more lags: T2=..)"
+
+
+def parse_process(text: str) -> Process:
+    """Return the process of `K=..,T=..,L=..` or of a TOML file.
+
+    Raises MetadataError for unknown names, what is no number, and processes that cannot be.
+
+    >>> parse_process("K=1.3, T=20, T2=3, L=2")
+    Process(gain=1.3, lags=(20.0, 3.0), dead_time=2.0, integrating=False, numerator=(1.0,), denominator=(1.0,))
+    """
+    if text.endswith(".toml"):
+        return from_table(_read(Path(text)), text)
+    gain, dead_time, lags = 1.0, 0.0, []
+    seen: set[str] = set()
+    for part in filter(None, (p.strip() for p in text.replace(";", ",").split(","))):
+        name, equals, value = (x.strip() for x in part.partition("="))
+        kind = NAMES.get(name.lower())
+        if not equals or kind is None:
+            hint = f"{nearest(name, ['K', 'T', 'T2', 'L'])} " if equals else ""
+            raise MetadataError(f"'{part}' is not understood", where=WHERE, remedy=hint + REMEDY)
+        if name.lower() in seen:
+            raise MetadataError(f"{name} is given twice", where=WHERE, remedy=REMEDY)
+        seen.add(name.lower())
+        number = _number(value, name)
+        if kind == "gain":
+            gain = number
+        elif kind == "dead_time":
+            dead_time = number
+        else:
+            lags.append(number)
+    if not lags:
+        raise MetadataError("no lag is given", where=WHERE, remedy=REMEDY)
+    return Process(gain=gain, lags=tuple(lags), dead_time=dead_time)
+
+
+def from_table(table: Mapping[str, Any], where: str) -> Process:
+    """Return the process of a TOML table, [process] or the whole file: gain, lags, dead_time, integrating, ..."""
+    entry = table.get("process", table)
+    known = tuple(Process.__dataclass_fields__)
+    if not isinstance(entry, Mapping):
+        raise MetadataError("process is not a table", where=where, remedy="process = { gain = 1.3, lags = [20.0] }")
+    for key in entry:
+        if key not in known:
+            raise MetadataError(f"unknown key '{key}'", where=where, remedy=nearest(key, known))
+    try:
+        return Process(**entry)
+    except TypeError:
+        raise MetadataError("a value has the wrong type", where=where,
+                            remedy="gain = 1.3, lags = [20.0, 3.0], dead_time = 2.0, integrating = false") from None
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise MetadataError(f"cannot be read: {error.strerror}", where=str(path), remedy=REMEDY) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise MetadataError(f"is not TOML: {error}", where=str(path), remedy=REMEDY) from None
+
+
+def _number(value: str, name: str) -> float:
+    text = value.lower().removesuffix("s").strip()
+    try:
+        return float(text)
+    except ValueError:
+        raise MetadataError(f"{name} = '{value}' is not a number", where=WHERE, remedy=REMEDY) from None
