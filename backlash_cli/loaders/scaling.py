@@ -51,7 +51,7 @@ def spans_of(
             low, high = _bounds(op, None)
             if low >= -SLACK and high <= 1.0 + SLACK:
                 pass
-            elif low >= -10.0 and high <= 110.0:
+            elif low >= -5.0 and high <= 105.0 and np.nanquantile(op, 0.05) >= -SLACK:
                 op_range = (0.0, 100.0)
                 notes.append(Note("op_percent", "op_range is not given: output within 0..100 is taken as percent"))
             else:

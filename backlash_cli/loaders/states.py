@@ -92,8 +92,8 @@ def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
     """(samples,) True where a measurement repeats one number for longer than its own noise allows; None if nowhere.
 
     A signal with noise repeats a number with some chance p, so a run of L repeats somewhere among n samples has
-    chance about n p^L; runs with less than FROZEN_CHANCE are frozen. p is taken outside the runs found. A signal
-    without noise may stand still, as a valve does in its dead band: it must do so for QUIET_SHARE of the record.
+    chance about n p^L; runs with less than FROZEN_CHANCE are frozen. A signal without noise may stand still, as a
+    valve does in its dead band: it must do so for QUIET_SHARE of the record.
     """
     if len(values) < 2 * LEAST_CHANGES:
         return None
@@ -103,17 +103,13 @@ def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
         return None
     starts, ends = runs(equal)
     lengths = ends - starts
-    kept = np.ones(len(starts), bool)
-    limit = 0.0
-    for _ in range(4):
-        repeats = int(lengths[kept].sum())
-        others = len(equal) - int(lengths[~kept].sum())
-        p = min(max((repeats + 1.0) / (others + 2.0), 1e-4), 1.0 - LEAST_CHANGES / len(equal))
-        limit = max(float(FROZEN_RUN - 1), np.log(FROZEN_CHANCE / len(values)) / np.log(p))
-        now = lengths < limit
-        if np.array_equal(now, kept):
-            break
-        kept = now
+    # of all new values, how many are repeated at once: a long run counts once, so it does not hide itself
+    fresh = len(values) - int(lengths.sum())
+    p = min(max((len(lengths) + 1.0) / (fresh + 2.0), 1e-4), 1.0 - LEAST_CHANGES / len(equal))
+    limit = max(float(FROZEN_RUN - 1), np.log(FROZEN_CHANCE / len(values)) / np.log(p))
+    kept = lengths < limit
+    if kept.all():
+        return None
     if not _noisy(values, starts[~kept], ends[~kept]):
         kept = lengths < max(limit, QUIET_SHARE * len(values))
     if kept.all():
