@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ..scan import ScanOptions
 
 LONG = 1.5 * 86400.0  # seconds; more than this is more than one night
+YEAR = 365 * 86400.0  # times below this are counted from the start of the recording, not from 1970
 _STAMP = re.compile(  # a date, perhaps with a time, at the end of a file's name
     r"[ _.-]+(19|20)\d\d[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])([ _T.-]?\d\d[-_:]?\d\d([-_:]?\d\d)?)?$"
 )
@@ -30,7 +31,11 @@ def remember(result: ScanResult, history: Path, inputs: Sequence[Path], *, loops
 
     with History(history, create=True, say=say) as store:
         parts = _one_by_one(result, inputs, loops, reading, options, jobs) or [result]
-        return store.add_all([undated(part) for part in parts])
+        outcome = store.add_all([undated(part) for part in parts])
+    if outcome.revised and any(r.start is not None and r.start < YEAR for r in result.loops):
+        say("the export has no calendar date, and so replaced the night that was there: nights are told apart by their "
+            "times")
+    return outcome
 
 
 def _one_by_one(result: ScanResult, inputs: Sequence[Path], loops: Path | None, reading: ReadOptions,

@@ -13,6 +13,7 @@ from ..record import LoopSettings, Note
 from ..results import LoopReport, Verdict
 from ..results.history import HalfPeriod, Night
 
+EARLIEST, LATEST = 6e10, 2.5e11  # epoch seconds: year 68 to 9892
 SIZED = (Verdict.BACKLASH, Verdict.SUSPECTED)
 
 NIGHT_COLUMNS = (
@@ -30,7 +31,7 @@ def night_row(report: LoopReport) -> dict[str, Any]:
     assert report.start is not None and report.end is not None
     d, ci95, source = size_of(report)
     row: dict[str, Any] = {
-        "loop": report.loop, "start": moment(report.start), "end": moment(report.end),
+        "loop": storable(report.loop), "start": moment(report.start), "end": moment(report.end),
         "verdict": str(report.verdict), "confidence": short(report.confidence) or 0.0,
         "d": short(d), "d_low": short(ci95[0]) if ci95 else None, "d_high": short(ci95[1]) if ci95 else None,
         "source": source, "limit_of_detection": short(detection_limit(report)), "samples": report.samples,
@@ -50,6 +51,16 @@ def half_period_row(night: Mapping[str, Any], estimate: Any, *, joined: bool) ->
     e = estimate
     return (night["loop"], night["start"], night["end"], int(joined), moment(e.start), moment(e.end), short(e.dt_s),
             short(e.dy), short(e.e_max), short(e.d), int(e.direction), int(e.accepted), str(e.why))
+
+
+def storable(name: str) -> str:
+    """Return a name as the file can hold it: what is no valid text (broken encodings) is spelled out."""
+    return name.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def timed(report: LoopReport) -> bool:
+    """Whether a report has times that a calendar knows."""
+    return all(t is not None and math.isfinite(t) and -EARLIEST < t < LATEST for t in (report.start, report.end))
 
 
 def size_of(report: LoopReport) -> tuple[float | None, tuple[float, float] | None, str]:

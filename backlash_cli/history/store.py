@@ -21,7 +21,16 @@ from ..results.history import DAY, HalfPeriod, Night, Outcome, Repair, Run, day_
 from .connection import PATIENCE, Say, connect, in_words, transaction
 from .joins import active, distinct
 from .rejoin import rejoin
-from .rows import HALF_PERIOD_COLUMNS, NIGHT_COLUMNS, as_json, half_period_of, half_period_row, night_of, night_row
+from .rows import (
+    HALF_PERIOD_COLUMNS,
+    NIGHT_COLUMNS,
+    as_json,
+    half_period_of,
+    half_period_row,
+    night_of,
+    night_row,
+    timed,
+)
 
 
 def _silent(text: str) -> None:
@@ -65,12 +74,12 @@ class History:
             for result in results:
                 rows = []
                 for report in result.loops:
-                    if report.start is None or report.end is None:
+                    if not timed(report):
                         untimed.append(report.loop)
                         continue
                     rows.append(row := night_row(report))
                     known = self._digest(row)
-                    entry = (report.loop, day_of(0.5 * (row["start"] + row["end"])).isoformat())
+                    entry = (row["loop"], day_of(0.5 * (row["start"] + row["end"])).isoformat())
                     (new if known is None else unchanged if known == row["digest"] else revised).append(entry)
                     if known != row["digest"]:
                         self._write(row, report)

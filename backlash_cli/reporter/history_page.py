@@ -30,8 +30,8 @@ def history_page(places: Sequence[Place], wears: Mapping[str, Wear], nights: Map
                                  drawn=i < DRAWN))
         for i, p in enumerate(places)
     ]
-    notes = [f"Figures are shown for the first {DRAWN} places. For figures of all {len(places)} loops write a folder: "
-             "--output FOLDER."] if len(places) > DRAWN else []
+    notes = [f"Figures and nights are shown for the first {DRAWN} places. For those of all {len(places)} loops write "
+             "a folder: --output FOLDER."] if len(places) > DRAWN else []
     return page(TITLE, [*overview(places, wears, links, notes), Section("Loops", parts=loops)],
                 subtitle=subtitle(nights))
 
@@ -102,7 +102,8 @@ def loop_parts(p: Place, wear: Wear, nights: Sequence[Night], half_periods: Sequ
         parts.append(Section("Until then", text=[
             f"Compensator gain {percent(found['gain'])} of the output span, scheme {found['scheme']}. "
             f"{found['reason']}", "This is advice to a person; nothing is written to the control system."]))
-    parts.append(Section(f"Last {min(LATEST, len(nights))} nights", table=_nights(nights[-LATEST:]), folded=True))
+    if drawn:
+        parts.append(Section(f"Last {min(LATEST, len(nights))} nights", table=_nights(nights[-LATEST:]), folded=True))
     return parts
 
 

@@ -6,6 +6,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,8 +70,6 @@ def test_nights_cut_anywhere_hold_the_half_periods_of_the_whole(tmp_path, edges)
 
 
 def test_overlapping_exports_count_no_half_period_twice(tmp_path):
-    from dataclasses import replace
-
     from backlash_cli.scan import ScanOptions, scan
 
     reports = []
@@ -113,6 +112,17 @@ def test_a_night_keeps_what_the_report_said(tmp_path):
     assert (a.d, a.source, a.ci95) == (0.02, "confirmation", (0.018, 0.022))
     assert a.date.isoformat() == "2026-03-01" and a.settings["Ti"] == 28.0 and a.reasons[0].code == "made"
     assert b.below_detection and b.limit_of_detection == 0.005 and not c.below_detection and not c.measured
+
+
+def test_odd_names_and_times_do_no_harm(tmp_path):
+    with History(tmp_path / "a.db", create=True) as history:
+        for name in ("\udc80x", "a\x00b", "", "é", "x" * 5000):
+            history.add(result(made(0, 0.02, loop=name)))
+            assert not history.add(result(made(0, 0.02, loop=name))).new
+        assert len(history.loops()) == 5 and "\\udc80x" in history.loops()
+        for start in (-1e12, 1e14, float("nan"), None):
+            outcome = history.add(result(replace(made(0, 0.02), start=start, end=start)))
+            assert outcome.untimed == ("FIC101",) and "not stored" in outcome.sentence()
 
 
 def test_repairs_are_marked_once(tmp_path):
