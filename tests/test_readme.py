@@ -49,7 +49,7 @@ def test_settings_shown_are_understood(tmp_path):
     values = read_metadata(str(tmp_path / "loops.toml")).of("FIC101")
     assert values is not None
     settings = settings_of(values)
-    assert settings.tuning.Ti == 28.0 and settings.pv_range == (0.0, 900.0)
+    assert settings.loop.Ti == 28.0 and settings.pv_range == (0.0, 900.0)
 
 
 def test_links_to_files_exist():
