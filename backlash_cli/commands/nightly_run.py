@@ -18,6 +18,7 @@ from ..record import Record
 from ..reporter.safe import terminal
 from ..results import ScanResult
 from ..results.history import day_of
+from .history_options import read_profile
 from .nightly_log import Log
 from .to_history import undated
 
@@ -43,10 +44,9 @@ def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
 
     Raises BacklashError when nothing can be done: wrong configuration, another job, no export that can be read.
     """
-    from ..history.limits import read_limits
     from ..reporter.rules import met, parse_rules
 
-    limits = read_limits(config.limits)
+    limits = read_profile(config.limits, config.loops)
     rules = parse_rules(rule for rule in config.fail_on if rule != PULL)
     with lock(config.lock) as stale:
         if stale:

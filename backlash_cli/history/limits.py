@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from importlib.resources import files
 from pathlib import Path
@@ -31,6 +31,17 @@ class Limits:
             if fnmatchcase(loop.lower(), pattern.lower()):
                 return self.classes[name]
         return self.classes[self.default]
+
+    def with_classes(self, chosen: Mapping[str, str], default: str | None, where: str) -> Limits:
+        """Return a copy in which loops have the class that their settings name; the profile's own loops go first.
+
+        chosen: loop -> class, default: class of the loops that have none, both from the loops file `where`.
+        Raises MetadataError for a class that the profile does not know.
+        """
+        for name in [*chosen.values(), *([default] if default is not None else [])]:
+            _class(name, self.classes, f"{where}, limit_class")
+        loops = {loop: self.classes[name] for loop, name in chosen.items()}
+        return replace(self, default=default or self.default, loops={**loops, **(self.loops or {})})
 
 
 def read_limits(path: str | Path | None = None) -> Limits:

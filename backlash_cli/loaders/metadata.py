@@ -33,6 +33,7 @@ LOOP_KEYS = (
     "units",
     "auto_modes",
     "description",
+    "limit_class",  # class of dead-band limit, for the wear report
 )
 SIZE_LIMIT = 32 << 20
 

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from backlash_cli.__main__ import _guarded
 from backlash_cli.history.store import History
 from tests.commands.run import COMMAND, files, run
 from tests.history.nights import growing, made, result
@@ -40,8 +41,7 @@ def db(tmp_path_factory):
     path = tmp_path_factory.mktemp("db") / "made.db"
     with History(path, create=True) as history:
         for name, options in {"FIC101": {}, "FIC102": {"repair": 30}, "TIC1": {"first": 0.015, "last": 0.015}}.items():
-            for report in growing(60, loop=name, **options):
-                history.add(result(report))
+            history.add_all([result(report) for report in growing(60, loop=name, **options)])
     return path
 
 
@@ -56,9 +56,7 @@ def clean(nights, tmp_path_factory):
     """The history of one clean pass, one night after the other."""
     path = tmp_path_factory.mktemp("clean") / "h.db"
     for k in range(4):
-        done = subprocess.run([*COMMAND, "scan", nights / f"night{k}.csv", "--history", path, "--jobs", "1"],
-                              capture_output=True, text=True, timeout=120)
-        assert done.returncode == 0 and "3 nights new" in done.stderr
+        assert _guarded(["scan", str(nights / f"night{k}.csv"), "--history", str(path), "--jobs", "1", "-q"]) == 0
     return dump(path)
 
 
@@ -160,6 +158,17 @@ def test_trend_table_limits_and_reasons(capfd, db, tmp_path):
     assert " 10 " in (tmp_path / "t").read_text()
     assert run(capfd, "trend", "--history", tmp_path / "absent.db").status == 2
     assert run(capfd, "trend", "--history", db, "--loop", "FIC").status == 2
+
+
+def test_a_loops_file_names_the_class_of_a_limit(capfd, db, tmp_path):
+    loops = tmp_path / "loops.toml"
+    loops.write_text('[defaults]\nlimit_class = "nominal"\n[loops.FIC101]\nlimit_class = "positioner"\n')
+    done = run(capfd, "trend", "--history", db, "--loops", loops, "--format", "json")
+    limits = {x["loop"]: x["limit"] for x in json.loads(done.out)["loops"]}
+    assert limits == {"FIC101": 0.01, "FIC102": 0.02, "TIC1": 0.02}
+    loops.write_text('[loops.FIC101]\nlimit_class = "positoner"\n')
+    done = run(capfd, "report", "--history", db, "--loops", loops, "-o", tmp_path / "w.html")
+    assert done.status == 2 and "did you mean positioner" in done.err
 
 
 def test_report_as_a_file_and_as_a_folder(capfd, db, tmp_path):
