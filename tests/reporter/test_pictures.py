@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import warnings
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from backlash_cli.kernels import play
+from backlash_cli.record import LoopSettings, Record, record_from_arrays
+from backlash_cli.reporter.picture_data import gap_lines, means, per_unit
+from backlash_cli.reporter.pictures import draw_loop, loop_figure
+from backlash_cli.results import Cluster, Confirmation, Estimate, LoopReport, Verdict
+
+N = 6000
+SETTINGS = LoopSettings(K=0.6, Ti=28.0, pv_range=(0.0, 900.0), op_range=(0.0, 100.0))
+PROFILE = tuple((0.002 * 1.2**k, 40.0 - (k - 14) ** 2) for k in range(24))
+
+
+def record(name: str = "FIC101", *, output: bool = True, start: float = 1.7e9) -> Record:
+    rng = np.random.default_rng(0)
+    op = 0.5 + 0.06 * np.sin(np.arange(N) / 200.0)
+    pv = play(op, 0.03, 0.5) + 0.002 * rng.normal(size=N)
+    return record_from_arrays(
+        0.5, pv, op if output else None, interval=1.0, loop=name, start=start, settings=SETTINGS
+    )
+
+
+def report(name: str = "FIC101", *, start: float = 1.7e9, estimates: int = 8) -> LoopReport:
+    made = tuple(
+        Estimate(at, at + 500, 500.0, 0.01, 0.015, 0.029 + 0.001 * (k % 3), 1 - 2 * (k % 2), k != 3)
+        for k, at in enumerate(start + 700.0 * np.arange(estimates))
+    )
+    return LoopReport(
+        name,
+        Verdict.BACKLASH,
+        estimates=made,
+        cluster=Cluster(0.03, (0.028, 0.032), 0.1, estimates, 1.0),
+        confirmation=Confirmation(0.031, (0.029, 0.033), 0.4, 60.0, profile=PROFILE),
+    )
+
+
+def texts(figure) -> str:
+    from matplotlib.text import Text
+
+    return " | ".join(t.get_text() for t in figure.findobj(Text))
+
+
+def test_the_picture_says_what_was_found_and_where() -> None:
+    figure = loop_figure(record(), report())
+    said = texts(figure)
+    assert "FIC101: backlash, dead band 3.00 % of the output span" in said
+    for words in ("2.9 %", "SP, PV (span 0–900)", "OP (%)", "PV against OP: 3.10 %", "half periods: 3.00 %"):
+        assert words in said, words
+    assert "valve opening" in said and "valve closing" in said
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg"])
+def test_the_file_is_a_picture_and_the_same_each_time(tmp_path: Path, suffix: str) -> None:
+    path = draw_loop(record(), report(), tmp_path, suffix=suffix)
+    data = path.read_bytes()
+    assert path.name == f"FIC101{suffix}" and len(list(tmp_path.iterdir())) == 1
+    if suffix == ".png":
+        assert data.startswith(b"\x89PNG")
+        assert draw_loop(record(), report(), tmp_path).read_bytes() == data
+    else:
+        assert ET.fromstring(data).tag.endswith("svg")
+
+
+@pytest.mark.parametrize("name", ["../../etc/x", "$\\frac{1}$ $x\n", "流量 Ö1", "x" * 300])
+def test_no_name_leaves_the_folder_or_breaks_the_picture(tmp_path: Path, name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        path = draw_loop(record(name), report(name), tmp_path)
+    assert path.resolve().parent == tmp_path.resolve() and path.is_file()
+
+
+def test_without_output_or_confirmation_the_estimates_are_the_evidence() -> None:
+    said = texts(loop_figure(record(output=False), replace(report(), confirmation=None)))
+    assert "estimates from the half periods" in said and "PV against OP" not in said
+
+
+def test_without_estimates_the_trend_is_still_drawn() -> None:
+    bare = LoopReport("FIC101", Verdict.CANNOT_TELL)
+    said = texts(loop_figure(record(), bare))
+    assert "FIC101: cannot tell" in said and "no half period was long enough" in said
+
+
+def test_gaps_and_missing_numbers_break_the_line() -> None:
+    whole = record()
+    assert whole.output is not None
+    keep = np.r_[0:2000, 4000:N]
+    pv = whole.measurement[keep].copy()
+    pv[100:200] = np.nan
+    part = replace(
+        whole,
+        index=whole.index[keep],
+        setpoint=whole.setpoint[keep],
+        measurement=pv,
+        output=whole.output[keep],
+        state=whole.state[keep],
+    )
+    figure = loop_figure(part, report())
+    line = figure.axes[0].lines[1]
+    assert np.isnan(np.asarray(line.get_ydata(), dtype=float)).any()
+
+
+@pytest.mark.parametrize("samples", [1, 30])
+def test_short_records_are_drawn(tmp_path: Path, samples: int) -> None:
+    assert draw_loop(record().slice(0, samples), report(), tmp_path).is_file()
+
+
+def test_estimates_are_thinned_before_they_hide_each_other() -> None:
+    long = replace(report(), estimates=report(estimates=8).estimates * 20)
+    trend = loop_figure(record(), long).axes[0]
+    assert len(trend.texts) <= 14
+
+
+def test_flanks_lie_a_dead_band_apart() -> None:
+    lines = gap_lines(record(), 0.03)
+    assert lines is not None
+    (op, up, _), (_, down, _) = lines.rising, lines.falling
+    slope = (up[1] - up[0]) / (op[1] - op[0])
+    assert slope == pytest.approx(1.0, rel=0.05)
+    assert (down - up)[0] / slope == pytest.approx(0.03, rel=1e-9)
+
+
+def test_no_flanks_where_pv_does_not_follow_the_valve() -> None:
+    noise = np.random.default_rng(1).normal(size=N)
+    assert gap_lines(replace(record(), measurement=0.5 + 0.01 * noise), 0.03) is None
+    assert gap_lines(record(output=False), 0.03) is None
+    assert gap_lines(record().slice(0, 10), 0.03) is None
+
+
+def test_units_and_means() -> None:
+    assert per_unit((0.0, 1.0)) == "% of span"
+    assert means(np.arange(10.0), 5).tolist() == [0.5, 2.5, 4.5, 6.5, 8.5]
+    assert means(np.arange(3.0), 5).tolist() == [0.0, 1.0, 2.0]
