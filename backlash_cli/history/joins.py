@@ -20,8 +20,10 @@ def active(spans: Sequence[Span]) -> list[Span]:
     An export inside a longer one is left out (a night exported too early and then again), unless the shorter ones
     together cover the longer one: then they stand for it (single nights, and later the whole month in one file).
     """
-    kept = sorted(set(spans))
-    for span in sorted(kept, key=lambda s: (s[0] - s[1], s)):  # longest first
+    everything = sorted(set(spans))
+    nested = _nested(everything)
+    kept = list(nested)
+    for span in sorted(nested, key=lambda s: (s[0] - s[1], s)):  # longest first
         if span not in kept:
             continue
         inside = [s for s in kept if s != span and span[0] <= s[0] and s[1] <= span[1]]
@@ -29,7 +31,21 @@ def active(spans: Sequence[Span]) -> list[Span]:
             kept.remove(span)
         else:
             kept = [s for s in kept if s not in inside]
-    return kept
+    left_out = set(nested) - set(kept)
+    return [span for span in everything if span not in left_out]
+
+
+def _nested(spans: list[Span]) -> list[Span]:
+    """Return the spans that lie inside another one or hold one, from spans in order; usually there are none."""
+    found: set[Span] = set()
+    longest_first = sorted(spans, key=lambda s: (s[0], -s[1]))
+    reach = float("-inf")
+    for i, span in enumerate(longest_first):
+        if span[1] <= reach:
+            found.add(span)
+            found.update(s for s in longest_first[:i] if s[1] >= span[1])
+        reach = max(reach, span[1])
+    return sorted(found)
 
 
 def _length(spans: list[Span]) -> float:

@@ -24,6 +24,7 @@ from .robust_line import ENOUGH, Line, robust_line
 SUSPECTED_WEIGHT = 0.5
 BELOW_WEIGHT = 0.5
 LIGHTEST = 0.1
+MOST = 400  # points of one line
 SAME_REPAIR = 5  # a drop found this close (in nights) to a marked repair is that repair
 
 
@@ -133,8 +134,21 @@ def _found(loop: str, points: Points, marked: Sequence[Repair]) -> list[Repair]:
     return out
 
 
+def pooled(part: Points) -> Points:
+    """Return at most MOST points: neighbours together as their medians, because the pairs grow with the square."""
+    group = -(-len(part) // MOST)
+    if group <= 1:
+        return part
+    cuts = range(0, len(part), group)
+    time, low, high, width = (np.array([np.median(getattr(part, name)[k : k + group]) for k in cuts])
+                              for name in ("time", "low", "high", "width"))
+    return Points(time, low, high, np.add.reduceat(part.weight, list(cuts)), width)
+
+
 def _line(part: Points) -> Line:
-    days = (part.time - part.time[0]) / DAY
+    start = part.time[0]
+    part = pooled(part)
+    days = (part.time - start) / DAY
     return robust_line(days, part.low, part.high, part.weight * _precision(part, days))
 
 

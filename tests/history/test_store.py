@@ -90,6 +90,15 @@ def test_an_export_taken_too_early_gives_way_to_the_full_one():
     assert active([(0, 10), (0, 100), (100, 200)]) == [(0, 100), (100, 200)]
     assert active([(0, 100), (0, 50), (50, 100)]) == [(0, 50), (50, 100)]
     assert active([(0, 100), (50, 150)]) == [(0, 100), (50, 150)]
+    assert active([(0, 100), (50, 150), (60, 90)]) == [(0, 100), (50, 150)]
+    assert active([(k, k + 1) for k in range(60)] + [(0, 60)]) == [(k, k + 1) for k in range(60)]
+
+
+@given(st.lists(st.tuples(st.integers(0, 20), st.integers(1, 20)).map(lambda s: (s[0], s[0] + s[1])), max_size=12))
+def test_exports_that_count_do_not_lie_inside_each_other_and_cover_nearly_all(spans):
+    kept = active(spans)
+    assert kept == sorted(set(kept)) and set(kept) <= set(spans) and active(spans[::-1]) == kept
+    assert not any(a != b and a[0] <= b[0] and b[1] <= a[1] for a in kept for b in kept)
 
 
 def test_a_corrected_export_replaces_the_night(tmp_path):

@@ -119,6 +119,14 @@ def test_two_kinds_of_estimate_are_never_mixed():
     assert by_cluster.current.nights == 30 and by_cluster.current.slope == pytest.approx(0.9 * 0.03 / 29, rel=1e-6)
 
 
+def test_years_of_nights_are_pooled_and_give_the_same_wear():
+    reports = growing(1200, last=0.08, noise=0.1, seed=10)
+    found = of(reports)
+    assert found.current.nights == 1200
+    assert found.current.slope == pytest.approx(0.07 / 1199, rel=0.03)
+    assert found.current.level == pytest.approx(0.08, rel=0.03)
+
+
 def test_one_night_and_no_night():
     assert of([made(0, 0.02)]).state == "too_few_nights"
     assert of([]).state == "no_estimate" and of([]).nights == 0
