@@ -50,6 +50,7 @@ EFFECT = Effect(
     fitting=Fitting(
         linear=("amplitude",),
         phase="phase",
+        dear=("period",),
         propose=propose,
         meaning="A swing with a period of {period} comes from outside this loop. Look for another loop, a pump or a "
         "compressor that swings with the same period.",

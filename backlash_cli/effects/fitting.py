@@ -53,7 +53,8 @@ class Fitting:
     linear: parameters in which the effect adds in proportion; they are solved for, not searched.
     phase: parameter that turns a linear swing, solved for together with the amplitude.
     propose: start values from the data; default are the `start` values of the parameters, in all combinations.
-    fixed: parameters that stay as proposed. search: "smooth" parameters are refined by slopes only; "jumpy" ones
+    fixed: parameters that stay as proposed. dear: parameters picked from the whole record, such as the time of an
+    event or the period of a line: among so many places something always looks good. search: "smooth" parameters are refined by slopes only; "jumpy" ones
     also by random trials, because the error has narrow valleys.
     siblings: names of effects that look much alike. bounds: (measurement, parameters) -> lowest and highest true
     value of each sample, for effects of the recorder. meaning: what it means in the plant, with {name} of parameters.
@@ -64,6 +65,7 @@ class Fitting:
     phase: str = ""
     propose: Propose | None = None
     fixed: tuple[str, ...] = ()
+    dear: tuple[str, ...] = ()
     search: str = "smooth"
     siblings: tuple[str, ...] = ()
     bounds: Interval | None = None

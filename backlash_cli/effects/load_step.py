@@ -53,6 +53,7 @@ EFFECT = Effect(
     fitting=Fitting(
         linear=("sizes",),
         fixed=("times",),
+        dear=("times",),
         propose=propose,
         meaning="At {times} something other than the valve pushed the process by {sizes}. Look at what was switched, "
         "opened or changed over at that time.",

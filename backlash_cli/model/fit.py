@@ -10,7 +10,7 @@ import numpy as np
 from ..record import FloatArray
 from .free import Free, free_numbers, get, put
 from .noise import Noise, Whitener, fit_noise, whitener
-from .pipeline import Shape, load_regressors, moved_output, moved_process, regressors
+from .pipeline import Shape, load_regressors, moved_output, moved_process, regressors, spreads
 from .problem import Problem
 from .response import whitened_gains
 
@@ -55,8 +55,10 @@ class Solver:
         key = (shape.lag, *[(p.effect.name, p.column, tuple(p.values.items())) for p in shape.parts if p.is_linear])
         if key != self._key:
             self._key = key
-            self._others = self.white.columns(load_regressors(self.problem, shape))
+            raw = load_regressors(self.problem, shape)
+            self._others = self.white.columns(raw)
             self._gram = self._others.T @ self._others
+            self._gram[np.diag_indices(len(self._gram))] += (self.problem.floor / spreads(self.problem, raw)) ** 2
             self._cross = self._others.T @ self._y
 
     def solve(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
@@ -75,6 +77,11 @@ class Solver:
         A[np.diag_indices(m)] += 1e-10
         c = np.linalg.solve(A, scale * b) * scale
         return c, max(self._yy - float(c @ (2.0 * b - G @ c)), 1e-300), x
+
+    def columns(self, shape: Shape) -> FloatArray:
+        """Return the whitened columns of a shape, the moved process first, (samples, columns)."""
+        x = self.solve(shape)[2]
+        return np.column_stack([x, self._others])
 
     def rss(self, shape: Shape) -> float:
         """Return the whitened sum of squares of a shape."""
@@ -156,11 +163,11 @@ def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3) -> Fit
     return finished(problem, shape, noise)
 
 
-def refit_noise(problem: Problem, shape: Shape, noise: Noise) -> Noise:
-    """Return the noise of greatest likelihood for the error that a shape leaves under `noise`."""
+def refit_noise(problem: Problem, shape: Shape, noise: Noise, first: Noise | None = None) -> Noise:
+    """Return the noise of greatest likelihood for the error a shape leaves under `noise`, searched from `first`."""
     solver = Solver(problem, whitener(noise, problem.used, problem.interval))
     raw = raw_error(problem, shape, solver.solve(shape)[0])
-    return fit_noise(raw, problem.used, problem.interval, noise)
+    return fit_noise(raw, problem.used, problem.interval, first or noise)
 
 
 def finished(problem: Problem, shape: Shape, noise: Noise) -> Fit:

@@ -14,6 +14,8 @@ from .problem import Problem
 from .response import delayed_lag
 
 ORDER = {stage: i for i, stage in enumerate(Stage)}
+# a load moves PV by less than this [span]
+USUAL_SPAN = 0.5
 PLACE = {effect.name: i for i, effect in enumerate(EFFECTS)}
 
 
@@ -127,13 +129,31 @@ def moved_process(problem: Problem, shape: Shape) -> FloatArray:
 
 
 def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
-    """Return the other columns of the prediction, (samples, columns): 1, the forgotten start, and the loads."""
-    h = problem.interval
-    columns = [np.ones(problem.samples), np.exp(-h / shape.lag * np.arange(problem.samples))]
+    """Return the other columns of the prediction, (samples, columns): 1, the forgotten start, holes, and loads."""
+    h, n = problem.interval, problem.samples
+    columns = [np.ones(n), np.exp(-h / shape.lag * np.arange(n))]
+    for hole in problem.holes:
+        pulse = np.zeros(n)
+        pulse[hole.first : hole.last] = 1.0
+        columns.append(delayed_lag(pulse, h, shape.lag, shape.delay))
     for part in shape.parts:
         if part.is_linear:
             columns += [delayed_lag(c, h, shape.lag, 0.0) for c in load_columns(problem, part)]
     return np.column_stack(columns)
+
+
+def spreads(problem: Problem, columns: FloatArray) -> FloatArray:
+    """Return how large the coefficient of each load regressor may be expected to be, (columns,), as a deviation.
+
+    Without it a column that the samples at hand do not show, such as the end of a hole, could take any value.
+    """
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    out = USUAL_SPAN / np.maximum(size, 1e-12)
+    out[0] = 1e3
+    out[1] = USUAL_SPAN
+    for i, hole in enumerate(problem.holes):
+        out[2 + i] = hole.doubt
+    return out
 
 
 def regressors(problem: Problem, shape: Shape) -> FloatArray:

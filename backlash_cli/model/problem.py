@@ -15,13 +15,27 @@ from ..record import FloatArray, LoopSettings, Record, SampleState
 FEWEST_SAMPLES = 100
 
 
+# holes of OP that get a free mean; the others are bridged by a straight line
+MOST_HOLES = 12
+
+
+@dataclass(frozen=True)
+class Hole:
+    """Samples first..last-1 without OP; `doubt` is how far the mean of OP may lie off a straight line [span]."""
+
+    first: int
+    last: int
+    doubt: float
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Uniform grid of one loop: all arrays (samples,), normalised, without nan.
 
-    output: OP, held over holes. measurement: PV, 0 where `used` is False. recorded: PV with nan in holes.
+    output: OP, straight lines over holes. measurement: PV, 0 where `used` is False. recorded: PV with nan in holes.
     setpoint: SP, held over holes. columns: further measured columns, interpolated over holes.
-    delay: dead time [s] known from the settings, None when the settings give none.
+    delay: dead time [s] known from the settings, None when the settings give none. holes: where OP is not known.
+    floor: standard deviation of the measurement noise [span], from third differences.
     """
 
     loop: str
@@ -34,6 +48,8 @@ class Problem:
     columns: Mapping[str, FloatArray]
     delay: float | None
     settings: LoopSettings
+    holes: tuple[Hole, ...] = ()
+    floor: float = 1e-4
 
     @property
     def samples(self) -> int:
@@ -100,10 +116,6 @@ def problem_from_record(record: Record) -> Problem:
                 code="constant_signal",
             )
     recorded = np.where(used, measurement, np.nan)
-    held_output = _hold(output)
-    first_bad = state == SampleState.IMPLAUSIBLE
-    if np.any(first_bad):
-        held_output = _hold(np.where(np.isfinite(output), output, np.nan))
     columns = {}
     for name, values in record.disturbances.items():
         grid = on_grid(values)
@@ -112,7 +124,7 @@ def problem_from_record(record: Record) -> Problem:
     return Problem(
         loop=record.loop,
         interval=record.interval,
-        output=held_output,
+        output=_interpolate(output),
         measurement=np.where(used, measurement, 0.0),
         recorded=recorded,
         setpoint=_hold(on_grid(record.setpoint)),
@@ -120,7 +132,40 @@ def problem_from_record(record: Record) -> Problem:
         columns=columns,
         delay=record.settings.theta or None,
         settings=record.settings,
+        holes=_holes(output),
+        floor=noise_floor(recorded),
     )
+
+
+def noise_floor(recorded: FloatArray) -> float:
+    """Return the standard deviation of white measurement noise in PV (samples,), nan in holes.
+
+    Third differences take away all that moves slowly: sqrt(mean(d3^2) / 20). Rounding to a step leaves at least
+    the error of rounding, so a record whose values repeat is given no less than its smallest change / sqrt(12).
+    """
+    third = np.diff(recorded, 3)
+    third = third[np.isfinite(third)]
+    if third.size == 0:
+        return 1e-4
+    return max(float(np.sqrt(np.mean(third**2) / 20.0)), 1e-7)
+
+
+def _holes(output: FloatArray) -> tuple[Hole, ...]:
+    """Return the holes of OP of two samples or more, at most MOST_HOLES, those with the largest doubt."""
+    edge = np.diff(np.concatenate([[0], (~np.isfinite(output)).astype(np.int8), [0]]))
+    sums = np.concatenate([[0.0], np.cumsum(_interpolate(output))])
+    found = []
+    for a, b in zip(np.flatnonzero(edge == 1), np.flatnonzero(edge == -1), strict=True):
+        length = int(b - a)
+        if length < 2 or a == 0 or b == len(output):
+            continue
+        # what stretches of the same length elsewhere did, and half of the move from one side to the other
+        ends = 0.5 * (output[: -length - 1] + output[length + 1 :])
+        wiggle = np.abs((sums[length + 1 : -1] - sums[1 : -length - 1]) / length - ends)
+        doubt = 1.5 * float(np.nanmedian(wiggle)) + 0.5 * float(abs(output[b] - output[a - 1]))
+        found.append(Hole(int(a), int(b), max(doubt, 1e-6)))
+    found.sort(key=lambda hole: (-hole.doubt, hole.first))
+    return tuple(found[:MOST_HOLES])
 
 
 def _hold(values: FloatArray) -> FloatArray:

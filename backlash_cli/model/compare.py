@@ -1,0 +1,118 @@
+"""Compares a model with the measurements of a loop: how far off, how far at best, and where."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..record import FloatArray, Note, Record
+from ..results import Comparison, Fitness, FittedEffect, FittedParameter, Model, Region, Series
+from .holdout import Tested, better, predicted_by
+from .intervals import process_parameters
+from .kept import coefficients_of, kept_model, parts_of, shape_of
+from .locate import regions
+from .pipeline import Part, Shape, moved_output, regressors
+from .problem import Problem, problem_from_record
+from .recorder import distance
+from .search import baseline
+
+
+def compare(record: Record, model: Model | None = None) -> Comparison:
+    """Predict PV from OP with a model, by default the plain one fitted to this record, and say where it fails.
+
+    The numbers of a given model are kept; only the offset, the forgotten start and the place of the stem at the
+    start are matched. Raises LoopError when there is nothing to compare (no OP, constant signals, too few samples).
+    """
+    problem = problem_from_record(record)
+    plain = better(problem, baseline(problem))
+    base = Fitness(plain.rmse, plain.rmse_holdout, process_parameters(problem, plain.fit))
+    floor = problem.floor
+    if model is None:
+        predicted = predicted_by(problem, plain.fit)
+        error = distance(problem, (), predicted)
+        return Comparison(
+            record.loop, base, base, floor, where_it_fails(record, problem, error, plain.fit.shape), (), 1.0,
+            series_of(record, problem, predicted, plain.fit.shape), notes(problem), record.settings,
+            kept_model(record, problem, plain.fit, (), plain.rmse_holdout), True,
+        )  # fmt: skip
+    parts = parts_of(model, problem, float(record.time[0]))
+    recorders = tuple(p for p in parts if p.is_recorder)
+    shape, predicted = matched(problem, model, shape_of(model, parts), plain)
+    error = distance(problem, recorders, predicted)
+    rmse = float(np.sqrt(np.mean(error[problem.used] ** 2)))
+    first = {
+        "Kp": FittedParameter(model.Kp, "1"), "tau": FittedParameter(model.tau, "s"),
+        "theta": FittedParameter(model.theta, "s"), "offset": FittedParameter(model.offset, "PV span"),
+    }  # fmt: skip
+    return Comparison(
+        record.loop, base, Fitness(rmse, rmse, first), floor, where_it_fails(record, problem, error, shape),
+        tuple(as_given(p) for p in parts), unexplained(rmse, base.rmse, floor),
+        series_of(record, problem, predicted, shape), notes(problem), record.settings, model, False,
+    )  # fmt: skip
+
+
+def matched(problem: Problem, model: Model, shape: Shape, plain: Tested) -> tuple[Shape, FloatArray]:
+    """Return the shape with the stem placed as this record begins, and PV predicted with offset and start matched."""
+    c = coefficients_of(model, problem, shape)
+
+    def predict(s: Shape) -> tuple[FloatArray, float]:
+        X = regressors(problem, s)
+        rest = problem.measurement - X @ c
+        own = X[:, 1 : 3 + len(problem.holes)]
+        small = 1e-6 * np.eye(own.shape[1])
+        A = own[problem.used]
+        more = np.linalg.solve(A.T @ A + small, A.T @ rest[problem.used])
+        predicted = X @ c + own @ more
+        return predicted, float(np.sum((problem.measurement - predicted)[problem.used] ** 2))
+
+    for place, part in enumerate(shape.parts):
+        for q in part.effect.parameters:
+            if q.nuisance and not q.many and not part.is_linear and np.isfinite([q.low, q.high]).all():
+                tries = [shape.with_values(place, **{q.name: float(v)}) for v in np.linspace(q.low, q.high, 9)]
+                shape = min([shape, *tries], key=lambda s: predict(s)[1])
+    return shape, predict(shape)[0]
+
+
+def as_given(part: Part) -> FittedEffect:
+    """Return an effect of a model file with its numbers as they stand."""
+    e = part.effect
+    values = {
+        q.name: FittedParameter(part.values[q.name], q.unit, None, q.meaning, q.nuisance)
+        for q in e.parameters
+        if q.name in part.values
+    }
+    return FittedEffect(e.name, values, part.column, e.sentence, e.fitting.meaning, str(e.stage))
+
+
+def unexplained(rmse: float, base: float, floor: float) -> float:
+    """Return the share of the squared error above the noise floor that a model leaves of the baseline's."""
+    above = base**2 - floor**2
+    return float(np.clip((rmse**2 - floor**2) / above, 0.0, 1.0)) if above > 0.0 else 0.0
+
+
+def where_it_fails(record: Record, problem: Problem, error: FloatArray, shape: Shape) -> tuple[Region, ...]:
+    """Return the regions of a record with their share of the error."""
+    return regions(problem, np.where(problem.used, error, 0.0), shape.lag, shape.delay, float(record.time[0]))
+
+
+def series_of(record: Record, problem: Problem, predicted: FloatArray, shape: Shape) -> Series:
+    """Return measured and predicted PV on the grid, with the stem position for pictures."""
+    time = record.time[0] + problem.interval * np.arange(problem.samples)
+    return Series(
+        time, problem.setpoint, problem.output, problem.recorded, predicted, problem.used.copy(),
+        {"valve": moved_output(problem, [p for p in shape.parts if p.effect.stage in ("command", "valve")])},
+    )  # fmt: skip
+
+
+def notes(problem: Problem) -> tuple[Note, ...]:
+    """Return what a reader should know about the record before believing a model of it."""
+    out = []
+    missing = 1.0 - float(np.mean(problem.used))
+    if missing > 0.1:
+        out.append(Note("many_gaps", f"{100 * missing:.0f} % of the record is missing or bad", {"share": missing}))
+    if len(problem.holes):
+        out.append(
+            Note("output_holes", f"OP is missing in {len(problem.holes)} places; its mean there is fitted", {})
+        )
+    return tuple(out)
+
+

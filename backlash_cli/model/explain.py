@@ -1,0 +1,204 @@
+"""Finds the physical effects that a loop's model lacks, adds them one by one, and says how far the error falls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects import Effect
+from ..effects.registry import all_effects, load_effect
+from ..errors import UsageError
+from ..record import Note, Record
+from ..results import Candidate, Explanation, Fitness, Model, Step
+from .candidates import candidate
+from .compare import notes, series_of, unexplained, where_it_fails
+from .fit import Fit, fit
+from .holdout import Tested, better, least_squares, predicted_by, tested
+from .intervals import fitted_effects, process_parameters
+from .judge import judge_for
+from .kept import kept_model, parts_of, shape_of
+from .pipeline import Part, moved_process
+from .problem import Problem, problem_from_record
+from .recorder import distance, fitted_problem, recorders
+from .search import ENOUGH, Found, baseline, search
+
+# PV must move by this many times its noise before anything can be said about how it follows OP
+LEAST_MOTION = 3.0
+ALIKE = 20.0
+
+
+def explain(
+    record: Record,
+    model: Model | None = None,
+    *,
+    add: Sequence[Effect | str] = (),
+    effects: Sequence[Effect | str] = (),
+    seed: int = 0,
+) -> Explanation:
+    """Return which physical effects are missing in the model of a loop, with numbers, intervals and the ladder.
+
+    model: go on from this model; its effects stay and are refitted. add: effects to add instead of a search.
+    effects: further effects to try beside the project's own. seed: of the random trials; same seed, same answer.
+    Raises LoopError when there is nothing to fit, UsageError for an effect that cannot be fitted.
+    """
+    problem = problem_from_record(record)
+    known = {effect.name: effect for effect in (*all_effects(), *map(as_effect, effects), *map(as_effect, add))}
+    chosen = [as_effect(effect) for effect in add]
+    for effect in chosen:
+        if not effect.fitted or (effect.column and not problem.columns):
+            why = "needs a measured column, and this record has none" if effect.fitted else "cannot be fitted"
+            remedy = "backlash effects lists what can be added"
+            raise UsageError(f"{effect.name} {why}", where=record.loop, remedy=remedy)
+    base = baseline(problem)
+    given = parts_of(model, problem, float(record.time[0])) if model is not None else ()
+    shown = recorders(problem, base, [e for e in known.values() if not chosen or e in chosen])
+    held = tuple([p for p in given if p.is_recorder] or shown)
+    seen = fitted_problem(problem, held)
+    if held:
+        base = baseline(seen)
+    start = base if model is None else fit(seen, replace(shape_of(model, given), delay=base.shape.delay), base.noise)
+    reason = too_little(seen, base)
+    by_user = [*start.shape.names]
+    if chosen:
+        judge = judge_for(seen, base.shape.lag)
+        for effect in chosen:
+            if effect.fitting.bounds is None and effect.name not in start.shape.names:
+                start = candidate(seen, judge, start, effect, seed=seed, must=True) or start
+                by_user.append(effect.name)
+    searched = () if chosen or reason else tuple(known.values())
+    found = search(seen, searched, start, seed=seed)
+    return assemble(record, problem, seen, base, found, held, by_user, reason)
+
+
+def as_effect(effect: Effect | str) -> Effect:
+    """Return an effect itself, or the one of that name."""
+    return load_effect(effect) if isinstance(effect, str) else effect
+
+
+def too_little(problem: Problem, base: Fit) -> Note | None:
+    """Return why nothing can be told about a loop that hardly moves, None when it moves enough."""
+    moved = base.gain * moved_process(problem, base.shape)[problem.used]
+    motion = float(np.std(moved)) / problem.floor
+    if motion >= LEAST_MOTION:
+        return None
+    message = (
+        f"PV follows OP by only {motion:.1f} times its noise: too little motion to tell what is missing. "
+        "Choose a period with setpoint moves."
+    )
+    return Note("too_little_motion", message, {"motion": motion})
+
+
+def assemble(
+    record: Record,
+    problem: Problem,
+    seen: Problem,
+    base: Fit,
+    found: Found,
+    held: tuple[Part, ...],
+    by_user: Sequence[str],
+    reason: Note | None,
+) -> Explanation:
+    """Put together all that is reported about a search."""
+    plain = better(problem, base)
+    order = [n for n in by_user if n in found.final.shape.names]
+    order += sorted((n for n in found.final.shape.names if n not in order), key=lambda n: -found.gain(n))
+    ladder = rungs(problem, seen, base, found.final, held, order)
+    steps = [Step(None, plain.rmse_holdout, plain.rmse, predicted_by(problem, plain.fit))]
+    steps += [
+        Step(name, t.rmse_holdout, t.rmse, predicted_by(problem, t.fit), "user" if name in by_user else "search")
+        for name, t in ladder
+    ]
+    last = ladder[-1][1] if ladder else plain
+    fitted = {e.effect: e for e in fitted_effects(seen, last.fit, held)}
+    names = [*(p.effect.name for p in held), *order]
+    candidates = tried(problem, seen, found, plain, names)
+    before = distance(problem, (), predicted_by(problem, plain.fit))
+    error = distance(problem, held, predicted_by(problem, last.fit))
+    where = where_it_fails(record, problem, error, last.fit.shape)
+    return Explanation(
+        loop=record.loop,
+        baseline=Fitness(plain.rmse, plain.rmse_holdout, process_parameters(seen, plain.fit)),
+        noise_floor=problem.floor,
+        candidates=candidates,
+        steps=tuple(steps),
+        effects=tuple(fitted[n] for n in names),
+        missing_effect=names[0] if names else None,
+        where=where,
+        where_before=where_it_fails(record, problem, before, plain.fit.shape),
+        unexplained=unexplained(last.rmse_holdout, plain.rmse_holdout, problem.floor),
+        look_alikes=alike(found),
+        margin=margin(found),
+        verdict=reason.message if reason else "",
+        reasons=(reason,) if reason else (),
+        warnings=notes(problem),
+        series=series_of(record, problem, predicted_by(problem, last.fit), last.fit.shape),
+        settings=record.settings,
+        final=Fitness(last.rmse, last.rmse_holdout, process_parameters(seen, last.fit)),
+        model=kept_model(record, seen, last.fit, held, last.rmse_holdout),
+        details={
+            "gains": {name: found.gain(name) for name in found.without},
+            "noise": {"ratio": last.fit.noise.ratio, "slow": last.fit.noise.slow, "fast": last.fit.noise.fast},
+        },
+    )
+
+
+def rungs(
+    problem: Problem, seen: Problem, base: Fit, final: Fit, held: tuple[Part, ...], order: Sequence[str]
+) -> list[tuple[str, Tested]]:
+    """Return the model after each addition with its errors: recorder first, then the effects in `order`."""
+    out = []
+    for part in held:
+        out.append((part.effect.name, better(problem, base, held)))
+    for count in range(1, len(order) + 1):
+        shape = final.shape
+        for name in order[count:]:
+            shape = shape.without(name)
+        step = final if count == len(order) else fit(seen, shape, final.noise, rounds=2)
+        out.append((order[count - 1], better(problem, step, held)))
+    return out
+
+
+def tried(
+    problem: Problem, seen: Problem, found: Found, plain: Tested, accepted: Sequence[str]
+) -> tuple[Candidate, ...]:
+    """Return every effect that was tried alone, the one with the smallest error on unseen samples first."""
+    out = []
+    before = found.judge.score(found.baseline)
+    for name, trial in found.first.items():
+        best = tested(seen, least_squares(seen, trial), rounds=1)
+        effect = next(e for e in fitted_effects(seen, trial) if e.effect == name)
+        gain = before - found.judge.score(trial)
+        gone = float(np.clip(1.0 - (best.rmse_holdout / plain.rmse_holdout) ** 2, 0.0, 1.0))
+        verdict = "accepted" if name in accepted else "not needed"
+        out.append(
+            Candidate(
+                name, best.rmse_holdout, gone, effect.parameters, effect.column, gain, verdict,
+                effect.sentence, effect.meaning, effect.stage,
+            )
+        )
+    return tuple(sorted(out, key=lambda c: (c.effect not in accepted, c.rmse_holdout)))
+
+
+def alike(found: Found) -> tuple[tuple[str, str], ...]:
+    """Return pairs of an accepted effect and a look-alike that scores within ALIKE of it."""
+    out = []
+    for part in found.final.shape.parts:
+        name = part.effect.name
+        for other in part.effect.fitting.siblings:
+            if other in found.first and name in found.first and other not in found.final.shape.names:
+                gap = found.judge.score(found.first[other]) - found.judge.score(found.first[name])
+                if gap < ALIKE:
+                    out.append((name, other))
+    return tuple(out)
+
+
+def margin(found: Found) -> tuple[float, str] | None:
+    """Return by how much the best single effect beats the next, and the name of the next."""
+    if len(found.first) < 2:
+        return None
+    best, second = sorted(found.first.items(), key=lambda item: found.judge.score(item[1]))[:2]
+    if found.judge.score(found.baseline) - found.judge.score(best[1]) < ENOUGH:
+        return None
+    return found.judge.score(second[1]) - found.judge.score(best[1]), second[0]

@@ -1,0 +1,73 @@
+"""The error on samples that a fit did not see: blocks left out in turn, everything refitted on the others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..record import FloatArray
+from .fit import Fit, Solver, descend, finished, raw_error
+from .noise import Noise, whitener
+from .pipeline import Part
+from .problem import Problem
+from .recorder import distance, fitted_problem
+
+# each fold leaves out every fourth of twelve blocks; the first block always stays, as it shows how the record began
+BLOCKS = 12
+FOLDS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Tested:
+    """A fit with its errors: in the fit (rmse) and on samples it did not see (rmse_holdout), recorder allowed for."""
+
+    fit: Fit
+    rmse: float
+    rmse_holdout: float
+
+
+def folds(problem: Problem) -> list[NDArray[np.bool_]]:
+    """Return for each fold which grid points are left out, (samples,) each; the blocks hold equal counts of samples."""
+    count = np.cumsum(problem.used)
+    block = np.minimum((count * BLOCKS) // (count[-1] + 1), BLOCKS - 1)
+    return [(block % FOLDS == fold) & (block > 0) for fold in range(FOLDS)]
+
+
+def tested(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, rounds: int = 2) -> Tested:
+    """Return the errors of a fit; searched numbers start from the whole record's and are refined on each fold."""
+    seen, everywhere = fitted_problem(problem, recorders), replace(problem, used=np.ones_like(problem.used))
+    squares, count = 0.0, 0
+    for left_out in folds(problem):
+        part = seen.masked(~left_out)
+        solver = Solver(part, whitener(fitted.noise, part.used, part.interval))
+        shape = descend(solver, fitted.shape, rounds=rounds) if rounds else fitted.shape
+        coefficients = solver.solve(shape)[0]
+        predicted = problem.measurement - raw_error(everywhere, shape, coefficients)
+        error = distance(problem, recorders, predicted)[left_out & problem.used]
+        squares += float(error @ error)
+        count += error.size
+    error = distance(problem, recorders, predicted_by(problem, fitted))[problem.used]
+    return Tested(fitted, float(np.sqrt(np.mean(error**2))), float(np.sqrt(squares / max(count, 1))))
+
+
+def predicted_by(problem: Problem, fitted: Fit) -> FloatArray:
+    """Return PV predicted by a fit on the whole grid, (samples,)."""
+    everywhere = replace(problem, used=np.ones_like(problem.used))
+    return problem.measurement - raw_error(everywhere, fitted.shape, fitted.coefficients)
+
+
+def least_squares(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> Fit:
+    """Return the fit with the smallest error itself, load or not: what a plain model can do at its best."""
+    seen = fitted_problem(problem, recorders)
+    noise = Noise(1e-3, fitted.noise.slow, fitted.noise.fast)
+    shape = descend(Solver(seen, whitener(noise, seen.used, seen.interval)), fitted.shape, rounds=6)
+    return finished(seen, shape, noise)
+
+
+def better(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, rounds: int = 2) -> Tested:
+    """Return the likeliest fit, or that of least squares where it predicts unseen samples clearly better (3 %)."""
+    likely = tested(problem, fitted, recorders, rounds=rounds)
+    plain = tested(problem, least_squares(problem, fitted, recorders), recorders, rounds=rounds)
+    return plain if plain.rmse_holdout < 0.97 * likely.rmse_holdout else likely

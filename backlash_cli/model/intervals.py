@@ -1,0 +1,136 @@
+"""The numbers of a fit with their 95 % intervals, from the slopes of the whitened error (Gauss and Newton)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..effects import Parameter
+from ..record import FloatArray
+from ..results import FittedEffect, FittedParameter
+from .fit import Fit, Solver, slopes
+from .free import free_numbers, get
+from .noise import whitener
+from .pipeline import Part, as_tuple
+from .problem import Problem
+
+NORMAL_95 = 1.96
+Key = tuple[int, str, int]
+
+
+def covariance(problem: Problem, fitted: Fit) -> tuple[dict[Key, tuple[float, float]], FloatArray]:
+    """Return (value, deviation) of each searched number, and the covariance of the coefficients (columns, columns)."""
+    solver = Solver(problem, whitener(fitted.noise, problem.used, problem.interval))
+    free = free_numbers(problem, fitted.shape)
+    _, rss, rest = solver.rest(fitted.shape)
+    J = slopes(solver, fitted.shape, rest, free)
+    X = np.column_stack([J, solver.columns(fitted.shape)])
+    G = X.T @ X
+    # a number without any slope here gets a huge, but finite, interval
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-30))
+    variance = rss / max(solver.white.samples, 1)
+    A = G * scale[:, None] * scale + 1e-9 * np.eye(len(G))
+    C = np.linalg.inv(A) * np.outer(scale, scale) * variance
+    deviations = np.sqrt(np.maximum(np.diag(C), 0.0))
+    values = get(fitted.shape, free)
+    m = len(free)
+    known = {(f.place, f.name, f.item): (float(values[i]), float(deviations[i])) for i, f in enumerate(free)}
+    return known, C[m:, m:]
+
+
+def linear_values(problem: Problem, fitted: Fit) -> list[dict[str, float | tuple[float, ...]]]:
+    """Return for each part all its values, those that were solved for included, in the effect's own units."""
+    out = []
+    column = 2 + len(problem.holes) + 1
+    for part in fitted.shape.parts:
+        values = dict(part.values)
+        if part.is_linear:
+            for name in part.effect.fitting.linear:
+                several = isinstance(values.get(name), tuple)
+                count = len(as_tuple(values[name])) if several else 1
+                found = []
+                for _ in range(count):
+                    if part.effect.fitting.phase:
+                        inphase, quadrature = fitted.coefficients[column : column + 2] / fitted.gain
+                        found.append(float(np.hypot(inphase, quadrature)))
+                        values[part.effect.fitting.phase] = float(np.arctan2(quadrature, inphase))
+                        column += 2
+                    else:
+                        found.append(float(fitted.coefficients[column] / fitted.gain))
+                        column += 1
+                values[name] = tuple(found) if several else found[0]
+        out.append(values)
+    return out
+
+
+def fitted_effects(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> list[FittedEffect]:
+    """Return the effects of a fit, in the order a signal meets them, with values, units and intervals."""
+    known, C = covariance(problem, fitted)
+    column = 2 + len(problem.holes) + 1
+    out = []
+    for place, (part, values) in enumerate(zip(fitted.shape.parts, linear_values(problem, fitted), strict=True)):
+        solved: dict[str, list[float]] = {}
+        if part.is_linear:
+            for name in part.effect.fitting.linear:
+                for _ in as_tuple(values[name]):
+                    turns = 2 if part.effect.fitting.phase else 1
+                    own = C[column : column + turns, column : column + turns]
+                    solved.setdefault(name, []).append(float(np.sqrt(np.trace(own) / turns)) / abs(fitted.gain))
+                    column += turns
+        out.append(_effect(part, place, values, known, solved))
+    out += [_effect(part, -2, dict(part.values), {}, {}) for part in recorders]
+    return out
+
+
+def _effect(
+    part: Part,
+    place: int,
+    values: Mapping[str, float | tuple[float, ...]],
+    known: Mapping[Key, tuple[float, float]],
+    solved: Mapping[str, list[float]],
+) -> FittedEffect:
+    e = part.effect
+    parameters = {}
+    for q in e.parameters:
+        if q.name not in values or (q.nuisance and q.many and not values[q.name]):
+            continue
+        numbers = as_tuple(values[q.name])
+        deviations = [known.get((place, q.name, i), (0.0, np.nan))[1] for i in range(len(numbers))]
+        deviations = solved.get(q.name, deviations)
+        intervals = [_interval(q, v, s) for v, s in zip(numbers, deviations, strict=True)]
+        ci = None if any(i is None for i in intervals) or not intervals else intervals
+        parameters[q.name] = FittedParameter(
+            value=numbers if q.many else numbers[0],
+            unit=q.unit,
+            ci95=None if ci is None else (tuple(ci) if q.many else ci[0]),  # type: ignore[arg-type]
+            meaning=q.meaning,
+            nuisance=q.nuisance,
+            level=e.stage == "valve" and q.unit == "span" and not np.isfinite(q.neutral),
+        )
+    return FittedEffect(e.name, parameters, part.column, e.sentence, e.fitting.meaning, str(e.stage))
+
+
+def _interval(q: Parameter, value: float, deviation: float) -> tuple[float, float] | None:
+    if not np.isfinite(deviation) or not np.isfinite(value):
+        return None
+    return float(max(value - NORMAL_95 * deviation, q.low)), float(min(value + NORMAL_95 * deviation, q.high))
+
+
+def process_parameters(problem: Problem, fitted: Fit) -> dict[str, FittedParameter]:
+    """Return Kp, tau, theta (where it is part of the model) and offset with their intervals."""
+    known, C = covariance(problem, fitted)
+
+    def number(value: float, deviation: float, unit: str, meaning: str) -> FittedParameter:
+        wide = NORMAL_95 * deviation
+        return FittedParameter(value, unit, (value - wide, value + wide) if np.isfinite(wide) else None, meaning)
+
+    sd = np.sqrt(np.maximum(np.diag(C), 0.0))
+    out = {
+        "Kp": number(fitted.gain, float(sd[0]), "1", "static gain, PV span per OP span"),
+        "tau": number(*known[(-1, "lag", 0)], "s", "time constant"),
+        "offset": number(float(fitted.coefficients[1]), float(sd[1]), "PV span", "PV at no output"),
+    }
+    if problem.delay is not None:
+        out["theta"] = number(*known[(-1, "delay", 0)], "s", "dead time of the settings, refined")
+    return out

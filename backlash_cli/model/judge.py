@@ -1,0 +1,65 @@
+"""When is one model better than another: likelihood and prediction together, less a price for every value."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..effects import Effect
+from .fit import Fit
+from .pipeline import Part, Shape, as_tuple
+from .problem import Problem
+
+# a load behind the process forgets within about three lags, so that six lags hold one independent error
+LAGS_PER_STRETCH = 6.0
+MOST_STRETCHES = 150.0
+
+
+def jumpy(effect: Effect) -> bool:
+    """True when the error of an effect has narrow valleys, so that slopes alone do not find the lowest."""
+    return effect.fitting.search == "jumpy"
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Scores fits of one loop. log_samples: ln of the usable samples. stretches: independent errors in the record.
+
+    The deviance knows how well each sample follows from those before it. A random load that may wander without
+    limit explains a drift or a step as well as the real cause does; it does not predict PV from OP. The error of
+    that prediction, over as many stretches as are independent, decides where the deviance cannot.
+    """
+
+    log_samples: float
+    stretches: float
+
+    def price(self, shape: Shape) -> float:
+        """Return what the values of all effects cost, in units of deviance (Schwarz 1978: ln n for each)."""
+        return sum(self.price_of(part) for part in shape.parts)
+
+    def price_of(self, part: Part) -> float:
+        """Return the price of one effect; a value picked from all places of the record costs twice, and narrow
+        valleys, of which one is always deep by chance, cost one value more."""
+        fitting = part.effect.fitting
+        total = 1.0 if jumpy(part.effect) else 0.0
+        for q in part.effect.parameters:
+            value = part.values.get(q.name)
+            if value is None or q.choices or (q.nuisance and not q.many) or not np.all(np.isfinite(as_tuple(value))):
+                continue
+            total += len(as_tuple(value)) * (2.0 if q.name in fitting.dear else 1.0)
+        return total * self.log_samples
+
+    def score(self, fitted: Fit) -> float:
+        """Return deviance plus price plus prediction error: smaller is better."""
+        return fitted.deviance + self.price(fitted.shape) + self.stretches * 2.0 * float(np.log(fitted.rmse))
+
+    def best(self, fits: Sequence[Fit]) -> Fit:
+        """Return the fit of the smallest score."""
+        return min(fits, key=self.score)
+
+
+def judge_for(problem: Problem, lag: float) -> Judge:
+    """Return the judge of a loop whose process has about the time constant `lag` [s]."""
+    stretches = problem.duration / (LAGS_PER_STRETCH * max(lag, problem.interval))
+    return Judge(float(np.log(np.count_nonzero(problem.used))), min(stretches, MOST_STRETCHES))

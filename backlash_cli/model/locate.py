@@ -1,0 +1,187 @@
+"""Where a model fails: the squared error shared out over parts of the record that an engineer can look up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..record import FloatArray
+from ..results import Region
+from .problem import Problem
+
+Mask = NDArray[np.bool_]
+# how long an event is felt, in process lags; shares of the output's range that count as its ends
+LAGS_FELT = 3.0
+END_SHARE = 0.1
+TIME_BLOCKS = 8
+SMALLEST_SHARE_OF_SAMPLES = 0.005
+
+
+def regions(problem: Problem, error: FloatArray, lag: float, delay: float, start: float) -> tuple[Region, ...]:
+    """Return the parts of the record with their share of the squared error, the worst for their size first.
+
+    error: (samples,) measured minus predicted PV, 0 where not used. lag, delay: of the process [s]. start: epoch s.
+    """
+    h = problem.interval
+    felt = max(int((LAGS_FELT * lag + delay) / h), 2)
+    masks = [
+        *_reversals(problem, felt),
+        *_setpoint(problem, felt),
+        *_levels(problem),
+        *_directions(problem, lag),
+        *_time_blocks(problem),
+        *_one_sided(problem, error, felt),
+    ]
+    total = float(np.sum(error[problem.used] ** 2))
+    count = int(np.count_nonzero(problem.used))
+    out = []
+    for kind, name, sentence, mask in masks:
+        inside = mask & problem.used
+        samples = int(np.count_nonzero(inside))
+        if samples < max(SMALLEST_SHARE_OF_SAMPLES * count, 5) or samples == count or total <= 0.0:
+            continue
+        squares = float(np.sum(error[inside] ** 2))
+        share, expected = squares / total, samples / count
+        rmse, said = float(np.sqrt(squares / samples)), _said(sentence, share, expected)
+        out.append(Region(name, rmse, share, samples, kind, expected, said, _stretches(mask, h, start)))
+    out += _frequencies(problem, error, lag, total, count)
+    return tuple(sorted(out, key=lambda r: (-(r.share - (r.expected or 0.0)), r.region)))
+
+
+def _said(sentence: str, share: float, expected: float) -> str:
+    times = share / expected
+    worse = f"{times:.1f} times what its length would give" if times >= 1.15 else "no more than its length would give"
+    return f"{sentence}: {100 * share:.0f} % of the squared error in {100 * expected:.0f} % of the samples, {worse}."
+
+
+def _after(points: Sequence[int], samples: int, felt: int) -> Mask:
+    mask = np.zeros(samples, dtype=bool)
+    for k in points:
+        mask[k : k + felt] = True
+    return mask
+
+
+def turning_points(values: FloatArray, reach: float) -> tuple[list[int], list[int]]:
+    """Return where values (samples,) turned upwards and downwards, small turns below `reach` left out."""
+    up: list[int] = []
+    down: list[int] = []
+    low = high = values[0]
+    low_at = high_at = 0
+    going = 0
+    for k, v in enumerate(values):
+        if v > high:
+            high, high_at = v, k
+        if v < low:
+            low, low_at = v, k
+        if going >= 0 and v < high - reach:
+            if going > 0:
+                down.append(high_at)
+            going, low, low_at = -1, v, k
+        elif going <= 0 and v > low + reach:
+            if going < 0:
+                up.append(low_at)
+            going, high, high_at = 1, v, k
+    return up, down
+
+
+def _reversals(problem: Problem, felt: int) -> list[tuple[str, str, str, Mask]]:
+    reach = max(0.05 * float(np.ptp(problem.output)), 0.005)
+    up, down = turning_points(problem.output, reach)
+    n = problem.samples
+    return [
+        ("reversal", "after output reversals, upwards", "After the output turned upwards", _after(up, n, felt)),
+        ("reversal", "after output reversals, downwards", "After the output turned downwards", _after(down, n, felt)),
+    ]
+
+
+def _setpoint(problem: Problem, felt: int) -> list[tuple[str, str, str, Mask]]:
+    moved = np.abs(np.diff(problem.setpoint, prepend=problem.setpoint[0]))
+    moves = np.flatnonzero(moved > max(0.1 * float(np.ptp(problem.setpoint)), 1e-4)).tolist()
+    during = _after(moves, problem.samples, felt)
+    return [
+        ("setpoint", "during setpoint moves", "While the loop follows a setpoint move", during),
+        ("setpoint", "at constant setpoint", "While the setpoint stands still", ~during),
+    ]
+
+
+def _levels(problem: Problem) -> list[tuple[str, str, str, Mask]]:
+    u = problem.output
+    edges = np.quantile(u[problem.used], [0.0, END_SHARE, 1 / 3, 2 / 3, 1.0 - END_SHARE, 1.0])
+    said = [f"{100 * x:.0f}" for x in edges]
+    return [
+        ("output level", f"output below {said[2]} %", f"With the output below {said[2]} %", u < edges[2]),
+        ("output level", f"output {said[2]} to {said[3]} %", f"With the output between {said[2]} and {said[3]} %",
+         (u >= edges[2]) & (u <= edges[3])),
+        ("output level", f"output above {said[3]} %", f"With the output above {said[3]} %", u > edges[3]),
+        ("limit", "near the lowest output", f"Near the lowest output (below {said[1]} %)", u <= edges[1]),
+        ("limit", "near the highest output", f"Near the highest output (above {said[4]} %)", u >= edges[4]),
+    ]  # fmt: skip
+
+
+def _directions(problem: Problem, lag: float) -> list[tuple[str, str, str, Mask]]:
+    steps = max(int(lag / problem.interval), 1)
+    u = problem.output
+    move = u - np.concatenate([np.full(steps, u[0]), u[:-steps]])
+    still = max(0.02 * float(np.ptp(u)), 1e-4)
+    return [
+        ("direction", "output rising", "While the output rises", move > still),
+        ("direction", "output falling", "While the output falls", move < -still),
+        ("direction", "output resting", "While the output rests", np.abs(move) <= still),
+    ]
+
+
+def _time_blocks(problem: Problem) -> list[tuple[str, str, str, Mask]]:
+    place = np.arange(problem.samples) * TIME_BLOCKS // problem.samples
+    names = [f"part {b + 1} of {TIME_BLOCKS} of the record" for b in range(TIME_BLOCKS)]
+    return [("time", name, f"In {name}", place == b) for b, name in enumerate(names)]
+
+
+def _one_sided(problem: Problem, error: FloatArray, felt: int) -> list[tuple[str, str, str, Mask]]:
+    """Stretches in which the mean error keeps its sign much longer than the process remembers."""
+    width = max(felt // 3, 1)
+    sums = np.concatenate([[0.0], np.cumsum(error)])
+    counts = np.concatenate([[0], np.cumsum(problem.used)])
+    at = np.arange(problem.samples)
+    low, high = np.maximum(at - width, 0), np.minimum(at + width + 1, problem.samples)
+    mean = (sums[high] - sums[low]) / np.maximum(counts[high] - counts[low], 1)
+    sign = np.sign(mean)
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(sign)) + 1, [problem.samples]])
+    mask = np.zeros(problem.samples, dtype=bool)
+    for a, b in pairwise(edges):
+        if b - a >= felt:
+            mask[a:b] = True
+    said = "Where the error stays on one side for long, as an unmeasured load makes it"
+    return [("load", "on one side for long", said, mask)]
+
+
+def _frequencies(problem: Problem, error: FloatArray, lag: float, total: float, count: int) -> list[Region]:
+    power = np.abs(np.fft.rfft(error)) ** 2
+    power[1:] *= 2.0
+    if problem.samples % 2 == 0:
+        power[-1] /= 2.0
+    frequency = np.fft.rfftfreq(problem.samples, problem.interval)
+    slow, fast = 1.0 / (20.0 * lag), 1.0 / (2.0 * lag)
+    middle = (frequency >= slow) & (frequency <= fast)
+    out = []
+    for name, said, pick in (
+        ("slow changes", f"In changes slower than {20 * lag:.3g} s", frequency < slow),
+        ("changes at the speed of the loop", f"In changes of {2 * lag:.3g} to {20 * lag:.3g} s", middle),
+        ("fast changes", f"In changes faster than {2 * lag:.3g} s", frequency > fast),
+    ):
+        squares = float(power[pick].sum()) / problem.samples
+        if total <= 0.0 or not np.any(pick):
+            continue
+        share, expected = squares / total, float(np.mean(pick))
+        white = f"white noise would have {100 * expected:.0f} % there"
+        sentence = f"{said}: {100 * share:.0f} % of the squared error; {white}."
+        out.append(Region(name, float(np.sqrt(squares / count)), share, count, "frequency", expected, sentence))
+    return out
+
+
+def _stretches(mask: Mask, h: float, start: float) -> tuple[tuple[float, float], ...]:
+    edge = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+    first, last = np.flatnonzero(edge == 1), np.flatnonzero(edge == -1) - 1
+    return tuple((float(start + h * a), float(start + h * b)) for a, b in zip(first, last, strict=True))

@@ -1,0 +1,63 @@
+"""Effects of the recorder: they do not move the process, they say how far a recorded value may be off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..effects import Effect
+from ..record import FloatArray
+from .candidates import starts
+from .clues import Clue
+from .fit import Fit
+from .noise import whitener
+from .pipeline import Part
+from .problem import FEWEST_SAMPLES, Problem
+
+
+def recorders(problem: Problem, base: Fit, effects: Sequence[Effect]) -> list[Part]:
+    """Return the recorder effects that the recorded values show, the coarsest setting of each first proposed."""
+    out = []
+    for effect in effects:
+        if effect.fitted and effect.fitting.bounds is not None:
+            clue = Clue(problem, base.shape, whitener(base.noise, problem.used, problem.interval), {})
+            out += starts(effect, clue, problem.columns)[:1]
+    return out
+
+
+def fitted_problem(problem: Problem, parts: Sequence[Part]) -> Problem:
+    """Return the problem as a fit should see it: where the recorder repeats old values, only what it just kept."""
+    low, high = limits(problem, parts)
+    exact = problem.used & (high - low <= 0.0)
+    wide = problem.used & (high - low > 0.0)
+    if np.count_nonzero(exact) >= FEWEST_SAMPLES and np.any(wide):
+        return problem.masked(exact)
+    return problem
+
+
+def limits(problem: Problem, parts: Sequence[Part]) -> tuple[FloatArray, FloatArray]:
+    """Return the lowest and highest true PV of each sample, (samples,) each; equal where nothing was rounded."""
+    low = high = problem.measurement
+    for part in parts:
+        if part.effect.fitting.bounds is not None:
+            # a value that was not recorded must not look like one that was just kept
+            held = np.where(problem.used, problem.measurement, np.nan)
+            filled = _fill(held)
+            a, b = part.effect.fitting.bounds(filled, part.effect.pack(part.values))
+            low, high = np.minimum(low, a), np.maximum(high, b)
+    return low, high
+
+
+def distance(problem: Problem, parts: Sequence[Part], predicted: FloatArray) -> FloatArray:
+    """Return measured minus predicted PV (samples,), less what the recorder may have rounded away."""
+    low, high = limits(problem, parts)
+    nearest = np.clip(predicted, low, high)
+    return np.where(problem.used, nearest - predicted, 0.0)
+
+
+def _fill(values: FloatArray) -> FloatArray:
+    good = np.isfinite(values)
+    last = np.maximum.accumulate(np.where(good, np.arange(len(values)), 0))
+    out: FloatArray = np.where(np.isfinite(values[last]), values[last], values[int(np.argmax(good))])
+    return out

@@ -1,0 +1,100 @@
+"""Searches for the effects that are missing: add the best, look again at what is there, take out what is not needed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..effects import Effect
+from .candidates import candidate, table
+from .fit import Fit, fit
+from .judge import Judge, judge_for, jumpy
+from .noise import Noise
+from .pipeline import Shape
+from .problem import Problem
+
+# gain in score that an effect must bring; see tests/benchmarks/explain_thresholds.py for loops without any effect
+ENOUGH = 20.0
+MOST_EFFECTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a search came to. baseline: without effects. first: the best fit with each single effect added.
+
+    final: with all accepted effects. gains: what the score loses when one accepted effect is left out, by name.
+    """
+
+    baseline: Fit
+    first: dict[str, Fit]
+    final: Fit
+    without: dict[str, Fit]
+    judge: Judge
+
+    def gain(self, name: str) -> float:
+        """Return what the accepted effect `name` is worth, in units of deviance."""
+        return self.judge.score(self.without[name]) - self.judge.score(self.final)
+
+
+def baseline(problem: Problem) -> Fit:
+    """Fit gain, lag and offset, plus the dead time of the settings where they give one."""
+    delay = problem.delay or 0.0
+    best: Fit | None = None
+    guess = problem.settings.Ti or problem.duration / 60.0
+    for share in (1.0, 0.25, 4.0):
+        lag = min(max(share * guess, problem.interval), problem.duration / 10.0)
+        found = fit(problem, Shape(lag, delay), Noise(1.0, 3.0 * lag, lag))
+        if best is None or found.deviance < best.deviance:
+            best = found
+    assert best is not None
+    return best
+
+
+def search(problem: Problem, effects: Sequence[Effect], start: Fit, *, seed: int = 0) -> Found:
+    """Add effects to `start` while each brings enough, then improve and prune."""
+    judge = judge_for(problem, start.shape.lag)
+    now = start
+    first: dict[str, Fit] = {}
+    while len(now.shape.parts) < MOST_EFFECTS:
+        trials = table(problem, judge, now, effects, seed)
+        first = first or trials
+        if not trials:
+            break
+        best = judge.best(list(trials.values()))
+        if judge.score(now) - judge.score(best) < ENOUGH:
+            break
+        now = improve(problem, judge, best, effects, seed) if now.shape.parts else best
+    now, without = prune(problem, judge, now, start)
+    return Found(start, first, now, without, judge)
+
+
+def improve(problem: Problem, judge: Judge, now: Fit, effects: Sequence[Effect], seed: int) -> Fit:
+    """Look at each effect of a model again, now that the others are there: other start values, or its look-alike."""
+    by_name = {effect.name: effect for effect in effects}
+    for part in now.shape.parts:
+        if part.effect.name not in now.shape.names or part.is_recorder:
+            continue
+        less = fit(problem, now.shape.without(part.effect.name), now.noise, rounds=1)
+        known: dict[str, Fit] = {}
+        likes = [by_name[n] for n in part.effect.fitting.siblings if n in by_name and n not in now.shape.names]
+        # the smooth one first: it shows the jumpy one where to look
+        for effect in sorted([part.effect, *likes], key=jumpy):
+            found = candidate(problem, judge, less, effect, known=known, seed=seed)
+            if found is not None:
+                known[effect.name] = found
+                if judge.score(found) < judge.score(now):
+                    now = found
+    return now
+
+
+def prune(problem: Problem, judge: Judge, now: Fit, start: Fit) -> tuple[Fit, dict[str, Fit]]:
+    """Take out effects that are not worth their price, the least worthy first; return also the fits without each."""
+    kept = {part.effect.name for part in start.shape.parts}
+    while True:
+        without = {
+            name: fit(problem, now.shape.without(name), now.noise) for name in now.shape.names if name not in kept
+        }
+        worth = {name: judge.score(less) - judge.score(now) for name, less in without.items()}
+        if not worth or min(worth.values()) >= ENOUGH:
+            return now, without
+        now = without[min(worth, key=lambda name: worth[name])]
