@@ -40,6 +40,19 @@ def means(values: FloatArray, points: int) -> FloatArray:
     return np.asarray(values[:whole].reshape(-1, size).mean(axis=1))
 
 
+def known_part(record: Record) -> Record:
+    """The record from its first to its last measurement that is a number."""
+    known = np.flatnonzero(np.isfinite(record.measurement))
+    return record.slice(int(known[0]), int(known[-1]) + 1) if len(known) else record
+
+
+def middle_part(record: Record) -> slice:
+    """A tenth of the record around its middle, 200 samples at least: to look at where no half period stands out."""
+    reach = max(len(record) // 20, 100)
+    middle = len(record) // 2
+    return slice(max(middle - reach, 0), middle + reach)
+
+
 def gap_lines(near: Record, size: float) -> GapLines | None:
     """Return the flanks PV = gain (OP -+ d/2) + offset of a short stretch, None where PV does not follow the valve.
 

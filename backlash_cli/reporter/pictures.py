@@ -21,7 +21,7 @@ from ..record import FloatArray, Record
 from ..results import Estimate, LoopReport
 from .figures import EVIDENCE, MEASUREMENT, OUTPUT, QUIET, SETPOINT, close_look, thin
 from .files import replacing
-from .picture_data import gap_lines, means, per_unit
+from .picture_data import gap_lines, known_part, means, middle_part, per_unit
 from .safe import file_name, terminal
 from .words import VERDICTS, interval, percent
 
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 SIZE = (13.0, 8.6)  # inches
 DPI = 110
 POINTS = 150  # of the close look in the plane
-MANY = 14  # estimates that can be written on a trend before they hide each other
 FALLING = "#5b7f95"
 
 
@@ -60,6 +59,7 @@ def loop_figure(record: Record, report: LoopReport) -> Figure:
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     figure = Figure(figsize=SIZE, layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
+    record = known_part(record)
     rows = 3 if record.output is not None else 2
     heights = [2.2, 1.2, 2.2] if rows == 3 else [2.4, 2.2]
     grid = figure.add_gridspec(rows, 3, height_ratios=heights)
@@ -69,7 +69,7 @@ def loop_figure(record: Record, report: LoopReport) -> Figure:
         below = figure.add_subplot(grid[1, :], sharex=trend)
         _output(below, record, report)
         trend.tick_params(labelbottom=False)
-    window = close_look(record, report)
+    window = close_look(record, report) if _used(report, record) else middle_part(record)
     near = record.slice(window.start, window.stop)
     _close_look(figure.add_subplot(grid[-1, 0]), near, report)
     if record.output is not None:
@@ -100,10 +100,9 @@ def _measurement(axes: Axes, record: Record, report: LoopReport, *, legend: bool
     _shade(axes, used)
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.22 * (high - low))
-    if used:
-        _write(axes, used if len(used) <= MANY else _spread(used, MANY))
     axes.set_ylabel(f"SP, PV ({per_unit(span)})")
     _finish(axes, record)
+    _write(axes, used, room=0.016 if legend else 0.06)
     if legend:
         _legend(axes, shaded=bool(used))
 
@@ -228,21 +227,21 @@ def _used(report: LoopReport, record: Record) -> list[Estimate]:
     return [e for e in report.estimates if e.accepted and e.end >= first and e.start <= last]
 
 
-def _spread(used: Sequence[Estimate], count: int) -> list[Estimate]:
-    return [used[round(k)] for k in np.linspace(0, len(used) - 1, count)]
-
-
 def _shade(axes: Axes, used: Sequence[Estimate]) -> None:
     for estimate in used:
         colour = EVIDENCE if estimate.direction > 0 else FALLING
         axes.axvspan(_date(estimate.start), _date(estimate.end), color=colour, alpha=0.16, linewidth=0)
 
 
-def _write(axes: Axes, used: Sequence[Estimate]) -> None:
+def _write(axes: Axes, used: Sequence[Estimate], *, room: float) -> None:
+    """Write estimates where they were made; one closer than `room` (share of the width) to the last is left out."""
     first, last = axes.get_xlim()
+    written = 0.0
     for estimate in used:
         middle = _date(0.5 * (estimate.start + estimate.end))
-        if 0.03 <= (middle - first) / (last - first) <= 0.97:
+        place = (middle - first) / (last - first)
+        if written + room <= place <= 0.98:
+            written = place
             axes.text(
                 middle, 0.97, f"{100 * estimate.d:.1f} %", transform=axes.get_xaxis_transform(), ha="center", va="top",
                 rotation=90, fontsize=8, color="black",

@@ -10,7 +10,7 @@ import pytest
 
 from backlash_cli.kernels import play
 from backlash_cli.record import LoopSettings, Record, record_from_arrays
-from backlash_cli.reporter.picture_data import gap_lines, means, per_unit
+from backlash_cli.reporter.picture_data import gap_lines, known_part, means, middle_part, per_unit
 from backlash_cli.reporter.pictures import draw_loop, loop_figure
 from backlash_cli.results import Cluster, Confirmation, Estimate, LoopReport, Verdict
 
@@ -115,7 +115,8 @@ def test_short_records_are_drawn(tmp_path: Path, samples: int) -> None:
 def test_estimates_are_thinned_before_they_hide_each_other() -> None:
     long = replace(report(), estimates=report(estimates=8).estimates * 20)
     trend = loop_figure(record(), long).axes[0]
-    assert len(trend.texts) <= 14
+    places = sorted(text.get_position()[0] for text in trend.texts)
+    assert 3 <= len(places) <= 8 and np.diff(places).min() > 0
 
 
 def test_flanks_lie_a_dead_band_apart() -> None:
@@ -132,6 +133,16 @@ def test_no_flanks_where_pv_does_not_follow_the_valve() -> None:
     assert gap_lines(replace(record(), measurement=0.5 + 0.01 * noise), 0.03) is None
     assert gap_lines(record(output=False), 0.03) is None
     assert gap_lines(record().slice(0, 10), 0.03) is None
+
+
+def test_what_is_not_recorded_is_not_drawn() -> None:
+    whole = record()
+    pv = whole.measurement.copy()
+    pv[4000:] = np.nan
+    part = known_part(replace(whole, measurement=pv))
+    assert len(part) == 4000
+    assert len(known_part(replace(whole, measurement=np.full(N, np.nan)))) == N
+    assert middle_part(whole) == slice(2700, 3300)
 
 
 def test_units_and_means() -> None:
