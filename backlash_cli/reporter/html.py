@@ -116,7 +116,7 @@ def _brief(r: LoopReport) -> str:
 def _overview(
     result: ScanResult, reports: Sequence[LoopReport], links: Mapping[str, str], notes: Sequence[str] = ()
 ) -> list[Section]:
-    columns = ["Loop", "Verdict", "Size [%]", "95 % interval", "Confidence [%]", "Found", "Half periods",
+    columns = ["Loop", "Verdict", "Size [%]", "95 % interval", "Confidence [%]", "Detections",
                "Advice or reason", "Warnings"]
     rows = []
     for r in reports:
@@ -128,8 +128,7 @@ def _overview(
             None if d is None else Cell(d, text=f"{100 * d:.2f}"),
             None if c is None else Cell(c.ci95[0], text=f"{100 * c.ci95[0]:.2f} to {100 * c.ci95[1]:.2f}"),
             Cell(r.confidence, text=f"{100 * r.confidence:.0f}"),
-            r.detections,
-            r.half_periods,
+            Cell(r.detections, text=f"{r.detections} of {r.half_periods}"),
             shorten(advice(r), 300),
             len(r.warnings),
         ])

@@ -16,8 +16,15 @@ SCHEMA_VERSION = 1
 
 
 def to_json(result: ScanResult) -> str:
-    """Return the report of a whole run as JSON text, ending with a line end."""
-    return json.dumps(strict(document(result)), ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+    """Return the report of a whole run as JSON text: a line per loop, for people with `grep` and for speed."""
+    parts = []
+    for name, value in document(result).items():
+        if isinstance(value, list):
+            items = ",\n".join(json.dumps(strict(v), ensure_ascii=False, allow_nan=False) for v in value)
+            parts.append(f'"{name}": [\n{items}\n]' if items else f'"{name}": []')
+        else:
+            parts.append(f'"{name}": {json.dumps(strict(value), ensure_ascii=False, allow_nan=False)}')
+    return "{" + ",\n".join(parts) + "}\n"
 
 
 def document(result: ScanResult) -> dict[str, Any]:
@@ -85,19 +92,17 @@ def iso_time(epoch: float | None) -> str | None:
 
 def strict(value: Any) -> Any:
     """Return `value` as JSON can say it: NaN and infinity as null, arrays as lists, anything else as text."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if value is None or isinstance(value, bool | int):
-        return value
     if isinstance(value, float):
         return float(f"{value:.10g}") if math.isfinite(value) else None
     if isinstance(value, str):
-        return value.encode("utf-8", "backslashreplace").decode()
+        return value if value.isascii() else value.encode("utf-8", "backslashreplace").decode()
+    if value is None or isinstance(value, bool | int):
+        return value
     if isinstance(value, Mapping):
         return {strict(str(k)): strict(v) for k, v in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
         return [strict(v) for v in value]
-    return strict(str(value))
+    return strict(value.tolist() if hasattr(value, "tolist") else str(value))
 
 
 def _note(note: Note) -> dict[str, Any]:

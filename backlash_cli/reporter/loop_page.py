@@ -41,8 +41,8 @@ def _evidence(r: LoopReport, record: Record) -> list[Section]:
                                      "while the measurement stays."))
     if record.output is not None:
         sections.append(Section("PV against OP", figure=figures.plane(record, window),
-                                note="With dead band the path is a leaning box with flat sides: the output turns and "
-                                     "the measurement waits."))
+                                note="Without dead band PV answers every turn of OP. With dead band OP turns and moves "
+                                     "on while PV waits: the path gets flat sides."))
     if r.estimates:
         sections.append(Section("Estimates", figure=figures.estimates(r),
                                 note="One point per half period. Line and band: the size and its 95 % interval."))
@@ -74,7 +74,7 @@ def _numbers(r: LoopReport) -> Table:
             ["Prediction error removed", percent(f.error_reduction, 0)],
             ["Evidence (BIC difference)", f.delta_bic],
         ]
-    return Table(["What", "Value"], rows)
+    return Table(["What", "Value"], rows, sortable=False)
 
 
 def _settings(r: LoopReport) -> Table:
@@ -89,7 +89,7 @@ def _settings(r: LoopReport) -> Table:
     for key, words, value in names:
         shown = f"{value[0]:g} to {value[1]:g}" if isinstance(value, tuple) else value
         rows.append([words, shown if isinstance(shown, str) else Cell(shown), s.source.get(key, "")])
-    return Table(["Setting", "Value", "From"], rows)
+    return Table(["Setting", "Value", "From"], rows, sortable=False)
 
 
 def note_table(notes: Sequence[Note]) -> Table:

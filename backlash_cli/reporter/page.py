@@ -37,14 +37,15 @@ class Cell:
 class Table:
     """Columns and rows of plain values (text, numbers, bool, None) or Cells.
 
-    The reader can sort by every column. `filterable` adds a search box; `choices` names a column whose values are
-    offered as a list beside it.
+    `filterable` adds a search box; `choices` names a column whose values are
+    offered as a list beside it. `sortable`: for lists of the same kind of thing; not for facts with their values.
     """
 
     columns: Sequence[str]
     rows: Sequence[Sequence[object]]
     filterable: bool = False
     choices: str = ""
+    sortable: bool = True
 
 
 @dataclass(frozen=True)

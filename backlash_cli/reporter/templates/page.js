@@ -22,10 +22,11 @@
       else th.removeAttribute("aria-sort");
     });
   };
-  for (const table of all("table.sortable")) {
+  for (const table of all("main table")) {
     all("thead th", table).forEach((th, column) => {
       const numeric = all("tbody tr", table).some((row) => row.cells[column].classList.contains("number"));
       if (numeric) all(`tr > :nth-child(${column + 1})`, table).forEach((cell) => cell.classList.add("number"));
+      if (!table.classList.contains("sortable")) return;
       const button = document.createElement("button");
       button.type = "button";
       button.textContent = th.textContent;
