@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from .._version import __version__
-from ..results.history import HalfPeriod, Night, Place, Wear
+from ..results.history import DAY, HalfPeriod, Night, Place, Wear
 from .page import Cell, Section, Table, page
 from .safe import shorten
 from .trend_table import day_or_none, remarks
@@ -16,7 +16,7 @@ ACTION_MARKS = {"pull": "bad", "room": "warn", "watch": "warn", "leave": "good",
 DRAWN = 60  # loops with figures in a single file
 LATEST = 30  # nights in a loop's table
 TITLE = "Valve wear report"
-COLUMNS = ("#", "Loop", "To do", "Now [%]", "Limit [%]", "Per month [%]", "Limit date", "between", "Sure [%]", "Nights")
+COLUMNS = ("#", "Loop", "To do", "Now [%]", "Limit [%]", "Per month [%]", "Limit date", "± days", "Sure [%]", "Nights")
 
 
 def history_page(places: Sequence[Place], wears: Mapping[str, Wear], nights: Mapping[str, Sequence[Night]],
@@ -46,6 +46,8 @@ def subtitle(nights: Mapping[str, Sequence[Night]]) -> str:
 
 def brief(place: Place, wear: Wear) -> str:
     """Return one line on a loop."""
+    if wear.state == "no_estimate" and place.why:
+        return f"{place.title}: {place.why[0]}"
     return f"{place.title}: {wear.message}."
 
 
@@ -67,7 +69,8 @@ def overview(places: Sequence[Place], wears: Mapping[str, Wear], links: Mapping[
 
 def _row(p: Place, wear: Wear, link: str) -> list[object]:
     now = wear.current if wear.state != "no_estimate" else None
-    date, early, late = (day_or_none(t) for t in wear.limit_date) if wear.limit_date else (None, None, None)
+    date = day_or_none(wear.limit_date[0]) if wear.limit_date else None
+    spread = max(1.0, 0.5 * (wear.limit_date[2] - wear.limit_date[1]) / DAY) if wear.limit_date else None
     growth = 30 * now.slope if now is not None and now.growing and now.slope is not None else None
     level = None if now is None else now.level
     return [
@@ -76,7 +79,7 @@ def _row(p: Place, wear: Wear, link: str) -> list[object]:
         Cell(wear.limit.value, text=f"{100 * wear.limit.value:.2g}"),
         None if growth is None else Cell(growth, text=f"+{100 * growth:.2f}"),
         date if date else "no trend" if wear.state == "no_trend" else None,
-        f"{early or 'earlier'} and {late or 'later'}" if date else None,
+        None if spread is None or date is None else Cell(spread, text=f"{spread:.0f}" if spread < 1000 else "> 1000"),
         Cell(p.confidence, text=f"{100 * p.confidence:.0f}"), wear.nights,
     ]
 
