@@ -120,7 +120,7 @@ def _found(loop: str, points: Points, marked: Sequence[Repair]) -> list[Repair]:
     edges = [-np.inf, *sorted(r.time for r in marked), np.inf]
     for first, last in pairwise(edges):
         part = points.select((points.time >= first) & (points.time < last))
-        for k in drops(part.high):
+        for k in drops(part.high, part.low != part.high):
             near_start = np.isfinite(first) and k <= SAME_REPAIR
             near_end = np.isfinite(last) and len(part) - k <= SAME_REPAIR
             if near_start or near_end:
