@@ -31,6 +31,8 @@ from .identification import Identification, Identified
 
 AGREES = log(1.15)  # findings: K/Ti is identified to 4-8 % in nine loops of ten
 SURE = log(1.05)  # by so much at least the interval must lie away from the value given
+WELL_EXPLAINED = 0.9  # share of OP below which noise that the record did not see lowers K/Ti,
+WELL_KNOWN = 0.08  # and half width of the interval of K/Ti above which only gross differences count
 CONTRADICTS = log(1.5)
 EXPLAINED = log(1.3)  # how well a mix-up has to explain the factor
 COARSE = 1.5  # Ti in samples below which only a plain mix-up of units can be seen
@@ -111,7 +113,9 @@ def _both(K: float, Ti: float, settings: LoopSettings, found: Identification) ->
     gain, ratio = _magnitude(found.K), _magnitude(found.ratio)
     offset, sure = _distance(K / Ti, ratio)
     apart, sure_apart = _distance(K, gain)
-    if abs(offset) <= AGREES or sure <= SURE:
+    width = (ratio.ci95[1] - ratio.ci95[0]) / (2.0 * ratio.value)
+    clear = width < WELL_KNOWN and found.r2 > WELL_EXPLAINED
+    if abs(offset) <= AGREES or sure <= (SURE if clear else CONTRADICTS):
         if found.separate and abs(apart) > GAIN_APART and sure_apart > AGREES:
             message = (
                 f"K = {K:g} and Ti = {Ti:g} s are both {_times(apart)} what the data show "

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import csv
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 from backlash_cli.estimator.identify import IdentifyScanner, identify
 from backlash_cli.record import LoopSettings, Note, Record, SampleState, record_from_arrays
+from tests.shared_data import shared_data
 
 from .closed_loop import Loop, load_steps, run
 
@@ -204,3 +206,18 @@ def test_a_setpoint_that_moved_between_the_windows_only_is_no_term() -> None:
     )
     found = identified(part)
     assert found.K.value == pytest.approx(0.6, rel=0.02) and found.b is None
+
+
+def test_one_real_valve_has_the_same_settings_in_every_recording() -> None:
+    files = sorted(shared_data("plant").glob("2411FIC20102_*.csv"))
+    ratios = []
+    for path in files:
+        with open(path, newline="") as file:
+            rows = list(csv.reader(file))
+        names = {name.split(".")[-1]: k for k, name in enumerate(rows[0])}
+        sp, pv, op = (np.array([float(row[names[n]]) for row in rows[1:]]) for n in ("SV", "PV", "MV"))
+        found = identified(record_from_arrays(sp, pv, op, interval=10.0))
+        print(path.stem, found.K, found.Ti, found.ratio)
+        assert found.ratio.ci95[0] <= 0.117 / 41.0 <= found.ratio.ci95[1]  # published with the data
+        ratios.append(found.ratio.value)
+    assert len(files) == 9 and np.ptp(ratios) < 0.12 * np.mean(ratios)
