@@ -73,9 +73,14 @@ def test_the_report_can_go_to_a_file(capfd: pytest.CaptureFixture[str], tmp_path
 def test_a_loop_that_cannot_be_checked_is_named_and_the_rest_goes_on(
     capfd: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    rows = "\n".join(f"2026-03-02 06:{k // 60:02d}:{k % 60:02d},0.5,0.{500 + k % 7},0.4,0.5" for k in range(600))
+    sample = "0.5,0.{},0.4"
+    rows = "\n".join(
+        f"2026-03-02 06:{k // 60:02d}:{k % 60:02d},{sample.format(500 + k % 7)},{sample.format(500 + k % 5)}"
+        for k in range(600)
+    )
     path = tmp_path / "plant.csv"
-    path.write_text(f"time,A1.SP,A1.PV,A1.OP,B1.SP\n{rows}\n")
+    path.write_text(f"time,A1.SP,A1.PV,A1.OP,B1.SP,B1.PV,B1.OP\n{rows}\n")
+    (tmp_path / "loops.toml").write_text("[loops.A1]\nK = 1.0\nTi = 20.0\n[loops.B1]\nK = 1.0\nTi = 0.0\n")
     done = run(capfd, "check", path, "--format", "json")
     assert done.status == 3 and "B1" in done.err
     loops = {loop["loop"]: loop for loop in json.loads(done.out)["loops"]}
