@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Any
 from ._version import __version__
 
 if TYPE_CHECKING:
-    from .api import scan
+    from .api import load_model, save_model, scan
     from .errors import BacklashError
     from .loaders import ReadOptions, read
+    from .model import compare, explain
     from .record import LoopSettings, Note, Record, record_from_arrays
     from .reporter.json_report import to_json
     from .reporter.tables import to_dataframe
-    from .results import LoopReport, ScanResult, Verdict
+    from .results import Comparison, Explanation, LoopReport, Model, ScanResult, Verdict
     from .scan import ScanOptions
 
 _HOMES = {
@@ -29,6 +30,13 @@ _HOMES = {
     "ReadOptions": "loaders",
     "scan": "api",
     "ScanOptions": "scan",
+    "compare": "model",
+    "explain": "model",
+    "load_model": "api",
+    "save_model": "api",
+    "Comparison": "results",
+    "Explanation": "results",
+    "Model": "results",
     "to_dataframe": "reporter.tables",
     "to_json": "reporter.json_report",
     "Record": "record",
@@ -43,8 +51,11 @@ _HOMES = {
 
 __all__ = [
     "BacklashError",
+    "Comparison",
+    "Explanation",
     "LoopReport",
     "LoopSettings",
+    "Model",
     "Note",
     "ReadOptions",
     "Record",
@@ -52,8 +63,12 @@ __all__ = [
     "ScanResult",
     "Verdict",
     "__version__",
+    "compare",
+    "explain",
+    "load_model",
     "read",
     "record_from_arrays",
+    "save_model",
     "scan",
     "to_dataframe",
     "to_json",

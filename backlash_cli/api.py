@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .engines.local import analyse
+from .errors import MetadataError, UsageError
 from .record import Note, Record
-from .results import LoopReport, ScanResult, Verdict
+from .results import LoopReport, Model, ScanResult, Verdict
 from .scan import ScanOptions
 
 if TYPE_CHECKING:
+    from os import PathLike
+
     from .loaders import Plant
 
 
@@ -39,6 +43,38 @@ def scan(
     refused = [_refused(note) for note in failures if _loop(note) and _loop(note) not in known]
     others = tuple(note for note in failures if not _loop(note) or _loop(note) in known)
     return ScanResult((*reports, *refused), inputs, warnings, others)
+
+
+def load_model(path: str | PathLike[str]) -> Model:
+    """Read a model file (TOML), as `explain --save-model` writes it or as written by hand.
+
+    Raises MetadataError with file, line and remedy when it is not understood.
+    """
+    from .model.model_file import parse_model
+
+    try:
+        text = Path(path).read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        what = "no such model file" if isinstance(error, FileNotFoundError) else f"cannot read: {error.strerror}"
+        raise MetadataError(what, where=str(path), remedy="backlash explain ... --save-model FILE writes one") from None
+    except UnicodeDecodeError:
+        raise MetadataError("not UTF-8 text", where=str(path), remedy="is this a model file?") from None
+    return parse_model(text, str(path))
+
+
+def save_model(model: Model, path: str | PathLike[str]) -> None:
+    """Write a model as a TOML file, whole or not at all; a model that is there is replaced, any other file is not."""
+    from .model.model_file import model_text
+    from .reporter.files import write_text
+
+    if Path(path).is_file() and Path(path).stat().st_size:
+        try:
+            load_model(path)
+        except MetadataError as error:
+            remedy = "choose another name, or mend or remove that file"
+            what = f"will not replace a file that is no model ({error})"
+            raise UsageError(what, where=str(path), remedy=remedy) from None
+    write_text(path, model_text(model))
 
 
 def _loop(note: Note) -> str:

@@ -9,15 +9,19 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
+from functools import partial
+from typing import TypeVar
 
 from ..errors import BacklashError
 from ..record import Note, Record
 from ..results import LoopReport, Verdict
 from ..scan import ScanOptions, scan
+
+Result = TypeVar("Result")
 
 SAMPLES_PER_PROCESS = 2_000_000  # starting a process takes as long as scanning about this many samples
 
@@ -26,8 +30,12 @@ def processes(records: Sequence[Record], wanted: int | None = None) -> int:
     """Number of processes for `records`: as wanted, else one for small inputs and at most one per core for large."""
     if wanted is not None:
         return max(1, min(wanted, len(records)))
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(cores, len(records), sum(map(len, records)) // SAMPLES_PER_PROCESS))
+    return max(1, min(cores(), len(records), sum(map(len, records)) // SAMPLES_PER_PROCESS))
+
+
+def cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def analyse(
@@ -38,7 +46,7 @@ def analyse(
     count = processes(records, jobs)
     if count == 1:
         return (analyse_loop(record, options) for record in records)
-    return _in_processes(records, options, count)
+    return in_processes(records, partial(analyse_loop, options=options), failed, count)
 
 
 def analyse_loop(record: Record, options: ScanOptions) -> LoopReport:
@@ -60,22 +68,28 @@ def failed(record: Record, reason: Note) -> LoopReport:
     )
 
 
-def _in_processes(records: Sequence[Record], options: ScanOptions, count: int) -> Iterator[LoopReport]:
+def in_processes(
+    records: Sequence[Record], work: Callable[[Record], Result], lost: Callable[[Record, Note], Result], count: int
+) -> Iterator[Result]:
+    """Yield the result of `work` for every record, in order, worked out in `count` processes.
+
+    work: can be pickled, and answers for its own failures. lost: makes the result of a loop whose process died.
+    """
     # spawn: a fork would copy the threads of numba and pyarrow in an unknown state
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=_ignore_interrupt)
     try:
-        waiting: list[Future[LoopReport]] = []
+        waiting: list[Future[Result]] = []
         ahead = 2 * count  # records on their way to the processes; more would only fill memory
         for position, record in enumerate(records):
             try:
                 for coming in records[position + len(waiting) : position + ahead]:
-                    waiting.append(pool.submit(analyse_loop, _portable(coming), options))
+                    waiting.append(pool.submit(work, _portable(coming)))
                 report = waiting.pop(0).result()
             except BrokenProcessPool:
                 # A process died (killed, out of memory). Nobody knows whose loop it was: try this one alone.
-                report = _alone(record, options, context)
+                report = _alone(record, work, lost, context)
                 pool.shutdown(wait=False)
                 pool = ProcessPoolExecutor(count, mp_context=context, initializer=_ignore_interrupt)
                 waiting.clear()
@@ -89,12 +103,15 @@ def _in_processes(records: Sequence[Record], options: ScanOptions, count: int) -
             child.join(5)
 
 
-def _alone(record: Record, options: ScanOptions, context: multiprocessing.context.SpawnContext) -> LoopReport:
+def _alone(
+    record: Record, work: Callable[[Record], Result], lost: Callable[[Record, Note], Result],
+    context: multiprocessing.context.SpawnContext,
+) -> Result:
     with ProcessPoolExecutor(1, mp_context=context, initializer=_ignore_interrupt) as pool:
         try:
-            return pool.submit(analyse_loop, _portable(record), options).result()
+            return pool.submit(work, _portable(record)).result()
         except BrokenProcessPool:
-            return failed(record, Note("process_died", "its process was killed, perhaps for lack of memory"))
+            return lost(record, Note("process_died", "its process was killed, perhaps for lack of memory"))
 
 
 def _portable(record: Record) -> Record:

@@ -8,10 +8,12 @@ from string import Formatter
 
 from ..record import LoopSettings
 from ..results import Candidate, Comparison, Explanation, FittedEffect, FittedParameter, Step
+from .json_report import iso_time
 from .safe import terminal
 from .words import duration, moment
 
 SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
+A_DATE = 1e8  # epoch seconds (1973); a record that counts its seconds from zero stays below
 
 
 def error_size(value: float | None) -> str:
@@ -20,10 +22,12 @@ def error_size(value: float | None) -> str:
 
 
 def share(value: float | None) -> str:
-    """A share of a whole in whole per cent, e.g. '41 %'; small ones keep a digit."""
+    """A share of a whole in whole per cent, e.g. '41 %'; two digits of small ones."""
     if value is None or not math.isfinite(value):
         return "–"
-    return f"{100 * value:.0f} %" if abs(value) >= 0.0995 or value == 0 else f"{100 * value:.1f} %"
+    if abs(value) >= 0.0995 or abs(value) < 0.0005:
+        return f"{100 * value:.0f} %"
+    return f"{100 * value:.2g} %"
 
 
 def plain_name(effect: str) -> str:
@@ -44,37 +48,63 @@ def ladder(steps: Sequence[Step], noise_floor: float) -> str:
     return f"{' -> '.join(rungs)} (noise floor {error_size(noise_floor)})"
 
 
-def quantity(p: FittedParameter, stage: str, settings: LoopSettings, start: float | None = None) -> str:
-    """A parameter with unit and interval, in engineering units too where the range is known.
+def quantity(
+    p: FittedParameter, stage: str, settings: LoopSettings, start: float | None = None, *, brief: bool = False
+) -> str:
+    """A parameter with unit and interval, in engineering units too where the range is known; brief for a sentence.
 
-    >>> quantity(FittedParameter(0.0302, "span", (0.0295, 0.031)), "valve", LoopSettings())
+    >>> d = FittedParameter(0.0302, "span", (0.0295, 0.031))
+    >>> quantity(d, "valve", LoopSettings())
     '3.02 % of OP span (95 %: 2.95 to 3.10 %)'
+    >>> quantity(d, "valve", LoopSettings(), brief=True)
+    '3.02 %'
     """
     if isinstance(p.value, tuple):
-        return _several(p, stage, settings, start)
+        return _several(p, stage, settings, start, brief)
     if math.isinf(p.value):
         return "none"
     interval = p.ci95 if p.ci95 and not isinstance(p.ci95[0], tuple) else None
     low, high = interval if interval else (math.nan, math.nan)
     scale, unit, short = _unit(p.unit, stage)
     digits = _digits(p.value * scale, low * scale, high * scale)
-    said = f"{p.value * scale:.{digits}f}{unit}"
+    said = f"{p.value * scale:.{digits}f}{short if brief else unit}"
+    if brief:
+        return said
     if math.isfinite(low) and math.isfinite(high):
-        said += f" (95 %: {low * scale:.{digits}f} to {high * scale:.{digits}f}{short})"
+        said += f" (95 %: {low * scale:.{digits}f} to {high * scale:.{digits}f}{short.partition(' per ')[0]})"
     return said + _engineering(p, stage, settings)
 
 
-def _several(p: FittedParameter, stage: str, settings: LoopSettings, start: float | None) -> str:
+def _several(p: FittedParameter, stage: str, settings: LoopSettings, start: float | None, brief: bool) -> str:
     assert isinstance(p.value, tuple)
-    clock = p.unit == "s" and start is not None
+    if p.unit == "s" and start is not None and start > A_DATE:
+        return clock_times([start + t for t in p.value])
     said = []
     for place, value in enumerate(p.value[:SHOWN_EVENTS]):
         own = p.ci95[place] if p.ci95 and place < len(p.ci95) else None
         interval = own if isinstance(own, tuple) else None
         one = FittedParameter(value, p.unit, interval)
-        said.append(moment((start or 0.0) + value) if clock else quantity(one, stage, settings))
-    more = len(p.value) - SHOWN_EVENTS
-    return ", ".join(said) + (f" and {more} more" if more > 0 else "")
+        said.append(quantity(one, stage, settings, brief=brief))
+    return ", ".join(said) + _more(len(p.value))
+
+
+def clock_times(times: Sequence[float]) -> str:
+    """Moments of events, the day said once.
+
+    >>> clock_times([1773734400.0, 1773738000.5])
+    '2026-03-17 08:00:00, 09:00:00 UTC'
+    """
+    said: list[str] = []
+    day = ""
+    for time in times[:SHOWN_EVENTS]:
+        today, _, clock = (iso_time(float(round(time))) or "–").rstrip("Z").partition("T")
+        said.append(clock if today == day else f"{today} {clock}")
+        day = today
+    return ", ".join(said) + _more(len(times)) + " UTC"
+
+
+def _more(count: int) -> str:
+    return f" and {count - SHOWN_EVENTS} more" if count > SHOWN_EVENTS else ""
 
 
 def _unit(unit: str, stage: str) -> tuple[float, str, str]:
@@ -84,14 +114,14 @@ def _unit(unit: str, stage: str) -> tuple[float, str, str]:
         "span": (100.0, f" % of {whose} span", " %"),
         "OP span": (100.0, " % of OP span", " %"),
         "PV span": (100.0, " % of PV span", " %"),
-        "OP span/h": (100.0, " % of OP span per hour", " %"),
-        "1/s": (100.0, " % of OP span per second", " %"),
-        "OP span per column unit": (100.0, " % of OP span per unit of the column", " %"),
+        "OP span/h": (100.0, " % of OP span per hour", " % per hour"),
+        "1/s": (100.0, " % of OP span per second", " % per second"),
+        "OP span per column unit": (100.0, " % of OP span per unit of the column", " % per unit of the column"),
         "s": (1.0, " s", " s"),
         "1": (1.0, "", ""),
         "": (1.0, "", ""),
     }
-    return known.get(unit, (1.0, f" {unit}", ""))
+    return known.get(unit, (1.0, f" {unit}", f" {unit}"))
 
 
 def _digits(value: float, low: float, high: float) -> int:
@@ -128,7 +158,7 @@ def numbers(effect: FittedEffect | Candidate, settings: LoopSettings, start: flo
 
 def meaning(effect: FittedEffect, settings: LoopSettings, start: float | None = None) -> str:
     """The sentence that says what an effect means in this plant, its numbers filled in."""
-    values = {n: quantity(p, effect.stage, settings, start) for n, p in effect.parameters.items()}
+    values = {n: quantity(p, effect.stage, settings, start, brief=True) for n, p in effect.parameters.items()}
     values["column"] = terminal(effect.column, 60)
     return fill(effect.meaning or effect.sentence, values)
 

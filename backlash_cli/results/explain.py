@@ -237,7 +237,21 @@ class Explanation:
     model: Model | None = None
     details: Mapping[str, object] = field(default_factory=dict)
 
+    def light(self) -> Explanation:
+        """Return the explanation without its series and predictions, for a summary of many loops."""
+        return replace(self, series=None, steps=tuple(replace(s, prediction=None) for s in self.steps))
+
     @property
     def rmse_holdout(self) -> float:
         """Hold-out error of the final model."""
         return self.steps[-1].rmse_holdout if self.steps else self.baseline.rmse_holdout
+
+
+@dataclass(frozen=True, eq=False)
+class PlantExplanation:
+    """A whole plant: the explanations in the order of the loops, what could not be explained, and the inputs."""
+
+    loops: tuple[Explanation, ...]
+    failures: tuple[Note, ...] = ()
+    inputs: tuple[str, ...] = ()
+    warnings: tuple[Note, ...] = ()

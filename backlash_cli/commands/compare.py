@@ -1,0 +1,60 @@
+"""backlash compare: the model's prediction beside the measurement, and where they part."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from .options import inputs_argument, loops_option, reading_options
+
+if TYPE_CHECKING:
+    from ..loaders import ReadOptions
+
+
+@click.command(epilog="\b\nExamples:\n  backlash compare sample_data/plant.csv --loop FIC108\n"
+               "  backlash compare sample_data/plant.csv --loop FIC108 --html compare.html\n"
+               "  backlash compare sample_data/plant.csv --model fic108.toml")
+@inputs_argument
+@click.option("--loop", metavar="NAME", help="The loop to look at. Default: the model's, or the only one there is.")
+@click.option("--model", "model_file", metavar="FILE", type=click.Path(path_type=Path),
+              help="Model file (TOML) as explain --save-model writes it. Default: the plain model (gain, one lag, "
+              "offset; dead time where the settings give theta), fitted to this record.")
+@click.option("--other-loop", is_flag=True, help="Use a model that was made for another loop or other ranges.")
+@click.option("--json", "json_file", metavar="FILE", type=click.Path(path_type=Path),
+              help="Write the numbers as JSON; - is standard output.")
+@click.option("--html", metavar="FILE", type=click.Path(path_type=Path),
+              help="Draw measured and predicted PV, the residual and what it depends on.")
+@loops_option
+@click.option("--verbose", "-v", is_flag=True, help="List every region of the record.")
+@reading_options
+def compare(inputs: tuple[Path, ...], loop: str | None, model_file: Path | None, other_loop: bool,
+            json_file: Path | None, html: Path | None, loops: Path | None, verbose: bool, reading: ReadOptions) -> int:
+    """Predict PV from the measured OP, compare it with the measured PV, and say where the model fails.
+
+    INPUT is one or more CSV or Parquet files, or folders of them; they must hold the controller output (OP). The
+    error is given for the fit, for samples the fit did not see, and beside the measurement noise.
+    """
+    import sys
+
+    from ..api import load_model
+    from ..model import compare as compare_with
+    from ..reporter.explain_json import to_json
+    from ..reporter.explain_text import comparison_text
+    from .one_loop import model_for, one_loop, put
+
+    if loop is None and model_file is not None and not other_loop:
+        loop = load_model(model_file).loop
+    record = one_loop(inputs, loop, loops, reading)
+    model = None if model_file is None else model_for(model_file, record, other_loop=other_loop)
+    found = compare_with(record, model)
+    if html is not None:
+        from ..reporter.compare_page import compare_page
+
+        put(html, compare_page(found), "page")
+    if json_file is not None:
+        put(json_file, to_json(found), "numbers")
+    if str(json_file) != "-":
+        put(Path("-"), comparison_text(found, verbose=verbose, colour=sys.stdout.isatty()))
+    return 0

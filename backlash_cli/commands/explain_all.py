@@ -1,0 +1,111 @@
+"""The part of `backlash explain` that goes over every loop of a plant and writes the summary."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import UsageError
+from .one_loop import put
+from .terminal import progress, say
+
+if TYPE_CHECKING:
+    from ..loaders import Plant, ReadOptions
+    from ..record import Note
+    from ..results import Explanation, PlantExplanation
+
+SUFFIXES = (".csv", ".json", ".html", ".htm", ".txt")
+
+
+def explain_plant(inputs: tuple[Path, ...], loops: Path | None, reading: ReadOptions, effects: tuple[str, ...],
+                  output: Path | None, jobs: int | None) -> int:
+    """Explain every loop and write the summary to a file or folder, or show it; 3 when a loop could not be."""
+    from ..loaders import read
+
+    folder = output is not None and output.suffix.lower() not in SUFFIXES
+    if output is not None and output.exists() and output.is_dir() != folder:
+        kind = "a file" if folder else "a folder"
+        raise UsageError(f"this is {kind}", where=f"--output {output}",
+                         remedy=f"give a file ending in {', '.join(SUFFIXES[:3])}, or a folder")
+    plant = read(list(inputs), loops=loops, options=reading)
+    kept: list[Explanation] = []
+    lost: list[Note] = list(plant.failures)
+    try:
+        with progress("explaining", len(plant.records), shown=True) as step:
+            found = _each(plant, effects, jobs, kept, lost, step)
+            if folder and output is not None:
+                _write_folder(output, plant, found, kept, lost)
+            else:
+                for _ in found:
+                    continue
+    except KeyboardInterrupt as stop:
+        stop.add_note(f"{len(kept)} of {len(plant.records)} loops were explained; no summary was written")
+        raise
+    _deliver(_summary(plant, kept, lost), output, folder)
+    return 3 if lost else 0
+
+
+def _each(plant: Plant, effects: tuple[str, ...], jobs: int | None, kept: list[Explanation], lost: list[Note],
+          step: Callable[[], None]) -> Iterator[Explanation]:
+    """Yield each explanation whole, and keep it without its series."""
+    from ..engines.explain_all import explain_all
+    from ..record import Note
+
+    for result in explain_all(plant.records, effects, jobs=jobs):
+        if isinstance(result, Note):
+            lost.append(result)
+        else:
+            kept.append(result.light())
+            yield result
+        step()
+
+
+def _summary(plant: Plant, kept: list[Explanation], lost: list[Note]) -> PlantExplanation:
+    from ..results import PlantExplanation
+
+    return PlantExplanation(tuple(kept), tuple(lost), plant.inputs, plant.warnings)
+
+
+def _write_folder(folder: Path, plant: Plant, found: Iterator[Explanation], kept: list[Explanation],
+                  lost: list[Note]) -> None:
+    """Write a page per loop as it comes, then the index, the table and the numbers."""
+    import hashlib
+
+    from ..reporter.explain_json import to_json
+    from ..reporter.explain_page import explain_page
+    from ..reporter.explain_summary import to_page
+    from ..reporter.files import write_text
+    from ..reporter.folder import links_to, write_pages
+    from ..reporter.safe import file_names
+
+    names = file_names(record.loop for record in plant)
+    mark = hashlib.sha256(repr((plant.inputs, sorted(names))).encode("utf-8", "backslashreplace")).hexdigest()[:12]
+    back = ("../index.html", "All loops")
+    pages = ((names[x.loop], explain_page(x, plotly_file="plotly.js", back=back)) for x in found)
+
+    def index(subfolder: str) -> str:
+        for x in kept:
+            write_text(folder / subfolder / f"{names[x.loop]}.json", to_json(x))
+        links = links_to({x.loop: names[x.loop] for x in kept}, subfolder)
+        return to_page(_summary(plant, kept, lost), links, plotly_file=f"{subfolder}/plotly.js")
+
+    write_pages(folder, mark, pages, index)
+
+
+def _deliver(plant: PlantExplanation, output: Path | None, folder: bool) -> None:
+    from ..reporter import explain_summary as summary
+
+    if output is None:
+        put(Path("-"), summary.to_text(plant, colour=sys.stdout.isatty()))
+        return
+    if folder:
+        put(output / "summary.csv", summary.to_csv(plant), "table")
+        put(output / "summary.json", summary.to_json(plant), "numbers")
+    else:
+        forms = {".csv": summary.to_csv, ".json": summary.to_json, ".txt": summary.to_text}
+        put(output, forms.get(output.suffix.lower(), summary.to_page)(plant), "summary")
+    say(summary.summary_line(plant))
+    for note in plant.failures:
+        say(f"not explained: {note.message}")

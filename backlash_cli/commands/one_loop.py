@@ -1,0 +1,87 @@
+"""What compare and explain have in common: one loop out of an export, and the model that belongs to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import LoopError, UsageError
+from .terminal import emit, say
+
+if TYPE_CHECKING:
+    from ..loaders import Plant, ReadOptions
+    from ..record import Record
+    from ..results import Model
+
+
+def one_loop(inputs: Sequence[Path], name: str | None, loops: Path | None, reading: ReadOptions) -> Record:
+    """Read the loop called `name`, or the only one there is. Raises UsageError listing the loops where it is open."""
+    from ..loaders import read
+
+    plant = read(list(inputs), loops=loops, options=replace(reading, only_loops=(name,) if name else ()))
+    if name is not None and name in {record.loop for record in plant}:
+        return plant[name]
+    if len(plant.records) == 1 and not (name is None and plant.failures):
+        return plant.records[0]
+    names = loop_names(plant)
+    if not plant.records:
+        raise LoopError(plant.failures[0].message if plant.failures else "no loop could be read")
+    shown = ", ".join(names[:20]) + (f" and {len(names) - 20} more" if len(names) > 20 else "")
+    what = "several loops here" if name is None else f"{name!r} means several loops"
+    raise UsageError(f"{what}: {shown}", where="--loop", remedy=f"choose one, for example --loop {names[0]}")
+
+
+def loop_names(plant: Plant) -> list[str]:
+    """Names of all loops of a plant, those that could not be read included."""
+    failed = [str(note.values["loop"]) for note in plant.failures if "loop" in note.values]
+    return sorted({*(record.loop for record in plant), *failed})
+
+
+def check_together(*, every: bool, output: Path | None, jobs: int | None, single: Mapping[str, object]) -> None:
+    """Refuse options that belong to one loop together with --all, and those of --all without it."""
+    if every:
+        wrong = [name for name, value in single.items() if value]
+        if wrong:
+            raise UsageError(f"{', '.join(wrong)} and --all do not fit together", where="--all",
+                             remedy="--all explains every loop by search and writes --output")
+    elif output is not None or jobs is not None:
+        name = "--output" if output is not None else "--jobs"
+        remedy = "add --all; for one loop there are --json, --html and --save-model"
+        raise UsageError(f"{name} goes with --all", where=name, remedy=remedy)
+
+
+def put(path: Path, text: str, what: str = "") -> None:
+    """Write a result to a file, or to standard output when the file is called -."""
+    from ..reporter.files import write_text
+
+    if str(path) == "-":
+        emit(text)
+        return
+    write_text(path, text)
+    say(f"{what} written to {path}")
+
+
+def model_for(path: Path, record: Record, *, other_loop: bool) -> Model:
+    """Read a model file and see that it belongs to this loop. Raises UsageError when it does not."""
+    from ..api import load_model
+
+    model = load_model(path)
+    if other_loop:
+        return model
+    if model.loop.strip().lower() != record.loop.strip().lower():
+        raise UsageError(
+            f"this model is of loop {model.loop}, not of {record.loop}", where=str(path),
+            remedy=f"give --loop {model.loop}, or --other-loop to use it all the same",
+        )
+    s = record.settings
+    for key, kept, now in (("pv_range", model.pv_range, s.pv_range), ("op_range", model.op_range, s.op_range)):
+        if kept is not None and tuple(kept) != tuple(now):
+            raise UsageError(
+                f"the model's numbers belong to {key} = [{kept[0]:g}, {kept[1]:g}], this record is read with "
+                f"[{now[0]:g}, {now[1]:g}]", where=str(path),
+                remedy=f"set {key} of {record.loop} in its loops.toml as in the model, or fit the model anew; "
+                       "--other-loop uses it all the same",
+            )
+    return model

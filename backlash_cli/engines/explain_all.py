@@ -1,0 +1,44 @@
+"""Explain every loop of a plant, in several processes; a loop that fails is named and the others go on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+from ..errors import BacklashError
+from ..record import Note, Record
+from ..results import Explanation
+from .local import cores, in_processes
+
+
+def explain_all(
+    records: Sequence[Record], effects: Sequence[str] = (), *, jobs: int | None = None
+) -> Iterator[Explanation | Note]:
+    """Yield for every record, in order, its explanation, or a note that says why there is none.
+
+    effects: references (`module:NAME`) of further effects to try. jobs: processes; None is one per core, 1 stays in
+    this process. Closing the iterator stops the work.
+    """
+    work = partial(explain_loop, effects=tuple(effects))
+    count = max(1, min(len(records), cores() if jobs is None else jobs))
+    if count == 1:
+        return (work(record) for record in records)
+    return in_processes(records, work, unexplained, count)
+
+
+def explain_loop(record: Record, effects: tuple[str, ...] = ()) -> Explanation | Note:
+    """Return the explanation of one loop; whatever goes wrong becomes the note's message."""
+    from ..model import explain
+
+    try:
+        return explain(record, effects=effects)
+    except BacklashError as error:
+        where = "" if error.where.startswith(record.loop) else f"{record.loop}: "
+        return unexplained(record, Note(error.code, f"{where}{error}"))
+    except Exception as error:  # one loop's failure must not cost the others their answer
+        return unexplained(record, Note("internal_error", f"{record.loop}: failed: {type(error).__name__}: {error}"))
+
+
+def unexplained(record: Record, reason: Note) -> Note:
+    """The note of a loop that has no explanation."""
+    return Note(reason.code, reason.message, {**reason.values, "loop": record.loop})

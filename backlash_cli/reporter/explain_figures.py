@@ -1,0 +1,197 @@
+"""Interactive figures of the workbench, as plain plotly dicts in engineering units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..record import FloatArray, LoopSettings
+from ..results import Region, Series, Step
+from .explain_words import error_size, plain_name
+from .figures import MEASUREMENT, OUTPUT, QUIET, SETPOINT, Figure, thin
+from .residual_causes import Cause
+from .safe import picture
+
+PREDICTED, RESIDUAL = "#d1345b", "#7a5bc7"
+STEP_COLOURS = (QUIET, "#d1345b", "#2a9d5c", "#c77700", "#7a5bc7", "#0b8a9e")
+SHADES = ("rgba(209,52,91,0.18)", "rgba(199,119,0,0.18)", "rgba(42,157,92,0.18)", "rgba(122,91,199,0.18)",
+          "rgba(11,138,158,0.18)", "rgba(141,153,165,0.22)")
+POINTS = 8000  # per line: every sample of a usual record, so that zooming in loses nothing
+SHADED = 6  # kinds of regions offered for shading
+ROWS = {"yaxis": [0.52, 1.0], "yaxis2": [0.25, 0.46], "yaxis3": [0.0, 0.19]}
+
+
+def overlay(series: Series, settings: LoopSettings, regions: Sequence[Region], noise_floor: float) -> Figure:
+    """Measured and predicted PV, the residual with its worst regions shaded, and OP, on one time axis."""
+    lines = [
+        line(series, series.setpoint, settings.pv_range, "SP", SETPOINT, width=1.2, dash="dot"),
+        line(series, series.measured, settings.pv_range, "PV measured", MEASUREMENT),
+        line(series, series.predicted, settings.pv_range, "PV predicted", PREDICTED),
+        line(series, series.residual, _width(settings.pv_range), "residual (measured - predicted)", RESIDUAL, "y2"),
+        line(series, series.output, settings.op_range, "OP", OUTPUT, "y3"),
+    ]
+    for place, (name, values) in enumerate(series.inside.items()):
+        colour = STEP_COLOURS[2 + place % 3]
+        lines.append(line(series, values, settings.op_range, plain_name(name), colour, "y3", dash="dash"))
+    shaded = [r for r in regions if r.stretches][:SHADED]
+    lines += [shading(series, region, place) for place, region in enumerate(shaded)]
+    return {"data": lines, "layout": _layout(settings, noise_floor)}
+
+
+def ladder_overlay(series: Series, steps: Sequence[Step], settings: LoopSettings, noise_floor: float) -> Figure:
+    """Measured PV with the prediction of each step of the ladder, and what each leaves; buttons choose the step."""
+    drawn = [(k, s, s.prediction) for k, s in enumerate(steps) if s.prediction is not None]
+    lines = [
+        line(series, series.measured, settings.pv_range, "PV measured", MEASUREMENT),
+        line(series, series.output, settings.op_range, "OP", OUTPUT, "y3"),
+    ]
+    last = len(drawn) - 1
+    shown = {0, last}
+    for place, (k, step, prediction) in enumerate(drawn):
+        name = f"{k}: {'baseline' if step.added is None else '+ ' + plain_name(step.added)}"
+        colour = STEP_COLOURS[place % len(STEP_COLOURS)]
+        rest = np.where(series.used, series.measured - prediction, np.nan)
+        pair = [
+            line(series, prediction, settings.pv_range, f"{name}, {error_size(step.rmse_holdout)}", colour),
+            line(series, rest, _width(settings.pv_range), f"residual {name}", colour, "y2") | {"showlegend": False},
+        ]
+        lines += [one | {"visible": place in shown, "legendgroup": name} for one in pair]
+    layout = _layout(settings, noise_floor)
+    layout["updatemenus"] = [_buttons(drawn)]
+    layout["margin"] = {"b": 90}
+    return {"data": lines, "layout": layout}
+
+
+def _buttons(drawn: Sequence[tuple[int, Step, FloatArray]]) -> Figure:
+    """One button for each step, and one for all of them."""
+    def button(label: str, wanted: set[int]) -> Figure:
+        visible = [True, True, *[place in wanted for place in range(len(drawn)) for _ in range(2)]]
+        return {"label": label, "method": "restyle", "args": [{"visible": visible}]}
+
+    names = [f"{k}: {'baseline' if s.added is None else '+ ' + plain_name(s.added)}" for k, s, _ in drawn]
+    each = [button(picture(name), {place}) for place, name in enumerate(names)]
+    return {"type": "buttons", "direction": "right", "x": 0, "xanchor": "left", "y": -0.12, "yanchor": "top",
+            "active": -1, "showactive": True, "bgcolor": "#f2f4f6", "font": {"color": "#1d2733"},
+            "buttons": [*each, button("first and last", {0, len(drawn) - 1}), button("all", set(range(len(drawn))))]}
+
+
+def ladder_bars(steps: Sequence[Step], noise_floor: float) -> Figure:
+    """The hold-out error after each step, down to the noise floor."""
+    names = [picture("baseline" if s.added is None else f"+ {plain_name(s.added)}") for s in steps]
+    errors = [round(100 * s.rmse_holdout, 5) for s in steps]
+    bars = {"type": "bar", "x": [f"{k}  {name}" for k, name in enumerate(names)], "y": errors,
+            "text": [error_size(s.rmse_holdout) for s in steps], "textposition": "outside", "cliponaxis": False,
+            "marker": {"color": [STEP_COLOURS[k % len(STEP_COLOURS)] for k in range(len(steps))]},
+            "hovertemplate": "%{x}: %{y:.4g} %<extra></extra>", "showlegend": False, "width": 0.5}
+    floor = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 100 * noise_floor, "y1": 100 * noise_floor,
+             "line": {"color": MEASUREMENT, "width": 1.5, "dash": "dash"}}
+    words = {"xref": "paper", "x": 1.01, "xanchor": "left", "y": 100 * noise_floor, "yanchor": "middle",
+             "text": f"noise floor<br>{error_size(noise_floor)}", "showarrow": False, "align": "left"}
+    top = 1.2 * max([*errors, 100 * noise_floor])
+    return {"data": [bars], "layout": {
+        "yaxis": {"title": {"text": "hold-out error [% of PV span]"}, "range": [0, top]}, "xaxis": {"type": "category"},
+        "shapes": [floor], "annotations": [words], "height": 360, "margin": {"r": 110}}}
+
+
+def plane(series: Series, settings: LoopSettings) -> Figure:
+    """PV against OP, measured and predicted: with play or stiction the path is a leaning box."""
+    step = max(1, len(series.time) // POINTS)
+    lines = []
+    both = (("measured", series.measured, MEASUREMENT), ("predicted", series.predicted, PREDICTED))
+    for name, values, colour in both:
+        kept = np.where(series.used, values, np.nan)[::step]
+        lines.append({
+            "type": "scatter", "mode": "lines", "name": name, "line": {"color": colour, "width": 1}, "opacity": 0.7,
+            "x": units(series.output[::step], settings.op_range), "y": units(kept, settings.pv_range),
+            "hovertemplate": "OP %{x}, PV %{y}",
+        })
+    return {"data": lines, "layout": {"xaxis": {"title": {"text": "OP"}}, "yaxis": {"title": {"text": "PV"}},
+                                      "hovermode": "closest", "height": 440}}
+
+
+def cause_figure(cause: Cause, noise_floor: float) -> Figure:
+    """Residual against one thing that it may depend on."""
+    lines = []
+    models = list(dict.fromkeys(c.model for c in cause.curves))
+    kinds = list(dict.fromkeys(c.part for c in cause.curves))
+    colours = [PREDICTED] if len(models) == 1 else [QUIET, STEP_COLOURS[2]]
+    for curve in cause.curves:
+        y = curve.mean if cause.show == "mean" else curve.rms
+        stroke = {"color": colours[models.index(curve.model) % 2], "width": 1.6,
+                  "dash": ("solid", "dash")[kinds.index(curve.part) % 2]}
+        lines.append({
+            "type": "scatter", "mode": "lines+markers",
+            "name": picture(f"{curve.model}, {curve.part}" if curve.part else curve.model),
+            "x": _digits(curve.x), "y": _digits(100 * y), "line": stroke,
+            "marker": {"size": 6, "symbol": ("circle", "circle-open")[kinds.index(curve.part) % 2]},
+            "hovertemplate": "%{x:.4g}: %{y:.3g} %",
+        })
+    word = "mean residual" if cause.show == "mean" else "residual (rms)"
+    y_title = {"text": f"{word} [% of PV span]"}
+    layout: Figure = {"xaxis": {"title": {"text": cause.x_label}}, "yaxis": {"title": y_title}, "hovermode": "closest",
+                      "height": 320}
+    if cause.show == "spectrum":
+        layout["xaxis"]["type"] = "log"
+    else:
+        layout["shapes"] = [{"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": y, "y1": y,
+                             "line": {"color": QUIET, "width": 1, "dash": "dot"}}
+                            for y in ([0.0] if cause.show == "mean" else [100 * noise_floor])]
+    return {"data": lines, "layout": layout}
+
+
+def line(series: Series, values: FloatArray, span: tuple[float, float], name: str, colour: str, axis: str = "y", *,
+         width: float = 1.4, dash: str = "solid") -> Figure:
+    """A signal over time in engineering units; it breaks where it is not known."""
+    chosen, _ = thin(np.arange(len(values), dtype=np.int64), values, POINTS)
+    return {"type": "scatter", "mode": "lines", "name": picture(name), "yaxis": axis, "connectgaps": False,
+            "x": (series.time[chosen] * 1000).astype(np.int64).tolist(), "y": units(values[chosen], span),
+            "line": {"color": colour, "width": width, "dash": dash}, "hovertemplate": "%{y}"}
+
+
+def shading(series: Series, region: Region, place: int) -> Figure:
+    """The stretches of a region as one filled line behind the residual, that the legend can switch."""
+    x: list[int | None] = []
+    y: list[int | None] = []
+    for first, last in region.stretches:
+        a, b = round(1000 * first), round(1000 * last)
+        x += [a, a, b, b, None]
+        y += [0, 1, 1, 0, None]
+    return {"type": "scatter", "mode": "lines", "name": picture(region.region), "x": x, "y": y, "yaxis": "y4",
+            "fill": "tozeroy", "fillcolor": SHADES[place % len(SHADES)], "line": {"width": 0}, "hoverinfo": "skip",
+            "visible": True if place == 0 else "legendonly"}
+
+
+def _layout(settings: LoopSettings, noise_floor: float) -> Figure:
+    titles = {"yaxis": "PV", "yaxis2": "residual", "yaxis3": "OP"}
+    layout: Figure = {key: {"title": {"text": titles[key]}, "domain": domain} for key, domain in ROWS.items()}
+    layout["yaxis4"] = {"overlaying": "y2", "range": [0, 1], "fixedrange": True, "visible": False, "side": "right"}
+    layout["xaxis"] = {"type": "date", "anchor": "y3"}
+    low, high = settings.pv_range
+    band = 2 * noise_floor * (high - low)
+    layout["shapes"] = [{"type": "line", "xref": "paper", "x0": 0, "x1": 1, "yref": "y2", "y0": y, "y1": y,
+                         "line": {"color": QUIET, "width": 1, "dash": "dot"}} for y in (-band, band)]
+    return layout | {"hovermode": "x", "height": 640}
+
+
+def units(values: FloatArray, span: tuple[float, float]) -> list[float | None]:
+    """Normalised values in engineering units with the digits that a plot can show; None for what is not known."""
+    low, high = span
+    digits = max(0, 5 - int(np.floor(np.log10(abs(high - low) or 1.0))))
+    rounded = np.round(low + (high - low) * values, digits)
+    return [v if np.isfinite(v) else None for v in rounded.tolist()]
+
+
+def _width(span: tuple[float, float]) -> tuple[float, float]:
+    """The span of a difference: it has the scale of the range, not its zero."""
+    return 0.0, span[1] - span[0]
+
+
+def _digits(values: FloatArray) -> list[float]:
+    return [float(f"{v:.5g}") for v in values.tolist()]
+
+
+def with_residuals(series: Series, predictions: Mapping[str, FloatArray]) -> dict[str, Any]:
+    """Return name -> residual (samples,) for several predictions of the same record."""
+    return {name: np.where(series.used, series.measured - p, np.nan) for name, p in predictions.items()}

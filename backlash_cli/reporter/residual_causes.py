@@ -1,0 +1,156 @@
+"""What an error depends on: its mean and size against each thing that a missing effect would follow.
+
+Play and stiction show in the time since OP turned, a curved or stopped valve in the level of OP, a slow actuator in
+the speed of OP, loads in the time of the record, swings from outside in one frequency.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..record import FloatArray, IntArray
+from ..results import Series
+
+BINS = 12
+FEWEST = 8  # samples in a bin that is drawn
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Mean and root mean square of a residual [PV span] in bins of something; x: (bins,) centre of each bin.
+
+    model: whose residual. part: which part of the record, "" for all of it.
+    """
+
+    model: str
+    part: str
+    x: FloatArray
+    mean: FloatArray
+    rms: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """One diagram: the curves of each model, what x is, and what to look for. show: "mean", "rms" or "spectrum"."""
+
+    title: str
+    x_label: str
+    note: str
+    curves: tuple[Curve, ...]
+    show: str = "mean"
+
+
+def causes(series: Series, residuals: Mapping[str, FloatArray]) -> list[Cause]:
+    """Return the diagrams of residuals, model name -> (samples,) with nan where a sample does not count."""
+    h = float(np.median(np.diff(series.time))) if len(series.time) > 1 else 1.0
+    since, upward = since_reversal(series.output)
+    speed = np.abs(smooth_speed(series.output, h))
+    clock = (series.time - series.time[0]) / 3600.0
+    reach = since < np.quantile(since[since >= 0], 0.9) if np.any(since >= 0) else since >= 0
+
+    def each(make: Callable[[str, FloatArray], list[Curve]]) -> tuple[Curve, ...]:
+        return tuple(curve for name, residual in residuals.items() for curve in make(name, residual) if len(curve.x))
+
+    def turned(name: str, residual: FloatArray) -> list[Curve]:
+        early = (since >= 0) & reach
+        return [
+            binned(name, since * h, residual, early & (upward == up), part=f"OP turned {word}", even=True)
+            for up, word in ((1, "up"), (-1, "down"))
+        ]
+
+    everywhere = np.ones(len(since), dtype=bool)
+    found = [
+        Cause("Time since OP turned", "time since OP turned [s]",
+              "Play or stiction: of opposite sign after turns up and down, largest soon after the turn.", each(turned)),
+        Cause("Level of OP", "OP [% of span]",
+              "A curved valve bends this line; a stop tilts one of its ends.",
+              each(lambda n, r: [binned(n, 100 * series.output, r, everywhere)])),
+        Cause("Speed of OP", "|dOP/dt| [% of span per s]",
+              "A slow actuator: the error grows with the speed of OP.",
+              each(lambda n, r: [binned(n, 100 * speed, r, everywhere)]), "rms"),
+        Cause("Time of the record", "time [h]",
+              "Load steps make jumps here, a drifting load a slope.",
+              each(lambda n, r: [binned(n, clock, r, everywhere, even=True, bins=3 * BINS)])),
+        Cause("Period", "period [s]",
+              "A peak is a swing from outside; noise alone is level.",
+              each(lambda n, r: [spectrum(n, r, h)]), "spectrum"),
+    ]
+    return [cause for cause in found if cause.curves]
+
+
+def binned(
+    model: str, x: FloatArray, residual: FloatArray, where: NDArray[np.bool_], *, part: str = "", even: bool = False,
+    bins: int = BINS,
+) -> Curve:
+    """Return mean and rms of a residual (samples,) in bins of x: of even width, or with evenly many samples."""
+    chosen = where & np.isfinite(residual) & np.isfinite(x)
+    xs, rs = x[chosen], residual[chosen]
+    if len(xs) < 2 * FEWEST or np.ptp(xs) == 0.0:
+        return Curve(model, "", np.empty(0), np.empty(0), np.empty(0))
+    shares = np.linspace(0.0, 1.0, bins + 1)
+    edges = xs.min() + shares * np.ptp(xs) if even else np.unique(np.quantile(xs, shares))
+    place = np.clip(np.searchsorted(edges, xs, side="right") - 1, 0, len(edges) - 2)
+    count = np.bincount(place, minlength=len(edges) - 1)
+    kept = count >= FEWEST
+    per = np.maximum(count, 1)
+
+    def average(values: FloatArray) -> FloatArray:
+        out: FloatArray = (np.bincount(place, values, minlength=len(per)) / per)[kept]
+        return out
+
+    return Curve(model, part, average(xs), average(rs), np.sqrt(average(rs**2)))
+
+
+def since_reversal(output: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return samples since OP last turned (-1 before the first turn) and where it goes since (1 up, -1 down).
+
+    A turn counts when OP then goes on by more than its own noise and 2 % of its travel.
+    """
+    third = np.diff(output, 3)
+    noise = float(np.sqrt(np.nanmean(third**2) / 20.0)) if third.size else 0.0
+    least = max(4.0 * noise, 0.02 * float(np.nanmax(output) - np.nanmin(output)), 1e-9)
+    since, upward = np.full(len(output), -1.0), np.zeros(len(output), dtype=np.int64)
+    extreme, place, going, turns = float(output[0]), 0, 0, []
+    for k, value in enumerate(output.tolist()):
+        if (going >= 0 and value > extreme) or (going <= 0 and value < extreme):
+            if going == 0 and abs(value - float(output[0])) > least:
+                going = 1 if value > extreme else -1
+            if going != 0:
+                extreme, place = value, k
+        elif going != 0 and abs(value - extreme) > least:
+            going = -going
+            turns.append((place, going))
+            extreme, place = value, k
+    for number, (first, direction) in enumerate(turns):
+        last = turns[number + 1][0] if number + 1 < len(turns) else len(output)
+        since[first:last] = np.arange(last - first)
+        upward[first:last] = direction
+    return since, upward
+
+
+def smooth_speed(output: FloatArray, h: float, reach: int = 5) -> FloatArray:
+    """Return dOP/dt [span/s] (samples,) over `reach` samples to each side."""
+    n = len(output)
+    low, high = np.maximum(np.arange(n) - reach, 0), np.minimum(np.arange(n) + reach, n - 1)
+    out: FloatArray = (output[high] - output[low]) / (np.maximum(high - low, 1) * h)
+    return out
+
+
+def spectrum(model: str, residual: FloatArray, h: float) -> Curve:
+    """Return the size of a residual by period [s]: rms [PV span] in thirds of an octave; holes count as 0."""
+    good = np.isfinite(residual)
+    n = len(residual)
+    if np.count_nonzero(good) < 64:
+        return Curve(model, "", np.empty(0), np.empty(0), np.empty(0))
+    values = np.where(good, residual - np.mean(residual[good]), 0.0)
+    power = np.abs(np.fft.rfft(values)[1:]) ** 2 * 2.0 / (n * np.count_nonzero(good))
+    period = n * h / np.arange(1, len(power) + 1)
+    band = np.floor(3.0 * np.log2(period / (2.0 * h)) + 0.5).astype(np.int64)
+    bands = np.unique(band)
+    x = np.array([np.exp(np.mean(np.log(period[band == b]))) for b in bands])
+    rms = np.array([np.sqrt(np.sum(power[band == b])) for b in bands])
+    return Curve(model, "", x, np.zeros(len(x)), rms)

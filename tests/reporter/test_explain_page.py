@@ -1,0 +1,144 @@
+"""Pages of the workbench: everything on one time axis, buttons for the steps, the summary of a plant."""
+
+import csv
+import io
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backlash_cli.record import Note
+from backlash_cli.reporter import explain_figures as figures
+from backlash_cli.reporter.compare_page import compare_page
+from backlash_cli.reporter.explain_page import explain_page
+from backlash_cli.reporter.explain_summary import COLUMNS, counts, to_csv, to_json, to_page, to_text
+from backlash_cli.reporter.files import write_text
+from backlash_cli.reporter.residual_causes import binned, causes, since_reversal, spectrum
+from backlash_cli.results import PlantExplanation
+from tests.reporter.chromium import Browser
+from tests.reporter.explanations import SETTINGS, comparison, explanation, nothing, regions, series, signals
+from tests.reporter.reports import HOSTILE
+
+WIDE = """Array.from(document.body.querySelectorAll('*')).filter(e => !e.closest('.scroll, .plot')
+&& e.getBoundingClientRect().right > innerWidth + 1).map(e => e.outerHTML.slice(0, 200))"""
+
+
+def text_of(page: str) -> str:
+    """The words of a page, scripts and tags taken out."""
+    return re.sub(r"<[^>]*>", " ", re.sub(r"<(script|style)\b.*?</\1>", "", page, flags=re.S))
+
+
+def test_turns_of_a_triangle_are_found_where_they_are():
+    wave = np.abs((np.arange(400.0) % 100) - 50) / 100  # turns up at 50, 150 ..., down at 100, 200 ...
+    since, upward = since_reversal(wave + 1e-4 * np.random.default_rng(0).standard_normal(400))
+    assert np.all(since[:40] == -1)
+    at = np.flatnonzero(since == 0)
+    np.testing.assert_allclose(at, [50, 100, 150, 200, 250, 300, 350], atol=2)
+    assert upward[60] == 1 and upward[120] == -1
+    assert np.all(since_reversal(np.zeros(50))[0] == -1)
+
+
+def test_bins_give_mean_and_rms_of_their_samples():
+    x = np.arange(1000.0)
+    residual = np.where(x < 500, 1.0, -3.0)
+    residual[7] = np.nan
+    curve = binned("m", x, residual, np.ones(1000, bool), even=True, bins=2)
+    np.testing.assert_allclose(curve.mean, [1.0, -3.0])
+    np.testing.assert_allclose(curve.rms, [1.0, 3.0])
+    assert len(binned("m", np.zeros(100), np.zeros(100), np.ones(100, bool)).x) == 0
+
+
+def test_the_spectrum_shares_out_all_of_the_error():
+    residual = 0.02 * np.sin(2 * np.pi * np.arange(4096) / 64) + 0.003 * np.random.default_rng(1).standard_normal(4096)
+    curve = spectrum("m", residual, 2.0)
+    assert np.sum(curve.rms**2) == pytest.approx(np.var(residual), rel=1e-3)
+    assert curve.x[np.argmax(curve.rms)] == pytest.approx(128.0, rel=0.15)
+
+
+def test_play_shows_in_the_time_since_op_turned():
+    found = {c.title: c for c in causes(series(signals()[2]), {"m": series(signals()[2]).residual})}
+    assert set(found) == {"Time since OP turned", "Level of OP", "Speed of OP", "Time of the record", "Period"}
+    up, down = found["Time since OP turned"].curves
+    assert up.mean[0] * down.mean[0] < 0 and abs(up.mean[0]) > 0.01
+
+
+def test_all_signals_share_one_time_axis_and_regions_can_be_switched():
+    figure = figures.overlay(series(), SETTINGS, regions(), 0.004)
+    names = [line["name"] for line in figure["data"]]
+    assert names[:5] == ["SP", "PV measured", "PV predicted", "residual (measured - predicted)", "OP"]
+    assert all("xaxis" not in line for line in figure["data"])
+    shaded = [line for line in figure["data"] if line.get("fill")]
+    assert [line["visible"] for line in shaded] == [True, "legendonly"]
+    assert figure["data"][1]["y"][500] == pytest.approx(900 * signals()[1][500], rel=1e-5)
+    assert figure["data"][3]["y"][1050] is None  # a sample that does not count
+
+
+def test_every_step_has_its_button_and_its_lines():
+    e = explanation()
+    figure = figures.ladder_overlay(e.series, e.steps, SETTINGS, 0.004)
+    buttons = figure["layout"]["updatemenus"][0]["buttons"]
+    assert [b["label"] for b in buttons] == ["0: baseline", "1: + backlash", "2: + load step", "first and last", "all"]
+    for button in buttons:
+        assert len(button["args"][0]["visible"]) == len(figure["data"]) == 8
+    assert buttons[1]["args"][0]["visible"] == [True, True, False, False, True, True, False, False]
+
+
+def test_pages_say_the_answer_in_words():
+    said = " ".join(text_of(explain_page(explanation())).split())
+    for words in ("Missing in the plain model", "has 6.02 % of play", "cannot tell them apart", "baseline 3.2 %",
+                  "4 % stays unexplained", "After the output turned", "the record is short"):
+        assert words in said, words
+    assert "Nothing is missing" in text_of(explain_page(nothing()))
+    assert "leaves 5 % unexplained" in text_of(compare_page(comparison()))
+    assert compare_page(replace(comparison(), series=None)) and explain_page(explanation().light())
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_foreign_names_do_not_run(name):
+    for page in (explain_page(explanation(name)), compare_page(comparison(name)), to_page(plant(name))):
+        assert "<script>alert" not in page and "<img" not in page
+
+
+def plant(*names: str) -> PlantExplanation:
+    loops = tuple(explanation(name).light() for name in names)
+    lost = Note("constant_signal", "TIC9: OP is constant", {"loop": "TIC9"})
+    return PlantExplanation((*loops, nothing().light()), (lost,), ("plant.csv",))
+
+
+def test_the_summary_counts_effects_and_names_what_failed():
+    found = plant("FIC1", "FIC2")
+    assert counts(found) == {"backlash": 2, "load_step": 2, "nothing": 1}
+    rows = list(csv.DictReader(io.StringIO(to_csv(found))))
+    assert tuple(rows[0]) == COLUMNS and [r["loop"] for r in rows] == ["FIC1", "FIC2", "FIC102", "TIC9"]
+    assert rows[0]["missing_effect"] == "backlash" and rows[3]["failure"] == "TIC9: OP is constant"
+    document = json.loads(to_json(found))
+    assert document["missing"]["backlash"] == 2 and len(document["loops"]) == 3
+    text = to_text(found)
+    assert "backlash in 2" in text and "nothing in 1" in text and "TIC9: OP is constant" in text
+    assert "backlash in 2" in text_of(to_page(found))
+
+
+def test_pages_open_without_errors_and_the_buttons_work(tmp_path):
+    browser = Browser()
+    try:
+        pages = {"e": explain_page(explanation()), "c": compare_page(comparison()), "s": to_page(plant("a"))}
+        for name, text in pages.items():
+            path = tmp_path / f"{name}.html"
+            write_text(path, text)
+            for width in (360, 1200):
+                browser.open(path, width=width)
+                browser.wait("document.querySelectorAll('.main-svg').length > 0")
+                assert browser.evaluate(WIDE) == []
+        browser.open(tmp_path / "e.html")
+        plots = "Array.from(document.querySelectorAll('.plot'))"
+        browser.evaluate(f"{plots}[1].scrollIntoView()")
+        browser.wait(f"{plots}[1].querySelectorAll('.updatemenu-button').length === 5")
+        click = "['mousedown', 'mouseup', 'click'].forEach(k => b.dispatchEvent(new MouseEvent(k, {bubbles: true})))"
+        browser.evaluate(f"(() => {{const b = {plots}[1].querySelectorAll('.updatemenu-button')[1]; {click}}})()")
+        browser.wait(f"{plots}[1].data[4].visible === true && {plots}[1].data[2].visible === false")
+        assert not browser.errors
+        assert not [r for r in browser.requests if not r.startswith(("file:", "data:", "blob:"))]
+    finally:
+        browser.close()

@@ -1,0 +1,113 @@
+"""The workbench on a terminal: ladder, numbers with units, what it means, regions; JSON as in the contract."""
+
+import json
+import re
+from dataclasses import replace
+
+import pytest
+
+from backlash_cli.record import LoopSettings
+from backlash_cli.reporter.explain_json import to_json
+from backlash_cli.reporter.explain_text import comparison_text, explanation_text
+from backlash_cli.reporter.explain_words import error_size, fill, ladder, quantity, share
+from backlash_cli.results import FittedParameter, Step
+from tests.reporter.explanations import SETTINGS, comparison, explanation, nothing
+from tests.reporter.reports import HOSTILE
+
+
+def test_the_ladder_is_one_line():
+    steps = [Step(None, 0.032), Step("dead_time", 0.021), Step("backlash", 0.008)]
+    assert ladder(steps, 0.0075) == "baseline 3.2 % -> + dead time 2.1 % -> + backlash 0.8 % (noise floor 0.75 %)"
+
+
+@pytest.mark.parametrize(("parameter", "stage", "said"), [
+    (FittedParameter(0.03, "span", (0.0295, 0.0307)), "valve", "3.00 % of OP span (95 %: 2.95 to 3.07 %)"),
+    (FittedParameter(0.005, "span"), "sensor", "0.500 % of PV span, 4.5 in PV units"),
+    (FittedParameter(0.02, "1/s"), "valve", "2.00 % of OP span per second"),
+    (FittedParameter(12.34, "s", (11.9, 12.8)), "process", "12.3 s (95 %: 11.9 to 12.8 s)"),
+    (FittedParameter(-1.4, "1"), "valve", "-1.40"),
+    (FittedParameter(float("-inf"), "span"), "valve", "none"),
+    (FittedParameter(0.0, "span"), "valve", "0.00 % of OP span"),
+    (FittedParameter(3.0, "bar"), "", "3.00 bar"),
+    (FittedParameter((1.0, 2.0), "s"), "load", "1.00 s, 2.00 s"),
+])
+def test_a_number_has_its_unit_and_interval(parameter, stage, said):
+    assert quantity(parameter, stage, SETTINGS) == said
+
+
+def test_amounts_and_levels_in_engineering_units():
+    milliamperes = LoopSettings(op_range=(4.0, 20.0))
+    assert quantity(FittedParameter(0.05, "span"), "valve", milliamperes).endswith(", 0.8 in OP units")
+    assert quantity(FittedParameter(0.5, "span", level=True), "valve", milliamperes).endswith(", 12 in OP units")
+
+
+def test_events_are_told_by_the_clock_and_counted_when_many():
+    events = FittedParameter(tuple(60.0 * k for k in range(9)), "s")
+    said = quantity(events, "load", SETTINGS, 1773734400.0)
+    assert said.startswith("2026-03-17 08:00:00, 08:01:00, ") and said.endswith(" and 3 more UTC")
+    assert quantity(events, "load", SETTINGS, 0.0).startswith("0.00 s, 60.0 s")
+
+
+def test_small_words():
+    assert (share(0.412), share(0.013), share(None), share(0.0)) == ("41 %", "1.3 %", "–", "0 %")
+    assert (error_size(0.00812), error_size(float("nan"))) == ("0.812 %", "–")
+    assert fill("{d} and {", {"d": "3"}) == "{d} and {"  # a template that is none stays as it is
+    assert fill("{d!r:>9} {e}", {"d": "3"}) == "3 {e}"
+
+
+def test_explanation_gives_answer_meaning_look_alikes_and_the_rest():
+    text = explanation_text(explanation())
+    order = ["baseline 3.2 % -> + backlash 0.81 %", "Missing in the plain model: backlash and load step",
+             "also holds on samples", "What it means", "backlash: d = 6.02 % of OP span (95 %: 5.94 to 6.11 %)",
+             "has 6.02 % of play", "cannot tell them apart", "Each effect tried alone", "4 % stays unexplained",
+             "Where the model fails", "After the output turned", "short: the record is short"]
+    places = [text.find(words) for words in order]
+    assert -1 not in places and places == sorted(places), dict(zip(order, places, strict=True))
+    assert "position" not in text  # how the record began is no answer
+
+
+def test_nothing_missing_is_said_plainly():
+    text = explanation_text(nothing())
+    assert "Nothing is missing" in text and "What it means" not in text
+
+
+def test_comparison_with_and_without_a_model():
+    text = comparison_text(comparison())
+    assert re.search(r"this model +0.79 % +0.81 % +with backlash", text) and "leaves 5 % unexplained" in text
+    plain = comparison_text(comparison(model=None))
+    assert "this is the model compared" in plain and "this model  " not in plain
+
+
+@pytest.mark.parametrize("make", [explanation, nothing, comparison])
+@pytest.mark.parametrize("name", HOSTILE)
+def test_foreign_names_stay_on_their_line_and_within_100_columns(make, name):
+    found = make(name)
+    text = (comparison_text if make is comparison else explanation_text)(found, verbose=True, width=250)
+    assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\ud800-\udfff]", text)
+    assert all(len(line) <= 100 for line in text.splitlines())
+    assert json.loads(to_json(found))["loop"] == name.encode("utf-8", "backslashreplace").decode()
+
+
+def test_json_has_the_fields_of_the_contract_and_no_nan():
+    text = to_json(explanation())
+    found = json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} in strict JSON"))
+    assert set(found) >= {"loop", "baseline", "noise_floor", "candidates", "steps", "effects", "missing_effect",
+                          "where", "unexplained", "warnings"}
+    assert set(found["baseline"]) == {"rmse", "rmse_holdout", "parameters"}
+    assert found["missing_effect"] == "backlash" and found["steps"][0] == {
+        "added": None, "rmse_holdout": 0.032, "rmse": 0.031, "chosen": "search"}
+    first, second = found["effects"]
+    assert first["parameters"] == {"d": {"value": 0.0602, "ci95": [0.0594, 0.0611], "unit": "span"}}
+    assert second["parameters"]["sizes"]["ci95"] == [[0.015, 0.025], [-0.02, 0.0]]
+    assert found["candidates"][2]["parameters"]["column"]["value"] == "DV1"
+    assert set(found["where"][0]) >= {"region", "rmse", "share", "samples"}
+    assert found["details"]["seconds"] is None
+
+
+def test_json_of_nothing_and_of_a_comparison():
+    found = json.loads(to_json(nothing()))
+    assert found["missing_effect"] is None and found["effects"] == [] and len(found["steps"]) == 1
+    compared = json.loads(to_json(comparison()))
+    assert compared["candidates"] == [] and compared["missing_effect"] is None
+    assert [s["added"] for s in compared["steps"]] == [None, "backlash"]
+    assert json.loads(to_json(replace(comparison(), series=None)))["samples"] is None
