@@ -5,7 +5,7 @@ The rule. First the group:
 2. pull if there is room: above the limit without being sure of it, or the limit is reached before the horizon;
 3. watch: growing, or above 70 % of the limit, or too few nights since a repair to say;
 4. leave alone: below the limit, not growing, or nights without any dead band;
-5. check the data: no night gave an answer.
+5. check loop and data: no night gave an answer (it oscillates, or the export does not allow one).
 Then, inside a group, by the score: dead band expected at the horizon over the limit, times confidence, times a travel
 factor between 0.7 and 1.5 (a valve that moves more wears faster and harms more), the square root of its output travel
 over the plant's median.
@@ -28,7 +28,7 @@ NEAR = 0.7
 RECENT = 14  # nights that stand for the present
 
 TITLES = {"pull": "Pull at the next shutdown", "room": "Pull if there is room", "watch": "Watch",
-          "leave": "Leave alone", "check": "Check the data"}
+          "leave": "Leave alone", "check": "Check loop and data"}
 ORDER = tuple(TITLES)
 
 
@@ -40,6 +40,7 @@ class _Facts:
     confidence: float
     travel: float | None
     silent: int  # recent nights without any dead band
+    swinging: int  # recent nights in which the loop oscillated
     recent: int
     days_left: float | None
 
@@ -66,13 +67,14 @@ def _facts(wear: Wear, nights: Sequence[Night], last: float) -> _Facts:
     since = wear.repairs[-1].time if wear.repairs else -np.inf
     recent = [n for n in sorted(nights, key=lambda n: n.time) if n.time >= since][-RECENT:]
     sized = [n for n in recent if n.measured]
-    silent = sum(n.verdict is Verdict.NO_BACKLASH for n in recent)
+    silent, swinging = (sum(n.verdict is v for n in recent) for v in (Verdict.NO_BACKLASH, Verdict.OSCILLATING))
     answered = sized if sized else [n for n in recent if n.verdict is Verdict.NO_BACKLASH]
     share = len(answered) / len(recent) if recent else 0.0
     confidence = share * float(np.mean([n.confidence for n in answered])) if answered else 0.0
     travels = [n.travel for n in recent if n.travel is not None]
     left = (wear.limit_date[0] - last) / DAY if wear.limit_date else None
-    return _Facts(wear, confidence, float(np.median(travels)) if travels else None, silent, len(recent), left)
+    return _Facts(wear, confidence, float(np.median(travels)) if travels else None, silent, swinging,
+                  len(recent), left)
 
 
 def _action(f: _Facts, horizon: float) -> str:
@@ -114,6 +116,9 @@ def _why(f: _Facts, action: str, factor: float, horizon: float) -> tuple[str, ..
     if wear.state == "no_estimate" or now is None or now.level is None:
         if action == "leave":
             return (f"{f.silent} of the last {f.recent} nights saw no dead band.",)
+        if f.swinging > 0.5 * f.recent:
+            return (f"The loop oscillated in {f.swinging} of the last {f.recent} nights, so its dead band has no size.",
+                    "Have the tuning and the source of the oscillation looked at: backlash check.")
         reasons = sorted({code for _, code in wear.gaps[-RECENT:]})
         return ("No night gave an answer" + (f": {', '.join(reasons)}." if reasons else "."),
                 "See the reasons of the last night and mend the export or the settings.")

@@ -13,7 +13,7 @@ from .json_report import iso_time, strict
 from .safe import terminal
 
 SCHEMA_VERSION = 1
-WORDS = {"pull": "pull", "room": "pull if room", "watch": "watch", "leave": "leave alone", "check": "check data"}
+WORDS = {"pull": "pull", "room": "pull if room", "watch": "watch", "leave": "leave alone", "check": "check"}
 
 
 def trend_json(wears: Mapping[str, Wear], places: Sequence[Place]) -> str:

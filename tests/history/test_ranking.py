@@ -64,5 +64,10 @@ def test_recent_silence_outweighs_old_sizes():
     assert found.action in ("leave", "watch") and any("saw no dead band" in words for words in found.why)
 
 
+def test_a_loop_that_oscillates_is_a_case_for_the_control_engineer():
+    found = places({"A": [made(k, None, verdict=Verdict.OSCILLATING, lod=None) for k in range(10)]})["A"]
+    assert found.action == "check" and "oscillated in 10 of the last 10 nights" in found.why[0]
+
+
 def test_nothing_to_rank():
     assert rank([], {}) == []
