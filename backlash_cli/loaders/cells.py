@@ -13,6 +13,7 @@ _DATE = (r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4}"
          r"|\d{1,2}[-/. ]+[^\W\d]{3,12}\.?[-/. ,]+\d{2,4}"
          r"|\d{4}[-/. ][^\W\d]{3,12}\.?[-/. ]\d{1,2}|[^\W\d]{3,12}\.? \d{1,2},? \d{4}|(?:19|20)\d{6})")  # fmt: skip
 _CLOCK = r"\d{1,2}[:.h]\d{2}(?:[:.]\d{2}(?:[.,:]\d+)?)?\s*(?:[AaPp]\.?\s?[Mm]\.?)?"
+_ODD = re.compile(r"^(?:[^\W\d]{3} [^\W\d]{3}\s+\d{1,2} (?:[\d:]+ .*\d{4}|\d{4} [\d:]+.*)|\d{4}年.*)$")
 _TIME = re.compile(
     rf"^(?:[^\W\d]{{2,10}},?\s+)?(?:{_DATE}(?:[T_ ,]+{_CLOCK}|T?\d{{6}}(?:\.\d+)?)?)\s*[A-Za-z0-9+:\-]{{0,8}}$"
 )
@@ -26,7 +27,7 @@ def kind(cell: str) -> str:
     >>> [kind(c) for c in ("17-Mar-26 08:00:00", "08:00:00", "4,050.7", "405.3 m3/h", "Bad Input", "")]
     ['time', 'clock', 'number', 'number', 'text', 'empty']
     """
-    text = cell.strip().strip('"').strip()
+    text = cell.strip(" \t\"'")
     if not text:
         return "empty"
     if len(text) > 60:
@@ -35,7 +36,7 @@ def kind(cell: str) -> str:
         return "time" if _COMPACT.match(text) and len(text) >= 14 else "number"
     if _CLOCK_ONLY.match(text):
         return "clock"
-    if _TIME.match(text) or _COMPACT.match(text):
+    if _TIME.match(text) or _COMPACT.match(text) or _ODD.match(text):
         return "time"
     return "number" if _WITH_UNIT.match(text) else "text"
 

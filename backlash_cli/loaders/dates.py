@@ -18,9 +18,10 @@ _CLOCK = (r"(?P<h>\d{1,2})[:.h](?P<mi>\d{2})(?:[:.](?P<s>\d{2})(?:[.,:](?P<f>\d{
           r"\s*(?P<ap>[AaPp]\.?\s?[Mm]\.?)?\s*"
           r"(?P<z>Z|z|[+-]\d{1,2}:?\d{0,2}|[A-Z]{2,5}(?:[+-]\d{1,2}(?::?\d{2})?)?)?")  # fmt: skip
 _DATED = (rf"^\s*{_WEEKDAY}(?P<a>\d{{1,4}}|\pL{{3,12}}\.?)(?P<sep>[-/. ]+)(?P<b>\d{{1,2}}|\pL{{3,12}}\.?)[-/. ,]+"
-          rf"(?P<c>\d{{1,4}})(?:[T_ ,:]+{_CLOCK})?\s*(?:\[[^\]]*\])?\s*$")  # fmt: skip
+          rf"(?P<c>\d{{1,4}})(?:[T_ ,:]+{_CLOCK})?\s*(?:\[[^\]]*\]|\([^)]*\))?\s*$")  # fmt: skip
 _COMPACT = (r"^\s*(?P<y>(?:19|20)\d{2})(?P<m>\d{2})(?P<d>\d{2})(?:[T_ -]?(?P<h>\d{2}):?(?P<mi>\d{2})(?::?(?P<s>\d{2})"
             r"(?:[.,]?(?P<f>\d{1,9}))?)?)?\s*(?P<z>Z|[+-]\d{2}:?\d{0,2})?\s*$")  # fmt: skip
+_UNIX_DATE = r"^\s*\pL{3}\s+(\pL{3}\s+\d{1,2})\s+(\d{1,2}:\d{2}:\d{2})\s+((?:[A-Z]{3,4}\s+)?)(\d{4})\s*$"
 _CLOCK_ONLY = rf"^\s*{_CLOCK}\s*$"
 _MONTHS = (
     "jan ene gen jän january januar janvier enero gennaio januari janeiro",
@@ -53,7 +54,7 @@ def parse_dates(
     order: None, or "ymd", "dmy", "mdy" (or "iso") when the user says it. codes: which word each row holds; rows
     in file order help to tell day from month. Raises InputError when both readings are possible.
     """
-    text = pa.array(words, pa.string())
+    text = _tidy(pa.array(words, pa.string()))
     micros = np.full(len(words), NAT)
     zoned = np.zeros(len(words), bool)
     notes: list[Note] = []
@@ -85,6 +86,13 @@ def parse_dates(
     if mixed:
         notes.append(Note("mixed_zones", "some time stamps carry an offset and some do not; the others count as UTC"))
     return micros, bool(known.any() and zoned[known].all()), clock_only, tuple(notes)
+
+
+def _tidy(text: pa.Array) -> pa.Array:
+    """Bring rare ways of writing to the common ones: quotes, East Asian date signs, and the year at the end."""
+    text = pc.replace_substring_regex(text, r"^\s*['\"]|['\"]\s*$", "")
+    text = pc.replace_substring_regex(text, r"^(\d{4})年(\d{1,2})月(\d{1,2})日", r"\1-\2-\3")
+    return pc.replace_substring_regex(text, _UNIX_DATE, r"\1 \4 \2 \3")
 
 
 def _dated(

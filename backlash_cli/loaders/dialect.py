@@ -54,7 +54,9 @@ def sniff(head: str, complete: bool, options: ReadOptions, where: str) -> Dialec
     if not lines:
         raise InputError("file holds no data", where=where, remedy="export it again")
     last = [text for _, _, text in lines[-min(24, max(1, len(lines) // 2)) :]]
-    delimiter = options.delimiter or (declared[1] if declared else _delimiter(last))
+    delimiter = options.delimiter or (
+        declared[1] if declared else _delimiter(last, [text for _, _, text in lines[:30]])
+    )
     tail = [split_line(text, delimiter) for text in last]
     width = Counter(map(len, tail)).most_common(1)[0][0]
     tail = [cells for cells in tail if len(cells) == width]
@@ -81,8 +83,11 @@ def sniff(head: str, complete: bool, options: ReadOptions, where: str) -> Dialec
     )
 
 
-def _delimiter(lines: list[str]) -> str:
-    """The delimiter that cuts the lines into equally many cells which look like times, numbers and words."""
+def _delimiter(lines: list[str], first: list[str]) -> str:
+    """The delimiter that cuts the lines into equally many cells which look like times, numbers and words.
+
+    first: the first lines; a line of as many names among them speaks for a delimiter.
+    """
     best, chosen = 0.0, ","
     for candidate in DELIMITERS:
         rows = [split_line(line, candidate) for line in lines[-24:]]
@@ -93,9 +98,16 @@ def _delimiter(lines: list[str]) -> str:
         known = sum(k != "text" for k in kinds)
         filled = sum(k != "empty" for k in kinds)
         score = count / len(rows) * (known + 0.3 * (len(kinds) - known)) / len(kinds) * (filled / len(kinds)) ** 0.1
+        if any(len(row) == width and _is_names(row) for row in (split_line(line, candidate) for line in first)):
+            score *= 1.3
         if score > best:
             best, chosen = score, candidate
     return chosen
+
+
+def _is_names(cells: list[str]) -> bool:
+    kinds = {kind(cell) for cell in cells[:40]}
+    return "text" in kinds and kinds <= {"text", "empty"}
 
 
 def _column_kinds(rows: list[list[str]], width: int) -> tuple[str, ...]:
@@ -157,6 +169,7 @@ def _decimal(rows: list[list[str]], delimiter: str) -> str:
         commas = all(re.match(r"^\s*-?\d+,\d+\s*$", cell) for cell in cells)
         return "," if cells and commas and not all(_GROUPED.match(cell) for cell in cells) else "."
     with_mark = [cell for row in rows for cell in row if ("," in cell or "." in cell) and kind(cell) == "number"]
+    with_mark = [re.sub(r"[ '’\u00a0\u202f](?=\d{3})", "", cell) for cell in with_mark]
     comma = sum(bool(_DECIMAL_COMMA.match(cell)) for cell in with_mark)
     return "," if comma > sum(bool(_DECIMAL_POINT.match(cell)) for cell in with_mark) else "."
 

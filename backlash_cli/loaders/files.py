@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 import struct
 import zlib
 from collections.abc import Iterator
@@ -64,7 +65,10 @@ class Content:
 def open_content(path: Path, options: ReadOptions) -> Content:
     """Look at a file, decompress it and bring its text to UTF-8. Raises InputError for what is no export."""
     try:
-        size = path.stat().st_size
+        about = path.stat()
+        if not stat.S_ISREG(about.st_mode):
+            raise InputError("not a regular file", where=str(path), remedy="save the export as a file first")
+        size = about.st_size
         with open(path, "rb", buffering=0) as file:
             magic = file.read(16)
             if not magic:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -52,7 +53,8 @@ def by_loop(found: Iterable[Series], metadata: Metadata) -> dict[str, LoopSeries
                 asked.setdefault(loop, {})[role] = tag
     loops: dict[str, LoopSeries] = {}
     seen: set[tuple[str, str]] = set()
-    known = {item.loop for item in series}
+    known = dict.fromkeys(item.loop for item in series if item.loop)
+    renamed = _renamed(known, metadata)
     for item in series:
         owners = explicit.get(_key(item.tag), ()) if explicit else ()
         for loop, role in owners:
@@ -60,10 +62,7 @@ def by_loop(found: Iterable[Series], metadata: Metadata) -> dict[str, LoopSeries
             seen.add((loop, role))
         if not item.loop or owners:
             continue
-        name = item.loop
-        if name not in metadata.loops:
-            match = metadata.match(name)
-            name = match if match is not None and match not in known else name
+        name = renamed.get(item.loop, item.loop)
         if (item.role in asked.get(name, {})) and item.role:
             continue  # the metadata name another tag for this signal
         own = loops.setdefault(name, LoopSeries(name))
@@ -72,7 +71,17 @@ def by_loop(found: Iterable[Series], metadata: Metadata) -> dict[str, LoopSeries
         for role, tag in tags.items():
             if (loop, role) not in seen:
                 loops.setdefault(loop, LoopSeries(loop)).missing_tags[role] = tag
-    return {name: own for name, own in loops.items() if own.roles or own.missing_tags}
+    return {name: own for name, own in loops.items() if own.roles}
+
+
+def _renamed(known: Iterable[str], metadata: Metadata) -> dict[str, str]:
+    """Loops of the data that the metadata know by another spelling or by a whole part of the name, one by one."""
+    if not metadata.loops:
+        return {}
+    found = {name: metadata.match(name) or metadata.part_of(name) for name in known if name not in metadata.loops}
+    counts = Counter(found.values())
+    present = set(known)
+    return {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
 
 
 def _key(tag: str) -> str:

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
-import numpy as np
-import pyarrow as pa
-
 from ..errors import InputError
+from .long_layouts import long_series, name_columns, pair_series, tall_series
 from .names import IGNORED, LOOP, QUALITY, SIGNALS, TAG, VALUE, Tag, plain, signal_role, split_tag
 from .options import ReadOptions
 from .series import Axis, Cells, Series
@@ -18,7 +14,8 @@ from .timecolumns import is_time_like, time_axis, time_columns
 def series_of(table: Table, options: ReadOptions) -> list[Series]:
     """Take a table apart into signals. Raises InputError when there is no time column or no signal."""
     layout = options.layout or _recognise(table)
-    found = {"long": _long, "pairs": _pairs, "tall": _tall, "wide": _wide, "single": _wide}[layout](table, options)
+    readers = {"long": long_series, "pairs": pair_series, "tall": tall_series, "wide": _wide, "single": _wide}
+    found = readers[layout](table, options)
     if not found:
         raise InputError(
             f"no signal columns found beside the time (columns: {_shown(table.names)})",
@@ -31,50 +28,23 @@ def series_of(table: Table, options: ReadOptions) -> list[Series]:
 def _recognise(table: Table) -> str:
     words = [plain(name) for name in table.names]
     times = time_columns(table)
-    texts = [i for i, column in enumerate(table.columns) if _is_text(column) and i not in times]
+    texts = [i for i in range(len(words)) if table.is_text(i) and i not in times]
     roles = [split_tag(name) for name in table.names]
     alone = {tag.role for tag in roles if not tag.loop and tag.role in SIGNALS}
-    has_tag = any(words[i] in TAG or words[i] in ("measurement", "field") for i in texts)
-    has_value = any(word in VALUE for word in words)
-    wide = sum(bool(tag.loop) and tag.role in SIGNALS for tag in roles)
-    if has_tag and (has_value or not wide) and times and not ("pv" in alone and "value" not in words):
-        return "long"
-    if any(words[i] in LOOP for i in texts) and "pv" in alone:
-        return "tall"
+    wide = any(tag.loop and tag.role in SIGNALS for tag in roles)
+    if "pv" in alone and not any(word in VALUE for word in words):
+        return "tall" if any(words[i] in TAG | LOOP | {"measurement"} for i in texts) else "wide"
     if len(times) >= 2 and _paired(table, times):
         return "pairs"
-    if times and not wide and not alone and _tag_column(table, texts) is not None and has_number(table, times):
+    if texts and times and not wide and name_columns(table, texts):
         return "long"
     return "wide"
-
-
-def has_number(table: Table, times: list[int]) -> bool:
-    """Say whether some column beside the stamps holds numbers."""
-    return any(i not in times and not _is_text(column) for i, column in enumerate(table.columns))
-
-
-def _is_text(column: pa.ChunkedArray) -> bool:
-    kind = column.type
-    return pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind)
 
 
 def _paired(table: Table, times: list[int]) -> bool:
     """Time columns that are each followed by a value of their own."""
     followed = all(i + 1 < len(table.names) and i + 1 not in times for i in times)
-    return followed and not _clocks(table, times)
-
-
-def _clocks(table: Table, times: list[int]) -> bool:
-    return any(table.kind(i) == "clock" for i in times)
-
-
-def _tag_column(table: Table, texts: list[int]) -> int | None:
-    for i in texts:
-        _, words = Cells(table.columns[i].slice(0, 2000)).texts()
-        tags = [split_tag(w) for w in words]
-        if words and sum(tag.role in SIGNALS and bool(tag.loop) for tag in tags) >= max(1, len(words) / 2):
-            return i
-    return None
+    return followed and not any(table.kind(i) == "clock" for i in times)
 
 
 def _wide(table: Table, options: ReadOptions) -> list[Series]:
@@ -104,7 +74,7 @@ def _wide(table: Table, options: ReadOptions) -> list[Series]:
     of_quality = set(quality.values())
     signals = [i for i in values if i not in of_quality]
     alone = {roles[i].role for i in signals if not roles[i].loop and roles[i].role in SIGNALS}
-    home = table.partition.get("loop") or next((v for k, v in table.partition.items() if plain(k) in LOOP | TAG), "")
+    home = _partition_name(table)
     if not alone and len(signals) == 1 and not (roles[signals[0]].loop and roles[signals[0]].role):
         return [_per_tag(table, axis, signals[0], quality.get(signals[0]), home)]
     found = []
@@ -121,6 +91,16 @@ def _wide(table: Table, options: ReadOptions) -> list[Series]:
             loop = home
         found.append(_series(table, axis, i, quality.get(i), table.names[i], loop, tag))
     return found
+
+
+def _partition_name(table: Table) -> str:
+    """The loop or tag that the folders name: loop=FIC101, tag=FIC101.PV, or loop=FIC101/signal=PV."""
+    loop = next((v for k, v in table.partition.items() if plain(k) in LOOP), "")
+    rest = [v for k, v in table.partition.items() if plain(k) in TAG]
+    role = next((v for v in rest if signal_role(v)), "")
+    if role and (loop or len(rest) > 1):
+        return f"{loop or next(v for v in rest if v != role)}.{role}"
+    return loop or (rest[0] if rest else "")
 
 
 def _per_tag(table: Table, axis: Axis, value: int, quality: int | None, home: str) -> Series:
@@ -146,147 +126,6 @@ def _series(table: Table, axis: Axis, column: int, quality: int | None, name: st
         None if quality is None else Cells(table.columns[quality]),
         table.where,
     )
-
-
-def _long(table: Table, options: ReadOptions) -> list[Series]:
-    words = [plain(name) for name in table.names]
-    axis, used = time_axis(table, options)
-    texts = [i for i, column in enumerate(table.columns) if _is_text(column) and i not in used]
-    field = [i for i in texts if words[i] in ("field", "signal", "parameter", "variable")]
-    group = [i for i in texts if words[i] in LOOP or words[i] == "measurement"]
-    tags = [i for i in texts if words[i] in TAG]
-    if field and group:
-        name_columns = [group[0], field[0]]
-    elif tags:
-        name_columns = [tags[0]]
-    else:
-        guess = _tag_column(table, texts)
-        if guess is None:
-            raise InputError("no column of tag names found", where=table.where, remedy="name it 'tag'")
-        name_columns = [guess]
-    quality = next((i for i, w in enumerate(words) if w in QUALITY and i not in name_columns and i not in used), None)
-    taken = {*name_columns, *used, quality}
-    named = [i for i, w in enumerate(words) if w in VALUE and i not in taken]
-    numeric = [
-        i
-        for i, c in enumerate(table.columns)
-        if i not in taken and not _is_text(c) and words[i] not in IGNORED and not is_time_like(table, i)
-    ]
-    rest = [i for i in texts if i not in taken]
-    candidates = named or numeric or rest
-    if not candidates:
-        raise InputError("no column of values found", where=table.where, remedy="name it 'value'")
-    codes, names = Cells(table.columns[name_columns[0]]).texts()
-    if len(name_columns) == 2:
-        second, fields = Cells(table.columns[name_columns[1]]).texts()
-        joined = np.where((codes < 0) | (second < 0), -1, codes * len(fields) + second)
-        names = [f"{name}.{field_name}" for name in names for field_name in fields]
-        codes = joined
-    cells = Cells(table.columns[candidates[0]], table.decimal).split()
-    marks = None if quality is None else Cells(table.columns[quality]).split()
-    order = np.argsort(codes, kind="stable")
-    present, starts = np.unique(codes[order], return_index=True)
-    ends = np.append(starts[1:], len(order))
-    found = []
-    for code, start, end in zip(present, starts, ends, strict=True):
-        if code < 0 or not names[code].strip():
-            continue
-        rows = order[start:end]
-        name = names[code].strip()
-        tag = split_tag(name)
-        found.append(
-            Series(
-                name,
-                tag.loop,
-                tag.role if tag.role in SIGNALS else "",
-                tag.signal,
-                axis.take(rows),
-                cells.take(rows),
-                None if marks is None else marks.take(rows),
-                table.where,
-            )
-        )
-    return _without_echo(found)
-
-
-def _without_echo(found: list[Series]) -> list[Series]:
-    """Two spellings of one tag (blank at the end, for example) are one signal; leave them for the joining step."""
-    return found
-
-
-def _tall(table: Table, options: ReadOptions) -> list[Series]:
-    """A column names the loop; SP, PV and OP stand beside it."""
-    axis, used = time_axis(table, options)
-    words = [plain(name) for name in table.names]
-    which = next(i for i, w in enumerate(words) if w in LOOP and _is_text(table.columns[i]))
-    codes, names = Cells(table.columns[which]).texts()
-    columns = [
-        i
-        for i, w in enumerate(words)
-        if i not in used
-        and i != which
-        and w not in IGNORED
-        and w not in QUALITY
-        and table.columns[i].null_count < table.rows
-    ]
-    parts = {i: Cells(table.columns[i], table.decimal).split() for i in columns}
-    found = []
-    for code in np.unique(codes):
-        if code < 0 or not names[code].strip():
-            continue
-        rows = np.flatnonzero(codes == code)
-        own = axis.take(rows)
-        for i in columns:
-            role = signal_role(table.names[i])
-            loop = names[code].strip()
-            found.append(
-                Series(
-                    f"{loop}.{table.names[i]}", loop, role, table.names[i], own, parts[i].take(rows), None, table.where
-                )
-            )
-    return found
-
-
-def _pairs(table: Table, options: ReadOptions) -> list[Series]:
-    """Every tag has a time column of its own, shorter ones padded with empty cells."""
-    times = time_columns(table)
-    found = []
-    for position, column in enumerate(times):
-        end = times[position + 1] if position + 1 < len(times) else len(table.names)
-        block = [i for i in range(column + 1, end) if table.columns[i].null_count < table.rows or table.names[i]]
-        values = [
-            i for i in block if split_tag(table.names[i]).role != "quality" and plain(table.names[i]) not in QUALITY
-        ]
-        if not values:
-            continue
-        value = values[0]
-        marks = next((i for i in block if i not in values), None)
-        owner = split_tag(table.names[column])
-        name = table.names[value]
-        if plain(name) in VALUE or not name or plain(name.rpartition(".")[2]) in VALUE:
-            name = owner.of or name.rpartition(".")[0] or table.names[column]
-        axis, _ = time_axis(table, options, only=column)
-        keep = np.flatnonzero(axis.micros != np.iinfo(np.int64).min)
-        tag = split_tag(name)
-        found.append(
-            Series(
-                name,
-                tag.loop,
-                tag.role if tag.role in SIGNALS else "",
-                tag.signal,
-                axis.take(keep),
-                Cells(table.columns[value], table.decimal).split().take(keep),
-                None if marks is None else Cells(table.columns[marks]).split().take(keep),
-                table.where,
-            )
-        )
-    return found
-
-
-def repeated(found: list[Series]) -> dict[str, int]:
-    """Tags that stand in one file more than once."""
-    counted = Counter(series.tag for series in found)
-    return {tag: count for tag, count in counted.items() if count > 1}
 
 
 def _shown(names: tuple[str, ...]) -> str:

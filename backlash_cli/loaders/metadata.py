@@ -9,6 +9,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ LOOP_KEYS = (
     "description",
     "limit_class",  # class of dead-band limit, for the wear report
 )
+_SEPARATOR = re.compile(r"[\s./\\:_|-]+")
 SIZE_LIMIT = 32 << 20
 
 
@@ -60,6 +62,16 @@ class Metadata:
         """Return the settings of a loop by its name, without regard to case where that is unambiguous."""
         name = self.match(loop)
         return None if name is None else self.loops[name]
+
+    def part_of(self, loop: str) -> str | None:
+        """Return the one loop whose name is a whole part of a longer name in the data (AREA1/FIC101, FIC101_2026)."""
+        longer = _spaced(loop)
+        inside = [name for name, spaced in self._spaced_names if spaced in longer]
+        return inside[0] if len(inside) == 1 and loop not in self.loops else None
+
+    @cached_property
+    def _spaced_names(self) -> list[tuple[str, str]]:
+        return [(name, _spaced(name)) for name in self.loops if name.strip()]
 
     def fallback(self) -> LoopValues | None:
         """Return the settings of a loop that is not listed: the defaults alone."""
@@ -163,6 +175,10 @@ def merge(parts: Iterable[Metadata]) -> Metadata:
                 conflicts.append(f"{name}: {loops[name].where} and {values.where} differ; the first is used")
             loops.setdefault(name, values)
     return Metadata(loops, defaults, tuple(files), tuple(conflicts))
+
+
+def _spaced(name: str) -> str:
+    return f" {_SEPARATOR.sub(' ', name).strip().lower()} "
 
 
 def _table(value: Any, where: str, name: str) -> dict[str, Any]:

@@ -41,11 +41,14 @@ VALUE = _words(
     rawvalue doublevalue v last curval"""
 )
 LOOP = _words("loop loopname controller loopid pid loopno loopnumber unitloop regelkreis boucle")
-ATTRIBUTES = _words("fcv cv value val pv f current present presentvalue curval raw data")
+ATTRIBUTES = _words("fcv cv value val pv f current present presentvalue curval raw data avg mean last average")
 IGNORED = _words("result table start stop count samples no nr row rownumber id comment comments remark bemerkung")
 
 _LOOKUP = {word: role for role, words in SIGNALS.items() for word in words.split()}
-_SEPARATORS = r"[.\-_/:\\|# ]"
+NESTED_LIMIT = 500  # longer names are taken apart once only
+_PART = re.compile(r"(?:^|[.\-_/:\\|# ]+)([^.\-_/:\\|# ]+)")
+_BRACKET = re.compile(r"^(.+?)\s*[\[(]([^\[\]()]+)[\])]$")
+_JOINED = re.compile(r"^(.*\d)(SP|SV|PV|OP|MV|CO|OUT|MODE|MD)$")  # FIC101PV
 _SERVER = re.compile(r"^\\\\[^\\]+\\")  # \\SERVER\ before a tag
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
 
@@ -89,30 +92,42 @@ def split_tag(text: str) -> Tag:
     >>> split_tag("FIC101.PV").loop, split_tag("FIC101_OUT").role, split_tag("FIC101.PV.Quality").of
     ('FIC101', 'op', 'FIC101.PV')
     """
-    name = _SERVER.sub("", without_unit(text))
-    parts = [m for m in re.finditer(rf"(?:^|{_SEPARATORS}+)([^.\-_/:\\|# ]+)", name)] if len(name) < 20_000 else []
+    name = _SERVER.sub("", text.strip())
+    bracket = _BRACKET.match(name) if len(name) <= NESTED_LIMIT else None
+    name = f"{bracket[1]}.{bracket[2]}" if bracket and signal_role(bracket[2]) else without_unit(name)
+    parts = list(_PART.finditer(name))
     if len(parts) < 2:
-        return Tag("", signal_role(name), name)
+        glued = None if signal_role(name) else _JOINED.match(name)
+        return Tag(glued[1], signal_role(glued[2]), glued[2]) if glued else Tag("", signal_role(name), name)
     last = plain(parts[-1][1])
-    if last in QUALITY and len(parts) >= 2:
+    if (last in QUALITY or last in TIME) and len(name) <= NESTED_LIMIT:
         base = name[: parts[-1].start()]
-        if split_tag(base).role or len(parts) >= 2:
-            return Tag(split_tag(base).loop, "quality", parts[-1][1], of=base)
-    if last in TIME and len(parts) >= 2:
-        base = name[: parts[-1].start()]
-        return Tag(split_tag(base).loop, "time", parts[-1][1], of=base)
-    for words in (1, 2):  # "FIC101 Set Point" has a signal name of two words
+        return Tag(split_tag(base).loop, "quality" if last in QUALITY else "time", parts[-1][1], of=base)
+    found = _signal_at_end(name, parts) or _signal_before_attribute(name, parts)
+    if found is not None:
+        return found
+    first = signal_role(parts[0][1])
+    if first and len(parts[0][1]) > 1 and not is_time_name(parts[-1][1]):  # PV_FIC101
+        return Tag(name[parts[1].start() :].strip(" .-_/:|#"), first, parts[0][1])
+    return Tag(name[: parts[-1].start()], "", parts[-1][1])
+
+
+def _signal_at_end(name: str, parts: list[re.Match[str]]) -> Tag | None:
+    """FIC101.PV, or "FIC101 Set Point" with a signal name of two words."""
+    for words in (1, 2):
         if len(parts) > words:
             cut = parts[-words].start()
             role = signal_role(name[cut:])
-            if role and not (words == 2 and signal_role(parts[-1][1])):
-                return Tag(name[:cut], role, parts[-words][1] if words == 1 else name[cut:].strip(" .-_/:"))
-    if (len(parts) > 2 and last in ATTRIBUTES | {"fcv"}) or (
-        len(parts) > 3 and plain(name[parts[-2].start() :]) in ATTRIBUTES
-    ):
-        for drop in (1, 2):
-            if len(parts) > drop + 1:
-                inner = split_tag(name[: parts[-drop].start()])
-                if inner.role in SIGNALS:
-                    return inner
-    return Tag(name[: parts[-1].start()], "", parts[-1][1])
+            if role:
+                return Tag(name[:cut], role, parts[-1][1] if words == 1 else name[cut:].strip(" .-_/:"))
+    return None
+
+
+def _signal_before_attribute(name: str, parts: list[re.Match[str]]) -> Tag | None:
+    """PLANT.FIC101_PV.F_CV: the signal stands before what the data base calls the value."""
+    for drop in (1, 2):
+        cut = parts[-drop].start() if len(parts) > drop + 1 else 0
+        found = _signal_at_end(name[:cut], parts[:-drop]) if cut and plain(name[cut:]) in ATTRIBUTES else None
+        if found is not None:
+            return found
+    return None

@@ -14,8 +14,14 @@ from numpy.typing import NDArray
 BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"])  # words for an empty cell
 _NUMBER = r"^[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?$"
 _UNITED = re.compile(r"^([+-]?(?:\d[\d.,'’ \u00a0\u202f]*\d|\d|[.,]\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s].*)?$", re.DOTALL)
+# With the point as decimal sign: groups of three digits between separators, all of one kind.
+_GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([,'’ \u00a0\u202f])\d{3})(?:\1\d{3})*(?:\.\d*)?(?:[eE][+-]?\d+)?$")
+_SEPARATED = re.compile(r"[,'’ \u00a0\u202f]")
+_BLANKS = re.compile(r"[\s'’\u00a0\u202f]")
+_SWAP = str.maketrans(",.", ".,")
 _NOT_FINITE = re.compile(r"^[+-]?(?:inf(?:inity)?|nan|1\.#\w+|∞)$", re.IGNORECASE)
 _FLAG = re.compile(r"\b(bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b", re.IGNORECASE)
+_CLOCK = re.compile(r"^\d+[:/-]\d")  # a time or a date is no measurement
 _SUBSTITUTED = re.compile(r"^[?#*]+$")
 
 
@@ -138,33 +144,35 @@ def _parse_word(text: str, decimal: str, mark: str) -> tuple[float, bool, str]:
     if len(text) > 60:
         return np.nan, True, ""
     match = None if _NOT_FINITE.match(text) else _UNITED.match(text)
-    if match is None:
+    if match is None or _CLOCK.match(text):
         return np.nan, True, ""
     unit = (match[2] or "").strip()
     if unit and (_FLAG.search(unit) or _SUBSTITUTED.match(unit)):
         return np.nan, True, ""
-    digits = re.sub(r"['’ \u00a0\u202f]", "", match[1])
+    digits = match[1]
     if decimal == "," or mark == ",":
-        digits = digits.replace(".", "").replace(",", ".")
-    else:
-        digits = digits.replace(",", "")
+        digits = digits.translate(_SWAP)
+    if _SEPARATED.search(digits):
+        if not _GROUPED.match(digits):
+            return np.nan, True, ""
+        digits = _SEPARATED.sub("", digits)
     try:
         value = float(digits)
     except ValueError:
         return np.nan, True, ""
-    if not np.isfinite(value) or re.match(r"^\d+[:/-]\d", text):
+    if not np.isfinite(value):
         return np.nan, True, ""
     return value, False, unit
 
 
 def _thousands_mark(words: list[str], decimal: str) -> str:
     """Return the decimal sign that the texts themselves show: "," only when a comma cannot be a thousands separator."""
-    for text in words:
-        digits = text.strip()
+    words = [_BLANKS.sub("", w) for w in words]
+    for digits in words:
         if "." in digits and "," in digits:
             return "," if digits.rfind(",") > digits.rfind(".") else "."
-    commas = [w for w in words if re.match(r"^\s*[+-]?\d+,\d+", w)]
-    grouped = [w for w in commas if re.match(r"^\s*[+-]?[1-9]\d{0,2}(,\d{3})+(?!\d)", w)]
+    commas = [w for w in words if re.match(r"^[+-]?\d+,\d+", w)]
+    grouped = [w for w in commas if re.match(r"^[+-]?[1-9]\d{0,2}(,\d{3})+(?!\d)", w)]
     return "," if commas and len(grouped) < len(commas) else decimal
 
 

@@ -13,6 +13,7 @@ from .times import DAY, NAT, SECOND
 from .zones import utc_text
 
 HOUR = 3600 * SECOND
+CLOCK_CODES = ("dst_repeated_hour", "clock_set_back")
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +125,15 @@ def _without_outliers(
     return rows[~far], stamps[~far]
 
 
+def moved_on(stamps: NDArray[np.int64], back: NDArray[np.int64], seconds: list[float]) -> NDArray[np.int64]:
+    """Move all stamps after each step back on by its seconds; unreadable ones stay unreadable."""
+    out = stamps.copy()
+    for position, lost in zip(back, seconds, strict=True):
+        out[position + 1 :] += round(lost * SECOND)
+    out[stamps == NAT] = NAT
+    return out
+
+
 def _clock_set_back(
     stamps: NDArray[np.int64],
     back: NDArray[np.int64],
@@ -134,39 +144,47 @@ def _clock_set_back(
 ) -> NDArray[np.int64] | None:
     """A clock that was set back while recording: few steps back, and other values for the same stamps.
 
-    The rows went on in file order, so all stamps after the step are moved on by it. Returns None when the
-    rows are simply not in order.
+    The rows went on in file order, so all stamps after the step are moved on by it. In the night of a Sunday one
+    step back of an hour is enough. Returns None when the rows are simply not in order.
     """
-    if values is None or len(back) > max(3, len(stamps) // 2000):
+    if len(back) > max(3, len(stamps) // 2000) or np.isin(rows[back + 1], parts).any():
         return None
-    if np.isin(rows[back + 1], parts).any():
+    forward = np.diff(stamps)
+    step = int(np.median(forward[forward > 0])) if np.any(forward > 0) else 0
+    if not (_conflicts(stamps, values) or (len(back) == 1 and _sunday_night(stamps, int(back[0]), step))):
         return None
+    lost = stamps[back] - stamps[back + 1] + step
+    hour = np.abs(lost - HOUR) <= 2 * step
+    lost[hour] = HOUR
+    out = moved_on(stamps, back, [float(s) / SECOND for s in lost])
+    if np.any(np.diff(out) < 0):
+        return None
+    for position, is_hour, seconds in zip(back, hour, lost / SECOND, strict=True):
+        what = (
+            "time stamps go back one hour (end of daylight saving time?); the repeated hour is kept in file order,"
+            if is_hour
+            else f"the clock jumps backwards by {seconds:g} s with other values for the same time"
+        )
+        code = "dst_repeated_hour" if is_hour else "clock_set_back"
+        text = f"{what} at {utc_text(stamps[position])}; later stamps are moved on by it"
+        notes.append(Note(code, text, {"seconds": float(seconds)}))
+    return out
+
+
+def _conflicts(stamps: NDArray[np.int64], values: NDArray[np.float64] | None) -> bool:
+    """Do most of the repeated stamps carry another value than the first time?"""
+    if values is None:
+        return False
     turn = np.argsort(stamps, kind="stable")
     same = np.flatnonzero(np.diff(stamps[turn]) == 0)
-    if not len(same):
-        return None
-    differ = _differs(values[turn[same]], values[turn[same + 1]], values)
-    if differ.mean() < 0.5:
-        return None
-    step = int(np.median(np.diff(stamps)[np.diff(stamps) > 0]))
-    out = stamps.copy()
-    for position in back:
-        lost = int(stamps[position] - stamps[position + 1]) + step
-        hour = abs(lost - HOUR) <= 2 * step
-        out[position + 1 :] += HOUR if hour else lost
-        what = (
-            "time stamps go back one hour (end of daylight saving time?); the repeated hour is kept in file order"
-            if hour
-            else f"the clock jumps backwards by {lost / SECOND:g} s with other values for the same time"
-        )
-        notes.append(
-            Note(
-                "dst_repeated_hour" if hour else "clock_set_back",
-                f"{what} at {utc_text(stamps[position])}; later stamps are moved on by it",
-                {"seconds": lost / SECOND},
-            )
-        )
-    return None if np.any(np.diff(out) < 0) else out
+    return bool(len(same)) and _differs(values[turn[same]], values[turn[same + 1]], values).mean() >= 0.5
+
+
+def _sunday_night(stamps: NDArray[np.int64], position: int, step: int) -> bool:
+    """A step back of one hour, give or take two records, between 0 and 4 o'clock of a Sunday."""
+    lost = int(stamps[position] - stamps[position + 1]) + step
+    day, clock = divmod(int(stamps[position]), DAY)
+    return (day + 3) % 7 == 6 and clock <= 4 * HOUR and abs(lost - HOUR) <= 2 * step < HOUR
 
 
 def _differs(a: NDArray[np.float64], b: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.bool_]:

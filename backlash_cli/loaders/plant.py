@@ -14,7 +14,7 @@ from .clean import build_record
 from .join import Joiner, LoopSeries, by_loop
 from .layouts import series_of
 from .loop_settings import settings_of
-from .metadata import Metadata, merge, read_metadata
+from .metadata import ROLE_KEYS, Metadata, merge, read_metadata
 from .options import ReadOptions
 from .series import Series
 from .sources import find_sidecars, find_sources
@@ -103,6 +103,8 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | None = None, options: R
             where=str(sources[0].path),
             remedy=f"name the tags in loops.toml; found {nearest('', tags)}",
         )
+    series, more = _loops_only(series, metadata)
+    warnings += more
     records, more = _records(series, metadata, options)
     failures += more
     warnings += _unmatched(series, metadata)
@@ -121,6 +123,11 @@ def _records(
     for name in sorted(_wanted(series, options)):
         values = metadata.of(name)
         notes: list[Note] = []
+        origin = next(iter(series[name].roles.values()))[0]
+        if values is not None and origin.loop and origin.loop != name and metadata.match(origin.loop) is None:
+            notes.append(
+                Note("matched_name", f"{origin.loop[:60]} in the data is taken as {name[:60]} of the loops file")
+            )
         if values is None and metadata.files:
             notes.append(
                 Note("not_in_metadata", f"loop {name[:60]} is not in the loops file: its settings are missing")
@@ -139,6 +146,16 @@ def _records(
     return records, failures
 
 
+def _loops_only(series: dict[str, LoopSeries], metadata: Metadata) -> tuple[dict[str, LoopSeries], list[Note]]:
+    """Set aside what has one signal only and is not in the metadata: an indicator, or a column with a chance name."""
+    single = [name for name, own in series.items() if len(own.roles) == 1 and metadata.of(name) is None]
+    if not single or len(single) == len(series):
+        return series, []
+    shown = ", ".join(name[:40] for name in sorted(single)[:5]) + (", ..." if len(single) > 5 else "")
+    text = f"{len(single)} tags have one signal only and are no loops; they are left out: {shown}"
+    return {name: own for name, own in series.items() if name not in set(single)}, [Note("single_signals", text)]
+
+
 def _wanted(series: dict[str, LoopSeries], options: ReadOptions) -> list[str]:
     if not options.only_loops:
         return list(series)
@@ -155,15 +172,14 @@ def _wanted(series: dict[str, LoopSeries], options: ReadOptions) -> list[str]:
 
 def _unmatched(series: dict[str, LoopSeries], metadata: Metadata) -> list[Note]:
     used = {metadata.match(name) for name in series}
-    return [
-        Note(
-            "loop_not_found",
-            f"loop {name} of the loops file is not found in the data ({nearest(name, sorted(series))})",
-            {"loop": name},
-        )
-        for name in metadata.loops
-        if name not in used
-    ]
+    notes = []
+    for name, own in metadata.loops.items():
+        if name not in used:
+            tags = ", ".join(tag for role in ROLE_KEYS if isinstance(tag := own.values.get(role), str))
+            hint = f"its tags {tags} are not there" if tags else nearest(name, sorted(series))
+            text = f"loop {name} of the loops file is not found in the data ({hint})"
+            notes.append(Note("loop_not_found", text, {"loop": name}))
+    return notes
 
 
 def _failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:

@@ -34,6 +34,11 @@ class Axis:
         self._order: Ordered | None = None
         self._grid: Grid | None = None
 
+    def moved(self, micros: NDArray[np.int64], notes: list[Note]) -> Axis:
+        """Return the same rows with other stamps, and why."""
+        times = Times(micros, self.absolute, self.zoned, (*self.notes, *notes))
+        return Axis(times, self.where, self.first_line)
+
     def order(self, probe: NDArray[np.float64] | None = None) -> Ordered:
         """Return the stamps in time order; `probe` is a measured signal of these rows, used the first time."""
         if self._order is None:

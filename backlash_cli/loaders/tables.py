@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from .numbers import BLANK
 from .options import ReadOptions
 
 HEAD_SIZES = (256 << 10, 4 << 20, 32 << 20)
+_TWO_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # column names of two levels as pandas writes them
 MAX_COLUMNS = 100_000
 
 
@@ -37,6 +39,11 @@ class Table:
     notes: tuple[Note, ...] = ()
     partition: dict[str, str] = field(default_factory=dict)
     kinds: tuple[str, ...] = ()
+
+    def is_text(self, column: int) -> bool:
+        """Say whether a column holds text."""
+        kind = self.columns[column].type
+        return pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind)
 
     def kind(self, column: int) -> str:
         """What the first cells of a CSV column look like ("time", "clock", "number", "text"), "" for Parquet."""
@@ -85,7 +92,8 @@ def _read_parquet(path: Path) -> Table:
     for name, column in zip(table.column_names, table.columns, strict=True):
         if pa.types.is_nested(column.type):
             continue
-        names.append(name)
+        level = _TWO_LEVELS.match(name)
+        names.append(f"{level[1]}.{level[2]}" if level else name)
         columns.append(column)
     return Table(str(path), stem_of(path), tuple(names), tuple(columns))
 
