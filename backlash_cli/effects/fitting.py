@@ -53,12 +53,17 @@ class Fitting:
     linear: parameters in which the effect adds in proportion; they are solved for, not searched.
     phase: parameter that turns a linear swing, solved for together with the amplitude.
     propose: start values from the data; default are the `start` values of the parameters, in all combinations.
-    fixed: parameters that stay as proposed. dear: parameters picked from the whole record, such as the time of an
-    event or the period of a line: among so many places something always looks good. search: "smooth" parameters are refined by slopes only; "jumpy" ones
-    also by random trials, because the error has narrow valleys.
-    siblings: names of effects that look much alike. bounds: (measurement, parameters) -> lowest and highest true
-    value of each sample, for effects of the recorder. meaning: what it means in the plant, with {name} of parameters.
+    fixed: parameters that stay as proposed.
+    dear: parameters picked from the whole record, such as the time of an event or the period of a line: among so
+    many places something always looks good, so they cost more.
+    search: "smooth" parameters are refined by slopes only; "jumpy" ones also by random trials, because the error has
+    narrow valleys.
+    siblings: names of effects that look much alike.
+    bounds: (measurement, parameters) -> lowest and highest true value of each sample, for effects of the recorder.
+    meaning: what it means in the plant, with {name} of parameters.
     whole: (values, parameters) -> (samples,), a faster way to the same result as `step` over all samples.
+    on_loads: what loads add goes through this effect as well, as it does through a lag of the process, but not
+    through a delay on the way from the valve.
     """
 
     linear: tuple[str, ...] = ()
@@ -71,3 +76,4 @@ class Fitting:
     bounds: Interval | None = None
     meaning: str = ""
     whole: Whole | None = None
+    on_loads: bool = False

@@ -48,6 +48,7 @@ EFFECT = Effect(
     step=step,
     fitting=Fitting(
         propose=propose,
+        on_loads=True,
         siblings=("dead_time",),
         meaning="The process has a second lag of {tau2}, for example a thermowell, a heavy filter or the actuator. "
         "Derivative action or faster hardware helps.",

@@ -56,12 +56,14 @@ def matched(problem: Problem, model: Model, shape: Shape, plain: Tested) -> tupl
 
     def predict(s: Shape) -> tuple[FloatArray, float]:
         X = regressors(problem, s)
-        rest = problem.measurement - X @ c
-        own = X[:, 1 : 3 + len(problem.holes)]
+        known = np.concatenate([c, np.zeros(X.shape[1] - len(c))])
+        rest = problem.measurement - X @ known
+        # offset, start and holes belong to the record, not to the model
+        own = np.column_stack([X[:, 1 : 3 + len(problem.holes)], X[:, len(c) :]])
         small = 1e-6 * np.eye(own.shape[1])
         A = own[problem.used]
         more = np.linalg.solve(A.T @ A + small, A.T @ rest[problem.used])
-        predicted = X @ c + own @ more
+        predicted = X @ known + own @ more
         return predicted, float(np.sum((problem.measurement - predicted)[problem.used] ** 2))
 
     for place, part in enumerate(shape.parts):

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..effects import Stage
 from ..record import FloatArray
 from .free import Free, free_numbers, get, put
 from .noise import Noise, Whitener, fit_noise, whitener
-from .pipeline import Shape, load_regressors, moved_output, moved_process, regressors, spreads
+from .pipeline import Part, Shape, load_regressors, moved_output, moved_process, regressors, spreads
 from .problem import Problem
 from .response import whitened_gains
 
@@ -39,6 +40,11 @@ class Fit:
         return float(self.coefficients[0])
 
 
+def on_output(part: Part) -> bool:
+    """True for an effect that changes the moved output only, and no other column."""
+    return not part.is_linear and part.effect.stage != Stage.PROCESS
+
+
 class Solver:
     """Solves the linear numbers of many shapes under one noise, remembering the columns that stay the same."""
 
@@ -52,7 +58,9 @@ class Solver:
         self._cross = np.empty(0)
 
     def _use(self, shape: Shape) -> None:
-        key = (shape.lag, *[(p.effect.name, p.column, tuple(p.values.items())) for p in shape.parts if p.is_linear])
+        own = [p for p in shape.parts if not on_output(p)]
+        delay = shape.delay if self.problem.holes else 0.0
+        key = (shape.lag, delay, *[(p.effect.name, p.column, tuple(p.values.items())) for p in own])
         if key != self._key:
             self._key = key
             raw = load_regressors(self.problem, shape)
@@ -89,7 +97,7 @@ class Solver:
 
     def rss_of_many(self, shapes: Sequence[Shape]) -> list[float]:
         """Return the whitened sums of squares of shapes that share lag and delay; fast where the loads are the same."""
-        if not shapes or any(part.is_linear for part in shapes[0].parts[len(shapes[0].parts) - 1 :]):
+        if not shapes or any(self._differs(shapes[0], shape) for shape in shapes[1:2]):
             return [self.rss(shape) for shape in shapes]
         out: list[float] = []
         self._use(shapes[0])
@@ -105,6 +113,11 @@ class Solver:
             )
             out += (total - gains).tolist()
         return out
+
+    @staticmethod
+    def _differs(one: Shape, other: Shape) -> bool:
+        """True when two shapes differ in more than what moves the output."""
+        return [p for p in one.parts if not on_output(p)] != [p for p in other.parts if not on_output(p)]
 
     def rest(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened rest (samples,) of a shape."""

@@ -14,7 +14,8 @@ from .problem import Problem
 
 # a load behind the process forgets within about three lags, so that six lags hold one independent error
 LAGS_PER_STRETCH = 6.0
-MOST_STRETCHES = 150.0
+# a slow loop still gets weight enough that a model which does not predict cannot win
+LEAST_STRETCHES, MOST_STRETCHES = 60.0, 150.0
 
 
 def jumpy(effect: Effect) -> bool:
@@ -62,4 +63,5 @@ class Judge:
 def judge_for(problem: Problem, lag: float) -> Judge:
     """Return the judge of a loop whose process has about the time constant `lag` [s]."""
     stretches = problem.duration / (LAGS_PER_STRETCH * max(lag, problem.interval))
-    return Judge(float(np.log(np.count_nonzero(problem.used))), min(stretches, MOST_STRETCHES))
+    within = float(np.clip(stretches, LEAST_STRETCHES, MOST_STRETCHES))
+    return Judge(float(np.log(np.count_nonzero(problem.used))), within)

@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray
 
+# what wanders more slowly than this share of the record is no noise about a mean: it is a drift
+SLOWEST = 0.1
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -179,7 +182,7 @@ def fit_noise(error: FloatArray, used: NDArray[np.bool_], h: float, first: Noise
     """Return the noise of greatest likelihood for an error (samples,), searched from `first` (Nelder and Mead 1965)."""
     span = h * len(error)
     low = np.log([1e-3, 0.5 * h, 0.1 * h])
-    high = np.log([1e3, 2.0 * span, 0.3 * span])
+    high = np.log([1e3, SLOWEST * span, SLOWEST * span])
 
     def cost(x: FloatArray) -> float:
         y = np.clip(x, low, high)

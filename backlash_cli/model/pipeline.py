@@ -129,16 +129,32 @@ def moved_process(problem: Problem, shape: Shape) -> FloatArray:
 
 
 def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
-    """Return the other columns of the prediction, (samples, columns): 1, the forgotten start, holes, and loads."""
+    """Return the other columns of the prediction, (samples, columns): 1, the forgotten start, holes, and loads.
+
+    The first 2 + holes columns are the same for every shape; load columns follow in the order of the parts, and
+    last, for each further lag of the process, what it has to forget of its start.
+    """
     h, n = problem.interval, problem.samples
+    process = [part for part in shape.parts if part.effect.stage == Stage.PROCESS]
+    lags = [part for part in process if part.effect.fitting.on_loads]
+
+    def through(parts: Sequence[Part], signal: FloatArray, delay: float) -> FloatArray:
+        for part in parts:
+            signal = after(problem, part, signal)
+        return delayed_lag(signal, h, shape.lag, delay)
+
     columns = [np.ones(n), np.exp(-h / shape.lag * np.arange(n))]
     for hole in problem.holes:
         pulse = np.zeros(n)
         pulse[hole.first : hole.last] = 1.0
-        columns.append(delayed_lag(pulse, h, shape.lag, shape.delay))
+        columns.append(through(process, pulse, shape.delay))
     for part in shape.parts:
         if part.is_linear:
-            columns += [delayed_lag(c, h, shape.lag, 0.0) for c in load_columns(problem, part)]
+            columns += [through(lags, c, 0.0) for c in load_columns(problem, part)]
+    if lags:
+        kick = np.zeros(n)
+        kick[1 : 1 + max(int(shape.lag / h), 1)] = 1.0
+        columns += [through([lag], kick, 0.0) for lag in lags]
     return np.column_stack(columns)
 
 

@@ -7,15 +7,17 @@ from dataclasses import dataclass
 
 from ..effects import Effect
 from .candidates import candidate, table
-from .fit import Fit, fit
+from .fit import Fit, Solver, descend, finished, fit, refit_noise
 from .judge import Judge, judge_for, jumpy
-from .noise import Noise
+from .noise import Noise, whitener
 from .pipeline import Shape
 from .problem import Problem
 
 # gain in score that an effect must bring; see tests/benchmarks/explain_thresholds.py for loops without any effect
 ENOUGH = 20.0
 MOST_EFFECTS = 4
+# without an effect that is worth telling, the error of prediction is at least this many times larger
+WORTH_TELLING = 1.08
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,20 +41,23 @@ class Found:
 def baseline(problem: Problem) -> Fit:
     """Fit gain, lag and offset, plus the dead time of the settings where they give one."""
     delay = problem.delay or 0.0
-    best: Fit | None = None
     guess = problem.settings.Ti or problem.duration / 60.0
+    found = []
     for share in (1.0, 0.25, 4.0):
         lag = min(max(share * guess, problem.interval), problem.duration / 10.0)
-        found = fit(problem, Shape(lag, delay), Noise(1.0, 3.0 * lag, lag))
-        if best is None or found.deviance < best.deviance:
-            best = found
-    assert best is not None
-    return best
+        noise = Noise(1.0, 3.0 * lag, lag)
+        found.append(fit(problem, Shape(lag, delay), noise))
+        # a wandering load can hide that the model is poor: start from the smallest error, too
+        loose = Noise(1e-3, noise.slow, noise.fast)
+        shape = descend(Solver(problem, whitener(loose, problem.used, problem.interval)), Shape(lag, delay))
+        found.append(fit(problem, shape, refit_noise(problem, shape, loose, noise)))
+    judge = judge_for(problem, min(f.shape.lag for f in found))
+    return judge.best(found)
 
 
 def search(problem: Problem, effects: Sequence[Effect], start: Fit, *, seed: int = 0) -> Found:
     """Add effects to `start` while each brings enough, then improve and prune."""
-    judge = judge_for(problem, start.shape.lag)
+    judge = judge_for(problem, min(start.shape.lag, problem.settings.Ti or start.shape.lag))
     now = start
     first: dict[str, Fit] = {}
     while len(now.shape.parts) < MOST_EFFECTS:
@@ -95,6 +100,18 @@ def prune(problem: Problem, judge: Judge, now: Fit, start: Fit) -> tuple[Fit, di
             name: fit(problem, now.shape.without(name), now.noise) for name in now.shape.names if name not in kept
         }
         worth = {name: judge.score(less) - judge.score(now) for name, less in without.items()}
-        if not worth or min(worth.values()) >= ENOUGH:
+        if worth and min(worth.values()) < ENOUGH:
+            now = without[min(worth, key=lambda name: worth[name])]
+            continue
+        best = least_error(problem, now)
+        lower = {name: least_error(problem, less) / best for name, less in without.items()}
+        if not lower or min(lower.values()) >= WORTH_TELLING:
             return now, without
-        now = without[min(worth, key=lambda name: worth[name])]
+        now = without[min(lower, key=lambda name: lower[name])]
+
+
+def least_error(problem: Problem, fitted: Fit) -> float:
+    """Return the smallest error that the shape of a fit can reach by least squares."""
+    noise = Noise(1e-3, fitted.noise.slow, fitted.noise.fast)
+    shape = descend(Solver(problem, whitener(noise, problem.used, problem.interval)), fitted.shape, rounds=3)
+    return finished(problem, shape, noise).rmse
