@@ -1,7 +1,8 @@
 """Which valves to pull at the next shutdown and which to leave alone; every place says why, in words.
 
 The rule. First the group:
-1. pull: even the lower end of the interval of the present dead band is above the limit, and the nights agree;
+1. pull: even the lower end of the interval of the present dead band is above the limit, and at least three nights
+   agree;
 2. pull if there is room: above the limit without being sure of it, or the limit is reached before the horizon;
 3. watch: growing, or above 70 % of the limit, or too few nights since a repair to say;
 4. leave alone: below the limit, not growing, or nights without any dead band;
@@ -24,6 +25,7 @@ from .trend import percent
 
 HORIZON = 90.0  # days ahead that count as "until the next shutdown" unless given
 AGREE = 0.5
+ENOUGH = 3  # nights with a size that a valve is pulled for
 NEAR = 0.7
 RECENT = 14  # nights that stand for the present
 
@@ -83,7 +85,8 @@ def _action(f: _Facts, horizon: float) -> str:
         return "leave" if f.silent and f.silent >= 0.5 * f.recent else "check"
     if f.silent > 0.5 * f.recent:
         return "watch" if now.level > f.wear.limit.value else "leave"
-    if now.level_ci95 and now.level_ci95[0] > f.wear.limit.value and f.confidence >= AGREE:
+    sure = now.level_ci95 is not None and now.level_ci95[0] > f.wear.limit.value
+    if sure and f.confidence >= AGREE and now.nights >= ENOUGH:
         return "pull"
     if now.level > f.wear.limit.value or (f.days_left is not None and f.days_left <= horizon):
         return "room"
@@ -141,7 +144,8 @@ def _why(f: _Facts, action: str, factor: float, horizon: float) -> tuple[str, ..
 def _trend_words(f: _Facts, horizon: float) -> str:
     wear, now = f.wear, f.wear.current
     if wear.state == "too_few_nights":
-        return "Too few nights for a trend."
+        nights = now.nights + now.below if now is not None else 0
+        return f"Only {nights} night{'s' * (nights != 1)} since the last repair or start: too few for a trend."
     if wear.limit_date is None or now is None or now.slope is None:
         return "No trend: it is not getting worse for sure."
     rate = f"Grows by {percent(30 * now.slope)} of span a month"

@@ -28,11 +28,12 @@ def test_every_group_has_its_kind_of_loop():
         "BLIND": [made(k, None, verdict=Verdict.CANNOT_TELL, lod=None) for k in range(30)],
         "SLOW": growing(30, first=0.005, last=0.006, noise=0.005),
         "DOUBT": [made(k, 0.05, confidence=0.3) for k in range(30)], "NEW": [made(k, 0.02) for k in range(3)],
+        "FIRST": [made(0, 0.08)],
     })
     assert {name: p.action for name, p in found.items()} == {
         "SURE": "pull", "DOUBT": "room", "GROWS": "room", "HIGH": "watch", "SLOW": "watch", "NEW": "watch",
-        "LOW": "leave", "QUIET": "leave", "BLIND": "check"}
-    assert found["SURE"].rank == 1 and found["BLIND"].rank == 9
+        "FIRST": "room", "LOW": "leave", "QUIET": "leave", "BLIND": "check"}
+    assert found["SURE"].rank == 1 and found["BLIND"].rank == 10
     assert all(p.why and all(words.endswith(".") for words in p.why) for p in found.values())
     assert "1.6 times the limit of 3 % (rule of practice)" in found["SURE"].why[0]
     assert any("reaches the limit about" in words for words in found["GROWS"].why)
