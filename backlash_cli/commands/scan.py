@@ -32,6 +32,8 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
               "page per loop, for many loops.")
 @click.option("--table", metavar="NAME", default="loops",
               help="For csv and parquet: loops (a row per loop) or estimates (a row per half period).")
+@click.option("--plot", metavar="DIR", type=click.Path(path_type=Path),
+              help="Also draw a picture (PNG) of each loop's evidence into this folder.")
 @click.option("--history", metavar="DB", type=click.Path(path_type=Path),
               help="Also add the result to this history (one SQLite file), made where it does not exist. Scanning the "
               "same data again changes nothing.")
@@ -47,8 +49,8 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
               help="Say only what went wrong: no progress, and no table unless --format asks for it.")
 @reading_options
 def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], form: str | None, output: Path | None,
-         table: str, history: Path | None, fail_on: tuple[str, ...], no_confirm: bool, jobs: int | None,
-         verbose: bool, quiet: bool, reading: ReadOptions) -> int:
+         table: str, plot: Path | None, history: Path | None, fail_on: tuple[str, ...], no_confirm: bool,
+         jobs: int | None, verbose: bool, quiet: bool, reading: ReadOptions) -> int:
     """Find dead band in every loop of an export and say how much, how sure, and what to do.
 
     INPUT is one or more CSV or Parquet files, or folders of them; together they are one plant.
@@ -70,6 +72,8 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], fo
         _remember(result, history, inputs, loops, reading, confirm=not no_confirm, jobs=jobs, quiet=quiet)
     if not (quiet and form is None):
         _deliver(result, plant, form or "table", output, table, verbose=verbose, quiet=quiet)
+    if plot is not None:
+        _draw(result, plant, plot, quiet=quiet)
     wrong = _wrong(result)
     if quiet or output is not None or form not in (None, "table"):
         for message in wrong:
@@ -128,3 +132,12 @@ def _deliver(result: ScanResult, plant: Plant, form: str, output: Path | None, t
         write(result, plant.records, form, output, table, verbose=verbose, step=step)
     if not quiet:
         say(f"{len(result.loops)} loop{'s' * (len(result.loops) != 1)} scanned, {form} written to {output}")
+
+
+def _draw(result: ScanResult, plant: Plant, folder: Path, *, quiet: bool) -> None:
+    from ..reporter.delivery import draw
+
+    with progress("drawing", len(plant), shown=not quiet) as step:
+        count = draw(result, plant, folder, step)
+    if not quiet:
+        say(f"{count} picture{'s' * (count != 1)} written to {folder}")

@@ -8,7 +8,8 @@ from pathlib import Path
 from ..errors import UsageError
 from ..record import Record
 from ..results import ScanResult
-from .files import replacing, write_text
+from .files import make_folder, replacing, write_text
+from .safe import file_names
 
 _SUFFIXES = {".json": "json", ".csv": "csv", ".parquet": "parquet", ".html": "html", ".htm": "html", ".txt": "table"}
 
@@ -55,6 +56,25 @@ def render(
     from .text import to_text
 
     return to_text(result, verbose=verbose, colour=colour)
+
+
+def draw(
+    result: ScanResult, records: Iterable[Record], folder: Path, step: Callable[[], None] = lambda: None
+) -> int:
+    """Draw a picture (PNG) of each loop's evidence into `folder`, made if need be; return how many.
+
+    Loops that could not be read have no record and no picture. Raises BacklashError when the place cannot be written.
+    """
+    from .pictures import draw_loop
+
+    make_folder(folder)
+    known = {r.loop: r for r in records if len(r)}
+    names = file_names(known)
+    reports = [r for r in result.loops if r.loop in known]
+    for r in reports:
+        draw_loop(known[r.loop], r, folder, name=names[r.loop])
+        step()
+    return len(reports)
 
 
 def write(

@@ -78,6 +78,17 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise BacklashError(f"cannot write: {what}", where=str(path), remedy=remedy, code="cannot_write") from error
 
 
+def make_folder(path: str | os.PathLike[str]) -> None:
+    """Make a folder, and those above it, where they do not exist. Raises BacklashError when that is not possible."""
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BacklashError(
+            f"cannot make the folder: {error.strerror}", where=str(path), remedy="choose another place",
+            code="cannot_write",
+        ) from error
+
+
 def _mode(target: Path) -> int | None:
     """Type and rights of `target`, None where there is nothing yet."""
     try:

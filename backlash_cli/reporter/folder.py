@@ -8,8 +8,7 @@ import shutil
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from ..errors import BacklashError
-from .files import write_text
+from .files import make_folder, write_text
 from .page import plotly_script
 
 _PAGES = re.compile(r"loops-[0-9a-f]{12}")
@@ -25,11 +24,7 @@ def write_pages(folder: Path, mark: str, pages: Iterable[tuple[str, str]],
     """
     subfolder = folder / f"loops-{mark}"
     previous = _pages_of(folder / "index.html")
-    try:
-        subfolder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BacklashError(f"cannot make the folder: {error.strerror}", where=str(folder),
-                            remedy="choose another with --output", code="cannot_write") from error
+    make_folder(subfolder)
     try:
         write_text(subfolder / "plotly.js", plotly_script())
         for name, text in pages:

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import re
-import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from .._version import __version__
-from ..errors import BacklashError
 from ..record import Record
 from ..results import LoopReport, ScanResult
-from .files import write_text
+from .folder import links_to, write_pages
 from .loop_page import loop_sections, note_table
-from .page import Cell, Section, Table, page, plotly_script
+from .page import Cell, Section, Table, page
 from .safe import file_names, shorten
 from .words import MARKS, VERDICTS, advice, by_size, interval, moment, percent, size
 
 DRAWN = 60  # loops with figures in a single file; a folder has no limit
-_PAGES = re.compile(r"loops-[0-9a-f]{12}")
 _TITLE = "Dead band report"
 
 
@@ -53,47 +48,24 @@ def write_folder(
 ) -> None:
     """Write index.html and a page per loop, which is loaded when it is opened; `step` is called after each page.
 
-    The pages of a run stand in their own subfolder and index.html is replaced last, in one step: until then the old
-    report is whole. Pages of older runs, except those of the report just replaced, are removed at the end.
+    The old report is whole until the new one is; see `write_pages`.
     """
     reports = by_size(result.loops)
     names = file_names(r.loop for r in reports)
     mark = hashlib.sha256(repr((__version__, result)).encode("utf-8", "backslashreplace")).hexdigest()[:12]
-    pages = folder / f"loops-{mark}"
-    previous = _pages_of(folder / "index.html")
-    try:
-        pages.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BacklashError(
-            f"cannot make the folder: {error.strerror}", where=str(folder), remedy="choose another with --output",
-            code="cannot_write",
-        ) from error
-    try:
-        write_text(pages / "plotly.js", plotly_script())
+
+    def pages() -> Iterator[tuple[str, str]]:
         for r in reports:
-            body = page(
+            yield names[r.loop], page(
                 shorten(r.loop, 120), loop_sections(r, records.get(r.loop)), subtitle=_brief(r),
                 plotly_file="plotly.js", back=("../index.html", "All loops"),
             )
-            write_text(pages / f"{names[r.loop]}.html", body)
             step()
-        links = {loop: f"{pages.name}/{name}.html" for loop, name in names.items()}
-        write_text(folder / "index.html", page(_TITLE, _overview(result, reports, links), subtitle=_subtitle(result)))
-    except BaseException:
-        if pages.name != previous:
-            shutil.rmtree(pages, ignore_errors=True)
-        raise
-    for old in folder.iterdir():
-        if _PAGES.fullmatch(old.name) and old.name not in (pages.name, previous):
-            shutil.rmtree(old, ignore_errors=True)
 
+    def index(subfolder: str) -> str:
+        return page(_TITLE, _overview(result, reports, links_to(names, subfolder)), subtitle=_subtitle(result))
 
-def _pages_of(index: Path) -> str:
-    """Name of the subfolder that the present index.html points to, empty if there is none."""
-    with contextlib.suppress(OSError, ValueError):
-        found = _PAGES.search(index.read_text("utf-8"))
-        return found.group() if found else ""
-    return ""
+    write_pages(folder, mark, pages(), index)
 
 
 def _subtitle(result: ScanResult) -> str:

@@ -63,6 +63,13 @@ def test_html_to_a_file_and_to_a_folder(capfd, plant, tmp_path):
     assert len(list((tmp_path / "pages").rglob("*.html"))) == 1 + len(TRUTH)
 
 
+def test_a_picture_per_loop(capfd, plant, tmp_path):
+    done = run(capfd, "scan", plant, "--loop", "FIC*", "--plot", tmp_path / "new" / "pictures")
+    assert done.status == 0 and "1 picture written" in done.err and "FIC101" in done.out
+    assert (tmp_path / "new" / "pictures" / "FIC101.png").read_bytes().startswith(b"\x89PNG")
+    assert run(capfd, "scan", plant, "--plot", plant / "x").status == 2
+
+
 @pytest.mark.parametrize(
     ("rule", "status"),
     [("backlash", 1), ("any", 1), ("suspected", 1), ("d>0.03", 1), ("d>3%", 1), ("d>20%", 0), ("error,d>1%", 1)],
