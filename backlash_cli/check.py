@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from .errors import BacklashError
-from .estimator.diagnosis import Diagnosis, diagnose
+from .estimator.diagnosis import WORDS, Diagnosis, diagnose
 from .estimator.identify import identify
 from .estimator.quality import Quality, data_quality
 from .estimator.settings_check import check_settings
@@ -66,6 +66,8 @@ class LoopCheck:
             return f"a dead band can be suspected at most: {self.quality.notes[0].message}"
         for note in self.settings_notes:
             return f"fit for a verdict, but: {note.message}"
+        if self.diagnosis is not None:
+            return f"fit for a verdict, but the loop oscillates; it {WORDS[self.diagnosis.kind]}"
         return "fit for a verdict"
 
     def _blocking(self) -> list[Note]:

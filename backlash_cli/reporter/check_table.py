@@ -74,7 +74,7 @@ def _table(loops: Sequence[LoopCheck]) -> Table:
     table.add_column("Data", no_wrap=True)
     for name in ("Per Ti", "Usable", "K given", "K found", "Ti given", "Ti found"):
         table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("What it means", ratio=1, overflow="fold")
+    table.add_column("Noted", ratio=1, overflow="fold")
     for loop in loops:
         quality, found, settings = loop.quality, _found(loop), loop.settings
         table.add_row(
@@ -86,16 +86,22 @@ def _table(loops: Sequence[LoopCheck]) -> Table:
             "" if found is None else f"{found.K.value:.3g}",
             "" if settings.Ti is None else f"{settings.Ti:.4g}",
             "" if found is None else f"{found.Ti.value:.3g}",
-            Text(terminal(loop.meaning, 300)),
+            Text(_noted(loop)),
         )
     return table
 
 
+def _noted(loop: LoopCheck) -> str:
+    """The codes of what was found, each once."""
+    return ", ".join(dict.fromkeys(note.code for note in _findings(loop)))
+
+
 def _details(console: Console, loop: LoopCheck, verbose: bool) -> None:
     shown = [note for note in _findings(loop) if verbose or note.message not in loop.meaning]
-    if not shown and not verbose:
+    if not shown and not verbose and loop.effect == "none":
         return
-    console.print(Text(f"\n{terminal(loop.loop, 60)}", style="bold"))
+    heading = Text(f"\n{terminal(loop.loop, 60)}", style="bold")
+    console.print(heading + Text(f": {terminal(loop.meaning, 600)}", style="not bold"))
     for note in shown:
         console.print(Text(f"  {note.code}: {terminal(note.message)}"))
     if not verbose:
