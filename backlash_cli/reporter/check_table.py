@@ -98,7 +98,7 @@ def _noted(loop: LoopCheck) -> str:
 
 def _details(console: Console, loop: LoopCheck, verbose: bool) -> None:
     shown = [note for note in _findings(loop) if verbose or note.message not in loop.meaning]
-    if not shown and not verbose and loop.effect == "none":
+    if not shown and not verbose and loop.meaning == "fit for a verdict":
         return
     heading = Text(f"\n{terminal(loop.loop, 60)}", style="bold")
     console.print(heading + Text(f": {terminal(loop.meaning, 600)}", style="not bold"))
