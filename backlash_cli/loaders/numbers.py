@@ -66,13 +66,21 @@ def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[NDArray[np.int6
             return np.zeros(0, np.int64), []
     indices = column.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int64)
     words = _as_text(column.dictionary)
-    texts = words.fill_null("").to_pylist()
+    texts = _decoded(words.fill_null(""))
     empty = [i for i, text in enumerate(texts) if not text or text in BLANK or text.isspace()]
     if empty:
         keep = np.ones(len(texts) + 1, bool)
         keep[empty] = False
         indices = np.where(keep[indices], indices, -1)
     return indices, texts
+
+
+def _decoded(words: pa.Array) -> list[str]:
+    try:
+        return words.to_pylist()
+    except UnicodeDecodeError:  # a damaged Parquet file
+        raw = words.cast(pa.large_binary() if pa.types.is_large_string(words.type) else pa.binary())
+        return [word.decode("utf-8", errors="replace") for word in raw.to_pylist()]
 
 
 def _as_text(column: pa.ChunkedArray | pa.Array) -> pa.ChunkedArray | pa.Array:

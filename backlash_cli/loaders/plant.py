@@ -8,6 +8,8 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 from os import PathLike, fspath
 
+from pyarrow.lib import ArrowException
+
 from ..errors import BacklashError, InputError, LoopError, UsageError, nearest
 from ..record import Note, Record
 from .clean import build_record
@@ -86,7 +88,8 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | None = None, options: R
             table = read_table(source.path, options, source.partition)
             found += series_of(table, options)
             warnings += table.notes
-        except (InputError, LoopError) as error:
+        except (BacklashError, ArrowException, UnicodeError, OverflowError, MemoryError) as caught:
+            error = caught if isinstance(caught, BacklashError) else _unreadable(caught, str(source.path))
             first_problem = first_problem or error
             failures.append(_failure(error, file=str(source.path)))
     if not found:
@@ -180,6 +183,11 @@ def _unmatched(series: dict[str, LoopSeries], metadata: Metadata) -> list[Note]:
             text = f"loop {name} of the loops file is not found in the data ({hint})"
             notes.append(Note("loop_not_found", text, {"loop": name}))
     return notes
+
+
+def _unreadable(error: BaseException, where: str) -> InputError:
+    text = str(error).strip().split("\n")[0][:200] or type(error).__name__
+    return InputError(f"damaged or not understood: {text}", where=where, remedy="export the file again")
 
 
 def _failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:
