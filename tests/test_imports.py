@@ -33,9 +33,13 @@ ALLOWED = {
     "loaders": set(),
     "reporter": set(),
     "history": {"estimator", "filters", "segmenter", "scan"},
+    "compensate": {"estimator", "scan", "simulator"},
     "engines": {"loaders", "scan", "model", "simulator", "history", "reporter"},
     "api": {"engines", "loaders", "scan", "model", "simulator", "history", "reporter"},
-    "commands": {"api", "engines", "loaders", "scan", "model", "simulator", "effects", "history", "reporter", "check"},
+    "commands": {
+        "api", "check", "compensate", "engines", "loaders", "scan", "estimator", "model", "simulator", "effects", "history",
+        "reporter",
+    },
     "__main__": {"commands", "reporter"},
     "__init__": {"api", "loaders", "scan", "model", "simulator", "effects", "reporter", "history"},
 }
