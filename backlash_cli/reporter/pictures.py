@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 SIZE = (13.0, 8.6)  # inches
 DPI = 110
+SIZES = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # per cent, labelled on the axis of sizes
 POINTS = 150  # of the close look in the plane
 FALLING = "#5b7f95"
 
@@ -182,6 +183,10 @@ def _evidence(axes: Axes, report: LoopReport) -> None:
         if report.cluster is not None:
             words = f"half periods: {percent(report.cluster.d)}"
             axes.axvline(100 * report.cluster.d, color="black", linestyle=":", linewidth=1.2, label=words)
+        limit = confirmation.limit_of_detection
+        if limit is not None and size.min() < limit <= confirmation.d:
+            axes.axvspan(100 * size.min(), 100 * limit, color=QUIET, alpha=0.15, linewidth=0, label="too small to see")
+        axes.set_xticks([s for s in SIZES if 100 * size.min() <= s <= 100 * size.max()])
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter("")
     else:

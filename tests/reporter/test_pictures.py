@@ -82,6 +82,15 @@ def test_without_output_or_confirmation_the_estimates_are_the_evidence() -> None
     assert "estimates from the half periods" in said and "PV against OP" not in said
 
 
+def test_what_is_too_small_to_see_is_shaded_below_the_size_found() -> None:
+    found = report().confirmation
+    assert found is not None
+    below = replace(report(), confirmation=replace(found, limit_of_detection=0.01))
+    assert "too small to see" in texts(loop_figure(record(), below))
+    above = replace(report(), confirmation=replace(found, limit_of_detection=0.05))
+    assert "too small to see" not in texts(loop_figure(record(), above))
+
+
 def test_without_estimates_the_trend_is_still_drawn() -> None:
     bare = LoopReport("FIC101", Verdict.CANNOT_TELL)
     said = texts(loop_figure(record(), bare))
