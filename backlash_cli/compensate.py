@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .errors import LoopError
 from .estimator.compensator import HYSTERESIS, gain_share
-from .record import LoopSettings, Note, Record
-from .results import LoopReport
+from .record import Note, Record
+from .results import LoopReport, Verdict
 from .results.compensation import CompensationStudy, ProcessModel
 from .scan import scan
 from .simulator.compensation import Study, noise_gains, study
@@ -16,6 +18,7 @@ from .simulator.process import Process
 from .simulator.process_fit import fit_process
 from .simulator.record_noise import noise_density, typical_load
 
+CLEARLY = 8.0  # difference of -2 log likelihood: 4 nats, one in fifty by chance
 LEAST_MARGIN = 1.4  # gain margin below which a fitted process cannot be the one of a loop that works
 
 
@@ -34,8 +37,20 @@ def compensate(
                         code="missing_settings")
     d, interval, d_source = size_of(report, dead_band)
     controller = Controller(settings.K, settings.Ti, settings.Td, settings.Tf)
-    known = record if record.settings.K else _with(record, settings)
+    known = replace(record, settings=settings)
     model, warnings = model_of(known, controller, d, process)
+    if (smaller := contradiction(model)) is not None:
+        if smaller[1] == 0.0:
+            raise LoopError(f"the record fits better without any dead band than with {100 * d:.2f} %",
+                            where=record.loop, code="no_dead_band",
+                            remedy="take a later record, or test the valve: there is nothing to compensate here")
+        warnings = (*warnings, Note("smaller_dead_band", f"the record fits a dead band of {100 * smaller[1]:.2f} % "
+                                    f"clearly better than {100 * d:.2f} %; the smaller one is used"))
+        d, interval = smaller[1], (min(smaller[0], interval[0]), smaller[1])
+        model, more = model_of(known, controller, d, None)
+        warnings = (*warnings, *more)
+    if d_source == "scan" and report.verdict is Verdict.SUSPECTED:
+        warnings = (*warnings, Note("suspected", "the scan only suspects backlash; confirm it by a valve test first"))
     simulated = process or Process(model.gain, model.lags, model.dead_time)
     if simulated.gain * controller.K < 0.0:
         raise LoopError(f"K = {controller.K:g} and the process gain {simulated.gain:g} make positive feedback",
@@ -55,9 +70,9 @@ def size_of(report: LoopReport, given: float | None) -> tuple[float, tuple[float
     if given is not None:
         return given, (given, given), "given"
     found = report.confirmation or report.cluster
-    if found is None or found.d <= 0.0:
+    if found is None or found.d <= 0.0 or report.verdict not in (Verdict.BACKLASH, Verdict.SUSPECTED):
         reason = report.reasons[0].message if report.reasons else "no half period could be used"
-        raise LoopError(f"the scan found no dead band ({report.verdict}: {reason})", where=report.loop,
+        raise LoopError(f"the scan does not see backlash ({report.verdict}: {reason})", where=report.loop,
                         remedy="give one from a valve test with --dead-band 0.03 (3 % of the output span)",
                         code="no_dead_band")
     return found.d, (min(found.ci95[0], found.d), max(found.ci95[1], found.d)), "scan"
@@ -77,7 +92,17 @@ def model_of(
     gain = model.gain * margin / LEAST_MARGIN
     note = Note("fit_lowered", f"with the fitted process gain {model.gain:.3g} the loop would be (almost) unstable, "
                 f"which it is not; {gain:.3g} is used. --process gives a better one")
-    return ProcessModel(gain, model.lags, model.dead_time, source=model.source, evidence=model.evidence), (note,)
+    return replace(model, gain=gain), (note,)
+
+
+def contradiction(model: ProcessModel) -> tuple[float, float] | None:
+    """Return the low end and the best size of a dead band that fits the record clearly better, None if none does."""
+    if not model.profile:
+        return None
+    best = max(model.profile, key=lambda p: p[1])
+    if best[1] - model.profile[-1][1] <= CLEARLY:
+        return None
+    return min(d for d, evidence in model.profile if evidence >= best[1] - CLEARLY), best[0]
 
 
 def gain_margin(controller: Controller, process: Process) -> float:
@@ -87,9 +112,3 @@ def gain_margin(controller: Controller, process: Process) -> float:
     loop = controller.response(omega) * process.response(omega)
     down = np.flatnonzero((loop.imag[:-1] < 0.0) & (loop.imag[1:] >= 0.0) & (loop.real[1:] < 0.0))
     return float(1.0 / np.max(-loop.real[down + 1])) if len(down) else float("inf")
-
-
-def _with(record: Record, settings: LoopSettings) -> Record:
-    from dataclasses import replace
-
-    return replace(record, settings=settings)

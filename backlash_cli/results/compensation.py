@@ -13,6 +13,7 @@ class ProcessModel:
     """The process that was simulated: gain [measurement span / output span], lags and dead time [s].
 
     source: "given" or "fitted". evidence: fall of -2 log likelihood that the fitted process brings, None if given.
+    profile: (dead band, evidence) pairs for smaller dead bands, the same process.
     """
 
     gain: float
@@ -21,6 +22,7 @@ class ProcessModel:
     integrating: bool = False
     source: str = "given"
     evidence: float | None = None
+    profile: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,8 @@ def study(
     runs = {gain: trace(with_gain(scenario, s, gain)) for gain in sorted(gains)}
     trials = {gain: judge(run, s, gain) for gain, run in runs.items()}
     recommended, reason, refusals = choose(s, trials)
-    shown = tuple(trials[gain] for gain in sorted(trials))
+    listed = {0.0, *(share * s.d for share in SHARES), *([recommended, MARGIN * recommended] if recommended else [])}
+    shown = tuple(trials[gain] for gain in sorted(listed))
     spell = glimpse_window(scenario)
     return CompensationStudy(
         loop=loop,

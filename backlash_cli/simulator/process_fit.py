@@ -27,7 +27,9 @@ LAGS = np.geomspace(0.05, 40.0, 22)  # first lag, in integral times
 SECOND = (0.0, 0.3, 1.0)  # second lag, as a share of the first
 DELAYS = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0)  # dead time, in integral times
 INTEGRATING = 0.8 * LAGS[-1]  # lag in integral times from which on only the ratio of gain to lag matters
+SHORTEST = 0.3  # lag in decimated samples; shorter ones look alike
 SHOCK = 2.5  # standard deviations beyond which a sample counts less
+SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of the dead band, tried with the fitted process
 LEAST_EVIDENCE = 10.0  # fall of -2 log likelihood below which OP is not seen in PV at all
 
 
@@ -97,7 +99,8 @@ def fit_process(record: Record, d: float, known_gain: float | None = None) -> Pr
             "with --process K=..,T=..,L=..", code="integrating",
         )
     lags = (best.lag, best.second) if best.second > 0.0 else (best.lag,)
-    return ProcessModel(gain, lags, best.delay, source="fitted", evidence=evidence)
+    profile = tuple((share * d, match(decimated(record, share * d), best, whitening, sought)[0]) for share in SHARES)
+    return ProcessModel(gain, lags, best.delay, source="fitted", evidence=evidence, profile=profile)
 
 
 def decimated(record: Record, d: float) -> Decimated:
@@ -176,8 +179,8 @@ def search(data: Decimated, whitening: FloatArray, Ti: float, sought: Sought) ->
     weight = shock_weights(y)
     best, most = Shape(Ti, 0.0, 0.0), 0.0
     for lag, share in product(LAGS * Ti, SECOND):
-        if lag < 0.4 * data.interval:
-            continue  # lags shorter than half a block look alike
+        if lag < SHORTEST * data.interval:
+            continue
         prompt = whitened(data, lagged(data, lag, share * lag), whitening)
         for delay in np.multiply(DELAYS, Ti):
             g = weight * late(data, prompt, delay)
@@ -193,7 +196,8 @@ def match(data: Decimated, shape: Shape, whitening: FloatArray, sought: Sought) 
     """Return the evidence for one shape, a fall of -2 log likelihood, and its gain; robust against shocks."""
     y = whitened(data, data.y, whitening)
     g = late(data, whitened(data, lagged(data, shape.lag, shape.second), whitening), shape.delay)
-    weight, gain = np.ones(len(y)), 0.0
+    weight: FloatArray = np.ones(len(y))
+    gain = 0.0
     for _ in range(3):
         gain = sought.gain_of(float(np.sum(weight * g * y)), float(np.sum(weight * g * g)))
         weight = shock_weights(y - gain * g)
@@ -236,7 +240,7 @@ def white_filter(rest: FloatArray) -> FloatArray:
     for _ in range(2):
         gram = (rows * weight[:, None]).T @ rows
         gram[np.diag_indices(ORDER)] += 1e-9 * np.trace(gram) / ORDER + 1e-300
-        a = np.linalg.solve(gram, (rows * weight[:, None]).T @ target)
+        a = np.asarray(np.linalg.solve(gram, (rows * weight[:, None]).T @ target), dtype=np.float64)
         weight = shock_weights(target - rows @ a)
     return np.concatenate([[1.0], -a])
 
@@ -247,7 +251,8 @@ def refine(data: Decimated, start: Shape, whitening: FloatArray, sought: Sought)
 
     def shape_of(p: FloatArray) -> Shape:
         second = start.lag * np.exp(p[1]) if start.second > 0.0 else 0.0
-        return Shape(float(start.lag * np.exp(p[0])), float(second), float(max(p[2], 0.0) * data.interval))
+        lag = max(start.lag * np.exp(p[0]), SHORTEST * data.interval)
+        return Shape(float(lag), float(second), float(max(p[2], 0.0) * data.interval))
 
     first = np.array([0.0, np.log(max(start.second, 1e-9) / start.lag), start.delay / data.interval])
     reach = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.7]])

@@ -82,3 +82,21 @@ def _number(value: str, name: str) -> float:
         return float(text)
     except ValueError:
         raise MetadataError(f"{name} = '{value}' is not a number", where=WHERE, remedy=REMEDY) from None
+
+
+def parse_dead_band(text: str) -> float:
+    """Return a dead band in spans of the output from `0.03` or `3%`.
+
+    Raises MetadataError for what is no number or not between 0 and half of the span.
+
+    >>> parse_dead_band("0.03"), parse_dead_band("3 %")
+    (0.03, 0.03)
+    """
+    remedy = "0.03 or 3% is 3 % of the output span"
+    try:
+        size = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+    except ValueError:
+        raise MetadataError(f"'{text}' is not a size", where="--dead-band", remedy=remedy) from None
+    if not 0.0 < size <= 0.5:
+        raise MetadataError(f"{text} is not possible", where="--dead-band", remedy=f"above 0, at most 0.5; {remedy}")
+    return size
