@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -13,25 +14,66 @@ GROUPS = 20  # at most so many leave-one-out groups of windows for the scatter
 
 
 @dataclass(frozen=True)
+class LawForm:
+    """What a fit assumes: its terms, shift [rows] and phase (see law_sums), window and settling time [rows]."""
+
+    terms: tuple[int, ...]
+    window: int
+    settle: int
+    shift: int = 0
+    phase: float = 0.0
+
+
+@dataclass(frozen=True)
 class LawFit:
     """One fit of u = K(-yf - Td dyf/dt + b ysp) + K/Ti integral(ysp - yf), with one offset per window.
 
-    values: (terms,) coefficients of `form.terms`. scatter: (groups, terms) leave-one-group-out coefficients.
-    residuals: (windows,) sum of squares left in each window. unexplained: share of the output's variance
-    that is left. attenuation: partial r2 of the P part, by which noise in the
-    measurement could have lowered K at most (direct over reverse regression).
-    one_frequency: share of the derivative that the other terms explain; near 1 for a single sine, where a filter
-    cannot be told from integral action. filter_time: Tf [s].
+    values: (terms,) coefficients of `form.terms`. residuals: (windows,) sum of squares left in each window.
+    unexplained: share of the output's variance that is left. filter_time: Tf [s]. weights: (windows,) of the fit;
+    sums: (windows, 5, 5) sums of products it rests on, see law_sums.
     """
 
     form: LawForm
     values: FloatArray
-    scatter: FloatArray
     residuals: FloatArray
     unexplained: float
-    attenuation: float
-    one_frequency: float
     filter_time: float
+    weights: FloatArray
+    sums: FloatArray
+
+    @cached_property
+    def scatter(self) -> FloatArray:
+        """(groups, terms) coefficients with one group of consecutive windows left out each time (jackknife)."""
+        groups, pick = min(GROUPS, len(self.sums)), np.array(self.form.terms)
+        weighted = self.weights[:, None, None] * self.sums
+        by_group = np.add.reduceat(weighted, np.arange(groups) * len(weighted) // groups, axis=0)
+        rest = by_group.sum(0) - by_group
+        gram, right = rest[:, pick[:, None], pick], rest[:, pick, 0]
+        scale = np.sqrt(np.maximum(np.einsum("gii->gi", gram), 1e-300))
+        gram = gram / (scale[:, :, None] * scale[:, None, :]) + 1e-12 * np.eye(len(pick))
+        return np.asarray(np.linalg.solve(gram, (right / scale)[..., None])[..., 0] / scale)
+
+    @cached_property
+    def attenuation(self) -> float:
+        """Partial r2 of the P part: by so much noise in PV could have lowered K at most (direct over reverse fit)."""
+        pick, total = np.array(self.form.terms), np.tensordot(self.weights, self.sums, 1)
+        scale = np.sqrt(np.diag(total))[pick]
+        inverse = np.linalg.inv(total[pick[:, None], pick] / np.outer(scale, scale))
+        own = (self.values[0] * scale[0]) ** 2 / inverse[0, 0]
+        return float(own / (own + self.weights @ self.residuals))
+
+    @cached_property
+    def one_frequency(self) -> float:
+        """Share of the derivative that the other terms explain; near 1 for a single sine.
+
+        A filter cannot be told from integral action there.
+        """
+        pick, total = np.array(self.form.terms), np.tensordot(self.weights, self.sums, 1)
+        own = total[DERIVATIVE, DERIVATIVE]
+        if own <= 0 or DERIVATIVE in pick:
+            return 0.0
+        with_others = total[DERIVATIVE, pick]
+        return float(with_others @ np.linalg.solve(total[pick[:, None], pick], with_others) / own)
 
     @property
     def gain(self) -> float:
@@ -64,17 +106,6 @@ class LawRows:
     interval: float
 
 
-@dataclass(frozen=True)
-class LawForm:
-    """What a fit assumes: its terms, shift [rows] and phase (see law_sums), window and settling time [rows]."""
-
-    terms: tuple[int, ...]
-    window: int
-    settle: int
-    shift: int = 0
-    phase: float = 0.0
-
-
 def fit_law(rows: LawRows, form: LawForm, filter_time: float = 0.0) -> LawFit | None:
     """Fit the control law by least squares with robust window weights; None where the data do not determine it.
 
@@ -104,46 +135,9 @@ def fit_law(rows: LawRows, form: LawForm, filter_time: float = 0.0) -> LawFit | 
         left = np.maximum(left, 1e-12 * output)
         if len(sums) < 6:
             break
-        weights = 2.0 / (1.0 + left / np.median(left))
-    scatter = _leave_out(gram, right, weights)
-    return LawFit(
-        form,
-        values / scale,
-        scatter / scale,
-        left,
-        float((weights @ left) / (weights @ output)),
-        _partial(normal, values, float(weights @ left)),
-        _explained(np.tensordot(weights, sums, 1), pick, DERIVATIVE),
-        filter_time,
-    )
-
-
-def _partial(normal: FloatArray, values: FloatArray, left: float) -> float:
-    """Share of what the other terms leave of the output that the first term explains."""
-    own = values[0] ** 2 / np.linalg.inv(normal)[0, 0]
-    return float(own / (own + left))
-
-
-def _explained(sums: FloatArray, by: IntArray, column: int) -> float:
-    """Share of one column's variance that the columns `by` explain."""
-    own = sums[column, column]
-    if own <= 0 or column in by:
-        return 0.0
-    return float(sums[column, by] @ np.linalg.solve(sums[by[:, None], by], sums[by, column]) / own)
-
-
-def _leave_out(gram: FloatArray, right: FloatArray, weights: FloatArray) -> FloatArray:
-    """(groups, terms) coefficients with one group of consecutive windows left out each time (jackknife)."""
-    groups = min(GROUPS, len(gram))
-    member = np.arange(len(gram)) * groups // len(gram)
-    part = np.zeros((groups, len(gram)))
-    part[member, np.arange(len(gram))] = weights
-    by_group = np.einsum("gw,wij->gij", part, gram)
-    right_by_group = part @ right
-    normal = by_group.sum(0) - by_group
-    ridge = 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1])
-    solved = np.linalg.solve(normal + ridge, (right_by_group.sum(0) - right_by_group)[..., None])
-    return np.asarray(solved[..., 0])
+        weights = 2.0 / (1.0 + left / np.partition(left, len(left) // 2)[len(left) // 2])
+    unexplained = float((weights @ left) / (weights @ output))
+    return LawFit(form, values / scale, left, unexplained, filter_time, weights, sums)
 
 
 def search_filter(
