@@ -11,12 +11,14 @@ from .estimator.carry import CarryRecorder
 from .estimator.carry_bytes import pack
 from .estimator.clusters import densest
 from .estimator.compensator import recommend
+from .estimator.confirm import ConfirmationScanner
 from .estimator.haegglund import DEFAULT_KP, ErrorScanner, HalfPeriods, error_scanner, estimate
 from .estimator.identify import IdentifyScanner
 from .estimator.oscillation import detect_oscillation
-from .estimator.verdict import decide
+from .estimator.quality import QualityScanner
+from .estimator.verdict import Findings, decide
 from .record import LoopSettings, Note, Record
-from .results import Estimate, LoopReport, Verdict
+from .results import Confirmation, Estimate, LoopReport, Verdict
 
 COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
 
@@ -58,9 +60,12 @@ class LoopScanner:
         self._waiting: list[Record] | None = [] if settings.K is None or settings.Ti is None else None
         self._errors: ErrorScanner | None = None
         self._carry: CarryRecorder | None = None
+        self._confirm: ConfirmationScanner | None = None
+        self._quality = QualityScanner(interval)
         if settings.K and settings.Ti and interval <= COARSEST * settings.Ti:
             self._errors = error_scanner(settings, interval)
             self._carry = CarryRecorder(settings, interval) if self.options.carry else None
+            self._confirm = ConfirmationScanner(settings, interval) if self.options.confirm else None
 
     def update(self, block: Record) -> None:
         """Take the next block; its index goes on where the last block ended, or later."""
@@ -78,6 +83,9 @@ class LoopScanner:
             self._errors.update(block)
         if self._carry is not None:
             self._carry.update(block)
+        if self._confirm is not None:
+            self._confirm.update(block)
+        self._quality.update(block)
 
     def finish(self) -> LoopReport:
         """Return the report of everything taken so far."""
@@ -98,12 +106,19 @@ class LoopScanner:
         accepted = half_periods.why == "ok"
         long = (half_periods.why != "too_short") & (half_periods.why != "incomplete")
         cluster = densest(half_periods.d[accepted])
-        verdict, reasons, confidence = decide(cluster, int(accepted.sum()), int(long.sum()), oscillation)
+        confirmation = self._confirm.finish() if self._confirm else None
+        quality = self._quality.finish(self.settings.Ti)
+        rounding = quality.op.step if quality.op else 0.0
+        decision = decide(Findings(cluster, int(accepted.sum()), int(long.sum()), oscillation, confirmation,
+                                   quality.notes, self.settings.Ti / self.interval, rounding))
+        confirmed = confirmation if isinstance(confirmation, Confirmation) else None
         compensator = None
-        if verdict is Verdict.BACKLASH:
-            compensator = recommend(cluster, None, derivative=settings.Td > 0, output_noise=0.0)
-        return self._report(verdict, reasons, confidence, warnings=tuple(warnings), settings=settings,
-                            cluster=cluster, compensator=compensator,
+        if decision.verdict is Verdict.BACKLASH:
+            noise = quality.op.noise if quality.op else 0.0
+            compensator = recommend(decision.cluster, confirmed, derivative=settings.Td > 0, output_noise=noise)
+        return self._report(decision.verdict, decision.reasons, decision.confidence, warnings=tuple(warnings),
+                            settings=settings, cluster=decision.cluster, confirmation=confirmed,
+                            compensator=compensator,
                             carry=pack(self._carry.finish(self._errors)) if self._carry else None,
                             **self._tally(half_periods, accepted, long))
 
@@ -115,8 +130,8 @@ class LoopScanner:
         found = identifier.finish()
         missing = " and ".join(name for name in ("K", "Ti") if getattr(self.settings, name) is None)
         if isinstance(found, Note):
-            reason = Note("missing_settings", f"{missing} not given, and not to be read from the data: {found.message}; "
-                          "give K and Ti in the loops file", {"why": found.code})
+            reason = Note("missing_settings", f"{missing} not given, and not to be read from the data: {found.message};"
+                          " give K and Ti in the loops file", {"why": found.code})
             return self._report(Verdict.CANNOT_TELL, (reason,), 0.0)
         scanner = LoopScanner(self.loop, found.settings(self.settings), self.start, self.interval, self.options)
         for block in blocks:

@@ -1,24 +1,172 @@
-"""From estimates to an answer, by the paper's idea: detections are frequent and the estimates are close."""
+"""One verdict from all evidence: PV against OP, the half periods of the error, oscillation, and the record's quality.
+
+PV against OP decides, where it can be tested. The published estimates (15) stand beside it: agreement adds
+confidence, disagreement is said, and neither number is averaged into the other.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
 from ..record import Note
-from ..results import Cluster, Verdict
+from ..results import Cluster, Confirmation, Verdict
+from .criteria import ASKED, follows, read
 from .oscillation import Oscillation
 
-ENOUGH = 3
+ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
+AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share
+BLOCKED, LIMITED = "blocks", "limits"
 
 
-def decide(cluster: Cluster | None, detections: int, long_half_periods: int,
-           oscillation: Oscillation) -> tuple[Verdict, tuple[Note, ...], float]:
-    """Return verdict, reasons and confidence from the half periods alone."""
-    if oscillation.present and oscillation.share > 0.5:
-        return Verdict.OSCILLATING, (Note("oscillation", f"the control error oscillates with a period of "
-                                          f"{oscillation.period:.3g} s during {oscillation.share:.0%} of the record"),), 0.8
-    if long_half_periods == 0:
-        return Verdict.NO_BACKLASH, (Note("no_long_half_periods", "the control error never stays on one side for "
-                                          "5 Ti or longer"),), 0.5
-    if cluster and cluster.n >= ENOUGH and cluster.spread < 0.5 and cluster.share >= 0.5:
-        return Verdict.BACKLASH, (Note("estimates_agree", f"{cluster.n} of {detections} estimates gather at "
-                                       f"{100 * cluster.d:.2g} % of span"),), 0.6
-    return Verdict.CANNOT_TELL, (Note("estimates_scatter", f"{detections} detections, not enough of them alike"),), 0.3
+@dataclass(frozen=True)
+class Findings:
+    """All that the verdict is made of. confirmation: a Note says why PV could not be tested against OP, None that it
+    was not asked for. quality: notes whose values["effect"] says what they mean for the verdict. samples_per_Ti:
+    sampling. output_step: rounding step of OP [span], 0 when not rounded or rebuilt."""
+
+    cluster: Cluster | None
+    detections: int
+    long_half_periods: int
+    oscillation: Oscillation
+    confirmation: Confirmation | Note | None = None
+    quality: tuple[Note, ...] = ()
+    samples_per_Ti: float = 20.0
+    output_step: float = 0.0
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Verdict, reasons (the weightiest first), confidence that the verdict is right, and the number to go with it."""
+
+    verdict: Verdict
+    reasons: tuple[Note, ...]
+    confidence: float
+    cluster: Cluster | None
+
+
+def decide(f: Findings) -> Decision:
+    """Return the verdict on one loop."""
+    blocking = tuple(note for note in f.quality if note.values.get("effect") == BLOCKED)
+    if blocking:
+        return Decision(Verdict.CANNOT_TELL, blocking, 0.0, f.cluster)
+    if isinstance(f.confirmation, Confirmation):
+        return _from_confirmation(f, f.confirmation)
+    if _swings(f):
+        return Decision(Verdict.OSCILLATING, (_swinging(f),), 0.8, f.cluster)
+    if isinstance(f.confirmation, Note):
+        return Decision(Verdict.CANNOT_TELL, (f.confirmation,), 0.0, f.cluster)
+    return _from_half_periods(f)
+
+
+def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
+    reading = read(c, samples_per_Ti=f.samples_per_Ti, output_step=f.output_step)
+    limits = tuple(note for note in f.quality if note.values.get("effect") == LIMITED)
+    cluster = _final(f, c)
+    agrees = _agreement(f, c)
+    reasons = [_explained(c), *_side_by_side(f, c)]
+    if reading.clear:
+        if limits and not agrees:
+            return Decision(Verdict.SUSPECTED, (reasons[0], *limits, *reasons[1:]), 0.5, cluster)
+        sure = 0.97 - 0.25 * min(1.0, reading.needed / float(c.details["evidence"]))
+        return Decision(Verdict.BACKLASH, (*reasons, *limits), sure + (0.02 if agrees else 0.0), cluster)
+    if reading.some:
+        reasons += reading.against
+        verdict = Verdict.OSCILLATING if _swings(f) else Verdict.SUSPECTED
+        first = (_swinging(f),) if _swings(f) else ()
+        return Decision(verdict, (*first, *reasons, *limits), 0.5, cluster)
+    return _nothing_found(f, c, limits)
+
+
+def _nothing_found(f: Findings, c: Confirmation, limits: tuple[Note, ...]) -> Decision:
+    if _swings(f):
+        return Decision(Verdict.OSCILLATING, (_swinging(f), _not_explained(c)), 0.7, f.cluster)
+    span = float(c.details["output_range"])
+    if not follows(c):
+        reason = Note("no_response", f"PV does not answer to OP, which moved over {100 * span:.2g} % of its span: any "
+                      "dead band above that, or none, would look the same; a setpoint bump of twice the suspected dead "
+                      "band would show it", {"output_range": span})
+        return Decision(Verdict.CANNOT_TELL, (reason, *limits), 0.0, f.cluster)
+    limit = c.limit_of_detection or span
+    seen = Note("limit_of_detection", f"a dead band of {100 * limit:.2g} % of span or more would have been seen",
+                {"limit": limit})
+    if limit > ASKED:
+        few = Note("little_motion", f"OP moves over {100 * span:.2g} % of its span: too little to exclude a dead band "
+                   f"of {100 * ASKED:.2g} %", {"output_range": span, "limit": limit})
+        return Decision(Verdict.CANNOT_TELL, (few, seen, *limits), 0.0, f.cluster)
+    cluster = f.cluster and replace(f.cluster, limit_of_detection=limit)
+    return Decision(Verdict.NO_BACKLASH, (_not_explained(c), seen, *_unexplained_cluster(f), *limits),
+                    0.9 if not limits else 0.6, cluster)
+
+
+def _from_half_periods(f: Findings) -> Decision:
+    """Without a test of PV against OP: what the half periods alone allow, by the paper's idea."""
+    if f.long_half_periods == 0:
+        note = Note("no_long_half_periods", "the control error never stays on one side for 5 Ti or longer")
+        return Decision(Verdict.NO_BACKLASH, (note,), 0.5, f.cluster)
+    if _cluster_is_tight(f.cluster):
+        assert f.cluster is not None
+        note = Note("estimates_agree", f"{f.cluster.n} of {f.detections} estimates gather at "
+                    f"{100 * f.cluster.d:.2g} % of span; PV was not tested against OP")
+        return Decision(Verdict.SUSPECTED, (note,), 0.5, f.cluster)
+    note = Note("estimates_scatter", f"{f.detections} detections, not enough of them alike")
+    return Decision(Verdict.CANNOT_TELL, (note,), 0.0, f.cluster)
+
+
+def _final(f: Findings, c: Confirmation) -> Cluster:
+    """The number to report: from PV against OP, with what the half periods say about how often it showed."""
+    spread = (c.ci95[1] - c.ci95[0]) / (2.0 * c.d) if c.d > 0 else 0.0
+    n, share = (f.cluster.n, f.cluster.share) if f.cluster else (0, 0.0)
+    return Cluster(c.d, c.ci95, spread, n, share, c.limit_of_detection)
+
+
+def _cluster_is_tight(cluster: Cluster | None) -> bool:
+    return cluster is not None and cluster.n >= ENOUGH and cluster.spread < 0.5 and cluster.share >= 0.5
+
+
+def _agreement(f: Findings, c: Confirmation) -> bool:
+    return _cluster_is_tight(f.cluster) and f.cluster is not None and abs(f.cluster.d / c.d - 1.0) <= AGREE
+
+
+def _side_by_side(f: Findings, c: Confirmation) -> Iterator[Note]:
+    if f.cluster is None or f.cluster.n < ENOUGH:
+        return
+    values: dict[str, float | str] = {"published": f.cluster.d, "confirmed": c.d, "n": float(f.cluster.n)}
+    if _agreement(f, c):
+        yield Note("methods_agree", f"{f.cluster.n} half periods of the error give {100 * f.cluster.d:.2g} % by the "
+                   "published rule, in agreement", values)
+    else:
+        yield Note("methods_differ", f"the published rule on half periods of the error gives {100 * f.cluster.d:.2g} % "
+                   f"({f.cluster.n} similar estimates); it reads low with noise on OP and high with setpoint moves and "
+                   "changing load, so the number from PV against OP is reported", values)
+
+
+def _unexplained_cluster(f: Findings) -> Iterator[Note]:
+    if _cluster_is_tight(f.cluster):
+        assert f.cluster is not None
+        yield Note("half_periods_only", f"{f.cluster.n} half periods of the error alone would give "
+                   f"{100 * f.cluster.d:.2g} %, but PV follows OP without it: they come from load or setpoint",
+                   {"published": f.cluster.d})
+
+
+def _explained(c: Confirmation) -> Note:
+    evidence = float(c.details["evidence"])
+    rebuilt = " (OP rebuilt from SP, PV, K and Ti)" if c.details.get("output") == "rebuilt" else ""
+    return Note("play_fits", f"PV follows OP through a dead band of {100 * c.d:.2g} % of span ({100 * c.ci95[0]:.2g} "
+                f"to {100 * c.ci95[1]:.2g} %) better than OP itself: evidence {evidence:.3g} nats{rebuilt}",
+                {"d": c.d, "evidence": evidence})
+
+
+def _not_explained(c: Confirmation) -> Note:
+    return Note("play_does_not_fit", "PV follows OP without a dead band as well as with one",
+                {"evidence": float(c.details["evidence"])})
+
+
+def _swings(f: Findings) -> bool:
+    return f.oscillation.present and f.oscillation.share > 0.5
+
+
+def _swinging(f: Findings) -> Note:
+    period = f.oscillation.period or 0.0
+    return Note("oscillation", f"the control error oscillates with a period of {period:.3g} s during "
+                f"{f.oscillation.share:.0%} of the record", {"period_s": period, "share": f.oscillation.share})

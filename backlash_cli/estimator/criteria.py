@@ -1,0 +1,58 @@
+"""What counts as evidence: the rules on a Confirmation, each with its origin.
+
+All limits come from loops simulated at random (tests/benchmarks/detect_benchmark.py): processes of the
+Åström-Hägglund test batch, nine kinds of load and setpoint motion, dead bands 0 to 8 %.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..record import Note
+from ..results import Confirmation
+
+EVIDENCE = 8.0  # nats; 1 of 197 simulated loops without dead band and with load steps, drift, noise went beyond 6
+EVIDENCE_PER_STEP = 1.0  # nats more for every load step found: each leaves the transient of an imperfect model
+SMALLEST = 0.0024  # span: the lowest width of the scan and its neighbourhood are no finding
+COARSE = 5.0  # samples per Ti; below, twice the evidence
+RESPONDS = 8.0  # nats by which OP explains PV: below, nothing can be said about a dead band between them
+ASKED = 0.03  # dead band a record should show before it may be called healthy: the usual limit without positioner
+OUTPUT_STEPS = 2.5  # a dead band below this many rounding steps of OP is not seen in OP
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A Confirmation judged. clear: all rules hold. some: there is evidence, but a rule speaks against it."""
+
+    clear: bool
+    some: bool
+    needed: float
+    against: tuple[Note, ...] = ()
+
+
+def read(c: Confirmation, *, samples_per_Ti: float, output_step: float = 0.0) -> Reading:
+    """Judge the evidence in a confirmation; the notes say which rule does not hold."""
+    gain, steps = float(c.details["evidence"]), float(c.details["steps"])
+    needed = EVIDENCE + EVIDENCE_PER_STEP * steps
+    if samples_per_Ti < COARSE:
+        needed *= 2.0
+    against = []
+    if gain <= needed:
+        against.append(Note("weak_evidence", f"evidence for it is {gain:.3g} nats, {needed:.3g} are asked for"
+                            + (f" with {steps:.0f} load steps in the record" if steps else ""),
+                            {"evidence": gain, "needed": needed}))
+    if float(c.details["half"]) >= gain:
+        against.append(Note("half_fits_as_well", "half of that dead band explains PV as well: an error of the process "
+                            "model is as likely as a dead band"))
+    if c.d < SMALLEST:
+        against.append(Note("below_smallest", f"a dead band below {100 * SMALLEST:.2g} % of span is not told from "
+                            "an error of the process model"))
+    if output_step and c.d < OUTPUT_STEPS * output_step:
+        against.append(Note("below_rounding", f"OP is recorded in steps of {100 * output_step:.2g} %: too coarse for a "
+                            f"dead band of {100 * c.d:.2g} %"))
+    return Reading(not against, gain > EVIDENCE and c.d >= SMALLEST, needed, tuple(against))
+
+
+def follows(c: Confirmation) -> bool:
+    """True when PV follows OP at all: the output crossed whatever gap there is."""
+    return float(c.details["responds"]) > RESPONDS

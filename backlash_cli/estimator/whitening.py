@@ -1,0 +1,254 @@
+"""Compiled core of the dead-band test: what is left of PV when OP, a moving load and noise have been accounted for.
+
+Model, one row per block of samples (k):
+
+    y_k  = sum_i b_i f_{k - l_i} + z2_k + n_k          f: valve position x behind two equal lags, l_i: LAGS
+    z1  += a (w - z1),  z2 += a (z1 - z2)              the load w reaches PV through the same two lags
+    w   += s,  s = phi s + e                           the load wanders, e has `ratio` times the variance of n
+    n                                                  white measurement noise
+
+plus load steps of known variance at known rows (`shock`). A Kalman filter whitens every column; what remains is a
+regression with a step response that may not fall below -DIP of its final value (`step_response`). Variances are in units of that of n.
+Harvey, Forecasting, Structural Time Series Models and the Kalman Filter (1989), sections 3.2 and 3.4; load steps are
+found as in Harvey and Koopman, Diagnostic checking of unobserved-components models, JBES 10 (1992) 377-389.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from .step_response import nonnegative, response_base
+
+LAGS = (1, 2, 4, 6, 8, 11)
+DIFFUSE = 1e6  # variance of the unknown state where a stretch begins
+WARM_UP = 12  # rows at the start of a stretch that only settle the filter
+T_FREEDOM = 6.0  # tails of the residuals: Student t
+
+
+@numba.njit(cache=True)
+def _transition(a: float, phi: float) -> NDArray[Any]:
+    F = np.zeros((4, 4))
+    F[3, 3] = phi
+    F[2, 2], F[2, 3] = 1.0, phi
+    F[0, 0], F[0, 2], F[0, 3] = 1.0 - a, a, a * phi
+    F[1, 1], F[1, 0], F[1, 2], F[1, 3] = 1.0 - a, a * (1.0 - a), a * a, a * a * phi
+    return F
+
+
+@numba.njit(cache=True)
+def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArray[Any]) -> Any:
+    """Kalman gains (rows, 4) and variances (rows,) of the innovations; `first` (rows,) marks the start of stretches."""
+    n = len(shock)
+    G = np.empty((n, 4))
+    S = np.empty(n)
+    F = _transition(a, phi)
+    g = np.array([a, a * a, 1.0, 1.0])
+    P = np.zeros((4, 4))
+    T = np.zeros((4, 4))
+    settled = 0
+    for k in range(n):
+        if first[k]:
+            P[:] = 0.0
+            for i in range(3):
+                for j in range(3):
+                    P[i, j] = DIFFUSE
+                P[i, i] += 0.01 * DIFFUSE
+            settled = 0
+        if settled >= 3 and shock[k] == 0.0:
+            S[k] = S[k - 1]
+            G[k] = G[k - 1]
+            continue
+        for i in range(4):
+            for j in range(4):
+                v = 0.0
+                for m in range(4):
+                    v += F[i, m] * P[m, j]
+                T[i, j] = v
+        for i in range(4):
+            for j in range(i + 1):
+                v = ratio * g[i] * g[j]
+                if i < 3:
+                    v += shock[k] * g[i] * g[j]
+                for m in range(4):
+                    v += T[i, m] * F[j, m]
+                P[i, j] = v
+                P[j, i] = v
+        s = P[1, 1] + 1.0
+        S[k] = s
+        for i in range(4):
+            G[k, i] = P[i, 1] / s
+        for i in range(4):
+            for j in range(4):
+                T[i, j] = P[i, j] - G[k, i] * G[k, j] * s
+        P[:] = T
+        still = k > 0 and shock[k] == 0.0 and abs(S[k] - S[k - 1]) < 1e-6 * S[k]
+        settled = settled + 1 if still and abs(G[k, 2] - G[k - 1, 2]) < 1e-6 * abs(G[k, 2]) + 1e-12 else 0
+    return G, S
+
+
+@numba.njit(cache=True, fastmath=True)
+def whiten(y: NDArray[Any], G: NDArray[Any], scale: NDArray[Any], a: float, phi: float, first: NDArray[Any],
+           out: NDArray[Any]) -> None:
+    """Write the innovations of y (rows,), divided by their deviation, to `out`; scale: 1/sqrt(S)."""
+    z1 = z2 = w = s = 0.0
+    for k in range(len(y)):
+        if first[k]:
+            z1 = z2 = w = s = 0.0
+        s = phi * s
+        w += s
+        z1 += a * (w - z1)
+        z2 += a * (z1 - z2)
+        e = y[k] - z2
+        z1 += G[k, 0] * e
+        z2 += G[k, 1] * e
+        w += G[k, 2] * e
+        s += G[k, 3] * e
+        out[k] = e * scale[k]
+
+
+@numba.njit(cache=True, fastmath=True)
+def regress(y: NDArray[Any], X: NDArray[Any], G: NDArray[Any], S: NDArray[Any], a: float, phi: float,
+            first: NDArray[Any], rows: NDArray[Any], ridge: float, want: bool) -> Any:
+    """Log-likelihood of y (rows,) for each candidate valve position X (candidates, rows).
+
+    rows: indices that count. ridge: prior precision of the b. Returns the log-likelihoods (candidates,), the noise
+    variances (candidates,), the step responses b (candidates, lags) and, if `want`, the residuals (candidates, rows).
+    """
+    m, n = X.shape
+    nb = len(LAGS)
+    R = np.empty((m if want else 1, n))
+    ll = np.empty(m)
+    noise = np.empty(m)
+    coefficients = np.empty((m, nb))
+    E = np.empty((nb + 1, n))
+    scale = 1.0 / np.sqrt(S)
+    whiten(y, G, scale, a, phi, first, E[0])
+    base = response_base(nb)
+    f = np.empty(n)
+    t = np.empty(n)
+    logs = 0.0
+    for k in rows:
+        logs += np.log(S[k])
+    A = np.empty((nb, nb))
+    c = np.empty(nb)
+    for j in range(m):
+        z1 = z2 = 0.0
+        for k in range(n):
+            if first[k]:
+                z1 = z2 = X[j, k]
+            z1 += a * (X[j, k] - z1)
+            z2 += a * (z1 - z2)
+            f[k] = z2
+        for i in range(nb):
+            begin = 0
+            lag = LAGS[i]
+            for k in range(n):
+                if first[k]:
+                    begin = k
+                t[k] = f[max(k - lag, begin)]
+            whiten(t, G, scale, a, phi, first, E[i + 1])
+        for p in range(nb):
+            for q in range(p + 1):
+                v = 0.0
+                for k in rows:
+                    v += E[p + 1, k] * E[q + 1, k]
+                A[p, q] = v
+                A[q, p] = v
+            v = 0.0
+            for k in rows:
+                v += E[p + 1, k] * E[0, k]
+            c[p] = v
+            A[p, p] += ridge
+        b = base @ nonnegative(base.T @ A @ base, base.T @ c)
+        coefficients[j] = b
+        r = R[j if want else 0]
+        r[:] = E[0]
+        for i in range(nb):
+            if b[i] != 0.0:
+                for k in range(n):
+                    r[k] -= b[i] * E[i + 1, k]
+        s2 = 0.0
+        for k in rows:
+            s2 += r[k] * r[k]
+        s2 = s2 / len(rows) + 1e-300
+        for _ in range(4):
+            v = 0.0
+            for k in rows:
+                v += r[k] * r[k] / (T_FREEDOM + r[k] * r[k] / s2)
+            s2 = (T_FREEDOM + 1.0) * v / len(rows) + 1e-300
+        v = 0.0
+        for k in rows:
+            v += np.log(1.0 + r[k] * r[k] / (s2 * T_FREEDOM))
+        ll[j] = -0.5 * ((T_FREEDOM + 1.0) * v + logs + len(rows) * np.log(s2) + ridge * np.sum(b * b) / s2)
+        noise[j] = s2
+    return ll, noise, coefficients, R
+
+
+@numba.njit(cache=True)
+def load_steps(e: NDArray[Any], G: NDArray[Any], S: NDArray[Any], a: float, phi: float, first: NDArray[Any]) -> Any:
+    """Statistic and size of a load step at each row, from innovations e (rows,) in units of their deviation.
+
+    A backward disturbance smoother: t (rows,) is standard normal where the load did not step, size (rows,) is the
+    most likely step in units of the noise deviation.
+    """
+    n = len(e)
+    F = _transition(a, phi)
+    g = np.array([a, a * a, 1.0, 0.0])
+    r = np.zeros(4)
+    back = np.zeros(4)
+    N = np.zeros((4, 4))
+    L = np.zeros((4, 4))
+    T = np.zeros((4, 4))
+    t = np.zeros(n)
+    size = np.zeros(n)
+    steady = 0
+    for k in range(n - 1, -1, -1):
+        for i in range(4):
+            v = 0.0
+            for j in range(4):
+                v += F[j, i] * r[j]
+            back[i] = v
+        along = 0.0
+        for j in range(4):
+            along += G[k, j] * back[j]
+            r[j] = back[j]
+        r[1] += e[k] / np.sqrt(S[k]) - along
+        same = k < n - 1 and S[k] == S[k + 1]
+        if not (same and steady > 60):
+            L[:] = F
+            for i in range(4):
+                v = 0.0
+                for j in range(4):
+                    v += F[i, j] * G[k, j]
+                L[i, 1] -= v
+            for i in range(4):
+                for j in range(4):
+                    v = 0.0
+                    for m in range(4):
+                        v += N[i, m] * L[m, j]
+                    T[i, j] = v
+            for i in range(4):
+                for j in range(4):
+                    v = 0.0
+                    for m in range(4):
+                        v += L[m, i] * T[m, j]
+                    N[i, j] = v
+            N[1, 1] += 1.0 / S[k]
+            steady = steady + 1 if same else 0
+        v = w = 0.0
+        for i in range(4):
+            v += g[i] * r[i]
+            for j in range(4):
+                w += g[i] * N[i, j] * g[j]
+        if w > 1e-30:
+            t[k] = v / np.sqrt(w)
+            size[k] = v / w
+        if first[k]:
+            r[:] = 0.0
+            N[:] = 0.0
+            steady = 0
+    return t, size
