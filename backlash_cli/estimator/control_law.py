@@ -135,7 +135,9 @@ def fit_law(rows: LawRows, form: LawForm, filter_time: float = 0.0) -> LawFit | 
         left = np.maximum(left, 1e-12 * output)
         if len(sums) < 6:
             break
-        weights = 2.0 / (1.0 + left / np.partition(left, len(left) // 2)[len(left) // 2])
+        ordered = np.sort(left)
+        middle = 0.5 * (ordered[(len(left) - 1) // 2] + ordered[len(left) // 2])
+        weights = 2.0 / (1.0 + left / middle)
     unexplained = float((weights @ left) / (weights @ output))
     return LawFit(form, values / scale, left, unexplained, filter_time, weights, sums)
 
