@@ -18,6 +18,7 @@ from tests.history.nights import growing, made, result
 from tests.small_plant import TRUTH, write_plant
 
 DAY = np.timedelta64(1, "D")
+QUICK = ("--jobs", 1, "--no-confirm")
 
 
 @pytest.fixture(scope="module")
@@ -56,13 +57,13 @@ def clean(nights, tmp_path_factory):
     """The history of one clean pass, one night after the other."""
     path = tmp_path_factory.mktemp("clean") / "h.db"
     for k in range(4):
-        assert _guarded(["scan", str(nights / f"night{k}.csv"), "--history", str(path), "--jobs", "1", "-q"]) == 0
+        assert _guarded(["scan", str(nights / f"night{k}.csv"), "--history", str(path), "-q", *map(str, QUICK)]) == 0
     return dump(path)
 
 
 def test_nights_out_of_order_and_twice_give_the_history_of_one_clean_pass(capfd, nights, clean, tmp_path):
     for k in (2, 0, 3, 2, 1, 0):
-        done = run(capfd, "scan", nights / f"night{k}.csv", "--history", tmp_path / "h.db", "--jobs", 1)
+        done = run(capfd, "scan", nights / f"night{k}.csv", "--history", tmp_path / "h.db", *QUICK)
         assert done.status == 0
     assert "known and unchanged" in done.err
     assert dump(tmp_path / "h.db") == clean
@@ -70,7 +71,7 @@ def test_nights_out_of_order_and_twice_give_the_history_of_one_clean_pass(capfd,
 
 def test_several_nights_on_one_command_line_are_single_nights(capfd, nights, clean, tmp_path):
     exports = [nights / f"night{k}.csv" for k in (3, 1, 0, 2)]
-    assert run(capfd, "scan", *exports, "--history", tmp_path / "h.db", "--jobs", 1).status == 0
+    assert run(capfd, "scan", *exports, "--history", tmp_path / "h.db", *QUICK).status == 0
     assert dump(tmp_path / "h.db") == clean
 
 
@@ -78,13 +79,14 @@ def test_a_scan_killed_at_random_moments_leaves_the_history_of_a_clean_pass(capf
     path = tmp_path / "h.db"
     rng = np.random.default_rng(5)
     for k in range(4):
-        job = subprocess.Popen([*COMMAND, "scan", str(nights / f"night{k}.csv"), "--history", str(path), "--jobs", "1"],
+        job = subprocess.Popen([*COMMAND, "scan", str(nights / f"night{k}.csv"), "--history", str(path), "--jobs", "1",
+                                "--no-confirm"],
                                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         time.sleep(float(rng.uniform(0.3, 1.6)))
         job.send_signal(signal.SIGKILL)
         job.wait()
     for k in range(4):
-        assert run(capfd, "scan", nights / f"night{k}.csv", "--history", path, "--jobs", 1).status == 0
+        assert run(capfd, "scan", nights / f"night{k}.csv", "--history", path, *QUICK).status == 0
     assert dump(path) == clean
 
 
@@ -196,6 +198,6 @@ def test_hostile_names_go_through_every_table(capfd, tmp_path):
 
 
 def test_the_small_plant_is_ranked_by_its_truth(capfd, nights, tmp_path):
-    run(capfd, "scan", *sorted(nights.glob("*.csv")), "--history", tmp_path / "h.db", "--jobs", 1)
+    run(capfd, "scan", *sorted(nights.glob("*.csv")), "--history", tmp_path / "h.db", *QUICK)
     found = json.loads(run(capfd, "trend", "--history", tmp_path / "h.db", "--format", "json").out)["loops"]
     assert {x["loop"] for x in found} == set(TRUTH) and found[0]["loop"] == "PIC303"

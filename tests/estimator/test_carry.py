@@ -15,7 +15,7 @@ from backlash_cli.record import SampleState, record_from_arrays
 from backlash_cli.scan import ScanOptions, scan
 from tests.test_scan import RECORD
 
-KEEP = ScanOptions(carry=True)
+KEEP = ScanOptions(confirm=False, carry=True)
 
 
 def night(record, first, last):
@@ -46,7 +46,7 @@ def joined(record, cuts, offset=0):
 
 
 def whole(record):
-    return np.array(sorted((e.start, e.d) for e in scan(record).estimates if e.accepted))
+    return np.array(sorted((e.start, e.d) for e in scan(record, KEEP).estimates if e.accepted))
 
 
 @pytest.mark.parametrize("cut", [50, 777, 1500, 3000, 5900])

@@ -53,5 +53,5 @@ def cut(record, edges, loop="FIC101"):
     for first, last in zip([0, *edges], [*edges, len(record)], strict=True):
         block = record.slice(first, last)
         part = replace(block, loop=loop, start=MARCH + first * record.interval, index=block.index - first)
-        reports.append(scan(part, ScanOptions(carry=True)))
+        reports.append(scan(part, ScanOptions(confirm=False, carry=True)))
     return reports

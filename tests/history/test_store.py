@@ -76,7 +76,7 @@ def test_overlapping_exports_count_no_half_period_twice(tmp_path):
     for first, last in ((0, 3001), (3000, 6000), (2000, 5000)):
         block = RECORD.slice(first, last)
         reports.append(scan(replace(block, loop="FIC101", start=MARCH + first, index=block.index - first),
-                            ScanOptions(carry=True)))
+                            ScanOptions(confirm=False, carry=True)))
     filled(tmp_path / "a.db", reports)
     whole = [e for e in scan(RECORD).estimates if e.accepted]
     with History(tmp_path / "a.db") as history:
