@@ -64,6 +64,7 @@ class Fitting:
     whole: (values, parameters) -> (samples,), a faster way to the same result as `step` over all samples.
     on_loads: what loads add goes through this effect as well, as it does through a lag of the process, but not
     through a delay on the way from the valve.
+    plausible: False for fitted values that a search should not believe.
     """
 
     linear: tuple[str, ...] = ()
@@ -77,3 +78,4 @@ class Fitting:
     meaning: str = ""
     whole: Whole | None = None
     on_loads: bool = False
+    plausible: Callable[[Values], bool] | None = None

@@ -50,6 +50,15 @@ def propose(clues: Clues) -> list[Values]:
     return [{"slope": 0.0, "length": clues.duration, "bends": (0.0,) * count} for count in counts]
 
 
+def plausible(values: Values) -> bool:
+    """True when the load goes mostly one way: what wanders to and fro is a random load, not a drift."""
+    length, slope, bends = values["length"], values["slope"], values["bends"]
+    assert isinstance(length, float) and isinstance(slope, float) and isinstance(bends, tuple)
+    net = slope * length / 3600.0
+    path = np.linspace(0.0, net, len(bends) + 2) + np.array([0.0, *bends, 0.0])
+    return abs(net) >= 0.5 * float(np.sum(np.abs(np.diff(path))))
+
+
 EFFECT = Effect(
     name="load_drift",
     stage=Stage.LOAD,
@@ -66,6 +75,7 @@ EFFECT = Effect(
         linear=("slope", "bends"),
         fixed=("length",),
         propose=propose,
+        plausible=plausible,
         meaning="The load drifts by {slope}: the controller has to move the valve further and further. Look for "
         "fouling, a plugging filter, a falling supply pressure or the weather.",
     ),

@@ -55,12 +55,12 @@ def whole(values: FloatArray, p: FloatArray) -> FloatArray:
 
 
 def propose(clues: Clues) -> list[Values]:
-    """Return bands around the dead band that fits best, in steps finer than the valleys of the error (4 %)."""
+    """Return bands around the dead band that fits best, in steps about as fine as the valleys of the error."""
     dead_band = float(clues.known.get("backlash", {}).get("d", 0.0))  # type: ignore[arg-type]
     travel = float(np.ptp(clues.output))
     if dead_band > 0.0:
-        bands = dead_band * np.geomspace(0.9, 2.7, 26)
-        shares = np.geomspace(0.25, 1.0, 26)
+        bands = dead_band * np.geomspace(0.95, 2.7, 28)
+        shares = np.geomspace(0.25, 1.0, 56)
     else:
         bands = np.geomspace(0.006, 0.2, 30)
         shares = np.geomspace(0.25, 1.0, 7)
@@ -69,7 +69,7 @@ def propose(clues: Clues) -> list[Values]:
         for band in bands[bands < 0.8 * travel]
         for share in shares
         for restick in (0.0, 1.0)
-        for place in (-0.8, -0.3, 0.3, 0.8)
+        for place in (-0.5, 0.5)
     ]
 
 

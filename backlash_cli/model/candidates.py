@@ -14,12 +14,14 @@ from .clues import Clue
 from .fit import Fit, Solver, descend, finished, fit, refit_noise
 from .free import free_numbers, get, put
 from .judge import Judge, jumpy
+from .linear import linear_values
 from .noise import Noise, whitener
 from .pipeline import Part, Shape
 from .problem import Problem
 
 LAG_SHARES = (0.6, 1.0)
 KEEP = 1
+SWEEP = 17
 KEEP_JUMPY = 12
 # gain in deviance of a look-alike below which an effect with many valleys is not searched for
 WORTH_A_LOOK = 6.0
@@ -73,7 +75,10 @@ def candidate(
         solver = Solver(problem, whitener(noise, problem.used, problem.interval))
         parts = starts(effect, Clue(problem, ground, solver.white, values), problem.columns)
         for shape in scan(solver, ground, parts, KEEP_JUMPY if jumpy(effect) else KEEP):
-            shape = wander(solver, shape, random, 40) if jumpy(effect) else descend(solver, shape, rounds=3)
+            if jumpy(effect):
+                shape = wander(solver, sweep(solver, shape), random, 40)
+            else:
+                shape = descend(solver, shape, rounds=3)
             trials.append(finished(problem, shape, refit_noise(problem, shape, noise, base.noise)))
     return best_of(problem, judge, trials, random, jumpy(effect))
 
@@ -91,11 +96,22 @@ def best_of(
             shape = descend(solver, wander(solver, shape, random, 120), rounds=3)
             noise = refit_noise(problem, shape, noise)
             solver = Solver(problem, whitener(noise, problem.used, problem.interval))
-            shape = wander(solver, shape, random, 120, scale=0.2)
+            shape = wander(solver, sweep(solver, shape, 5 * SWEEP), random, 120, scale=0.2)
         found = fit(problem, shape, noise)
+        if not plausible(problem, found):
+            continue
         if best is None or judge.score(found) < judge.score(best):
             best = found
     return best
+
+
+def plausible(problem: Problem, found: Fit) -> bool:
+    """True when every effect of a fit has values that it calls plausible."""
+    judged = [(part.effect.fitting.plausible, place) for place, part in enumerate(found.shape.parts)]
+    if not any(check for check, _ in judged):
+        return True
+    values = linear_values(problem, found)
+    return all(check is None or check(values[place]) for check, place in judged)
 
 
 def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Shape]:
@@ -112,6 +128,15 @@ def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Sha
         found.sort(key=lambda f: (f[0], f[1]))
         out += [trial for _, _, trial in found[:keep]]
     return out
+
+
+def sweep(solver: Solver, shape: Shape, count: int = SWEEP) -> Shape:
+    """Return the best shape over the whole range of each number that says how the record began."""
+    for f in free_numbers(solver.problem, shape):
+        if f.nuisance and np.isfinite(f.high - f.low):
+            trials = [shape, *(put(shape, [f], np.array([x])) for x in np.linspace(f.low, f.high, count))]
+            shape = trials[int(np.argmin(solver.rss_of_many(trials)))]
+    return shape
 
 
 def wander(solver: Solver, shape: Shape, random: np.random.Generator, trials: int, scale: float = 1.0) -> Shape:

@@ -14,8 +14,9 @@ from .pipeline import Part
 from .problem import Problem
 from .recorder import distance, fitted_problem
 
-# each fold leaves out every fourth of twelve blocks; the first block always stays, as it shows how the record began
-BLOCKS = 12
+# each fold leaves out every fourth block; the first block always stays, as it shows how the record began. A block
+# lasts many process lags, so that a random load on both sides tells nothing about its middle
+FEWEST_BLOCKS, MOST_BLOCKS, LAGS_PER_BLOCK = 12, 24, 15.0
 FOLDS = 4
 
 
@@ -28,10 +29,11 @@ class Tested:
     rmse_holdout: float
 
 
-def folds(problem: Problem) -> list[NDArray[np.bool_]]:
+def folds(problem: Problem, lag: float) -> list[NDArray[np.bool_]]:
     """Return for each fold which grid points are left out, (samples,) each; the blocks hold equal counts of samples."""
     count = np.cumsum(problem.used)
-    block = np.minimum((count * BLOCKS) // (count[-1] + 1), BLOCKS - 1)
+    blocks = int(np.clip(problem.duration / (LAGS_PER_BLOCK * lag), FEWEST_BLOCKS, MOST_BLOCKS))
+    block = np.minimum((count * blocks) // (count[-1] + 1), blocks - 1)
     return [(block % FOLDS == fold) & (block > 0) for fold in range(FOLDS)]
 
 
@@ -39,7 +41,7 @@ def tested(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, r
     """Return the errors of a fit; searched numbers start from the whole record's and are refined on each fold."""
     seen, everywhere = fitted_problem(problem, recorders), replace(problem, used=np.ones_like(problem.used))
     squares, count = 0.0, 0
-    for left_out in folds(problem):
+    for left_out in folds(problem, problem.settings.Ti or fitted.shape.lag):
         part = seen.masked(~left_out)
         solver = Solver(part, whitener(fitted.noise, part.used, part.interval))
         shape = descend(solver, fitted.shape, rounds=rounds) if rounds else fitted.shape

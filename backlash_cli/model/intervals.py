@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ..record import FloatArray
 from ..results import FittedEffect, FittedParameter
 from .fit import Fit, Solver, slopes
 from .free import free_numbers, get
+from .linear import linear_values
 from .noise import whitener
 from .pipeline import Part, as_tuple
 from .problem import Problem
@@ -24,44 +26,27 @@ def covariance(problem: Problem, fitted: Fit) -> tuple[dict[Key, tuple[float, fl
     solver = Solver(problem, whitener(fitted.noise, problem.used, problem.interval))
     free = free_numbers(problem, fitted.shape)
     _, rss, rest = solver.rest(fitted.shape)
-    J = slopes(solver, fitted.shape, rest, free)
-    X = np.column_stack([J, solver.columns(fitted.shape)])
-    G = X.T @ X
-    # a number without any slope here gets a huge, but finite, interval
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-30))
+    others = solver.columns(fitted.shape)
     variance = rss / max(solver.white.samples, 1)
-    A = G * scale[:, None] * scale + 1e-9 * np.eye(len(G))
-    C = np.linalg.inv(A) * np.outer(scale, scale) * variance
-    deviations = np.sqrt(np.maximum(np.diag(C), 0.0))
+    for _ in range(2):
+        X = np.column_stack([slopes(solver, fitted.shape, rest, free), others])
+        deviations, C = _inverse(X.T @ X, variance)
+        # the error bends where a gap closes at one sample more or less: take the slope over about one deviation
+        pairs = zip(free, deviations, strict=False)
+        free = [replace(f, step=float(np.clip(s, f.step, 10.0 * f.step))) for f, s in pairs]
     values = get(fitted.shape, free)
     m = len(free)
     known = {(f.place, f.name, f.item): (float(values[i]), float(deviations[i])) for i, f in enumerate(free)}
     return known, C[m:, m:]
 
 
-def linear_values(problem: Problem, fitted: Fit) -> list[dict[str, float | tuple[float, ...]]]:
-    """Return for each part all its values, those that were solved for included, in the effect's own units."""
-    out = []
-    column = 2 + len(problem.holes) + 1
-    for part in fitted.shape.parts:
-        values = dict(part.values)
-        if part.is_linear:
-            for name in part.effect.fitting.linear:
-                several = isinstance(values.get(name), tuple)
-                count = len(as_tuple(values[name])) if several else 1
-                found = []
-                for _ in range(count):
-                    if part.effect.fitting.phase:
-                        inphase, quadrature = fitted.coefficients[column : column + 2] / fitted.gain
-                        found.append(float(np.hypot(inphase, quadrature)))
-                        values[part.effect.fitting.phase] = float(np.arctan2(quadrature, inphase))
-                        column += 2
-                    else:
-                        found.append(float(fitted.coefficients[column] / fitted.gain))
-                        column += 1
-                values[name] = tuple(found) if several else found[0]
-        out.append(values)
-    return out
+def _inverse(G: FloatArray, variance: float) -> tuple[FloatArray, FloatArray]:
+    """Return the deviations and the covariance that belong to a matrix of inner products."""
+    # a number without any slope here gets a huge, but finite, interval
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-30))
+    A = G * np.outer(scale, scale) + 1e-9 * np.eye(len(G))
+    C = np.linalg.inv(A) * np.outer(scale, scale) * variance
+    return np.sqrt(np.maximum(np.diag(C), 0.0)), C
 
 
 def fitted_effects(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> list[FittedEffect]:

@@ -15,7 +15,7 @@ from .problem import Problem
 # a load behind the process forgets within about three lags, so that six lags hold one independent error
 LAGS_PER_STRETCH = 6.0
 # a slow loop still gets weight enough that a model which does not predict cannot win
-LEAST_STRETCHES, MOST_STRETCHES = 60.0, 150.0
+LEAST_STRETCHES, MOST_STRETCHES = 30.0, 150.0
 
 
 def jumpy(effect: Effect) -> bool:

@@ -14,7 +14,7 @@ from ..errors import LoopError
 from ..record import FloatArray, Record
 from ..results import Model, ModelEffect
 from .fit import Fit
-from .intervals import linear_values
+from .linear import linear_values
 from .pipeline import Part, Shape, as_tuple, in_order
 from .problem import Problem
 

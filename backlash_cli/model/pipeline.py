@@ -16,6 +16,7 @@ from .response import delayed_lag
 ORDER = {stage: i for i, stage in enumerate(Stage)}
 # a load moves PV by less than this [span]
 USUAL_SPAN = 0.5
+MOST_REMEMBERED = 60
 PLACE = {effect.name: i for i, effect in enumerate(EFFECTS)}
 
 
@@ -96,6 +97,12 @@ def after(problem: Problem, part: Part, signal: FloatArray) -> FloatArray:
 def load_columns(problem: Problem, part: Part) -> list[FloatArray]:
     """Return what a linear effect adds to the process input per unit of each linear value, one (samples,) each."""
     effect, fitting = part.effect, part.effect.fitting
+    key = (effect.name, part.column, *((k, v) for k, v in part.values.items() if k not in fitting.linear), *(
+        (k, len(as_tuple(part.values[k]))) for k in fitting.linear))
+    if key in problem.memory:
+        return problem.memory[key]
+    if len(problem.memory) > MOST_REMEMBERED:
+        problem.memory.clear()
     series: FloatArray | tuple[float, ...] = problem.columns[part.column] if part.column else ()
     nothing = np.zeros(problem.samples)
     fixed = {k: v for k, v in part.values.items() if k not in fitting.linear}
@@ -115,6 +122,7 @@ def load_columns(problem: Problem, part: Part) -> list[FloatArray]:
                 more = {} if turn is None else {fitting.phase: turn}
                 p = effect.pack({**fixed, **base, name: unit, **more})
                 out.append(effect.apply(nothing, p, problem.interval, series=series))
+    problem.memory[key] = out
     return out
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,8 @@ class Problem:
     output: OP, straight lines over holes. measurement: PV, 0 where `used` is False. recorded: PV with nan in holes.
     setpoint: SP, held over holes. columns: further measured columns, interpolated over holes.
     delay: dead time [s] known from the settings, None when the settings give none. holes: where OP is not known.
-    floor: standard deviation of the measurement noise [span], from third differences.
+    floor: standard deviation of the measurement noise [span], from third differences. memory: load columns by part,
+    shared by problems that differ in their mask only.
     """
 
     loop: str
@@ -50,6 +51,7 @@ class Problem:
     settings: LoopSettings
     holes: tuple[Hole, ...] = ()
     floor: float = 1e-4
+    memory: dict[object, list[FloatArray]] = field(default_factory=dict, repr=False)
 
     @property
     def samples(self) -> int:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from ..effects import Effect
 from .candidates import candidate, table
-from .fit import Fit, Solver, descend, finished, fit, refit_noise
+from .fit import Fit, Solver, descend, fit, refit_noise
+from .holdout import better, tested
 from .judge import Judge, judge_for, jumpy
 from .noise import Noise, whitener
 from .pipeline import Shape
@@ -16,7 +17,7 @@ from .problem import Problem
 # gain in score that an effect must bring; see tests/benchmarks/explain_thresholds.py for loops without any effect
 ENOUGH = 20.0
 MOST_EFFECTS = 4
-# without an effect that is worth telling, the error of prediction is at least this many times larger
+# without an effect that is worth telling, the error on unseen samples is at least this many times larger
 WORTH_TELLING = 1.08
 
 
@@ -103,15 +104,8 @@ def prune(problem: Problem, judge: Judge, now: Fit, start: Fit) -> tuple[Fit, di
         if worth and min(worth.values()) < ENOUGH:
             now = without[min(worth, key=lambda name: worth[name])]
             continue
-        best = least_error(problem, now)
-        lower = {name: least_error(problem, less) / best for name, less in without.items()}
+        best = tested(problem, now).rmse_holdout
+        lower = {name: better(problem, less).rmse_holdout / best for name, less in without.items()}
         if not lower or min(lower.values()) >= WORTH_TELLING:
             return now, without
         now = without[min(lower, key=lambda name: lower[name])]
-
-
-def least_error(problem: Problem, fitted: Fit) -> float:
-    """Return the smallest error that the shape of a fit can reach by least squares."""
-    noise = Noise(1e-3, fitted.noise.slow, fitted.noise.fast)
-    shape = descend(Solver(problem, whitener(noise, problem.used, problem.interval)), fitted.shape, rounds=3)
-    return finished(problem, shape, noise).rmse
