@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..record import FloatArray, Record
-from ..results import Estimate, LoopReport
+from ..results import Estimate, LoopReport, Verdict
 from .figures import EVIDENCE, MEASUREMENT, OUTPUT, QUIET, SETPOINT, close_look, thin
 from .files import replacing
 from .picture_data import gap_lines, known_part, means, middle_part, per_unit
@@ -33,6 +33,7 @@ SIZE = (13.0, 8.6)  # inches
 DPI = 110
 SIZES = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # per cent, labelled on the axis of sizes
 POINTS = 150  # of the close look in the plane
+CLAIMS = (Verdict.BACKLASH, Verdict.SUSPECTED)  # the verdicts that name a size
 FALLING = "#5b7f95"
 
 
@@ -83,7 +84,7 @@ def loop_figure(record: Record, report: LoopReport) -> Figure:
 def _title(report: LoopReport) -> str:
     words = f"{terminal(report.loop, 60)}: {VERDICTS[report.verdict]}"
     size, ci95 = _size(report)
-    if size is not None and ci95 is not None and report.verdict in ("backlash", "suspected"):
+    if size is not None and ci95 is not None and report.verdict in CLAIMS:
         words += f", dead band {percent(size)} of the output span ({interval(ci95)})"
     return words
 
@@ -143,7 +144,7 @@ def _plane(axes: Axes, record: Record, near: Record, report: LoopReport) -> None
     axes.set_xlabel(f"OP ({per_unit(s.op_range)})")
     axes.set_ylabel(f"PV ({per_unit(s.pv_range)})")
     size, _ = _size(report)
-    if size:
+    if size and report.verdict in CLAIMS:
         _gap(axes, record, near, size)
     _plain(axes)
 
@@ -180,9 +181,11 @@ def _evidence(axes: Axes, report: LoopReport) -> None:
         axes.set_title("evidence for each size of dead band", loc="left", fontsize=10)
         axes.set_ylabel("evidence (log likelihood gained)")
         _interval(axes, confirmation.d, confirmation.ci95, f"PV against OP: {percent(confirmation.d)}", EVIDENCE)
-        if report.cluster is not None:
-            words = f"half periods: {percent(report.cluster.d)}"
-            axes.axvline(100 * report.cluster.d, color="black", linestyle=":", linewidth=1.2, label=words)
+        used = [e.d for e in report.estimates if e.accepted and math.isfinite(e.d)]
+        if used:
+            middle = float(np.median(used))
+            words = f"half periods, median: {percent(middle)}"
+            axes.axvline(100 * middle, color="black", linestyle=":", linewidth=1.2, label=words)
         limit = confirmation.limit_of_detection
         if limit is not None and size.min() < limit <= confirmation.d:
             axes.axvspan(100 * size.min(), 100 * limit, color=QUIET, alpha=0.15, linewidth=0, label="too small to see")

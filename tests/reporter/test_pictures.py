@@ -52,7 +52,7 @@ def test_the_picture_says_what_was_found_and_where() -> None:
     figure = loop_figure(record(), report())
     said = texts(figure)
     assert "FIC101: backlash, dead band 3.00 % of the output span" in said
-    for words in ("2.9 %", "SP, PV (span 0–900)", "OP (%)", "PV against OP: 3.10 %", "half periods: 3.00 %"):
+    for words in ("2.9 %", "SP, PV (span 0–900)", "OP (%)", "PV against OP: 3.10 %", "half periods, median: 3.00 %"):
         assert words in said, words
     assert "valve opening" in said and "valve closing" in said
 
@@ -89,6 +89,11 @@ def test_what_is_too_small_to_see_is_shaded_below_the_size_found() -> None:
     assert "too small to see" in texts(loop_figure(record(), below))
     above = replace(report(), confirmation=replace(found, limit_of_detection=0.05))
     assert "too small to see" not in texts(loop_figure(record(), above))
+
+
+def test_no_dead_band_is_drawn_where_none_is_claimed() -> None:
+    said = texts(loop_figure(record(), replace(report(), verdict=Verdict.NO_BACKLASH)))
+    assert "valve opening" not in said and "dead band 3.00 %" not in said
 
 
 def test_without_estimates_the_trend_is_still_drawn() -> None:
