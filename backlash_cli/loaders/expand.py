@@ -18,13 +18,6 @@ def on_grid(values: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
     return np.where(grid.rows >= 0, values[grid.rows], np.nan)
 
 
-def flags_on_grid(flags: NDArray[np.bool_], grid: Grid) -> NDArray[np.bool_]:
-    """Put row flags at their grid points; absent rows are False."""
-    if grid.rows is None:
-        return flags
-    return np.where(grid.rows >= 0, flags[grid.rows], False)
-
-
 def linear(signal: Signal, grid: Grid, limit: float) -> NDArray[np.float64]:
     """Values on straight lines between good records; nan where the records are more than `limit` microseconds apart
     or a bad one lies between."""
@@ -43,9 +36,9 @@ def linear(signal: Signal, grid: Grid, limit: float) -> NDArray[np.float64]:
     return out
 
 
-def held(signal: Signal, grid: Grid, limit: float | None) -> NDArray[np.float64]:
+def held(signal: Signal, grid: Grid, limit: float | None, bridge: int) -> NDArray[np.float64]:
     """The last good record at or before each grid point; nan before the first, after `limit` microseconds, and from
-    a bad record on when no good one follows within a few intervals."""
+    a bad record on when no good one follows within `bridge` samples or a few records."""
     stamps, values, good = _records(signal)
     times = grid.times
     if not good.any():
@@ -62,7 +55,8 @@ def held(signal: Signal, grid: Grid, limit: float | None) -> NDArray[np.float64]
         fault = np.searchsorted(faults, times, side="right") - 1
         stale = (fault >= 0) & (faults[fault.clip(0)] > known[last.clip(0)])
         spacing = float(np.median(np.diff(stamps))) if len(stamps) > 1 else float(grid.step)
-        out[stale & (age > (MAX_HOLE + 0.5) * max(spacing, grid.step))] = np.nan
+        few = max((bridge + 0.5) * grid.step, (MAX_HOLE + 0.5) * spacing)
+        out[stale & (age > few)] = np.nan
     return out
 
 

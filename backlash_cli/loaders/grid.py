@@ -18,7 +18,8 @@ from ..record import Note
 from .order import Ordered
 from .times import SECOND
 
-MAX_HOLE = 5  # absent samples that may be bridged
+MAX_HOLE = 5  # absent samples that may be bridged when nothing else is known
+ABSENT_ROWS = 60  # absent samples that get rows of their own; more is a gap
 SPARSE_SHARE = 0.15  # share of spacings longer than one interval that means compression, not loss
 GAP_FACTOR = 5.0  # of the 99 % spacing: the longest that compressed data may bridge
 MAX_GROWTH = 200  # grid points per recorded row
@@ -124,8 +125,8 @@ def _regular(order: Ordered, steps: NDArray[np.int64], step: int) -> Grid:
     rows = np.arange(len(order.stamps)) if order.rows is None else order.rows
     index = np.concatenate([[0], np.cumsum(advance)])
     notes = list(order.notes)
-    holes = (advance > 1) & (advance <= MAX_HOLE + 1)
-    gaps = advance > MAX_HOLE + 1
+    holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
+    gaps = advance > ABSENT_ROWS + 1
     _note_gaps(order.stamps, steps, gaps, step, notes)
     if holes.any():
         absent = int((advance[holes] - 1).sum())

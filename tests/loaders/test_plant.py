@@ -52,9 +52,9 @@ def test_digital_states_are_missing_and_counted(tmp_path):
         "nan",
         "-inf",
     ]
-    plant = read(save(tmp_path, edited(range(100, 110), PV, words)))
+    plant = read(save(tmp_path, edited(range(100, 120), PV, words * 2)))
     record = plant["FIC101"]
-    assert (record.state[100:110] == SampleState.MISSING).all() and record.usable.sum() == 590
+    assert (record.state[100:120] == SampleState.MISSING).all() and record.usable.sum() == 580
     assert "not_numbers" in codes(record.notes)
     assert "Bad Input" in next(n.message for n in record.notes if n.code == "not_numbers")
     assert plant["PIC303"].usable.all()
@@ -423,3 +423,55 @@ def test_a_byte_that_is_no_text_far_below_the_header(tmp_path):
     text = wide().encode().replace(b"\n2026-03-18T00:04:00,", b"\n2026-03-18T00:04:00 \xb0,")
     plant = read(save(tmp_path, text))
     assert "encoding" in codes(plant.warnings) and plant["FIC101"].usable.all()
+
+
+def test_the_doubled_hour_for_all_tags_of_a_long_export(tmp_path):
+    """Wall clock of New York without offset: the rarely recorded setpoint goes back with the measurement."""
+    from datetime import datetime
+
+    start = datetime(2026, 11, 1, 0, 30)
+    rng = np.random.default_rng(3)
+    rows = ["tag,time,value"]
+    for i in range(7200):
+        clock = iso(start + timedelta(seconds=i - (3600 if i >= 5400 else 0)))
+        if i % 60 == 0:
+            rows.append(f"FIC101.SP,{clock},{405 if i < 6000 else 450}")
+        rows.append(f"FIC101.PV,{clock},{405 + rng.standard_normal():.2f}")
+        if i % 5 == 0:
+            rows.append(f"FIC101.OP,{clock},{40 + rng.standard_normal():.2f}")
+    path = save(tmp_path, "\n".join(rows) + "\n")
+    plain = read(path)["FIC101"]
+    zoned = read(path, options=ReadOptions(timezone="America/New_York"))["FIC101"]
+    for record in (plain, zoned):
+        assert np.array_equal(record.index, np.arange(7200))
+        assert np.flatnonzero(np.diff(record.setpoint)).tolist() == [5999]
+        assert "dst_repeated_hour" in codes(record.notes)
+    assert zoned.start == plain.start + 4 * 3600
+
+
+def test_long_holes_are_gaps_and_short_ones_are_filled_by_the_integral_time(tmp_path):
+    lines = wide().splitlines()
+    kept = [line for i, line in enumerate(lines) if not (100 < i <= 108 or 200 < i <= 215 or 300 < i <= 400)]
+    record = read(save(tmp_path, "\n".join(kept) + "\n"))["FIC101"]  # Ti = 20 s
+    assert (record.state[100:108] == SampleState.FILLED).all()
+    assert (record.state[200:215] == SampleState.MISSING).all()
+    assert np.flatnonzero(np.diff(record.index) > 1).tolist() == [299] and len(record) == 500
+
+
+def test_a_special_file_is_no_export(tmp_path):
+    with pytest.raises(InputError, match="regular file"):
+        read("/dev/zero")
+
+
+def test_tags_that_are_no_loops_are_left_out(tmp_path):
+    lines = [f"{line},{'TI7.PV,Pump OUT' if i == 0 else '5,6'}" for i, line in enumerate(wide().splitlines())]
+    plant = read(save(tmp_path, "\n".join(lines) + "\n"))
+    assert {r.loop for r in plant} == {"FIC101", "PIC303"} and not plant.failures
+    assert "single_signals" in codes(plant.warnings)
+
+
+def test_names_in_the_data_that_contain_a_loop_of_the_metadata(tmp_path):
+    plant = read(save(tmp_path, wide(name=lambda n: "AREA1/" + n)))
+    assert "matched_name" in codes(plant["FIC101"].notes)
+    both = wide(name=lambda n: n.replace("FIC101", "A/FIC101").replace("PIC303", "B/FIC101"))
+    assert {r.loop for r in read(save(tmp_path, both), options=ReadOptions())} == {"A/FIC101", "B/FIC101"}
