@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray
 
-WIDTHS: FloatArray = 0.002 * 1.22 ** np.arange(24, dtype=np.float64)  # dead bands that are tried: 0.2 % to 19 % of the output span
+# Dead bands that are tried: 0.2 % to 19 % of the output span.
+WIDTHS: FloatArray = 0.002 * 1.22 ** np.arange(24, dtype=np.float64)
 ENOUGH = 0.7  # share of its samples that a block needs
 
 

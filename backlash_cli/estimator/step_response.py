@@ -1,4 +1,4 @@
-"""Regression on a step response that may start the wrong way only a little: what a process can be, and a controller not.
+"""Regression on a step response that may start the wrong way only a little, as a process can and a controller cannot.
 
 In closed loop OP is a noise-free function of past PV. Without this bound a regression finds the inverse of the
 controller instead of the process.
@@ -16,48 +16,69 @@ DIP = 0.15  # an inverse response may reach this share of the final value
 
 
 @numba.njit(cache=True)
-def nonnegative(A: NDArray[Any], c: NDArray[Any]) -> NDArray[Any]:
-    """Minimise v'Av/2 - c'v over v >= 0 (Lawson and Hanson 1974, active set)."""
+def _solve_free(A: NDArray[Any], c: NDArray[Any], free: NDArray[Any], z: NDArray[Any], work: NDArray[Any]) -> None:
+    """Solve A z = c for the free entries, z = 0 elsewhere; work: (n, n + 1). Elimination of a positive matrix."""
     n = len(c)
-    x = np.zeros(n)
-    free = np.zeros(n, np.bool_)
+    for i in range(n):
+        for j in range(n):
+            work[i, j] = A[i, j] if free[i] and free[j] else (1.0 if i == j else 0.0)
+        work[i, n] = c[i] if free[i] else 0.0
+    for i in range(n):
+        for k in range(i + 1, n):
+            if work[k, i] != 0.0:
+                f = work[k, i] / work[i, i]
+                for j in range(i, n + 1):
+                    work[k, j] -= f * work[i, j]
+    for i in range(n - 1, -1, -1):
+        v = work[i, n]
+        for j in range(i + 1, n):
+            v -= work[i, j] * z[j]
+        z[i] = v / work[i, i]
+
+
+@numba.njit(cache=True)
+def nonnegative(A: NDArray[Any], c: NDArray[Any], x: NDArray[Any]) -> None:
+    """Minimise x'Ax/2 - c'x over x >= 0 into x (Lawson and Hanson 1974, chapter 23, active set).
+
+    A plain elimination instead of a library call: six unknowns, and a tenth of the time to compile.
+    """
+    n = len(c)
+    free = np.zeros(n)
+    z = np.zeros(n)
+    work = np.zeros((n, n + 1))
+    tiny = 1e-300
+    for i in range(n):
+        x[i] = 0.0
+        tiny = max(tiny, 1e-9 * abs(c[i]))
     for _ in range(3 * n):
-        w = c - A @ x
-        best, most = -1, 1e-9 * np.max(np.abs(c)) + 1e-300
+        best, most = -1, tiny
         for i in range(n):
-            if not free[i] and w[i] / np.sqrt(A[i, i]) > most:
-                best, most = i, w[i] / np.sqrt(A[i, i])
+            w = c[i]
+            for j in range(n):
+                w -= A[i, j] * x[j]
+            w /= np.sqrt(A[i, i])
+            if free[i] == 0.0 and w > most:
+                best, most = i, w
         if best < 0:
             break
-        free[best] = True
-        while True:
-            idx = np.flatnonzero(free)
-            m = len(idx)
-            B = np.empty((m, m))
-            r = np.empty(m)
-            for i in range(m):
-                r[i] = c[idx[i]]
-                for j in range(m):
-                    B[i, j] = A[idx[i], idx[j]]
-            z = np.linalg.solve(B, r)
+        free[best] = 1.0
+        for _ in range(n):
+            _solve_free(A, c, free, z, work)
             step, stop = 1.0, -1
-            for i in range(m):
-                if z[i] <= 0.0:
-                    t = x[idx[i]] / (x[idx[i]] - z[i] + 1e-300)
+            for i in range(n):
+                if free[i] > 0.0 and z[i] <= 0.0:
+                    t = x[i] / (x[i] - z[i] + 1e-300)
                     if t < step:
                         step, stop = t, i
-            for i in range(m):
-                x[idx[i]] += step * (z[i] - x[idx[i]])
+            for i in range(n):
+                if free[i] > 0.0:
+                    x[i] += step * (z[i] - x[i])
             if stop < 0:
                 break
-            x[idx[stop]] = 0.0
-            for i in range(m):
-                if x[idx[i]] <= 1e-14:
-                    free[idx[i]] = False
-                    x[idx[i]] = 0.0
-            if step == 0.0 and idx[stop] == best:
-                break
-    return x
+            for i in range(n):
+                if free[i] > 0.0 and (i == stop or x[i] <= 1e-14):
+                    free[i] = 0.0
+                    x[i] = 0.0
 
 
 @numba.njit(cache=True)

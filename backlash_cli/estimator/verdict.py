@@ -16,6 +16,7 @@ from .oscillation import Oscillation
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
 AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share
+HARMLESS = ASKED / 2.0  # a reconstructed PV imitates dead bands of this size, which half periods cannot confirm
 BLOCKED, LIMITED = "blocks", "limits"
 
 
@@ -66,6 +67,8 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     agrees = _agreement(f, c)
     reasons = [_explained(c), *_side_by_side(f, c)]
     if reading.clear:
+        if limits and not agrees and f.detections < ENOUGH and c.ci95[1] < HARMLESS:
+            return _nothing_found(f, replace(c, limit_of_detection=max(c.limit_of_detection or 0.0, HARMLESS)), limits)
         if limits and not agrees:
             return Decision(Verdict.SUSPECTED, (reasons[0], *limits, *reasons[1:]), 0.5, cluster)
         sure = 0.97 - 0.25 * min(1.0, reading.needed / float(c.details["evidence"]))

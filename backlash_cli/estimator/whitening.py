@@ -8,7 +8,7 @@ Model, one row per block of samples (k):
     n                                                  white measurement noise
 
 plus load steps of known variance at known rows (`shock`). A Kalman filter whitens every column; what remains is a
-regression with a step response that may not fall below -DIP of its final value (`step_response`). Variances are in units of that of n.
+regression with a bounded step response (`step_response`). Variances are in units of that of n.
 Harvey, Forecasting, Structural Time Series Models and the Kalman Filter (1989), sections 3.2 and 3.4; load steps are
 found as in Harvey and Koopman, Diagnostic checking of unobserved-components models, JBES 10 (1992) 377-389.
 """
@@ -46,21 +46,21 @@ def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArra
     G = np.empty((n, 4))
     S = np.empty(n)
     F = _transition(a, phi)
-    g = np.array([a, a * a, 1.0, 1.0])
+    g = np.ones(4)
+    g[0], g[1] = a, a * a
     P = np.zeros((4, 4))
     T = np.zeros((4, 4))
     settled = 0
     for k in range(n):
         if first[k]:
-            P[:] = 0.0
-            for i in range(3):
-                for j in range(3):
-                    P[i, j] = DIFFUSE
-                P[i, i] += 0.01 * DIFFUSE
+            for i in range(4):
+                for j in range(4):
+                    P[i, j] = (1.01 if i == j else 1.0) * DIFFUSE if i < 3 and j < 3 else 0.0
             settled = 0
         if settled >= 3 and shock[k] == 0.0:
             S[k] = S[k - 1]
-            G[k] = G[k - 1]
+            for i in range(4):
+                G[k, i] = G[k - 1, i]
             continue
         for i in range(4):
             for j in range(4):
@@ -83,8 +83,7 @@ def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArra
             G[k, i] = P[i, 1] / s
         for i in range(4):
             for j in range(4):
-                T[i, j] = P[i, j] - G[k, i] * G[k, j] * s
-        P[:] = T
+                P[i, j] -= G[k, i] * G[k, j] * s
         still = k > 0 and shock[k] == 0.0 and abs(S[k] - S[k - 1]) < 1e-6 * S[k]
         settled = settled + 1 if still and abs(G[k, 2] - G[k - 1, 2]) < 1e-6 * abs(G[k, 2]) + 1e-12 else 0
     return G, S
@@ -125,7 +124,9 @@ def regress(y: NDArray[Any], X: NDArray[Any], G: NDArray[Any], S: NDArray[Any], 
     noise = np.empty(m)
     coefficients = np.empty((m, nb))
     E = np.empty((nb + 1, n))
-    scale = 1.0 / np.sqrt(S)
+    scale = np.empty(n)
+    for k in range(n):
+        scale[k] = 1.0 / np.sqrt(S[k])
     whiten(y, G, scale, a, phi, first, E[0])
     base = response_base(nb)
     f = np.empty(n)
@@ -135,6 +136,10 @@ def regress(y: NDArray[Any], X: NDArray[Any], G: NDArray[Any], S: NDArray[Any], 
         logs += np.log(S[k])
     A = np.empty((nb, nb))
     c = np.empty(nb)
+    bounded = np.empty((nb, nb))
+    target = np.empty(nb)
+    free = np.empty(nb)
+    b = np.empty(nb)
     for j in range(m):
         z1 = z2 = 0.0
         for k in range(n):
@@ -163,10 +168,29 @@ def regress(y: NDArray[Any], X: NDArray[Any], G: NDArray[Any], S: NDArray[Any], 
                 v += E[p + 1, k] * E[0, k]
             c[p] = v
             A[p, p] += ridge
-        b = base @ nonnegative(base.T @ A @ base, base.T @ c)
-        coefficients[j] = b
+        for p in range(nb):
+            for q in range(nb):
+                v = 0.0
+                for i in range(nb):
+                    for h in range(nb):
+                        v += base[i, p] * A[i, h] * base[h, q]
+                bounded[p, q] = v
+            v = 0.0
+            for i in range(nb):
+                v += base[i, p] * c[i]
+            target[p] = v
+        nonnegative(bounded, target, free)
+        length = 0.0
+        for p in range(nb):
+            v = 0.0
+            for q in range(nb):
+                v += base[p, q] * free[q]
+            b[p] = v
+            coefficients[j, p] = v
+            length += v * v
         r = R[j if want else 0]
-        r[:] = E[0]
+        for k in range(n):
+            r[k] = E[0, k]
         for i in range(nb):
             if b[i] != 0.0:
                 for k in range(n):
@@ -183,7 +207,7 @@ def regress(y: NDArray[Any], X: NDArray[Any], G: NDArray[Any], S: NDArray[Any], 
         v = 0.0
         for k in rows:
             v += np.log(1.0 + r[k] * r[k] / (s2 * T_FREEDOM))
-        ll[j] = -0.5 * ((T_FREEDOM + 1.0) * v + logs + len(rows) * np.log(s2) + ridge * np.sum(b * b) / s2)
+        ll[j] = -0.5 * ((T_FREEDOM + 1.0) * v + logs + len(rows) * np.log(s2) + ridge * length / s2)
         noise[j] = s2
     return ll, noise, coefficients, R
 
@@ -197,7 +221,8 @@ def load_steps(e: NDArray[Any], G: NDArray[Any], S: NDArray[Any], a: float, phi:
     """
     n = len(e)
     F = _transition(a, phi)
-    g = np.array([a, a * a, 1.0, 0.0])
+    g = np.zeros(4)
+    g[0], g[1], g[2] = a, a * a, 1.0
     r = np.zeros(4)
     back = np.zeros(4)
     N = np.zeros((4, 4))
@@ -219,10 +244,10 @@ def load_steps(e: NDArray[Any], G: NDArray[Any], S: NDArray[Any], a: float, phi:
         r[1] += e[k] / np.sqrt(S[k]) - along
         same = k < n - 1 and S[k] == S[k + 1]
         if not (same and steady > 60):
-            L[:] = F
             for i in range(4):
                 v = 0.0
                 for j in range(4):
+                    L[i, j] = F[i, j]
                     v += F[i, j] * G[k, j]
                 L[i, 1] -= v
             for i in range(4):
@@ -248,7 +273,9 @@ def load_steps(e: NDArray[Any], G: NDArray[Any], S: NDArray[Any], a: float, phi:
             t[k] = v / np.sqrt(w)
             size[k] = v / w
         if first[k]:
-            r[:] = 0.0
-            N[:] = 0.0
+            for i in range(4):
+                r[i] = 0.0
+                for j in range(4):
+                    N[i, j] = 0.0
             steady = 0
     return t, size
