@@ -61,7 +61,8 @@ def test_tables_of_odd_cells(tmp_path, rows, delimiter, header):
 
 @quick
 @given(st.dictionaries(st.sampled_from(["timestamp", "A.SP", "A.PV", "A.OP", "A.MODE", "tag", "value", "quality"]),
-                       st.sampled_from(["int64", "float64", "string", "bool", "timestamp[ns]", "date32", "decimal128(9, 2)",
+                       st.sampled_from(["int64", "float64", "string", "bool", "timestamp[ns]", "date32",
+                                        "decimal128(9, 2)",
                                         "binary"]),
                        min_size=1), st.integers(0, 30), st.integers(0, 2**32 - 1))  # fmt: skip
 def test_parquet_of_any_types(tmp_path, columns, rows, seed):
