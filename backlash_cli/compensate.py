@@ -23,14 +23,16 @@ LEAST_MARGIN = 1.4  # gain margin below which a fitted process cannot be the one
 
 
 def compensate(
-    record: Record, *, process: Process | None = None, dead_band: float | None = None, seed: int = 0
+    record: Record, *, process: Process | None = None, dead_band: float | None = None,
+    report: LoopReport | None = None, seed: int = 0,
 ) -> CompensationStudy:
     """Return what compensation would do to a loop, simulated; advice to a person, nothing is written anywhere.
 
     process: given process, else fitted to the record. dead_band: given size [span of output], else from a scan.
+    report: the record's scan, made here if not given.
     Raises LoopError when the settings, the dead band or the process cannot be had from the record.
     """
-    report = scan(record)
+    report = report or scan(record)
     settings = report.settings
     if settings.K is None or settings.Ti is None:
         raise LoopError("K and Ti are not known", where=record.loop, remedy="give them in loops.toml",

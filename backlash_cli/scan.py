@@ -20,6 +20,7 @@ from .estimator.verdict import Findings, decide
 from .record import LoopSettings, Note, Record
 from .results import Confirmation, Estimate, LoopReport, Verdict
 
+OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
 COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
 
 
@@ -115,7 +116,8 @@ class LoopScanner:
         compensator = None
         if decision.verdict is Verdict.BACKLASH:
             noise = quality.op.noise if quality.op else 0.0
-            compensator = recommend(decision.cluster, confirmed, derivative=settings.Td > 0, output_noise=noise)
+            compensator = recommend(decision.cluster, confirmed, derivative=settings.Td > 0, output_noise=noise,
+                                    oscillating=oscillation.share > OSCILLATING and not accepted.any())
         return self._report(decision.verdict, decision.reasons, decision.confidence, warnings=tuple(warnings),
                             settings=settings, cluster=decision.cluster, confirmation=confirmed,
                             compensator=compensator,

@@ -48,15 +48,16 @@ def gain_share(d: float, *, derivative: bool, output_noise: float) -> tuple[floa
 
 
 def recommend(cluster: Cluster | None, confirmation: Confirmation | None, *, derivative: bool,
-              output_noise: float) -> Compensator | None:
+              output_noise: float, oscillating: bool = False) -> Compensator | None:
     """Return the gain delta [span of output] for scheme (9), None where compensation would do harm.
 
     derivative: the controller uses Td. output_noise: standard deviation of the fast motion of the output [span].
+    oscillating: the loop oscillates most of the time: an integrating process, tuning or a load, which no gain heals.
     The gain is a share of the lower end of the interval of d: 0.8, with derivative action 0.5, and less where the
     output is noisy; at a noise of d/6.25 and above none.
     """
     best = confirmation or cluster
-    if best is None:
+    if best is None or oscillating:
         return None
     low = min(best.ci95[0], best.d)
     share, why = gain_share(low, derivative=derivative, output_noise=output_noise)

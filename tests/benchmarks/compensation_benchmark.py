@@ -3,7 +3,7 @@
 For every loop a record of four hours is simulated and handed to `compensate`, which knows nothing but the record and
 the controller settings: the dead band comes from the scan (or, where the scan finds none, from a valve test that is
 wrong by up to 10 %), the process is fitted. The recommended gain is then tried on the true loop with other loads and
-other noise.
+other noise. The last line is what `scan` recommends by the same rule, without any simulation.
 
 Run: python -m tests.benchmarks.compensation_benchmark [loops] [first seed]
 """
@@ -19,6 +19,7 @@ import numpy as np
 
 from backlash_cli.compensate import compensate
 from backlash_cli.errors import LoopError
+from backlash_cli.scan import scan
 from backlash_cli.simulator import Compensator, Scenario, Scheme, simulate, trace, use
 from backlash_cli.simulator.limit_cycle import limit_cycle
 from tests.benchmarks.batch import TI, Loop, draw_loop, recording
@@ -32,7 +33,7 @@ class Outcome:
     """What came of one loop; ratios are with compensator over without."""
 
     loop: Loop
-    source: str
+    source: str  # "scan" or "valve test": where `compensate` has d from; "scan alone": the scan's recommendation
     share: float  # recommended gain / true dead band, 0 when refused
     why: str = ""
     iae: float = np.nan
@@ -65,8 +66,8 @@ def oscillates(loop: Loop, compensator: Compensator) -> bool:
     return bool(turns >= 6 and np.ptp(valve) > 0.05 * loop.d)
 
 
-def outcome(seed: int) -> Outcome:
-    """Simulate, advise, and try the advice on the true loop."""
+def outcomes_of(seed: int) -> list[Outcome]:
+    """Simulate, advise, and try the advice on the true loop; the advice of the scan too, if it gives any."""
     rng = np.random.default_rng([seed, 7])
     loop = draw_loop(rng)
     while limit_cycle(loop.controller, loop.process, loop.d) is not None:
@@ -74,29 +75,39 @@ def outcome(seed: int) -> Outcome:
     record = simulate(recording(loop, rng, seed=seed))
     # the process gain is not in the settings of most plants
     record = replace(record, settings=replace(record.settings, Kp=None, theta=None))
+    scanned = scan(record)
+    alone = []
+    if scanned.compensator is not None:
+        alone = [tried(loop, "scan alone", Compensator(scanned.compensator.gain, Scheme.ERROR), seed)]
     source = "scan"
     try:
         try:
-            study = compensate(record)
+            study = compensate(record, report=scanned)
         except LoopError as error:
             if error.code != "no_dead_band":
                 raise
             source = "valve test"
-            study = compensate(record, dead_band=loop.d * rng.uniform(0.9, 1.1))
+            study = compensate(record, report=scanned, dead_band=loop.d * rng.uniform(0.9, 1.1))
     except LoopError as error:
-        return Outcome(loop, source, 0.0, error.code)
+        return [Outcome(loop, source, 0.0, error.code), *alone]
     if study.recommended is None:
-        return Outcome(loop, source, 0.0, study.refusals[-1].code)
+        return [Outcome(loop, source, 0.0, study.refusals[-1].code), *alone]
     compensator = Compensator(study.recommended, Scheme.ERROR, hysteresis=study.hysteresis)
+    return [tried(loop, source, compensator, seed), *alone]
+
+
+def tried(loop: Loop, source: str, compensator: Compensator, seed: int) -> Outcome:
+    """Return what a compensator does to the true loop."""
     pairs = [(trial(loop, Compensator(), k), trial(loop, compensator, k)) for k in range(seed * 10, seed * 10 + DRAWS)]
     without, with_it = (np.array(side) for side in zip(*pairs, strict=True))
     iae, travel = with_it.sum(axis=0) / without.sum(axis=0)
-    return Outcome(loop, source, study.recommended / loop.d, "", float(iae),
+    return Outcome(loop, source, compensator.gain / loop.d, "", float(iae),
                    float(np.mean(with_it[:, 0] < without[:, 0])), float(travel), oscillates(loop, compensator))
 
 
-def report(outcomes: list[Outcome]) -> str:
+def report(everything: list[Outcome]) -> str:
     """Return the printed summary."""
+    outcomes = [o for o in everything if o.source != "scan alone"]
     advised = [o for o in outcomes if o.share > 0.0]
     refused = Counter(o.why for o in outcomes if o.share == 0.0)
     lines = [f"{len(outcomes)} loops, dead band 1 to 8 %: gain recommended in {len(advised)}, refused in "
@@ -104,7 +115,8 @@ def report(outcomes: list[Outcome]) -> str:
     for name, group in (("all", advised), ("scan", [o for o in advised if o.source == "scan"]),
                         ("valve test", [o for o in advised if o.source != "scan"]),
                         ("PI", [o for o in advised if o.loop.controller.Td == 0.0]),
-                        ("PID", [o for o in advised if o.loop.controller.Td > 0.0])):
+                        ("PID", [o for o in advised if o.loop.controller.Td > 0.0]),
+                        ("scan alone", [o for o in everything if o.source == "scan alone"])):
         if not group:
             continue
         iae, travel, share = (np.array([getattr(o, key) for o in group]) for key in ("iae", "travel", "share"))
@@ -121,7 +133,7 @@ def main() -> None:
     loops = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     first = int(sys.argv[2]) if len(sys.argv) > 2 else 0
     begin = time.perf_counter()
-    outcomes = [outcome(seed) for seed in range(first, first + loops)]
+    outcomes = [o for seed in range(first, first + loops) for o in outcomes_of(seed)]
     print(report(outcomes))
     for o in outcomes:
         if o.oscillates or o.iae >= 1.0:

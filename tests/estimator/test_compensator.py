@@ -35,6 +35,7 @@ def test_the_test_of_pv_against_op_comes_before_the_cluster():
 
 def test_nothing_is_recommended_without_a_dead_band_that_is_surely_there():
     assert recommend(None, None, derivative=False, output_noise=0.0) is None
+    assert recommend(cluster(0.05, 0.04), None, derivative=False, output_noise=0.0, oscillating=True) is None
     assert recommend(cluster(0.02, 0.0), None, derivative=False, output_noise=0.0) is None
     assert recommend(cluster(0.02, 0.015), None, derivative=False, output_noise=0.01) is None
 
