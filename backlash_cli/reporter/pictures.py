@@ -11,16 +11,16 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..record import FloatArray, Record
-from ..results import Estimate, LoopReport, Verdict
-from .figures import EVIDENCE, MEASUREMENT, OUTPUT, QUIET, SETPOINT, close_look, thin
+from ..record import Record
+from ..results import LoopReport, Verdict
+from .figures import EVIDENCE, MEASUREMENT, OUTPUT, QUIET, SETPOINT, close_look
 from .files import replacing
+from .picture_axes import draw_line, legend_above, plain, shade, time_axis, units, used_in, write_estimates
 from .picture_data import gap_lines, known_part, means, middle_part, per_unit
 from .safe import file_name, terminal
 from .words import VERDICTS, interval, percent
@@ -34,7 +34,6 @@ DPI = 110
 SIZES = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # per cent, labelled on the axis of sizes
 POINTS = 150  # of the close look in the plane
 CLAIMS = (Verdict.BACKLASH, Verdict.SUSPECTED)  # the verdicts that name a size
-FALLING = "#5b7f95"
 
 
 def draw_loop(
@@ -71,7 +70,7 @@ def loop_figure(record: Record, report: LoopReport) -> Figure:
         below = figure.add_subplot(grid[1, :], sharex=trend)
         _output(below, record, report)
         trend.tick_params(labelbottom=False)
-    window = close_look(record, report) if _used(report, record) else middle_part(record)
+    window = close_look(record, report) if used_in(report, record) else middle_part(record)
     near = record.slice(window.start, window.stop)
     _close_look(figure.add_subplot(grid[-1, 0]), near, report)
     if record.output is not None:
@@ -96,26 +95,26 @@ def _size(report: LoopReport) -> tuple[float | None, tuple[float, float] | None]
 
 def _measurement(axes: Axes, record: Record, report: LoopReport, *, legend: bool = True) -> None:
     span = record.settings.pv_range
-    _line(axes, record, record.setpoint, span, SETPOINT, "setpoint SP", linestyle=(0, (4, 2)), linewidth=1.1)
-    _line(axes, record, record.measurement, span, MEASUREMENT, "measurement PV", linewidth=1.0)
-    used = _used(report, record)
-    _shade(axes, used)
+    draw_line(axes, record, record.setpoint, span, SETPOINT, "setpoint SP", linestyle=(0, (4, 2)), linewidth=1.1)
+    draw_line(axes, record, record.measurement, span, MEASUREMENT, "measurement PV", linewidth=1.0)
+    used = used_in(report, record)
+    shade(axes, used)
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.22 * (high - low))
     axes.set_ylabel(f"SP, PV ({per_unit(span)})")
-    _finish(axes, record)
-    _write(axes, used, room=0.016 if legend else 0.06)
+    time_axis(axes, record)
+    write_estimates(axes, used, room=0.016 if legend else 0.06)
     if legend:
-        _legend(axes, shaded=bool(used))
+        legend_above(axes, shaded=bool(used))
 
 
 def _output(axes: Axes, record: Record, report: LoopReport) -> None:
     assert record.output is not None
     span = record.settings.op_range
-    _line(axes, record, record.output, span, OUTPUT, "output OP", linewidth=1.0)
-    _shade(axes, _used(report, record))
+    draw_line(axes, record, record.output, span, OUTPUT, "output OP", linewidth=1.0)
+    shade(axes, used_in(report, record))
     axes.set_ylabel(f"OP ({per_unit(span)})")
-    _finish(axes, record)
+    time_axis(axes, record)
 
 
 def _close_look(axes: Axes, near: Record, report: LoopReport) -> None:
@@ -124,7 +123,7 @@ def _close_look(axes: Axes, near: Record, report: LoopReport) -> None:
     if near.output is None:
         return
     other = axes.twinx()
-    _line(other, near, near.output, near.settings.op_range, OUTPUT, "OP", linewidth=1.0)
+    draw_line(other, near, near.output, near.settings.op_range, OUTPUT, "OP", linewidth=1.0)
     other.set_ylabel(f"OP ({per_unit(near.settings.op_range)})", color=OUTPUT)
     other.tick_params(axis="y", colors=OUTPUT, labelsize=8)
     low, high = other.get_ylim()
@@ -136,9 +135,9 @@ def _plane(axes: Axes, record: Record, near: Record, report: LoopReport) -> None
     assert record.output is not None and near.output is not None
     s = record.settings
     step = max(1, len(record) // 4000)
-    op, pv = _units(record.output[::step], s.op_range), _units(record.measurement[::step], s.pv_range)
+    op, pv = units(record.output[::step], s.op_range), units(record.measurement[::step], s.pv_range)
     axes.plot(op, pv, ".", color=QUIET, markersize=1.5, alpha=0.5, rasterized=True)
-    x, y = _units(means(near.output, POINTS), s.op_range), _units(means(near.measurement, POINTS), s.pv_range)
+    x, y = units(means(near.output, POINTS), s.op_range), units(means(near.measurement, POINTS), s.pv_range)
     axes.plot(x, y, color=EVIDENCE, linewidth=0.9, alpha=0.9)
     axes.set_title("PV against OP (red: close look)", loc="left", fontsize=10)
     axes.set_xlabel(f"OP ({per_unit(s.op_range)})")
@@ -146,7 +145,7 @@ def _plane(axes: Axes, record: Record, near: Record, report: LoopReport) -> None
     size, _ = _size(report)
     if size and report.verdict in CLAIMS:
         _gap(axes, record, near, size)
-    _plain(axes)
+    plain(axes)
 
 
 def _gap(axes: Axes, record: Record, near: Record, size: float) -> None:
@@ -158,7 +157,7 @@ def _gap(axes: Axes, record: Record, near: Record, size: float) -> None:
     if lines is not None:
         for op, pv, label in (lines.rising, lines.falling):
             style = "--" if label == "valve opening" else ":"
-            axes.plot(_units(op, s.op_range), _units(pv, s.pv_range), style, color="black", linewidth=1.2, label=label)
+            axes.plot(units(op, s.op_range), units(pv, s.pv_range), style, color="black", linewidth=1.2, label=label)
         axes.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
     (left, right), (low, high) = limits
     room = high - low
@@ -197,7 +196,7 @@ def _evidence(axes: Axes, report: LoopReport) -> None:
     axes.set_xlabel("dead band (% of the output span)")
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
-    _plain(axes)
+    plain(axes)
 
 
 def _strip(axes: Axes, report: LoopReport) -> None:
@@ -225,83 +224,3 @@ def _strip(axes: Axes, report: LoopReport) -> None:
 def _interval(axes: Axes, size: float, ci95: tuple[float, float], words: str, colour: str) -> None:
     axes.axvspan(100 * ci95[0], 100 * ci95[1], color=colour, alpha=0.15, linewidth=0)
     axes.axvline(100 * size, color=colour, linewidth=1.5, label=words)
-
-
-def _used(report: LoopReport, record: Record) -> list[Estimate]:
-    """The accepted half periods that lie within the record shown."""
-    if not len(record):
-        return []
-    first, last = record.time[[0, -1]]
-    return [e for e in report.estimates if e.accepted and e.end >= first and e.start <= last]
-
-
-def _shade(axes: Axes, used: Sequence[Estimate]) -> None:
-    for estimate in used:
-        colour = EVIDENCE if estimate.direction > 0 else FALLING
-        axes.axvspan(_date(estimate.start), _date(estimate.end), color=colour, alpha=0.16, linewidth=0)
-
-
-def _write(axes: Axes, used: Sequence[Estimate], *, room: float) -> None:
-    """Write estimates where they were made; one closer than `room` (share of the width) to the last is left out."""
-    first, last = axes.get_xlim()
-    written = 0.0
-    for estimate in used:
-        middle = _date(0.5 * (estimate.start + estimate.end))
-        place = (middle - first) / (last - first)
-        if written + room <= place <= 0.98:
-            written = place
-            axes.text(
-                middle, 0.97, f"{100 * estimate.d:.1f} %", transform=axes.get_xaxis_transform(), ha="center", va="top",
-                rotation=90, fontsize=8, color="black",
-            )
-
-
-def _line(
-    axes: Axes, record: Record, values: FloatArray, span: tuple[float, float], colour: str, label: str, **style: Any
-) -> None:
-    """A line thinned to its smallest and largest values, broken at gaps."""
-    chosen, gaps = thin(record.index, values)
-    x = np.insert(_date(record.time[chosen]), gaps, np.nan)
-    y = np.insert(_units(values[chosen], span), gaps, np.nan)
-    axes.plot(x, y, color=colour, label=label, **style)
-
-
-def _units(values: FloatArray, span: tuple[float, float]) -> FloatArray:
-    """Engineering units; a span of 0..1 is shown in per cent."""
-    low, high = span if span != (0.0, 1.0) else (0.0, 100.0)
-    return low + (high - low) * values
-
-
-def _date(epoch: Any) -> Any:
-    """Matplotlib's days since 1970 from UTC epoch seconds."""
-    return np.asarray(epoch) / 86400.0
-
-
-def _legend(axes: Axes, *, shaded: bool) -> None:
-    from matplotlib.patches import Patch
-
-    handles, labels = axes.get_legend_handles_labels()
-    if shaded:
-        handles += [Patch(color=EVIDENCE, alpha=0.3), Patch(color=FALLING, alpha=0.3)]
-        labels += ["used, SP above PV", "used, SP below PV"]
-    axes.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, fontsize=8, frameon=False)
-
-
-def _finish(axes: Axes, record: Record) -> None:
-    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-
-    locator = AutoDateLocator(maxticks=10)
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
-    if len(record):
-        room = max(0.0, 60.0 - (record.time[-1] - record.time[0])) / 2.0  # dates need a minute at least
-        axes.set_xlim(_date(record.time[0] - room), _date(record.time[-1] + room))
-    _plain(axes)
-
-
-def _plain(axes: Axes) -> None:
-    axes.grid(True, color="#e3e7ea", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
