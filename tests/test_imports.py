@@ -37,8 +37,8 @@ ALLOWED = {
     "engines": {"loaders", "scan", "model", "simulator", "history", "reporter"},
     "api": {"engines", "loaders", "scan", "model", "simulator", "history", "reporter"},
     "commands": {
-        "api", "check", "compensate", "engines", "loaders", "scan", "estimator", "model", "simulator", "effects", "history",
-        "reporter",
+        "api", "check", "compensate", "engines", "loaders", "scan", "estimator", "model", "simulator", "effects",
+        "history", "reporter",
     },
     "__main__": {"commands", "reporter"},
     "__init__": {"api", "loaders", "scan", "model", "simulator", "effects", "reporter", "history"},

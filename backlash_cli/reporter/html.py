@@ -13,7 +13,7 @@ from .folder import links_to, write_pages
 from .loop_page import loop_sections, note_table
 from .page import Cell, Section, Table, page
 from .safe import file_names, shorten
-from .words import MARKS, VERDICTS, advice, by_size, interval, moment, percent, size
+from .words import MARKS, VERDICTS, advice, by_size, excluded, interval, moment, percent, size
 
 DRAWN = 60  # loops with figures in a single file; a folder has no limit
 _TITLE = "Dead band report"
@@ -76,6 +76,13 @@ def _subtitle(result: ScanResult) -> str:
     return f"{loops} loop{'s' * (loops != 1)}{span}. Made by backlash {__version__}."
 
 
+def _size_cell(r: LoopReport) -> Cell:
+    d, limit = size(r), excluded(r)
+    if d is None:
+        return Cell(None, text="" if limit is None else f"below {100 * limit:.2f}")
+    return Cell(d, text=f"{100 * d:.2f}")
+
+
 def _brief(r: LoopReport) -> str:
     d = size(r)
     said = VERDICTS[r.verdict]
@@ -97,7 +104,7 @@ def _overview(
         rows.append([
             Cell(r.loop, text=shorten(r.loop, 80), href=links[r.loop]),
             Cell(VERDICTS[r.verdict], mark=MARKS[r.verdict]),
-            None if d is None else Cell(d, text=f"{100 * d:.2f}"),
+            _size_cell(r),
             None if c is None else Cell(c.ci95[0], text=f"{100 * c.ci95[0]:.2f} to {100 * c.ci95[1]:.2f}"),
             Cell(r.confidence, text=f"{100 * r.confidence:.0f}"),
             Cell(r.detections, text=f"{r.detections} of {r.half_periods}"),

@@ -13,7 +13,7 @@ from rich.text import Text
 from ..record import Note
 from ..results import LoopReport, ScanResult, Verdict
 from .safe import terminal
-from .words import MARKS, VERDICTS, advice, by_size, size
+from .words import MARKS, VERDICTS, advice, by_size, excluded, size
 
 WIDTH = 100
 _COLOURS = {"bad": "bold red", "warn": "yellow", "good": "green", "quiet": "dim"}
@@ -56,13 +56,20 @@ def _table(reports: Sequence[LoopReport]) -> Table:
         table.add_row(
             Text(terminal(report.loop, 40)),
             Text(VERDICTS[report.verdict], style=_COLOURS[MARKS[report.verdict]]),
-            "" if d is None else f"{100 * d:.2f}",
+            _size(report),
             "" if d is None else f"{100 * low:.2f}–{100 * high:.2f}",
             "" if quiet else f"{100 * report.confidence:.0f} %",
             "" if quiet else f"{report.detections} of {report.half_periods}",
-            Text(terminal(advice(report), 160)),
+            Text(terminal(advice(report), 120)),
         )
     return table
+
+
+def _size(report: LoopReport) -> str:
+    d, limit = size(report), excluded(report)
+    if d is not None:
+        return f"{100 * d:.2f}"
+    return "" if limit is None else f"<{100 * limit:.2f}"
 
 
 def _summary(reports: Sequence[LoopReport]) -> str:

@@ -41,6 +41,12 @@ def size(report: LoopReport) -> float | None:
     return report.cluster.d
 
 
+def excluded(report: LoopReport) -> float | None:
+    """Smallest dead band [span of output] that `no backlash` excludes; None where the verdict excludes none."""
+    found = report.confirmation or report.cluster
+    return found.limit_of_detection if found is not None and report.verdict is Verdict.NO_BACKLASH else None
+
+
 def percent(value: float | None, digits: int = 2) -> str:
     """A share of the span in per cent, e.g. '3.02 %'."""
     return "–" if value is None else f"{100 * value:.{digits}f} %"

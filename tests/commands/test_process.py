@@ -32,19 +32,23 @@ main()
 
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory):
-    return write_plant(tmp_path_factory.mktemp("plant"))
+    return write_plant(tmp_path_factory.mktemp("plant"), hours=0.3)
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-@pytest.mark.parametrize("output", ["r.json", "r.parquet", "r.html", "pages"])
-def test_a_stop_is_quick_says_what_was_done_and_leaves_the_old_report(plant, tmp_path, number, status, output):
+@pytest.mark.parametrize(
+    ("output", "number", "status"),
+    [("r.json", signal.SIGINT, 130), ("r.parquet", signal.SIGTERM, 143), ("r.html", signal.SIGTERM, 143),
+     ("pages", signal.SIGINT, 130)],
+)
+def test_a_stop_is_quick_says_what_was_done_and_leaves_the_old_report(plant, tmp_path, output, number, status):
     old = tmp_path / output
     if output == "pages":
         old.mkdir()
         old = old / "index.html"
     old.write_text("old")
     before = files(tmp_path)
-    command = [sys.executable, "-c", SLOW, "scan", str(plant), "--format", "html" if output == "pages" else output[2:]]
+    form = "html" if output == "pages" else output[2:]
+    command = [sys.executable, "-c", SLOW, "scan", str(plant), "--no-confirm", "--format", form]
     running = subprocess.Popen([*command, "--output", str(tmp_path / output)], stdout=subprocess.PIPE,
                                stderr=subprocess.PIPE, text=True)
     assert running.stderr is not None and running.stderr.readline() == "second loop\n"
@@ -61,7 +65,7 @@ def test_a_stop_ends_the_other_processes_too(plant, tmp_path):
     code = SLOW.replace("if len(calls) == 2:", "if False:")
     script = tmp_path / "slow.py"
     script.write_text(code.replace("main()\n", "if __name__ == '__main__':\n    main()\n"))
-    for delay in (0.4, 1.0, 1.6):
+    for delay in (0.5, 1.3):
         running = subprocess.Popen([sys.executable, str(script), "scan", str(plant), "--jobs", "2"],
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
         time.sleep(delay)
@@ -76,19 +80,19 @@ def test_a_stop_ends_the_other_processes_too(plant, tmp_path):
                 time.sleep(0.05)
 
 
-@pytest.mark.parametrize("form", ["table", "json", "csv", "html"])
+@pytest.mark.parametrize("form", ["json", "html"])
 def test_a_reader_that_goes_away_is_no_error(plant, form):
-    command = f"{subprocess.list2cmdline(COMMAND)} scan {plant} --format {form} | head -c 10"
+    command = f"{subprocess.list2cmdline(COMMAND)} scan {plant} --no-confirm --format {form} | head -c 10"
     done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0 and done.stderr == "" and len(done.stdout) == 10
 
 
-@pytest.mark.parametrize("form", ["table", "json", "html"])
+@pytest.mark.parametrize("form", ["table", "html"])
 def test_a_full_disk_behind_standard_output(plant, form):
     if not Path("/dev/full").exists():
         pytest.skip("this system has no /dev/full")
     with open("/dev/full", "w") as full:
-        command = [*COMMAND, "scan", str(plant), "--format", form]
+        command = [*COMMAND, "scan", str(plant), "--no-confirm", "--format", form]
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 2 and "standard output" in done.stderr and "Traceback" not in done.stderr
     assert "Exception" not in done.stderr
@@ -98,7 +102,8 @@ def test_a_full_disk_for_a_file_leaves_the_old_report(plant, tmp_path):
     """The limit on file sizes stands in for a full disk: both fail in the middle of writing."""
     old = tmp_path / "r.html"
     old.write_text("old")
-    command = f"trap '' XFSZ; ulimit -f 100; {subprocess.list2cmdline(COMMAND)} scan {plant} --output {old}"
+    scan = f"{subprocess.list2cmdline(COMMAND)} scan {plant} --no-confirm --output {old}"
+    command = f"trap '' XFSZ; ulimit -f 100; {scan}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
     assert done.returncode == 2 and "cannot write" in done.stderr and "Traceback" not in done.stderr
     assert files(tmp_path) == {"r.html": b"old"}
@@ -124,17 +129,15 @@ def in_terminal(*arguments: str, **environment: str) -> tuple[bytes, int]:
 
 
 def test_colour_and_progress_on_a_terminal_only(plant):
-    shown, status = in_terminal("scan", str(plant))
+    shown, status = in_terminal("scan", str(plant), "--no-confirm")
     assert status == 0 and b"\x1b[" in shown and b"scanning" in shown
-    assert b"scanning" not in in_terminal("scan", str(plant), "--quiet", "--format", "table")[0]
-    assert b"\x1b[1;31m" not in in_terminal("scan", str(plant), NO_COLOR="1")[0]
-    plain = process("scan", plant)
-    assert "\x1b" not in plain.stdout and plain.stderr == ""
+    assert b"scanning" not in in_terminal("scan", str(plant), "--no-confirm", "--quiet", "--format", "table")[0]
+    assert b"\x1b[1;31m" not in in_terminal("scan", str(plant), "--no-confirm", NO_COLOR="1")[0]
 
 
 def test_a_terminal_that_knows_ascii_only(plant):
-    done = process("scan", plant, env={**os.environ, "PYTHONIOENCODING": "ascii", "LC_ALL": "C"})
-    assert done.returncode == 0 and "PIC303" in done.stdout
+    done = process("scan", plant, "--no-confirm", env={**os.environ, "PYTHONIOENCODING": "ascii", "LC_ALL": "C"})
+    assert done.returncode == 0 and "PIC303" in done.stdout and "\x1b" not in done.stdout and done.stderr == ""
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], [], ["scan", "--help"], ["scn"]])

@@ -17,7 +17,7 @@ ROWS = "".join(f"2026-03-01 00:00:{s:02},1.0,{s}.5\n" for s in range(50))
 
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory):
-    return write_plant(tmp_path_factory.mktemp("plant"))
+    return write_plant(tmp_path_factory.mktemp("plant"), hours=1.0)
 
 
 def test_table_is_the_default_with_the_largest_first(capfd, plant):
@@ -173,7 +173,8 @@ def test_quiet_says_nothing_when_all_is_well(capfd, plant, tmp_path):
 
 def test_verbose_gives_the_reasons_of_every_loop(capfd, plant):
     plain, verbose = run(capfd, "scan", plant).out, run(capfd, "scan", plant, "--verbose").out
-    assert verbose.count("  reason ") == 3 and "  reason " not in plain and "half periods not used" in verbose
+    assert verbose.count("  reason ") >= len(TRUTH) and "  reason " not in plain
+    assert verbose.count("half periods not used") == len(TRUTH)
 
 
 def test_only_the_loops_asked_for(capfd, plant):
@@ -190,17 +191,17 @@ def test_processes_give_the_same_report(capfd, plant):
 def test_hostile_loop_names_in_every_form(capfd, tmp_path, name):
     path = write_plant(tmp_path, {"FIC101": name}, hours=0.5)
     before = files(tmp_path)
-    table = run(capfd, "scan", path, "--verbose")
+    table = run(capfd, "scan", path, "--verbose", "--no-confirm")
     assert table.status in (0, 3)
     for c in ("\x1b", "\x07", "\u202e", "FIC\n101"):
         assert c not in table.out + table.err
     assert max(map(len, table.out.splitlines())) <= 100
-    loops = json.loads(run(capfd, "scan", path, "--format", "json").out)["loops"]
+    loops = json.loads(run(capfd, "scan", path, "--no-confirm", "--format", "json").out)["loops"]
     assert name in [x["loop"] for x in loops]
-    assert "<script>alert(1)" not in run(capfd, "scan", path, "--format", "html").out
-    rows = list(csv.DictReader(io.StringIO(run(capfd, "scan", path, "--format", "csv").out)))
+    assert "<script>alert(1)" not in run(capfd, "scan", path, "--no-confirm", "--format", "html").out
+    rows = list(csv.DictReader(io.StringIO(run(capfd, "scan", path, "--no-confirm", "--format", "csv").out)))
     assert len(rows) == 3 and not any(r["loop"].startswith("=") for r in rows)
     assert files(tmp_path) == before
-    run(capfd, "scan", path, "--format", "html", "--output", tmp_path / "pages")
+    run(capfd, "scan", path, "--no-confirm", "--format", "html", "--output", tmp_path / "pages")
     made = set(files(tmp_path)) - set(before)
     assert all(m.startswith("pages/") for m in made) and len(made) == 5

@@ -7,6 +7,7 @@ import pytest
 
 from backlash_cli.record import Note
 from backlash_cli.reporter.text import to_text
+from backlash_cli.results import Verdict
 from tests.reporter.reports import HOSTILE, report, result
 
 
@@ -24,6 +25,12 @@ def test_a_row_says_size_interval_confidence_count_and_advice():
     assert re.split(r"\s{2,}", row) == [
         "FIC101", "backlash", "3.00", "2.70–3.30", "90 %", "10 of 20", "compensate 2.40 %, error-sign (9)"
     ]
+
+
+def test_no_backlash_says_what_it_excludes():
+    none = report("fine", 0.002, Verdict.NO_BACKLASH, compensator=None)
+    assert " <0.40 " in table_rows(to_text(result(replace(none, confirmation=None))))[0]
+    assert "<" not in table_rows(to_text(result(report("fine", None, Verdict.NO_BACKLASH))))[0]
 
 
 @pytest.mark.parametrize("verbose", [False, True])
