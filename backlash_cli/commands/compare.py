@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from .options import inputs_argument, loops_option, reading_options
+from .terminal import say
 
 if TYPE_CHECKING:
     from ..loaders import ReadOptions
@@ -26,11 +27,14 @@ if TYPE_CHECKING:
               help="Write the numbers as JSON; - is standard output.")
 @click.option("--html", metavar="FILE", type=click.Path(path_type=Path),
               help="Draw measured and predicted PV, the residual and what it depends on.")
+@click.option("--picture", metavar="FILE", type=click.Path(path_type=Path),
+              help="Draw one still picture, .png or .svg, for a document or mail.")
 @loops_option
 @click.option("--verbose", "-v", is_flag=True, help="List every region of the record.")
 @reading_options
 def compare(inputs: tuple[Path, ...], loop: str | None, model_file: Path | None, other_loop: bool,
-            json_file: Path | None, html: Path | None, loops: Path | None, verbose: bool, reading: ReadOptions) -> int:
+            json_file: Path | None, html: Path | None, picture: Path | None, loops: Path | None, verbose: bool,
+            reading: ReadOptions) -> int:
     """Predict PV from the measured OP, compare it with the measured PV, and say where the model fails.
 
     INPUT is one or more CSV or Parquet files, or folders of them; they must hold the controller output (OP). The
@@ -41,14 +45,20 @@ def compare(inputs: tuple[Path, ...], loop: str | None, model_file: Path | None,
     from ..api import load_model
     from ..model import compare as compare_with
     from ..reporter.explain_json import to_json
+    from ..reporter.explain_picture import check_picture, write_picture
     from ..reporter.explain_text import comparison_text
-    from .one_loop import model_for, one_loop, put
+    from .one_loop import check_places, model_for, one_loop, put
 
+    check_picture(picture)
+    check_places(inputs, json_file, html, picture)
     if loop is None and model_file is not None and not other_loop:
         loop = load_model(model_file).loop
     record = one_loop(inputs, loop, loops, reading)
     model = None if model_file is None else model_for(model_file, record, other_loop=other_loop)
     found = compare_with(record, model)
+    if picture is not None:
+        write_picture(found, picture)
+        say(f"picture written to {picture}")
     if html is not None:
         from ..reporter.compare_page import compare_page
 

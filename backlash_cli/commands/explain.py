@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from .options import inputs_argument, loops_option, reading_options
+from .terminal import say
 
 if TYPE_CHECKING:
     from ..loaders import ReadOptions
@@ -37,13 +38,15 @@ if TYPE_CHECKING:
               help="With --all: the summary as .csv, .json or .html, or a folder with all three and the JSON of "
               "each loop. Default: a table on the terminal.")
 @click.option("--jobs", metavar="N", type=click.IntRange(min=1), help="With --all: processes. Default: one per core.")
+@click.option("--picture", metavar="FILE", type=click.Path(path_type=Path),
+              help="Draw one still picture, .png or .svg, for a document or mail.")
 @loops_option
 @click.option("--verbose", "-v", is_flag=True, help="List every candidate with its numbers, and every region.")
 @reading_options
 def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], outside: tuple[str, ...],
             model_file: Path | None, other_loop: bool, save_model: Path | None, json_file: Path | None,
-            html: Path | None, every: bool, output: Path | None, jobs: int | None, loops: Path | None,
-            verbose: bool, reading: ReadOptions) -> int:
+            html: Path | None, picture: Path | None, every: bool, output: Path | None, jobs: int | None,
+            loops: Path | None, verbose: bool, reading: ReadOptions) -> int:
     """Find the physical effects that are missing in a loop's model, add them, and watch the error fall.
 
     Starts from gain, one lag and offset; tries every effect at its place in the loop; keeps one only when it also
@@ -54,12 +57,13 @@ def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], ou
     import sys
 
     from ..effects.registry import load_effect
-    from .one_loop import check_together, model_for, one_loop, put
+    from .one_loop import check_places, check_together, model_for, one_loop, put
 
     check_together(every=every, output=output, jobs=jobs, single={
         "--loop": loop, "--add": add, "--model": model_file, "--save-model": save_model, "--json": json_file,
-        "--html": html,
+        "--html": html, "--picture": picture,
     })
+    check_places(inputs, json_file, html, picture, save_model, output)
     more = [load_effect(name) for name in outside]
     chosen = [load_effect(name) for name in add]
     if every:
@@ -70,8 +74,10 @@ def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], ou
     from ..api import save_model as keep
     from ..model import explain as explain_record
     from ..reporter.explain_json import to_json
+    from ..reporter.explain_picture import check_picture, write_picture
     from ..reporter.explain_text import explanation_text
 
+    check_picture(picture)
     if loop is None and model_file is not None and not other_loop:
         loop = load_model(model_file).loop
     record = one_loop(inputs, loop, loops, reading)
@@ -79,6 +85,10 @@ def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], ou
     found = explain_record(record, model, add=chosen, effects=more)
     if save_model is not None and found.model is not None:
         keep(found.model, save_model)
+        say(f"model written to {save_model}")
+    if picture is not None:
+        write_picture(found, picture)
+        say(f"picture written to {picture}")
     if html is not None:
         from ..reporter.explain_page import explain_page
 

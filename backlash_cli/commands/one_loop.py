@@ -52,6 +52,13 @@ def check_together(*, every: bool, output: Path | None, jobs: int | None, single
         raise UsageError(f"{name} goes with --all", where=name, remedy=remedy)
 
 
+def check_places(inputs: Sequence[Path], *outputs: Path | None) -> None:
+    """Refuse to write a result over the export it comes from."""
+    for output in outputs:
+        if output is not None and any(given.is_file() and output.resolve() == given.resolve() for given in inputs):
+            raise UsageError("this is the export itself", where=str(output), remedy="choose another name for the result")
+
+
 def put(path: Path, text: str, what: str = "") -> None:
     """Write a result to a file, or to standard output when the file is called -."""
     from ..reporter.files import write_text

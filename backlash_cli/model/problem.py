@@ -103,20 +103,15 @@ def problem_from_record(record: Record) -> Problem:
     used = whole & np.isfinite(measurement) & np.isfinite(output)
     count = int(np.count_nonzero(used))
     if count < FEWEST_SAMPLES:
+        # a signal that never moves is marked frozen as a whole: that is the reason to give, not its consequence
+        _refuse_constant(where, output, measurement)
         raise LoopError(
             f"only {count} usable samples; a model needs {FEWEST_SAMPLES}",
             where=where,
             remedy="export a longer period, or check the quality column",
             code="insufficient_data",
         )
-    for name, values in (("OP", output[used]), ("PV", measurement[used])):
-        if np.ptp(values) <= 1e-9 * max(1.0, float(np.max(np.abs(values)))):
-            raise LoopError(
-                f"{name} is constant ({values[0]:g} of span): nothing moves, so nothing can be learnt",
-                where=where,
-                remedy="export a period with setpoint changes or load upsets",
-                code="constant_signal",
-            )
+    _refuse_constant(where, output[used], measurement[used])
     recorded = np.where(used, measurement, np.nan)
     columns = {}
     for name, values in record.disturbances.items():
@@ -137,6 +132,18 @@ def problem_from_record(record: Record) -> Problem:
         holes=_holes(output),
         floor=noise_floor(recorded),
     )
+
+
+def _refuse_constant(where: str, output: FloatArray, measurement: FloatArray) -> None:
+    """Raise LoopError when OP or PV (samples,) holds one value only; nan is left out."""
+    for name, values in (("OP", output[np.isfinite(output)]), ("PV", measurement[np.isfinite(measurement)])):
+        if values.size and np.ptp(values) <= 1e-9 * max(1.0, float(np.max(np.abs(values)))):
+            raise LoopError(
+                f"{name} is constant ({values[0]:g} of span): nothing moves, so nothing can be learnt",
+                where=where,
+                remedy="export a period with setpoint changes or load upsets",
+                code="constant_signal",
+            )
 
 
 def noise_floor(recorded: FloatArray) -> float:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from ..record import FloatArray, LoopSettings
 from ..results import Comparison, FittedEffect, FittedParameter, Region, Series
 from . import explain_figures as figures
-from .explain_words import error_size, meaning, numbers, plain_name, quantity, share, span_words
+from .explain_words import error_size, meaning, numbers, plain_name, quantity, share, span_words, still_holds
 from .loop_page import note_table
 from .page import Cell, Section, Table, page
 from .residual_causes import causes
@@ -20,8 +20,9 @@ def compare_page(c: Comparison) -> str:
         for name, f in ([("this model", c.fitness)] if c.effects else []) + [("plain model", c.baseline)]
     ]
     rows.append(["noise floor", error(c.noise_floor), None])
-    text = [] if c.fitted or c.model is None else [
-        "The numbers of the model file were kept; only what belongs to this record (offset, start) was matched."
+    text = [] if not still_holds(c) else [
+        still_holds(c),
+        "The numbers of the model file were kept; only what belongs to this record (offset, start) was matched.",
     ]
     if c.unexplained is not None:
         text.append(f"Of the squared error above the noise, this model leaves {share(c.unexplained)} unexplained.")

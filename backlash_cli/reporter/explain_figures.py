@@ -32,7 +32,7 @@ def overlay(series: Series, settings: LoopSettings, regions: Sequence[Region], n
         line(series, series.residual, _width(settings.pv_range), "residual (measured - predicted)", RESIDUAL, "y2"),
         line(series, series.output, settings.op_range, "OP", OUTPUT, "y3"),
     ]
-    for place, (name, values) in enumerate(series.inside.items()):
+    for place, (name, values) in enumerate(series.moved.items()):
         colour = STEP_COLOURS[2 + place % 3]
         lines.append(line(series, values, settings.op_range, plain_name(name), colour, "y3", dash="dash"))
     shaded = [r for r in regions if r.stretches][:SHADED]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..results import Candidate, Explanation
 from . import explain_figures as figures
 from .compare_page import depends_on, effect_sections, error, parameter_table, where
-from .explain_words import ladder, look_alike_words, numbers, plain_name, share, span_words, verdict
+from .explain_words import candidate_verdict, ladder, look_alike_words, numbers, plain_name, share, span_words, verdict
 from .loop_page import note_table
 from .page import Cell, Section, Table, page
 
@@ -46,7 +46,8 @@ def _candidates(e: Explanation) -> Section:
         said = ", ".join(f"{name} = {text}" for name, text in numbers(c, e.settings, start).items())
         return [Cell(plain_name(c.effect), mark="good" if c.verdict == "accepted" else ""), error(c.rmse_holdout),
                 Cell(c.error_reduction, text=share(c.error_reduction)),
-                None if c.evidence is None else Cell(c.evidence, text=f"{c.evidence:.0f}"), c.verdict or None, said]
+                None if c.evidence is None else Cell(c.evidence, text=f"{c.evidence:.0f}"),
+                candidate_verdict(e, c) or None, said]
 
     columns = ["Effect", "Hold-out error", "Error gone", "Evidence", "Verdict", "Numbers when alone"]
     return Section("Each effect tried alone", table=Table(columns, [row(c) for c in e.candidates]), anchor="candidates",

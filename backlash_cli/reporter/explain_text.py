@@ -13,6 +13,7 @@ from rich.text import Text
 from ..record import Note
 from ..results import Comparison, Explanation, Region
 from .explain_words import (
+    candidate_verdict,
     error_size,
     ladder,
     look_alike_words,
@@ -21,6 +22,7 @@ from .explain_words import (
     plain_name,
     share,
     span_words,
+    still_holds,
     verdict,
 )
 from .safe import terminal
@@ -43,6 +45,8 @@ def comparison_text(c: Comparison, *, verbose: bool = False, colour: bool = Fals
                   "gain, one lag and offset" + ("" if c.effects else "; this is the model compared"))
     table.add_row("noise floor", error_size(c.noise_floor), "", "no model can do better than the measurement noise")
     console.print(table)
+    if still_holds(c):
+        _say(console, "\n" + still_holds(c))
     if c.unexplained is not None:
         _say(console, f"\nOf the squared error above the noise, this model leaves {share(c.unexplained)} unexplained.")
     _regions(console, c.where, verbose)
@@ -137,7 +141,8 @@ def _candidates(console: Console, e: Explanation, verbose: bool) -> None:
     shown = e.candidates if verbose else e.candidates[:CANDIDATES]
     start = None if e.series is None else float(e.series.time[0])
     for c in shown:
-        words = plain_name(c.effect) + (f" ({c.verdict})" if c.verdict else "")
+        became = candidate_verdict(e, c)
+        words = plain_name(c.effect) + (f" ({became})" if became else "")
         if verbose:
             words += ": " + ", ".join(f"{name} = {text}" for name, text in numbers(c, e.settings, start).items())
         evidence = "" if c.evidence is None else f"{c.evidence:.0f}"

@@ -66,11 +66,12 @@ def quantity(
     interval = p.ci95 if p.ci95 and not isinstance(p.ci95[0], tuple) else None
     low, high = interval if interval else (math.nan, math.nan)
     scale, unit, short = _unit(p.unit, stage)
-    digits = _digits(p.value * scale, low * scale, high * scale)
-    said = f"{p.value * scale:.{digits}f}{short if brief else unit}"
+    said = f"{p.value * scale:.{_digits(p.value * scale, (high - low) * scale)}f}"
     if brief:
-        return said
+        return said + short
+    said += unit
     if math.isfinite(low) and math.isfinite(high):
+        digits = _digits(0.0, (high - low) * scale)
         said += f" (95 %: {low * scale:.{digits}f} to {high * scale:.{digits}f}{short.partition(' per ')[0]})"
     return said + _engineering(p, stage, settings)
 
@@ -124,13 +125,15 @@ def _unit(unit: str, stage: str) -> tuple[float, str, str]:
     return known.get(unit, (1.0, f" {unit}", f" {unit}"))
 
 
-def _digits(value: float, low: float, high: float) -> int:
-    """Decimals worth showing: one digit of the interval's half width, or three digits of the value."""
-    half = 0.5 * (high - low)
-    if math.isfinite(half) and half > 0:
-        worth = -math.floor(math.log10(half))
+def _digits(value: float, width: float) -> int:
+    """Decimals worth showing: one digit of the interval's half width, at least two of the value; else three."""
+    own = math.floor(math.log10(abs(value))) if value and math.isfinite(value) else 0
+    if math.isfinite(width) and width > 0:
+        worth = -math.floor(math.log10(0.5 * width))
+        if value:
+            worth = max(worth, 1 - own)
     else:
-        worth = 2 - math.floor(math.log10(abs(value))) if value and math.isfinite(value) else 2
+        worth = 2 - own
     return min(max(worth, 0), 8)
 
 
@@ -184,15 +187,52 @@ def look_alike_words(explanation: Explanation) -> list[str]:
     ]
 
 
+def candidate_verdict(explanation: Explanation, candidate: Candidate) -> str:
+    """What became of an effect that was tried, in a word or two."""
+    for accepted, other in explanation.look_alikes:
+        if candidate.effect == other:
+            return f"looks like {plain_name(accepted)}"
+    return candidate.verdict
+
+
 def verdict(explanation: Explanation) -> str:
     """The answer in one sentence."""
     if explanation.verdict:
         return explanation.verdict
-    if explanation.missing_effect is None:
-        return "Nothing is missing: no effect that was tried predicts this record better than the plain model."
-    names = " and ".join(plain_name(e.effect) for e in explanation.effects)
-    one = len(explanation.effects) == 1
-    return f"Missing in the plain model: {names}. The error on unseen samples falls with {'it' if one else 'them'}."
+    added = explanation.steps[1:]
+    names = " and ".join(plain_name(s.added or "") for s in added if s.chosen == "search")
+    own = " and ".join(plain_name(s.added or "") for s in added if s.chosen != "search")
+    said = []
+    if own:
+        said.append(
+            f"With your own choice, {own}, the error on unseen samples goes from "
+            f"{error_size(explanation.steps[0].rmse_holdout)} to {error_size(_after_own(added))}."
+        )
+    if names:
+        with_it = "it" if sum(s.chosen == "search" for s in added) == 1 else "them"
+        model = "model" if own else "plain model"
+        said.append(f"Missing in the {model}: {names}. The error on unseen samples falls with {with_it}.")
+    if not added:
+        said.append("Nothing is missing: no effect that was tried predicts this record better than the plain model.")
+    return " ".join(said)
+
+
+def _after_own(added: Sequence[Step]) -> float:
+    """The error after the last step of the user's own choice."""
+    return [s.rmse_holdout for s in added if s.chosen != "search"][-1]
+
+
+def still_holds(c: Comparison) -> str:
+    """Whether a model that was kept predicts this record too; empty where no model was given."""
+    if c.fitted or c.model is None:
+        return ""
+    before = c.model.rmse_holdout
+    said = "" if before is None else (
+        f"On the record it was fitted to its error was {error_size(before)}, here it is {error_size(c.fitness.rmse)}. "
+    )
+    if c.fitness.rmse < c.baseline.rmse_holdout:
+        return said + "The model holds here: it predicts this record better than a plain model fitted to it."
+    return said + "The model does not hold here: a plain model fitted to this record does better."
 
 
 def span_words(found: Comparison | Explanation) -> str:

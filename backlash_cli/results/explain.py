@@ -126,6 +126,11 @@ class Series:
         """Measured minus predicted PV (samples,), nan where the sample does not count."""
         return np.where(self.used, self.measured - self.predicted, np.nan)
 
+    @property
+    def moved(self) -> dict[str, FloatArray]:
+        """The signals inside the model that differ from OP; without an effect on its way the stem follows OP."""
+        return {name: v for name, v in self.inside.items() if not np.allclose(v, self.output, rtol=0.0, atol=1e-9)}
+
 
 @dataclass(frozen=True)
 class ModelEffect:

@@ -9,10 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from backlash_cli.errors import UsageError
 from backlash_cli.record import Note
 from backlash_cli.reporter import explain_figures as figures
 from backlash_cli.reporter.compare_page import compare_page
 from backlash_cli.reporter.explain_page import explain_page
+from backlash_cli.reporter.explain_picture import write_picture
 from backlash_cli.reporter.explain_summary import COLUMNS, counts, to_csv, to_json, to_page, to_text
 from backlash_cli.reporter.files import write_text
 from backlash_cli.reporter.residual_causes import binned, causes, since_reversal, spectrum
@@ -142,3 +144,14 @@ def test_pages_open_without_errors_and_the_buttons_work(tmp_path):
         assert not [r for r in browser.requests if not r.startswith(("file:", "data:", "blob:"))]
     finally:
         browser.close()
+
+
+def test_a_still_picture_is_written_whole_as_png_or_svg(tmp_path):
+    for found in (explanation(), nothing(), comparison(), comparison(model=None)):
+        for suffix in (".png", ".svg"):
+            write_picture(found, tmp_path / f"x{suffix}")
+            assert 5_000 < (tmp_path / f"x{suffix}").stat().st_size < 500_000
+    with pytest.raises(UsageError, match=r"a picture is \.png or \.svg"):
+        write_picture(comparison(), tmp_path / "x.jpg")
+    with pytest.raises(UsageError, match="no samples"):
+        write_picture(explanation().light(), tmp_path / "x.png")

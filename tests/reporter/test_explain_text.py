@@ -23,6 +23,7 @@ def test_the_ladder_is_one_line():
 @pytest.mark.parametrize(("parameter", "stage", "said"), [
     (FittedParameter(0.03, "span", (0.0295, 0.0307)), "valve", "3.00 % of OP span (95 %: 2.95 to 3.07 %)"),
     (FittedParameter(0.005, "span"), "sensor", "0.500 % of PV span, 4.5 in PV units"),
+    (FittedParameter(0.0002, "span", (0.0, 0.03)), "valve", "0.020 % of OP span (95 %: 0 to 3 %)"),
     (FittedParameter(0.02, "1/s"), "valve", "2.00 % of OP span per second"),
     (FittedParameter(12.34, "s", (11.9, 12.8)), "process", "12.3 s (95 %: 11.9 to 12.8 s)"),
     (FittedParameter(-1.4, "1"), "valve", "-1.40"),
@@ -71,8 +72,25 @@ def test_nothing_missing_is_said_plainly():
     assert "Nothing is missing" in text and "What it means" not in text
 
 
+def test_the_users_own_choice_is_not_called_missing():
+    e = explanation()
+    steps = (e.steps[0], replace(e.steps[1], chosen="user"), e.steps[2])
+    text = " ".join(explanation_text(replace(e, steps=steps)).split())
+    assert "With your own choice, backlash, the error on unseen samples goes from 3.2 % to 0.81 %." in text
+    assert "Missing in the model: load step." in text
+    text = explanation_text(replace(e, steps=steps[:2]))
+    assert "Missing" not in text
+
+
+def test_a_model_that_does_worse_than_the_plain_one_does_not_hold():
+    c = comparison()
+    assert "does not hold" in comparison_text(replace(c, fitness=replace(c.fitness, rmse=0.05)))
+    assert "hold here" not in comparison_text(comparison(model=None))
+
+
 def test_comparison_with_and_without_a_model():
     text = comparison_text(comparison())
+    assert "error was 0.8 %, here it is 0.79 %. The model holds here" in " ".join(text.split())
     assert re.search(r"this model +0.79 % +0.81 % +with backlash", text) and "leaves 5 % unexplained" in text
     plain = comparison_text(comparison(model=None))
     assert "this is the model compared" in plain and "this model  " not in plain
