@@ -16,6 +16,10 @@ from . import commands
 from ._version import __version__
 from .errors import BacklashError
 
+# matrices here are tall and narrow: threads of the linear algebra library cost more than they gain
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 SUMMARIES = {
     "scan": "Find dead band in every loop of an export.",
     "check": "Check data quality and controller settings of every loop.",

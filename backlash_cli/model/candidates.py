@@ -25,6 +25,8 @@ SWEEP = 17
 KEEP_JUMPY = 12
 # gain in deviance of a look-alike below which an effect with many valleys is not searched for
 WORTH_A_LOOK = 6.0
+# a start that is still this much worse than the model without the effect is not refined further
+HOPELESS = 4.0
 
 
 def default_starts(effect: Effect) -> list[Values]:
@@ -80,14 +82,18 @@ def candidate(
             else:
                 shape = descend(solver, shape, rounds=3)
             trials.append(finished(problem, shape, refit_noise(problem, shape, noise, base.noise)))
-    return best_of(problem, judge, trials, random, jumpy(effect))
+    return best_of(problem, judge, trials, random, jumpy(effect), judge.score(base))
 
 
 def best_of(
-    problem: Problem, judge: Judge, trials: list[Fit], random: np.random.Generator, valleys: bool
+    problem: Problem, judge: Judge, trials: list[Fit], random: np.random.Generator, valleys: bool,
+    before: float,
 ) -> Fit | None:
     """Return the likeliest fit of the most promising trials, each searched and fitted to the end."""
     trials.sort(key=judge.score)
+    hopeful = [trial for trial in trials if plausible(problem, trial)]
+    if hopeful and not valleys and judge.score(hopeful[0]) > before + HOPELESS:
+        return hopeful[0]
     best: Fit | None = None
     for trial in trials[: 3 if valleys else 2]:
         noise, shape = trial.noise, trial.shape
@@ -169,6 +175,10 @@ def table(problem: Problem, judge: Judge, base: Fit, effects: Iterable[Effect], 
     out: dict[str, Fit] = {}
     for effect in effects:
         if not effect.fitted or effect.name in base.shape.names or effect.fitting.bounds is not None:
+            continue
+        like = [part.effect for part in base.shape.parts if effect.name in part.effect.fitting.siblings]
+        if any(jumpy(other) or jumpy(effect) for other in like):
+            # one valve has one friction; `improve` sees whether the look-alike does better
             continue
         found = candidate(problem, judge, base, effect, known=out, seed=seed)
         if found is not None:

@@ -85,9 +85,17 @@ def moved_output(problem: Problem, parts: Sequence[Part]) -> FloatArray:
     return signal
 
 
+def packed(part: Part) -> FloatArray:
+    """Return the parameter array of a part; without the checks of `Effect.pack`, as a fit stays within the bounds."""
+    parameters = part.effect.parameters
+    if any(q.many for q in parameters):
+        return part.effect.pack(part.values)
+    return np.array([part.values.get(q.name, q.neutral) for q in parameters], dtype=np.float64)
+
+
 def after(problem: Problem, part: Part, signal: FloatArray) -> FloatArray:
     """Return the signal (samples,) after one effect."""
-    p = part.effect.pack(part.values)
+    p = packed(part)
     if part.effect.fitting.whole is not None:
         return part.effect.fitting.whole(signal, p)
     series: FloatArray | tuple[float, ...] = problem.columns[part.column] if part.column else ()
