@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .grid import MAX_HOLE, Grid
+from .grid import GAP_FACTOR, MAX_HOLE, Grid
 from .join import Signal
 
 
@@ -65,6 +65,17 @@ def usual_spacing(signal: Signal) -> float:
     stamps, _, good = _records(signal)
     steps = np.diff(stamps[good])
     return float(np.quantile(steps, 0.99)) if len(steps) else 0.0
+
+
+def hold_limit(signal: Signal) -> float:
+    """How long in microseconds a value holds: while it is recorded on change, until the next record; while it is
+    recorded at regular times, GAP_FACTOR intervals, for then a longer silence is a loss."""
+    stamps, _, good = _records(signal)
+    steps = np.diff(stamps[good])
+    if not len(steps):
+        return float("inf")
+    usual = float(np.quantile(steps, 0.99))
+    return GAP_FACTOR * usual if usual <= 3.0 * float(np.median(steps)) else float(steps.max())
 
 
 def _records(signal: Signal) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:

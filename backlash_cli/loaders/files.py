@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import stat
 import struct
-import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -14,11 +12,10 @@ import pyarrow as pa
 
 from ..errors import InputError
 from ..record import Note
+from .compression import codec_of, decompress
 from .options import ReadOptions
 
 CHUNK = 1 << 20
-# Text of measurements never shrinks to a 200th; beyond this a small file is a trap, not an export.
-BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20
 _FOREIGN = {
     b"PK\x03\x04": ("a zip archive or an Excel workbook", "unpack it, or save the sheet as CSV"),
     b"\xd0\xcf\x11\xe0": ("an old Excel workbook or Office document", "save the sheet as CSV"),
@@ -27,7 +24,6 @@ _FOREIGN = {
     b"\x89HDF": ("an HDF5 file", "export the data as CSV or Parquet"),
     b"ORC": ("an ORC file", "export the data as CSV or Parquet"),
 }
-_COMPRESSED = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bz2", b"\xfd7zXZ\x00": "xz"}
 
 
 @dataclass(frozen=True)
@@ -76,10 +72,10 @@ def open_content(path: Path, options: ReadOptions) -> Content:
             if magic[:4] == b"PAR1":
                 return Content(path, "parquet")
             _refuse_foreign(magic, path)
-            codec = next((name for mark, name in _COMPRESSED.items() if magic.startswith(mark)), "")
+            codec = codec_of(magic)
             file.seek(0)
             if codec:
-                data, notes = _decompress(file, codec, size, path, options.max_bytes)
+                data, notes = decompress(file, codec, size, path, options.max_bytes)
                 if data[:4] == b"PAR1":
                     raise InputError("compressed Parquet file", where=str(path), remedy="decompress it first")
                 _refuse_foreign(data[:16], path)
@@ -203,78 +199,3 @@ def _refuse_foreign(magic: bytes, path: Path) -> None:
     for mark, (what, remedy) in _FOREIGN.items():
         if magic.startswith(mark):
             raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
-
-
-def _decompress(file: BinaryIO, codec: str, size: int, path: Path, limit: int) -> tuple[bytes, tuple[Note, ...]]:
-    parts: list[bytes] = []
-    total = 0
-    problem = ""
-    pieces = _pieces(file, codec)
-    while True:
-        try:
-            piece = next(pieces, b"")
-        except (OSError, EOFError, zlib.error, ValueError, pa.ArrowException) as error:
-            problem = str(error).strip() or type(error).__name__
-            break
-        if not piece:
-            break
-        parts.append(piece)
-        total += len(piece)
-        if total > limit or (total > BOMB_FLOOR and total > BOMB_RATIO * size):
-            raise InputError(
-                f"{size} bytes of {codec} expand to more than {total >> 20} MB",
-                where=str(path),
-                remedy="if this is a real export, decompress it first or cut it into parts",
-            )
-    data = b"".join(parts)
-    if problem and len(data) < 200:
-        raise InputError(f"damaged {codec} file: {problem}", where=str(path), remedy="export or copy it again")
-    notes: tuple[Note, ...] = ()
-    if problem:
-        cut = data.rfind(b"\n") + 1
-        data = data[:cut] if cut else data
-        notes = (Note("truncated", f"damaged or truncated {codec} file ({problem}): only the part before is read"),)
-    return data, notes
-
-
-def _pieces(file: BinaryIO, codec: str) -> Iterator[bytes]:
-    if codec == "gzip":
-        yield from _gunzip(file)
-        return
-    if codec == "zstd":
-        stream = pa.CompressedInputStream(pa.PythonFile(file, mode="r"), "zstd")
-        while piece := stream.read(CHUNK):
-            yield piece
-        return
-    import bz2
-    import lzma
-
-    opened: Any = (bz2 if codec == "bz2" else lzma).open(file)
-    try:
-        while piece := opened.read(CHUNK):
-            yield piece
-    except lzma.LZMAError as error:
-        raise OSError(str(error)) from None
-
-
-def _gunzip(file: BinaryIO) -> Iterator[bytes]:
-    """Yield the text of a gzip file piece by piece, and all that is whole of a damaged one before the error."""
-    inflate = zlib.decompressobj(wbits=31)
-    rest = b""
-    while chunk := rest or file.read(CHUNK):
-        rest = b""
-        if inflate.eof:
-            if not chunk.startswith(b"\x1f\x8b"):
-                return  # padding after the last member
-            inflate = zlib.decompressobj(wbits=31)
-        piece = inflate.decompress(chunk, CHUNK)
-        if piece:
-            yield piece
-        rest = inflate.unused_data if inflate.eof else inflate.unconsumed_tail
-        if not piece and not rest and inflate.eof:
-            continue
-    tail = inflate.flush()
-    if tail:
-        yield tail
-    if not inflate.eof:
-        raise EOFError("the compressed stream ends too early")

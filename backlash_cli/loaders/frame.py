@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..record import Note
-from .expand import held, linear, on_grid, usual_spacing
+from .expand import held, hold_limit, linear, on_grid, usual_spacing
 from .grid import GAP_FACTOR, MAX_HOLE, SPARSE_SHARE, Grid
 from .join import Joiner, LoopSeries, Signal
 from .options import ReadOptions
@@ -105,7 +105,7 @@ class Frame:
                 return self._bridged(values)
         limit = None
         if role not in ("sp", "mode"):
-            limit = max(GAP_FACTOR * usual_spacing(signal), (self.bridge + 1.5) * self.grid.step)
+            limit = max(hold_limit(signal), (self.bridge + 1.5) * self.grid.step)
         if self.options.interpolation == "linear" and role != "mode":
             return linear(signal, self.grid, float("inf") if limit is None else limit)
         return held(signal, self.grid, limit, self.bridge)

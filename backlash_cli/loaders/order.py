@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..record import Note
+from .repeats import differ, spread_evenly, without_repeats
 from .times import DAY, NAT, SECOND
 from .zones import utc_text
 
@@ -79,8 +80,8 @@ def ordered(
             )
     repeats = np.flatnonzero(np.diff(stamps) == 0)
     if len(repeats):
-        others = values is None or _differs(values[repeats], values[repeats + 1], values).mean() > 0.5
-        spread = _spread(stamps) if others else None
+        others = values is None or differ(values[repeats], values[repeats + 1], values).mean() > 0.5
+        spread = spread_evenly(stamps) if others else None
         if spread is not None:
             notes.append(
                 Note(
@@ -90,7 +91,7 @@ def ordered(
             )
             stamps = spread
         else:
-            stamps, rows = _without_repeats(stamps, rows, values, repeats, notes)
+            stamps, rows = without_repeats(stamps, rows, values, repeats, notes)
     return Ordered(stamps, rows, tuple(notes))
 
 
@@ -177,7 +178,7 @@ def _conflicts(stamps: NDArray[np.int64], values: NDArray[np.float64] | None) ->
         return False
     turn = np.argsort(stamps, kind="stable")
     same = np.flatnonzero(np.diff(stamps[turn]) == 0)
-    return bool(len(same)) and _differs(values[turn[same]], values[turn[same + 1]], values).mean() >= 0.5
+    return bool(len(same)) and differ(values[turn[same]], values[turn[same + 1]], values).mean() >= 0.5
 
 
 def _sunday_night(stamps: NDArray[np.int64], position: int, step: int) -> bool:
@@ -185,73 +186,3 @@ def _sunday_night(stamps: NDArray[np.int64], position: int, step: int) -> bool:
     lost = int(stamps[position] - stamps[position + 1]) + step
     day, clock = divmod(int(stamps[position]), DAY)
     return (day + 3) % 7 == 6 and clock <= 4 * HOUR and abs(lost - HOUR) <= 2 * step < HOUR
-
-
-def _differs(a: NDArray[np.float64], b: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.bool_]:
-    known = values[np.isfinite(values)]
-    scale = float(np.subtract(*np.quantile(known, [0.95, 0.05]))) if len(known) else 0.0
-    with np.errstate(invalid="ignore", over="ignore"):
-        far = np.abs(a - b) > 0.002 * scale
-    return far & np.isfinite(a) & np.isfinite(b)
-
-
-def _spread(stamps: NDArray[np.int64]) -> NDArray[np.int64] | None:
-    """Stamps written too coarsely (to the minute): spread the rows of each stamp evenly, if their number is steady."""
-    unique, counts = np.unique(stamps, return_counts=True)
-    if len(unique) < 4:
-        return None
-    inner = counts[1:-1]
-    usual = int(np.median(inner))
-    steps = np.diff(unique)
-    width = int(np.median(steps))
-    if (
-        usual < 2
-        or np.mean(np.abs(inner - usual) <= 1) < 0.95
-        or np.mean(steps == width) < 0.9
-        or counts.max() > usual + 1
-    ):
-        return None
-    starts = np.cumsum(counts) - counts
-    rank = np.arange(len(stamps)) - np.repeat(starts, counts)
-    share = np.where(np.abs(counts - usual) <= 1, counts, usual)
-    share[0] = share[-1] = usual
-    rank[: counts[0]] += max(usual - counts[0], 0)
-    return stamps + (rank * width) // np.repeat(share, counts)
-
-
-def _without_repeats(
-    stamps: NDArray[np.int64],
-    rows: NDArray[np.int64],
-    values: NDArray[np.float64] | None,
-    repeats: NDArray[np.int64],
-    notes: list[Note],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    conflicts = 0
-    drop = repeats + 1
-    if values is not None:
-        conflicts = int(_differs(values[repeats], values[repeats + 1], values).sum())
-        first_blank = ~np.isfinite(values[repeats]) & np.isfinite(values[repeats + 1])
-        drop = np.where(first_blank, repeats, drop)
-    keep = np.ones(len(stamps), bool)
-    keep[drop] = False
-    more = f", {conflicts} of them with another value" if conflicts else ""
-    notes.append(
-        Note(
-            "duplicate_times",
-            f"{len(repeats)} rows repeat the time stamp of another row{more}; the first of each is kept",
-            {"rows": float(len(repeats)), "conflicts": float(conflicts)},
-        )
-    )
-    if conflicts > 0.5 * len(stamps):
-        raise LoopError(
-            "most rows repeat a time stamp with another value: the times do not tell the rows apart",
-            code="constant_time",
-            remedy="export with finer time stamps",
-        )
-    stamps, rows = stamps[keep], rows[keep]
-    again = np.flatnonzero(np.diff(stamps) == 0)
-    if len(again):  # a blank first row of three equal stamps leaves a pair
-        keep = np.ones(len(stamps), bool)
-        keep[again + 1] = False
-        stamps, rows = stamps[keep], rows[keep]
-    return stamps, rows

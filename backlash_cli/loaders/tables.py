@@ -20,6 +20,7 @@ from .options import ReadOptions
 HEAD_SIZES = (256 << 10, 4 << 20, 32 << 20)
 _TWO_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # column names of two levels as pandas writes them
 MAX_COLUMNS = 100_000
+MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def read_table(path: Path, options: ReadOptions, partition: dict[str, str] | Non
     content = open_content(path, options)
     try:
         if content.kind == "parquet":
-            table = _read_parquet(path)
+            table = _read_parquet(path, options)
         else:
             table = _read_csv(content, options)
     except (pa.ArrowException, ValueError, OSError, OverflowError, MemoryError) as error:
@@ -83,10 +84,17 @@ def stem_of(path: Path) -> str:
     return name
 
 
-def _read_parquet(path: Path) -> Table:
+def _read_parquet(path: Path, options: ReadOptions) -> Table:
     file = pa_parquet.ParquetFile(path)
     if file.metadata.num_columns > MAX_COLUMNS:
         raise InputError(f"{file.metadata.num_columns} columns are too many", where=str(path))
+    decoded = file.metadata.num_rows * file.metadata.num_columns * 8
+    if decoded > options.max_bytes and decoded > MAX_GROWTH * path.stat().st_size:
+        raise InputError(
+            f"{path.stat().st_size} bytes of Parquet expand to {decoded >> 20} MB",
+            where=str(path),
+            remedy="if this is a real export, cut it into parts",
+        )
     table = file.read()
     names, columns = [], []
     for name, column in zip(table.column_names, table.columns, strict=True):

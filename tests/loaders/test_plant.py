@@ -290,7 +290,7 @@ def test_sidecars(tmp_path):
 
 
 def bomb() -> bytes:
-    return gzip.compress(b"0" * (300 << 20), 9)
+    return gzip.compress(b"0" * (80 << 20), 6)
 
 
 @pytest.mark.parametrize(
@@ -475,3 +475,22 @@ def test_names_in_the_data_that_contain_a_loop_of_the_metadata(tmp_path):
     assert "matched_name" in codes(plant["FIC101"].notes)
     both = wide(name=lambda n: n.replace("FIC101", "A/FIC101").replace("PIC303", "B/FIC101"))
     assert {r.loop for r in read(save(tmp_path, both), options=ReadOptions())} == {"A/FIC101", "B/FIC101"}
+
+
+def test_a_small_parquet_file_that_expands_without_end(tmp_path):
+    pq.write_table(
+        pa.table({"timestamp": np.zeros(300_000, np.int64), "A.PV": np.zeros(300_000)}), tmp_path / "a.parquet"
+    )
+    with pytest.raises(InputError, match="expand"):
+        read(tmp_path / "a.parquet", options=ReadOptions(max_bytes=1 << 20))
+
+
+def test_an_output_recorded_on_change_holds_until_the_next_change(tmp_path):
+    rows = [f"FIC101.{s},{iso(t)},{SIGNALS[f'FIC101.{s}'][i]}" for i, t in enumerate(STAMPS) for s in ("SP", "PV")]
+    rows += [f"FIC101.OP,{iso(STAMPS[i])},{40 + i}" for i in (0, 3, 5, 9, 12, 15, 400, 402, 405)]
+    record = read(save(tmp_path, "\n".join(["tag,time,value", *rows]) + "\n"))["FIC101"]
+    assert np.allclose(record.output[15:400], 0.55)
+    rows = [row for row in rows if ".OP" not in row]
+    rows += [f"FIC101.OP,{iso(STAMPS[i])},{40 + i % 3}" for i in range(0, 600, 5) if not 200 < i < 400]
+    record = read(save(tmp_path, "\n".join(["tag,time,value", *rows]) + "\n"))["FIC101"]
+    assert np.isfinite(record.output[:220]).all() and np.isnan(record.output[250:399]).all()
