@@ -72,7 +72,7 @@ def _numbers(r: LoopReport) -> Table:
         rows += [
             ["Confirmation", f"{percent(f.d)} ({interval(f.ci95)})"],
             ["Prediction error removed", percent(f.error_reduction, 0)],
-            ["Evidence (BIC difference)", f.delta_bic],
+            ["Evidence (BIC difference)", f"{f.delta_bic:.1f}"],
         ]
     return Table(["What", "Value"], rows, sortable=False)
 
