@@ -74,7 +74,7 @@ def hold_limit(signal: Signal) -> float:
     steps = np.diff(stamps[good])
     if not len(steps):
         return float("inf")
-    usual = float(np.quantile(steps, 0.99))
+    usual = float(np.quantile(steps, 0.95))
     return GAP_FACTOR * usual if usual <= 3.0 * float(np.median(steps)) else float(steps.max())
 
 
