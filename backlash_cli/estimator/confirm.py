@@ -17,6 +17,7 @@ from ..record import FloatArray, IntArray, LoopSettings, Note, Record
 from ..results import Confirmation
 from .decimate import WIDTHS, BlockMeans
 from .evidence_test import Evidence, Rows, weigh
+from .periodic import periodic_load
 from .rebuild import OutputRebuilder
 
 BLOCKS_PER_TI = 4.0  # 3 and 6 give the same sensitivity on simulated loops, 6 takes twice the time
@@ -25,7 +26,9 @@ MOST_ROWS = 3000  # of a longer record the stretches with the most motion of OP 
 STRETCH = 250
 BRIDGE = 2  # blocks missing in a row that are bridged by a straight line
 LAG_ROWS = 1.0  # where the search for the lag of the process begins: about Ti / 4
-SPREAD_FLOOR = 0.04  # of d: what the model of the process costs, whatever the noise
+SPREAD_FLOOR = 0.06  # of d: what the model of the process costs, whatever the noise
+SPREAD_PER_STEP = 0.005  # of d: what each load step found adds to that
+SPREAD_OF_LINE = 0.06  # of d: the same for a load that swings with one period
 WIDENING = 2.2  # half intervals of the likelihood come out this much too short on simulated loops
 LEAST_TURN = 1.02  # the range of OP over the largest dead band that is tried
 MOTION = 1.5  # range of OP over the smallest dead band that a record can be asked about
@@ -51,6 +54,8 @@ class ConfirmationScanner:
         self._blocks = BlockMeans(self.size)
         self._rebuilder: OutputRebuilder | None = None
         self._low, self._high = np.inf, -np.inf
+        self._setpoint: float | None = None
+        self._setpoint_moves = False
 
     def update(self, block: Record) -> None:
         """Take the next block; its index goes on where the last one ended, or later."""
@@ -65,6 +70,10 @@ class ConfirmationScanner:
         else:
             output = block.output
             usable &= np.isfinite(output)
+        setpoint = block.setpoint[block.usable & np.isfinite(block.setpoint)]
+        if len(setpoint):
+            self._setpoint = float(setpoint[0]) if self._setpoint is None else self._setpoint
+            self._setpoint_moves |= bool(np.any(setpoint != self._setpoint))
         moved = output[usable]
         if len(moved):
             self._low, self._high = min(self._low, float(moved.min())), max(self._high, float(moved.max()))
@@ -91,22 +100,25 @@ class ConfirmationScanner:
         assert self.settings.Ti is not None
         lag = LAG_ROWS * self.settings.Ti / (BLOCKS_PER_TI * self.size * self.interval)
         x = np.ascontiguousarray(level[:, 1 : 2 + len(widths)].T)
-        return Rows(np.ascontiguousarray(sign * level[:, 0]), x, widths, first, lag)
+        y = np.ascontiguousarray(sign * level[:, 0])
+        line = np.empty((0, len(y))) if self._setpoint_moves else periodic_load(y, kept.at)
+        return Rows(y, x, widths, first, lag, line)
 
     def finish(self) -> Confirmation | Note:
         """Return what the record says about a dead band, or why it says nothing."""
         rows = self.rows()
         if isinstance(rows, Note):
             return rows
-        return self._confirmation(weigh(rows))
+        return self._confirmation(weigh(rows), bool(len(rows.line)))
 
-    def _confirmation(self, e: Evidence) -> Confirmation:
-        low, high = widened(e.d, e.interval)
+    def _confirmation(self, e: Evidence, swings: bool) -> Confirmation:
+        low, high = widened(e.d, e.interval, e.steps, swings)
         span = self._high - self._low
         details: dict[str, float | str] = {
             "evidence": e.gain, "half": e.half, "mirror": e.mirror, "responds": e.responds, "steps": float(e.steps),
             "rows": float(e.rows), "block_s": self.size * self.interval, "output_range": span, "noise": e.noise,
-            "gain_to_pv": e.gain_to_pv, "output": "rebuilt" if self._rebuilder else "recorded",
+            "gain_to_pv": e.gain_to_pv, "load_swings": float(swings),
+            "output": "rebuilt" if self._rebuilder else "recorded",
         }
         return Confirmation(e.d, (low, high), e.error_reduction, 2.0 * e.gain - float(np.log(max(e.rows, 1))),
                             limit_of_detection(e, span), details, e.profile)
@@ -119,10 +131,11 @@ def confirm(record: Record, settings: LoopSettings | None = None) -> Confirmatio
     return scanner.finish()
 
 
-def widened(d: float, interval: tuple[float, float]) -> tuple[float, float]:
-    """Return the 95 % interval of d: the likelihood interval, widened to what it held on simulated loops."""
-    low = d - float(np.hypot(WIDENING * (d - interval[0]), SPREAD_FLOOR * d))
-    high = d + float(np.hypot(WIDENING * (interval[1] - d), SPREAD_FLOOR * d))
+def widened(d: float, interval: tuple[float, float], steps: int, swings: bool) -> tuple[float, float]:
+    """Return the 95 % interval of d: the likelihood interval, widened to hold the truth in 96 % of simulated loops."""
+    floor = (SPREAD_FLOOR + SPREAD_PER_STEP * steps + SPREAD_OF_LINE * swings) * d
+    low = d - float(np.hypot(WIDENING * (d - interval[0]), floor))
+    high = d + float(np.hypot(WIDENING * (interval[1] - d), floor))
     return max(low, 0.0), high
 
 

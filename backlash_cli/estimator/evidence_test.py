@@ -28,13 +28,15 @@ DROP = 3.0  # nats from the top to the ends of the likelihood interval
 @dataclass(frozen=True, eq=False)
 class Rows:
     """Block means, centred: y (rows,) PV, x (1 + widths, rows) OP (first) and OP through each dead band of `widths`
-    (ascending). first (rows,): True where a stretch begins. lag: typical lag of the process in rows (Ti / 4 rows)."""
+    (ascending). first (rows,): True where a stretch begins. lag: typical lag of the process in rows (Ti / 4).
+    line (columns, rows): shapes that a periodic load may have."""
 
     y: FloatArray
     x: FloatArray
     widths: FloatArray
     first: NDArray[np.bool_]
     lag: float
+    line: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,8 @@ class Fitter:
         phi = 1.0 / (1.0 + np.exp(-p[2]))
         G, S = core.gains(a, np.exp(p[1]), phi, self.shock, self.r.first)
         self.calls += len(x)
-        return (*core.regress(self.r.y, x, G, S, a, phi, self.r.first, self.counted, self.ridge, residuals),
+        return (*core.regress(self.r.y, x, G, S, a, phi, self.r.first, self.counted, self.ridge,
+                               self.r.line, residuals),
                 (G, S, a, phi))
 
     def ll(self, p: FloatArray, x: FloatArray) -> FloatArray:

@@ -110,10 +110,31 @@ def whiten(y: NDArray[Any], G: NDArray[Any], scale: NDArray[Any], a: float, phi:
 
 
 @numba.njit(cache=True, fastmath=True)
+def _take_out(x: NDArray[Any], unit: NDArray[Any], rows: NDArray[Any]) -> None:
+    """Subtract from x (rows,) its part along `unit`, in place."""
+    v = 0.0
+    for k in rows:
+        v += x[k] * unit[k]
+    for k in range(len(x)):
+        x[k] -= v * unit[k]
+
+
+@numba.njit(cache=True)
+def _normalise(x: NDArray[Any], rows: NDArray[Any]) -> None:
+    v = 0.0
+    for k in rows:
+        v += x[k] * x[k]
+    v = 1.0 / np.sqrt(v + 1e-300)
+    for k in range(len(x)):
+        x[k] *= v
+
+
+@numba.njit(cache=True, fastmath=True)
 def regress(y: NDArray[Any], X: NDArray[Any], G: NDArray[Any], S: NDArray[Any], a: float, phi: float,
-            first: NDArray[Any], rows: NDArray[Any], ridge: float, want: bool) -> Any:
+            first: NDArray[Any], rows: NDArray[Any], ridge: float, line: NDArray[Any], want: bool) -> Any:
     """Log-likelihood of y (rows,) for each candidate valve position X (candidates, rows).
 
+    line (columns, rows): shapes of any size that the load may have besides, e.g. sine and cosine of a periodic one.
     rows: indices that count. ridge: prior precision of the b. Returns the log-likelihoods (candidates,), the noise
     variances (candidates,), the step responses b (candidates, lags) and, if `want`, the residuals (candidates, rows).
     """
@@ -128,6 +149,13 @@ def regress(y: NDArray[Any], X: NDArray[Any], G: NDArray[Any], S: NDArray[Any], 
     for k in range(n):
         scale[k] = 1.0 / np.sqrt(S[k])
     whiten(y, G, scale, a, phi, first, E[0])
+    Q = np.empty((len(line), n))
+    for i in range(len(line)):
+        whiten(line[i], G, scale, a, phi, first, Q[i])
+        for j in range(i):
+            _take_out(Q[i], Q[j], rows)
+        _normalise(Q[i], rows)
+        _take_out(E[0], Q[i], rows)
     base = response_base(nb)
     f = np.empty(n)
     t = np.empty(n)
@@ -156,6 +184,8 @@ def regress(y: NDArray[Any], X: NDArray[Any], G: NDArray[Any], S: NDArray[Any], 
                     begin = k
                 t[k] = f[max(k - lag, begin)]
             whiten(t, G, scale, a, phi, first, E[i + 1])
+            for h in range(len(line)):
+                _take_out(E[i + 1], Q[h], rows)
         for p in range(nb):
             for q in range(p + 1):
                 v = 0.0
