@@ -50,17 +50,19 @@ def _one_by_one(result: ScanResult, inputs: Sequence[Path], loops: Path | None, 
     if not long:
         return []
     sources = find_sources(list(inputs))
-    plants = []
+    plants, failed = [], []
     for source in sources if len(sources) > 1 else ():
         try:
             plants.append(read(source.path, loops=loops, options=reading))
-        except BacklashError:
-            return []
+        except BacklashError as error:
+            failed.append(f"{source.path.name}: {error}")
     nights = Counter(record.loop for plant in plants for record in plant.records)
     if not plants or max(nights.values(), default=0) < 2:
         say(f"{', '.join(long[:3])}: the export covers more than a day and enters the history as one night; "
             "scan single days to see wear")
         return []
+    for words in failed:
+        say(f"this export is no night of the history: {words}")
     return [scan(plant, options, jobs=jobs) for plant in plants]
 
 

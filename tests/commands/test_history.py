@@ -75,6 +75,16 @@ def test_several_nights_on_one_command_line_are_single_nights(capfd, nights, cle
     assert dump(tmp_path / "h.db") == clean
 
 
+def test_one_night_that_cannot_be_read_leaves_the_others_nights(capfd, nights, tmp_path):
+    head = "time,FIC101.SP,FIC101.PV\n"
+    (tmp_path / "bad.csv").write_text(head + "2026-03-09 00:00:00,1,1\n")
+    exports = [nights / "night0.csv", nights / "night1.csv", nights / "night3.csv", tmp_path / "bad.csv"]
+    done = run(capfd, "scan", *exports, "--loops", nights / "loops.toml", "--history", tmp_path / "h.db", *QUICK)
+    with History(tmp_path / "h.db") as history:
+        assert len(history.nights("PIC303")) == 3
+    assert "bad.csv" in done.err
+
+
 def test_a_scan_killed_at_random_moments_leaves_the_history_of_a_clean_pass(capfd, nights, clean, tmp_path):
     path = tmp_path / "h.db"
     rng = np.random.default_rng(5)
