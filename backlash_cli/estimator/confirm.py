@@ -15,6 +15,7 @@ import numpy as np
 
 from ..record import FloatArray, IntArray, LoopSettings, Note, Record
 from ..results import Confirmation
+from .criteria import MOTION
 from .decimate import WIDTHS, BlockMeans
 from .evidence_test import Evidence, Rows, weigh
 from .periodic import periodic_load
@@ -31,7 +32,6 @@ SPREAD_PER_STEP = 0.005  # of d: what each load step found adds to that
 SPREAD_OF_LINE = 0.06  # of d: the same for a load that swings with one period
 WIDENING = 2.2  # half intervals of the likelihood come out this much too short on simulated loops
 LEAST_TURN = 1.02  # the range of OP over the largest dead band that is tried
-MOTION = 1.5  # range of OP over the smallest dead band that a record can be asked about
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,9 @@ EVIDENCE = 8.0  # nats; 1 of 197 simulated loops without dead band and with load
 EVIDENCE_PER_STEP = 1.0  # nats more for every load step found: each leaves the transient of an imperfect model
 SMALLEST = 0.0024  # span: the lowest width of the scan and its neighbourhood are no finding
 COARSE = 5.0  # samples per Ti; below, twice the evidence
-RESPONDS = 8.0  # nats by which OP explains PV: below, nothing can be said about a dead band between them
+RESPONDS = 20.0  # nats by which OP explains PV: below, nothing can be said about a dead band between them
+DOUBT = 4.0  # nats; above, a loop is not called healthy: 1 simulated loop of 100 with d of 1 % or more stays below
+MOTION = 1.5  # range of OP over a dead band that it can show
 ASKED = 0.03  # dead band a record should show before it may be called healthy: the usual limit without positioner
 OUTPUT_STEPS = 2.5  # a dead band below this many rounding steps of OP is not seen in OP
 

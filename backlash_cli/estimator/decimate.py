@@ -10,6 +10,7 @@ from ..record import FloatArray, IntArray
 
 # Dead bands that are tried: 0.2 % to 19 % of the output span.
 WIDTHS: FloatArray = 0.002 * 1.22 ** np.arange(24, dtype=np.float64)
+HOLE = 8  # blocks without a sample after which the stem may stand anywhere in its gap (two Ti)
 ENOUGH = 0.7  # share of its samples that a block needs
 
 
@@ -21,6 +22,10 @@ def _blocks(index: NDArray[np.int64], pv: FloatArray, op: FloatArray, usable: ND
     rows = 0
     for k in range(n):
         u = op[k]
+        if index[k] > open_at[2] + HOLE * size:
+            for j in range(m):
+                place[j] = np.nan
+        open_at[2] = index[k]
         if u == u:
             for j in range(m):
                 x = place[j]
@@ -57,14 +62,14 @@ class BlockMeans:
 
     Blocks are locked to the grid number of the samples, so it does not matter where a record is cut. The dead bands
     follow every recorded OP, also where the sample is not usable (manual): the valve moves then as well. At the first
-    sample the stem is taken to stand in the middle of its gap.
+    sample, and after a hole, the stem is taken to stand in the middle of its gap.
     """
 
     def __init__(self, size: int) -> None:
         self.size = size
         self._half = np.concatenate([[0.0], 0.5 * WIDTHS])
         self._place = np.full(len(self._half), np.nan)
-        self._open = np.array([-(2**62), 0], dtype=np.int64)
+        self._open = np.array([-(2**62), 0, 2**62], dtype=np.int64)
         self._sums = np.zeros(len(self._half) + 1)
         self._parts: list[tuple[IntArray, FloatArray]] = []
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from ..record import Note
 from ..results import Cluster, Confirmation, Verdict
-from .criteria import ASKED, follows, read
+from .criteria import ASKED, DOUBT, MOTION, follows, read
 from .oscillation import Oscillation
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
@@ -68,7 +68,7 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     reasons = [_explained(c), *_side_by_side(f, c)]
     if reading.clear:
         if limits and not agrees and f.detections < ENOUGH and c.ci95[1] < HARMLESS:
-            return _nothing_found(f, replace(c, limit_of_detection=max(c.limit_of_detection or 0.0, HARMLESS)), limits)
+            return _nothing_found(f, _discounted(c), limits)
         if limits and not agrees:
             return Decision(Verdict.SUSPECTED, (reasons[0], *limits, *reasons[1:]), 0.5, cluster)
         sure = 0.97 - 0.25 * min(1.0, reading.needed / float(c.details["evidence"]))
@@ -79,6 +79,12 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
         first = (_swinging(f),) if _swings(f) else ()
         return Decision(verdict, (*first, *reasons, *limits), 0.5, cluster)
     return _nothing_found(f, c, limits)
+
+
+def _discounted(c: Confirmation) -> Confirmation:
+    """The same without the evidence for a dead band that compression may have made."""
+    limit = max(c.limit_of_detection or 0.0, HARMLESS)
+    return replace(c, limit_of_detection=limit, details={**c.details, "evidence": 0.0})
 
 
 def _nothing_found(f: Findings, c: Confirmation, limits: tuple[Note, ...]) -> Decision:
@@ -93,11 +99,15 @@ def _nothing_found(f: Findings, c: Confirmation, limits: tuple[Note, ...]) -> De
     limit = c.limit_of_detection or span
     seen = Note("limit_of_detection", f"a dead band of {100 * limit:.2g} % of span or more would have been seen",
                 {"limit": limit})
-    if limit > ASKED:
+    if limit > min(ASKED, span / MOTION):
         few = Note("little_motion", f"OP moves over {100 * span:.2g} % of its span: too little to exclude a dead band "
-                   f"of {100 * ASKED:.2g} %", {"output_range": span, "limit": limit})
-        return Decision(Verdict.CANNOT_TELL, (few, seen, *limits), 0.0, f.cluster)
-    cluster = f.cluster and replace(f.cluster, limit_of_detection=limit)
+                   f"of {100 * min(ASKED, limit):.2g} %", {"output_range": span, "limit": limit})
+        return Decision(Verdict.CANNOT_TELL, (few, *limits), 0.0, f.cluster)
+    if float(c.details["evidence"]) > DOUBT:
+        unclear = Note("not_separable", f"there is a trace of a dead band of {100 * c.d:.2g} %, too weak to tell: a "
+                       "longer record would", {"d": c.d, "evidence": float(c.details["evidence"])})
+        return Decision(Verdict.CANNOT_TELL, (unclear, *limits), 0.0, f.cluster)
+    cluster = Cluster(0.0, (0.0, limit), 0.0, 0, 0.0, limit)
     return Decision(Verdict.NO_BACKLASH, (_not_explained(c), seen, *_unexplained_cluster(f), *limits),
                     0.9 if not limits else 0.6, cluster)
 
