@@ -110,7 +110,7 @@ class Record:
     @property
     def time(self) -> FloatArray:
         """(samples,) UTC epoch seconds."""
-        return self.start + self.interval * self.index
+        return self.start + self.interval * self.index.astype(np.float64)
 
     @property
     def usable(self) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,10 +12,12 @@ from .estimator.carry_bytes import pack
 from .estimator.clusters import densest
 from .estimator.compensator import recommend
 from .estimator.confirm import ConfirmationScanner
+from .estimator.diagnosis import diagnose
 from .estimator.haegglund import DEFAULT_KP, ErrorScanner, HalfPeriods, error_scanner, estimate
 from .estimator.identify import IdentifyScanner
 from .estimator.oscillation import detect_oscillation
 from .estimator.quality import QualityScanner
+from .estimator.settings_check import check_settings
 from .estimator.verdict import Findings, decide
 from .record import LoopSettings, Note, Record
 from .results import Confirmation, Estimate, LoopReport, Verdict
@@ -34,10 +36,16 @@ class ScanOptions:
 
 
 def scan(record: Record, options: ScanOptions | None = None) -> LoopReport:
-    """Analyse one loop's record and return its report; the same as one LoopScanner update."""
+    """Analyse one loop's record and return its report: one LoopScanner update, and what an oscillation looks like.
+
+    The latter needs the samples themselves, so a LoopScanner alone does not say it.
+    """
     scanner = LoopScanner(record.loop, record.settings, record.start, record.interval, options or ScanOptions())
     scanner.update(record)
-    return scanner.finish()
+    report = scanner.finish()
+    if any(reason.code == "oscillation" for reason in report.reasons):
+        return replace(report, reasons=(*report.reasons, diagnose(record).note))
+    return report
 
 
 class LoopScanner:
@@ -63,6 +71,9 @@ class LoopScanner:
         self._carry: CarryRecorder | None = None
         self._confirm: ConfirmationScanner | None = None
         self._quality = QualityScanner(interval)
+        given = {settings.source.get(name) for name in ("K", "Ti")} == {"metadata"}
+        check = self.options.confirm and given
+        self._identify = IdentifyScanner(interval) if check or self._waiting is not None else None
         if settings.K and settings.Ti and interval <= COARSEST * settings.Ti:
             self._errors = error_scanner(settings, interval)
             self._carry = CarryRecorder(settings, interval) if self.options.carry else None
@@ -86,6 +97,8 @@ class LoopScanner:
             self._carry.update(block)
         if self._confirm is not None:
             self._confirm.update(block)
+        if self._identify is not None:
+            self._identify.update(block)
         self._quality.update(block)
 
     def finish(self) -> LoopReport:
@@ -95,10 +108,12 @@ class LoopScanner:
         refusal = self._refusal()
         if refusal is not None:
             few = refusal.code == "insufficient_data"
-            return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL, (refusal,), 0.0)
+            on_settings = self._settings_notes()
+            return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL,
+                                (*_contradictions(on_settings), refusal), 0.0, on_settings)
         assert self._errors is not None and self.settings.Ti is not None
         settings = self.settings
-        warnings = []
+        warnings: list[Note] = []
         if settings.Kp is None:
             settings = settings.with_values("default", Kp=DEFAULT_KP)
             warnings.append(Note("default_kp", f"Kp is not given; the paper's default {DEFAULT_KP} is used"))
@@ -110,8 +125,12 @@ class LoopScanner:
         confirmation = self._confirm.finish() if self._confirm else None
         quality = self._quality.finish(self.settings.Ti)
         rounding = quality.op.step if quality.op else 0.0
+        on_settings = self._settings_notes()
+        warnings += on_settings
         decision = decide(Findings(cluster, int(accepted.sum()), int(long.sum()), oscillation, confirmation,
-                                   quality.notes, self.settings.Ti / self.interval, rounding))
+                                   (*quality.notes, *on_settings), self.settings.Ti / self.interval, rounding))
+        if decision.verdict is Verdict.CANNOT_TELL:
+            decision = replace(decision, reasons=(*_contradictions(on_settings), *decision.reasons))
         confirmed = confirmation if isinstance(confirmation, Confirmation) else None
         compensator = None
         if decision.verdict is Verdict.BACKLASH:
@@ -126,10 +145,8 @@ class LoopScanner:
 
     def _with_identified_settings(self, blocks: list[Record]) -> LoopReport:
         """Read what is missing of K and Ti from the record and scan it with that, or say why it cannot be read."""
-        identifier = IdentifyScanner(self.interval)
-        for block in blocks:
-            identifier.update(block)
-        found = identifier.finish()
+        assert self._identify is not None
+        found = self._identify.finish()
         missing = " and ".join(name for name in ("K", "Ti") if getattr(self.settings, name) is None)
         if isinstance(found, Note):
             reason = Note("missing_settings", f"{missing} not given, and not to be read from the data: {found.message};"
@@ -144,6 +161,17 @@ class LoopScanner:
         for note in found.notes:
             scanner.notes[(note.code, note.message)] = note
         return scanner.finish()
+
+    def _settings_notes(self) -> tuple[Note, ...]:
+        """Say where the settings given do not make the recorded output; a contradiction limits the verdict."""
+        if self._identify is None or not self.used:
+            return ()
+        notes = []
+        for note in check_settings(self.settings, self._identify.finish()):
+            if note.code != "settings_unchecked":
+                effect = "limits" if note.values.get("severity") == "contradict" else "info"
+                notes.append(replace(note, values={**note.values, "effect": effect}))
+        return tuple(notes)
 
     def _refusal(self) -> Note | None:
         if self.settings.K is None or self.settings.Ti is None:
@@ -183,3 +211,7 @@ class LoopScanner:
             samples=self.samples, interval_s=self.interval, settings=settings or self.settings,
             warnings=(*self.notes.values(), *warnings), **rest,  # type: ignore[arg-type]
         )
+
+
+def _contradictions(notes: tuple[Note, ...]) -> tuple[Note, ...]:
+    return tuple(note for note in notes if note.values.get("effect") == "limits")
