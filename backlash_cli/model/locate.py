@@ -15,6 +15,7 @@ from .problem import Problem
 Mask = NDArray[np.bool_]
 # how long an event is felt, in process lags; shares of the output's range that count as its ends
 LAGS_FELT = 3.0
+ONE_WAY = 0.3  # mean over root mean square of an error from which it is worth saying on which side it lies
 END_SHARE = 0.1
 TIME_BLOCKS = 8
 SMALLEST_SHARE_OF_SAMPLES = 0.005
@@ -45,7 +46,8 @@ def regions(problem: Problem, error: FloatArray, lag: float, delay: float, start
             continue
         squares = float(np.sum(error[inside] ** 2))
         share, expected = squares / total, samples / count
-        rmse, said = float(np.sqrt(squares / samples)), _said(sentence, share, expected)
+        rmse = float(np.sqrt(squares / samples))
+        said = _said(sentence, share, expected) + _one_way(float(np.mean(error[inside])), rmse)
         out.append(Region(name, rmse, share, samples, kind, expected, said, _stretches(mask, h, start)))
     out += _frequencies(problem, error, lag, total, count)
     return tuple(sorted(out, key=lambda r: (-(r.share - (r.expected or 0.0)), r.region)))
@@ -55,6 +57,21 @@ def _said(sentence: str, share: float, expected: float) -> str:
     times = share / expected
     worse = f"{times:.1f} times what its length would give" if times >= 1.15 else "no more than its length would give"
     return f"{sentence}: {100 * share:.0f} % of the squared error in {100 * expected:.0f} % of the samples, {worse}."
+
+
+def _one_way(mean: float, rmse: float) -> str:
+    """Say on which side PV lies, where the error has a side."""
+    if abs(mean) < ONE_WAY * rmse:
+        return ""
+    return f" PV lies {100 * abs(mean):.2g} % of span {'above' if mean > 0.0 else 'below'} the prediction on average."
+
+
+def _time(seconds: float) -> str:
+    """A time span in the unit that suits it."""
+    for unit, length in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2.0 * length:
+            return f"{seconds / length:.3g} {unit}"
+    return f"{seconds:.3g} s"
 
 
 def _after(points: Sequence[int], samples: int, felt: int) -> Mask:
@@ -91,6 +108,10 @@ def _reversals(problem: Problem, felt: int) -> list[tuple[str, str, str, Mask]]:
     reach = max(0.05 * float(np.ptp(problem.output)), 0.005)
     up, down = turning_points(problem.output, reach)
     n = problem.samples
+    # the time right after a turn, not all the time until the next one
+    between = np.diff(np.sort(np.array([*up, *down])))
+    if between.size:
+        felt = min(felt, max(int(np.median(between)) // 2, 2))
     return [
         ("reversal", "after output reversals, upwards", "After the output turned upwards", _after(up, n, felt)),
         ("reversal", "after output reversals, downwards", "After the output turned downwards", _after(down, n, felt)),
@@ -167,9 +188,9 @@ def _frequencies(problem: Problem, error: FloatArray, lag: float, total: float, 
     middle = (frequency >= slow) & (frequency <= fast)
     out = []
     for name, said, pick in (
-        ("slow changes", f"In changes slower than {20 * lag:.3g} s", frequency < slow),
-        ("changes at the speed of the loop", f"In changes of {2 * lag:.3g} to {20 * lag:.3g} s", middle),
-        ("fast changes", f"In changes faster than {2 * lag:.3g} s", frequency > fast),
+        ("slow changes", f"In changes slower than {_time(20 * lag)}", frequency < slow),
+        ("changes at the speed of the loop", f"In changes of {_time(2 * lag)} to {_time(20 * lag)}", middle),
+        ("fast changes", f"In changes faster than {_time(2 * lag)}", frequency > fast),
     ):
         squares = float(power[pick].sum()) / problem.samples
         if total <= 0.0 or not np.any(pick):
