@@ -56,7 +56,7 @@ def check_places(inputs: Sequence[Path], *outputs: Path | None) -> None:
     """Refuse to write a result over the export it comes from."""
     for output in outputs:
         if output is not None and any(given.is_file() and output.resolve() == given.resolve() for given in inputs):
-            raise UsageError("this is the export itself", where=str(output), remedy="choose another name for the result")
+            raise UsageError("this is the export itself", where=str(output), remedy="choose another name")
 
 
 def put(path: Path, text: str, what: str = "") -> None:

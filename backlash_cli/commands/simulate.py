@@ -30,7 +30,8 @@ def simulate(scenario: str, out: Path | None, truth: Path | None, layout: str, d
 
     \b
     SCENARIO is the path of your own TOML file, or one of these names:
-    example-1, example-2, industrial-fixed, industrial-oscillating (the paper's), sample-plant
+    example-1, example-2, industrial-fixed, industrial-oscillating (the paper's), sample-plant,
+    workbench-monday, workbench-tuesday (of the tutorial)
     """
     from ..errors import UsageError
     from ..reporter.plant_files import stem_of, write_plant, write_settings, write_truth

@@ -13,6 +13,7 @@ from .safe import terminal
 from .words import duration, moment
 
 SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
+ABOUT = 0.1  # errors closer than this share say the same
 A_DATE = 1e8  # epoch seconds (1973); a record that counts its seconds from zero stays below
 
 
@@ -230,8 +231,11 @@ def still_holds(c: Comparison) -> str:
     said = "" if before is None else (
         f"On the record it was fitted to its error was {error_size(before)}, here it is {error_size(c.fitness.rmse)}. "
     )
-    if c.fitness.rmse < c.baseline.rmse_holdout:
+    ratio = c.fitness.rmse / c.baseline.rmse if c.baseline.rmse > 0 else math.inf
+    if ratio < 1.0 - ABOUT:
         return said + "The model holds here: it predicts this record better than a plain model fitted to it."
+    if ratio < 1.0 + ABOUT:
+        return said + "It predicts this record about as well as a plain model fitted to it."
     return said + "The model does not hold here: a plain model fitted to this record does better."
 
 
