@@ -64,6 +64,7 @@ class LoopScanner:
         self.notes: dict[tuple[str, str], Note] = {}
         self.samples = 0
         self.used = 0
+        self.has_setpoint = False
         self.first: int | None = None
         self.last = 0
         self._waiting: list[Record] | None = [] if settings.K is None or settings.Ti is None else None
@@ -87,6 +88,7 @@ class LoopScanner:
             return
         self.first = int(block.index[0]) if self.first is None else self.first
         self.last = int(block.index[-1])
+        self.has_setpoint = self.has_setpoint or bool(np.isfinite(block.setpoint).any())
         self.samples += len(block)
         self.used += int(np.count_nonzero(block.usable))
         if self._waiting is not None:
@@ -181,6 +183,8 @@ class LoopScanner:
                         f"{self.settings.Ti:g} s; at most {COARSEST * self.settings.Ti:g} s are needed")
         if self.used < 2:
             return Note("insufficient_data", f"only {self.used} usable samples")
+        if not self.has_setpoint:
+            return Note("no_setpoint", "no setpoint (SP) in the data: without it there is no control error to judge")
         return None
 
     def _tally(self, h: HalfPeriods, accepted: np.ndarray, long: np.ndarray) -> dict[str, object]:

@@ -494,3 +494,11 @@ def test_an_output_recorded_on_change_holds_until_the_next_change(tmp_path):
     rows += [f"FIC101.OP,{iso(STAMPS[i])},{40 + i % 3}" for i in range(0, 600, 5) if not 200 < i < 400]
     record = read(save(tmp_path, "\n".join(["tag,time,value", *rows]) + "\n"))["FIC101"]
     assert np.isfinite(record.output[:220]).all() and np.isnan(record.output[250:399]).all()
+
+
+def test_a_loop_without_a_setpoint_is_not_judged(tmp_path):
+    from backlash_cli.scan import scan
+
+    lines = [",".join(np.delete(line.split(","), 1)) for line in wide().splitlines()]
+    report = scan(read(save(tmp_path, "\n".join(lines) + "\n"))["FIC101"])
+    assert report.verdict == "cannot_tell" and "no_setpoint" in codes(report.reasons)
