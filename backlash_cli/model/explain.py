@@ -111,7 +111,7 @@ def assemble(
         for name, t in ladder
     ]
     last = ladder[-1][1] if ladder else plain
-    fitted = {e.effect: e for e in fitted_effects(seen, found.final, held)}
+    fitted = {e.effect: e for e in fitted_effects(seen, found.final, held, careful=True)}
     names = [*(p.effect.name for p in held), *order]
     candidates = tried(problem, seen, found, plain, names)
     before = distance(problem, (), predicted_by(problem, plain.fit))

@@ -125,12 +125,18 @@ class Solver:
         return c, rss, self._y - c[0] * x - self._others @ c[1:]
 
 
-def descend(solver: Solver, shape: Shape, *, rounds: int = 8, tolerance: float = 0.05) -> Shape:
-    """Refine the searched numbers by Levenberg-Marquardt steps until the deviance gains less than `tolerance`."""
+def descend(
+    solver: Solver, shape: Shape, *, rounds: int = 8, tolerance: float = 0.05, hold: Free | None = None
+) -> Shape:
+    """Refine the searched numbers by Levenberg-Marquardt steps until the deviance gains less than `tolerance`.
+
+    hold: a number that stays as it is.
+    """
+    held = None if hold is None else (hold.place, hold.name, hold.item)
     _, rss, rest = solver.rest(shape)
     damping = 1e-2
     for _ in range(rounds):
-        free = free_numbers(solver.problem, shape)
+        free = [f for f in free_numbers(solver.problem, shape) if (f.place, f.name, f.item) != held]
         J = slopes(solver, shape, rest, free)
         A, g = J.T @ J, J.T @ rest
         diagonal = np.maximum(np.diag(A), 1e-12 * max(float(np.max(np.diag(A))), 1e-300))

@@ -18,6 +18,7 @@ from .recorder import distance, fitted_problem
 # lasts many process lags, so that a random load on both sides tells nothing about its middle
 FEWEST_BLOCKS, MOST_BLOCKS, LAGS_PER_BLOCK = 12, 24, 15.0
 FOLDS = 4
+LAGS_AFTER_HOLE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +31,17 @@ class Tested:
 
 
 def folds(problem: Problem, lag: float) -> list[NDArray[np.bool_]]:
-    """Return for each fold which grid points are left out, (samples,) each; the blocks hold equal counts of samples."""
+    """Return for each fold which grid points are left out, (samples,) each; the blocks hold equal counts of samples.
+
+    What follows a hole in OP is never left out: nothing outside tells what OP did there.
+    """
     count = np.cumsum(problem.used)
     blocks = int(np.clip(problem.duration / (LAGS_PER_BLOCK * lag), FEWEST_BLOCKS, MOST_BLOCKS))
     block = np.minimum((count * blocks) // (count[-1] + 1), blocks - 1)
-    return [(block % FOLDS == fold) & (block > 0) for fold in range(FOLDS)]
+    known = np.ones(problem.samples, dtype=bool)
+    for hole in problem.holes:
+        known[hole.first : hole.last + int(((problem.delay or 0.0) + LAGS_AFTER_HOLE * lag) / problem.interval)] = False
+    return [(block % FOLDS == fold) & (block > 0) & known for fold in range(FOLDS)]
 
 
 def tested(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, rounds: int = 2) -> Tested:

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from ..effects import Parameter
 from ..record import FloatArray
 from ..results import FittedEffect, FittedParameter
-from .fit import Fit, Solver, slopes
-from .free import free_numbers, get
+from .fit import Fit, Solver, descend, slopes
+from .free import Free, free_numbers, get, put
 from .linear import linear_values
 from .noise import whitener
 from .pipeline import Part, as_tuple
 from .problem import Problem
 
-NORMAL_95 = 1.96
+NORMAL_95, CHI2_95 = 1.96, 3.84
+# profiles cost some fits each; longer lists of numbers keep the intervals of the slopes
+MOST_PROFILES, TRIES = 6, 5
 Key = tuple[int, str, int]
 
 
@@ -28,12 +29,8 @@ def covariance(problem: Problem, fitted: Fit) -> tuple[dict[Key, tuple[float, fl
     _, rss, rest = solver.rest(fitted.shape)
     others = solver.columns(fitted.shape)
     variance = rss / max(solver.white.samples, 1)
-    for _ in range(2):
-        X = np.column_stack([slopes(solver, fitted.shape, rest, free), others])
-        deviations, C = _inverse(X.T @ X, variance)
-        # the error bends where a gap closes at one sample more or less: take the slope over about one deviation
-        pairs = zip(free, deviations, strict=False)
-        free = [replace(f, step=float(np.clip(s, f.step, 10.0 * f.step))) for f, s in pairs]
+    X = np.column_stack([slopes(solver, fitted.shape, rest, free), others])
+    deviations, C = _inverse(X.T @ X, variance)
     values = get(fitted.shape, free)
     m = len(free)
     known = {(f.place, f.name, f.item): (float(values[i]), float(deviations[i])) for i, f in enumerate(free)}
@@ -49,9 +46,45 @@ def _inverse(G: FloatArray, variance: float) -> tuple[FloatArray, FloatArray]:
     return np.sqrt(np.maximum(np.diag(C), 0.0)), C
 
 
-def fitted_effects(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> list[FittedEffect]:
-    """Return the effects of a fit, in the order a signal meets them, with values, units and intervals."""
+def profile(problem: Problem, fitted: Fit, known: Mapping[Key, tuple[float, float]]) -> dict[Key, tuple[float, float]]:
+    """Return the 95 % interval of each searched number of the effects: where the deviance has risen by 3.84.
+
+    All other numbers are fitted anew at each end (profile likelihood), because the error is not a parabola: a gap
+    that is a little wider closes at other samples.
+    """
+    solver = Solver(problem, whitener(fitted.noise, problem.used, problem.interval))
+    lowest = solver.white.deviance(solver.rss(fitted.shape))
+    out: dict[Key, tuple[float, float]] = {}
+    for f in free_numbers(problem, fitted.shape):
+        key = (f.place, f.name, f.item)
+        if f.place >= 0 and not f.nuisance and len(out) < MOST_PROFILES and np.isfinite(known[key][1]):
+            low, high = (_end(solver, fitted, f, known[key], side, lowest) for side in (-1.0, 1.0))
+            out[key] = (low, high)
+    return out
+
+
+def _end(solver: Solver, fitted: Fit, f: Free, number: tuple[float, float], side: float, lowest: float) -> float:
+    value, deviation = number
+    reach = NORMAL_95 * deviation
+    for _ in range(TRIES):
+        end = float(np.clip(value + side * reach, f.low, f.high))
+        shape = descend(solver, put(fitted.shape, [f], np.array([end])), rounds=2, hold=f)
+        rise = solver.white.deviance(solver.rss(shape)) - lowest
+        if abs(rise - CHI2_95) < 0.6 or end in (f.low, f.high):
+            break
+        reach *= float(np.clip(np.sqrt(CHI2_95 / max(rise, 0.1)), 0.5, 2.0))
+    return end
+
+
+def fitted_effects(
+    problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, careful: bool = False
+) -> list[FittedEffect]:
+    """Return the effects of a fit, in the order a signal meets them, with values, units and intervals.
+
+    careful: intervals from the profile of the likelihood instead of its slopes.
+    """
     known, C = covariance(problem, fitted)
+    ends = profile(problem, fitted, known) if careful else {}
     column = 2 + len(problem.holes) + 1
     out = []
     for place, (part, values) in enumerate(zip(fitted.shape.parts, linear_values(problem, fitted), strict=True)):
@@ -63,8 +96,8 @@ def fitted_effects(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = 
                     own = C[column : column + turns, column : column + turns]
                     solved.setdefault(name, []).append(float(np.sqrt(np.trace(own) / turns)) / abs(fitted.gain))
                     column += turns
-        out.append(_effect(part, place, values, known, solved))
-    out += [_effect(part, -2, dict(part.values), {}, {}) for part in recorders]
+        out.append(_effect(part, place, values, known, solved, ends))
+    out += [_effect(part, -2, dict(part.values), {}, {}, {}) for part in recorders]
     return out
 
 
@@ -74,6 +107,7 @@ def _effect(
     values: Mapping[str, float | tuple[float, ...]],
     known: Mapping[Key, tuple[float, float]],
     solved: Mapping[str, list[float]],
+    ends: Mapping[Key, tuple[float, float]],
 ) -> FittedEffect:
     e = part.effect
     parameters = {}
@@ -83,7 +117,10 @@ def _effect(
         numbers = as_tuple(values[q.name])
         deviations = [known.get((place, q.name, i), (0.0, np.nan))[1] for i in range(len(numbers))]
         deviations = solved.get(q.name, deviations)
-        intervals = [_interval(q, v, s) for v, s in zip(numbers, deviations, strict=True)]
+        intervals = [
+            ends.get((place, q.name, i), _interval(q, v, s))
+            for i, (v, s) in enumerate(zip(numbers, deviations, strict=True))
+        ]
         ci = None if any(i is None for i in intervals) or not intervals else intervals
         parameters[q.name] = FittedParameter(
             value=numbers if q.many else numbers[0],

@@ -1,0 +1,111 @@
+"""The linear response and the whitening against brute force."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from backlash_cli.model.clues import lag_adjoint
+from backlash_cli.model.noise import Noise, fit_noise, whitener
+from backlash_cli.model.response import delayed_lag, distinct, respond, whitened_gains
+
+from .loops import process, steps
+
+
+def test_lag_without_delay_is_the_plain_recursion() -> None:
+    u = steps(400)
+    assert delayed_lag(u, 2.0, 20.0, 0.0) == pytest.approx(process(u, 2.0, 1.0, 20.0, 0.0), abs=1e-12)
+
+
+@given(st.floats(0.0, 30.0), st.floats(3.0, 50.0))
+@settings(max_examples=25, deadline=None)
+def test_fractional_delay_agrees_with_a_fine_grid(delay: float, lag: float) -> None:
+    h, fine = 2.0, 100
+    u = steps(60, hold=9)
+    held = np.repeat(u, fine)
+    late = np.concatenate([np.full(round(delay / h * fine), u[0]), held])[: len(held)]
+    expected = process(late, h / fine, 1.0, lag, 0.0)[::fine]
+    assert delayed_lag(u, h, lag, round(delay / h * fine) * h / fine) == pytest.approx(expected, abs=1e-9)
+
+
+def test_two_lags_agree_with_one_after_the_other_on_a_fine_grid() -> None:
+    u, h, fine = steps(80, hold=11), 2.0, 400
+    first = process(np.repeat(u, fine), h / fine, 1.0, 12.0, 0.0)
+    expected = process(first, h / fine, 1.0, 20.0, 0.0)[::fine]
+    assert respond(u, h, np.array([20.0, 12.0])) == pytest.approx(expected, abs=2e-4)
+
+
+def test_equal_lags_are_pushed_apart() -> None:
+    assert np.all(np.diff(distinct(np.array([5.0, 5.0, 5.0]))) > 0.0)
+
+
+def dense_covariance(noise: Noise, h: float, samples: int) -> np.ndarray:
+    """Covariance of the error of the noise model, from its definition."""
+    a1, a2 = np.exp(-h / noise.slow), np.exp(-h / noise.fast)
+    F = np.array([[a1, 0.0], [(1 - a2), a2]])
+    P = np.zeros((2, 2))
+    for _ in range(20000):
+        P = F @ P @ F.T + np.diag([1.0, 0.0])
+    P *= noise.ratio**2 / P[1, 1]
+    auto = []
+    M = P.copy()
+    for _ in range(samples):
+        auto.append(M[1, 1])
+        M = F @ M
+    lags = np.abs(np.subtract.outer(np.arange(samples), np.arange(samples)))
+    return np.array(auto)[lags] + np.eye(samples)
+
+
+def test_whitening_is_the_exact_likelihood_with_holes() -> None:
+    noise, h, n = Noise(3.0, 30.0, 8.0), 2.0, 160
+    used = np.ones(n, dtype=bool)
+    used[40:55] = used[90] = False
+    error = np.random.default_rng(1).standard_normal(n)
+    white = whitener(noise, used, h)
+    C = dense_covariance(noise, h, n)[np.ix_(used, used)]
+    z = white.one(error)
+    assert float(z @ z) == pytest.approx(float(error[used] @ np.linalg.solve(C, error[used])), rel=1e-9)
+    assert white.log_det == pytest.approx(np.linalg.slogdet(C)[1], rel=1e-9)
+    assert white.columns(np.column_stack([error] * 5))[:, 4] == pytest.approx(z)
+
+
+def test_adjoints_turn_the_inner_product_around() -> None:
+    random = np.random.default_rng(2)
+    n = 200
+    used = random.random(n) < 0.9
+    white = whitener(Noise(2.0, 20.0, 5.0), used, 1.0)
+    x, z = random.standard_normal((2, n))
+    assert white.one(x) @ z == pytest.approx(x @ white.adjoint(z))
+    u = np.concatenate([[0.0], random.standard_normal(n - 1)])
+    assert delayed_lag(u, 1.0, 9.0, 0.0) @ z == pytest.approx(u @ lag_adjoint(z, 1.0, 9.0))
+
+
+def test_gains_of_many_starts_are_what_least_squares_gains() -> None:
+    random = np.random.default_rng(3)
+    n, h = 300, 2.0
+    white = whitener(Noise(2.0, 40.0, 10.0), np.ones(n, dtype=bool), h)
+    y = white.one(random.standard_normal(n))
+    Q, _ = np.linalg.qr(white.columns(np.column_stack([np.ones(n), np.arange(n) / n])))
+    moved = np.stack([steps(n, seed) for seed in (1, 2)])
+    rest = y - Q @ (Q.T @ y)
+    gains = whitened_gains(moved, h, 20.0, 3.0, white.a1, white.a2, white.gain, white.weight, Q, rest)
+    for u, gain in zip(moved, gains, strict=True):
+        X = np.column_stack([Q, white.one(delayed_lag(u, h, 20.0, 3.0))])
+        after = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
+        assert gain == pytest.approx(rest @ rest - after @ after, rel=1e-6)
+
+
+def test_noise_is_found_again() -> None:
+    random = np.random.default_rng(4)
+    n, h = 6000, 1.0
+    a1, a2 = np.exp(-h / 60.0), np.exp(-h / 15.0)
+    load = np.zeros((n, 2))
+    for k in range(1, n):
+        load[k, 0] = a1 * load[k - 1, 0] + random.standard_normal()
+        load[k, 1] = a2 * load[k - 1, 1] + (1 - a2) * load[k - 1, 0]
+    error = 3.0 * load[:, 1] / load[:, 1].std() + random.standard_normal(n)
+    found = fit_noise(error, np.ones(n, dtype=bool), h, Noise(1.0, 30.0, 10.0))
+    assert found.ratio == pytest.approx(3.0, rel=0.25)
+    assert found.slow * found.fast == pytest.approx(60.0 * 15.0, rel=0.5)
