@@ -93,7 +93,7 @@ class LoopScanner:
         self.used += int(np.count_nonzero(block.usable))
         if self._waiting is not None:
             self._waiting.append(block)
-        if self._errors is not None:
+        if self._errors is not None and self.has_setpoint:
             self._errors.update(block)
         if self._carry is not None:
             self._carry.update(block)
