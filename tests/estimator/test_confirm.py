@@ -1,0 +1,166 @@
+"""PV against OP through a dead band: cuts, sizes, and each kind of trouble a record can have."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from backlash_cli.estimator.confirm import ConfirmationScanner, confirm
+from backlash_cli.estimator.decimate import WIDTHS, BlockMeans
+from backlash_cli.kernels import play
+from backlash_cli.record import LoopSettings, Note, Record, SampleState
+from backlash_cli.results import Confirmation, Verdict
+from backlash_cli.scan import scan
+from tests.benchmarks.random_loops import CONTROLS, draw
+from tests.estimator.closed_loop import Loop, run
+
+SETTINGS = LoopSettings(K=0.6, Ti=20.0, Kp=1.0)
+STEPS = np.repeat(np.random.default_rng(5).normal(0.0, 0.04, 20), 300)
+
+
+def loop(d: float, **changes: object) -> Record:
+    return replace(run(replace(Loop(dead_band=d), **changes), 6000, load=STEPS), settings=SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def worn() -> Record:
+    return loop(0.03)
+
+
+@pytest.fixture(scope="module")
+def healthy() -> Record:
+    return loop(0.0)
+
+
+def test_block_means_are_those_of_play_at_full_rate():
+    rng = np.random.default_rng(2)
+    u = np.cumsum(rng.normal(0.0, 0.004, 700))
+    blocks = BlockMeans(7)
+    blocks.update(np.arange(700), 2.0 * u, u, np.ones(700, bool))
+    at, means = blocks.rows()
+    assert len(at) == 100
+    np.testing.assert_allclose(means[:, 0], 2.0 * u.reshape(-1, 7).mean(1), atol=1e-12)
+    for j in (0, 5, len(WIDTHS) - 1):
+        expected = play(u, float(WIDTHS[j]), u[0]).reshape(-1, 7).mean(1)
+        np.testing.assert_allclose(means[:, 2 + j], expected, atol=1e-12)
+
+
+def test_any_cut_of_the_record_gives_the_same_answer(worn: Record):
+    whole = confirm(worn)
+    scanner = ConfirmationScanner(worn.settings, worn.interval)
+    edges = [0, 1, 17, 1234, 1235, 4001, len(worn)]
+    for low, high in pairwise(edges):
+        scanner.update(worn.slice(low, high))
+    assert scanner.finish() == whole
+
+
+def test_the_size_is_found_with_op_and_without(worn: Record):
+    for record in (worn, replace(worn, output=None)):
+        found = confirm(record)
+        assert isinstance(found, Confirmation)
+        assert found.d == pytest.approx(0.03, rel=0.12)
+        assert found.ci95[0] <= 0.03 <= found.ci95[1]
+        assert found.details["evidence"] > 30
+
+
+def test_verdicts_on_a_worn_and_a_healthy_valve(worn: Record, healthy: Record):
+    assert scan(worn).verdict is Verdict.BACKLASH
+    report = scan(healthy)
+    assert report.verdict is Verdict.NO_BACKLASH
+    assert any(note.code == "limit_of_detection" for note in report.reasons)
+
+
+def test_periodic_and_wandering_loads_do_not_look_like_a_dead_band():
+    loops = [draw(seed, kind, 0.0) for kind in CONTROLS for seed in (11, 12, 13)]
+    called = [loop.kind for loop in loops if scan(loop.record).verdict is Verdict.BACKLASH]
+    assert len(called) <= 1, called  # the benchmark has the rates: about one in thirty of the square ones
+
+
+def test_a_negative_process_gain_changes_nothing(worn: Record):
+    mirrored = replace(worn, setpoint=1 - worn.setpoint, measurement=1 - worn.measurement,
+                       settings=replace(SETTINGS, K=-0.6))
+    assert confirm(mirrored).d == pytest.approx(confirm(worn).d, rel=1e-6)  # type: ignore[union-attr]
+
+
+def test_manual_stretches_and_gaps_are_left_out(worn: Record):
+    state = worn.state.copy()
+    state[1000:1400] = SampleState.MANUAL
+    keep = np.r_[0:3000, 3300:6000]
+    record = replace(worn, state=state, index=worn.index)
+    holed = replace(record, index=record.index[keep], setpoint=record.setpoint[keep], state=record.state[keep],
+                    measurement=record.measurement[keep], output=record.output[keep])
+    found = confirm(holed)
+    assert isinstance(found, Confirmation)
+    assert found.d == pytest.approx(0.03, rel=0.2)
+
+
+def test_refusals_say_why(worn: Record):
+    short = confirm(worn.slice(0, 400))
+    assert isinstance(short, Note)
+    assert short.code == "short_record"
+    still = confirm(replace(worn, output=np.full(len(worn), 0.5)))
+    assert isinstance(still, Note)
+    assert still.code == "output_still"
+
+
+def test_memory_is_bounded_by_the_decimated_length(worn: Record):
+    scanner = ConfirmationScanner(worn.settings, 1.0)
+    scanner.update(worn)
+    _, means = scanner._blocks.rows()
+    assert len(means) == len(worn) // scanner.size
+
+
+# Robustness: the verdict stays, or becomes "cannot tell"; never a confident wrong one.
+GOOD_FOR_WORN = (Verdict.BACKLASH, Verdict.SUSPECTED, Verdict.CANNOT_TELL)
+GOOD_FOR_HEALTHY = (Verdict.NO_BACKLASH, Verdict.SUSPECTED, Verdict.CANNOT_TELL)
+
+
+def stays(worn: Record, healthy: Record, *, size_within: float = 0.25) -> None:
+    report = scan(worn)
+    assert report.verdict in GOOD_FOR_WORN
+    if report.verdict is Verdict.BACKLASH:
+        assert report.cluster is not None
+        assert report.cluster.d == pytest.approx(0.03, rel=size_within)
+    assert scan(healthy).verdict in GOOD_FOR_HEALTHY
+
+
+@pytest.mark.parametrize("change", [{"Kp": 2.0}, {"Kp": 0.5}, {"Ti": 26.0}, {"Ti": 15.4}])
+def test_wrong_settings(worn: Record, healthy: Record, change: dict[str, float]):
+    wrong = replace(SETTINGS, **change)
+    stays(replace(worn, settings=wrong), replace(healthy, settings=wrong))
+
+
+def test_no_noise_at_all():
+    stays(loop(0.03, noise=0.0), loop(0.0, noise=0.0))
+
+
+@pytest.mark.parametrize("step", [4, 6, 10])
+def test_coarse_sampling(worn: Record, healthy: Record, step: int):
+    def thinned(r: Record) -> Record:
+        pick = slice(None, None, step)
+        n = len(r.index[pick])
+        return replace(r, interval=float(step), index=np.arange(n), setpoint=r.setpoint[pick], state=r.state[pick],
+                       measurement=r.measurement[pick], output=r.output[pick])
+
+    stays(thinned(worn), thinned(healthy), size_within=0.4)
+
+
+def test_output_recorded_to_a_tenth_of_a_percent(worn: Record, healthy: Record):
+    def rounded(r: Record) -> Record:
+        return replace(r, output=np.round(r.output, 3))
+
+    stays(rounded(worn), rounded(healthy))
+
+
+def test_pv_stored_by_exception(worn: Record, healthy: Record):
+    def compressed(r: Record) -> Record:
+        held = r.measurement.copy()
+        for k in range(1, len(held)):
+            if abs(held[k] - held[k - 1]) < 0.002:
+                held[k] = held[k - 1]
+        return replace(r, measurement=held)
+
+    stays(compressed(worn), compressed(healthy), size_within=0.4)

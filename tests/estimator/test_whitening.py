@@ -1,0 +1,112 @@
+"""The compiled core against independent computations: scipy, the joint normal density, brute force."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import nnls
+
+from backlash_cli.estimator import whitening as core
+from backlash_cli.estimator.step_response import DIP, nonnegative, response_base
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 10_000))
+def test_nonnegative_least_squares_agrees_with_scipy(seed: int):
+    rng = np.random.default_rng(seed)
+    M, y = rng.normal(size=(30, 6)), rng.normal(size=30)
+    x = np.empty(6)
+    nonnegative(M.T @ M, M.T @ y, x)
+    np.testing.assert_allclose(x, nnls(M, y)[0], atol=1e-8)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.floats(0, 3), min_size=6, max_size=6))
+def test_the_base_keeps_every_step_response_above_its_bound(v: list[float]):
+    response = np.cumsum(response_base(6) @ np.array(v))
+    assert np.all(response >= -DIP * response[-1] - 1e-12)
+
+
+def brute_force(y, a, ratio, phi, shock):
+    """Log-density of y from the full covariance matrix of all rows."""
+    n = len(y)
+    effect = np.zeros((n, 3 + 2 * n))  # of the initial state, of each increment, of each load step
+    state = np.zeros((4, 3 + 2 * n))
+    state[:3, :3] = np.eye(3)
+    for k in range(n):
+        z1, z2, w, s = state
+        s = phi * s
+        s[3 + k] += 1.0
+        w = w + s
+        w[3 + n + k] += 1.0
+        z1 = z1 + a * (w - z1)
+        z2 = z2 + a * (z1 - z2)
+        state = np.array([z1, z2, w, s])
+        effect[k] = z2
+    initial = core.DIFFUSE * (np.ones((3, 3)) + 0.01 * np.eye(3))
+    variance = np.zeros((3 + 2 * n, 3 + 2 * n))
+    variance[:3, :3] = initial
+    variance[3:, 3:] = np.diag([*([ratio] * n), *shock])
+    cov = effect @ variance @ effect.T + np.eye(n)
+    _, logdet = np.linalg.slogdet(cov)
+    return -0.5 * (logdet + y @ np.linalg.solve(cov, y))
+
+
+def test_whitened_rows_have_the_density_of_the_model():
+    rng = np.random.default_rng(3)
+    n, a, ratio, phi = 14, 0.4, 0.3, 0.5
+    shock = np.zeros(n)
+    shock[6] = 25.0
+    y = rng.normal(size=n)
+    first = np.arange(n) == 0
+    G, S = core.gains(a, ratio, phi, shock, first)
+    e = np.empty(n)
+    core.whiten(y, G, 1.0 / np.sqrt(S), a, phi, first, e)
+    assert -0.5 * (np.sum(e**2) + np.sum(np.log(S))) == pytest.approx(brute_force(y, a, ratio, phi, shock), abs=1e-4)
+
+
+def test_a_load_step_is_found_where_it_is_and_as_large_as_it_is():
+    rng = np.random.default_rng(0)
+    n, at, size, a = 300, 170, 12.0, 0.3
+    load = np.where(np.arange(n) >= at, size, 0.0)
+    z1 = z2 = 0.0
+    y = np.empty(n)
+    for k in range(n):
+        z1 += a * (load[k] - z1)
+        z2 += a * (z1 - z2)
+        y[k] = z2 + rng.normal()
+    first = np.arange(n) == 0
+    G, S = core.gains(a, 1e-4, 0.1, np.zeros(n), first)
+    e = np.empty(n)
+    core.whiten(y, G, 1.0 / np.sqrt(S), a, 0.1, first, e)
+    statistic, found = core.load_steps(e, G, S, a, 0.1, first)
+    k = int(np.argmax(np.abs(statistic)))
+    assert abs(k - at) <= 1
+    assert found[k] == pytest.approx(size, rel=0.25)
+
+
+def test_regression_recovers_a_process_from_its_input():
+    rng = np.random.default_rng(1)
+    n, a = 1500, 0.35
+    x = np.cumsum(rng.normal(size=n)) * 0.2
+    z1 = z2 = x[0]
+    f = np.empty(n)
+    for k in range(n):
+        z1 += a * (x[k] - z1)
+        z2 += a * (z1 - z2)
+        f[k] = z2
+    y = np.zeros(n)
+    y[2:] = 1.5 * f[:-2]
+    y += 0.05 * rng.normal(size=n)
+    first = np.arange(n) == 0
+    G, S = core.gains(a, 1e-5, 0.1, np.zeros(n), first)
+    rows = np.arange(20, n)
+    candidates = np.array([x, np.roll(x, 5)])
+    ll, noise, b, _ = core.regress(y, candidates, G, S, a, 0.1, first, rows, 1e-6, np.empty((0, 0)), False)
+    assert ll[0] > ll[1]
+    # the scale of a Student t with 6 degrees of freedom fitted to normal noise is 0.86 of its deviation
+    assert np.sqrt(noise[0]) == pytest.approx(0.86 * 0.05, rel=0.1)
+    assert b[0].sum() == pytest.approx(1.5, rel=0.03)
+    assert core.LAGS[int(np.argmax(b[0]))] == 2
