@@ -109,7 +109,7 @@ class Fitter:
                         if trial[i] < LOWEST[i] or trial[i] > HIGHEST[i]:
                             break
                         value = float(self.ll(trial, one)[0])
-                        if value <= best + 0.05:
+                        if value <= best + 0.2:
                             break
                         p, best, moved = trial, value, True
                     if moved:
@@ -167,7 +167,7 @@ def weigh(rows: Rows) -> Evidence:
         j += 1
         p1, f1 = fit.climb(x[j], p1, 1)
     _, _, p = fit.best_of(starts, x[:1])
-    p0, f0 = max(fit.climb(x[0], p, 2), fit.climb(x[0], p0, 2), fit.climb(x[0], p1, 2), key=lambda c: c[1])
+    p0, f0 = max(fit.climb(x[0], p, 2), fit.climb(x[0], p0, 2), key=lambda c: c[1])
     _, j, p1 = fit.best_of([*starts, p0, p1], x[1:])
     for _ in range(3):
         j += 1

@@ -110,19 +110,19 @@ def whiten(y: NDArray[Any], G: NDArray[Any], scale: NDArray[Any], a: float, phi:
 
 
 @numba.njit(cache=True, fastmath=True)
-def _take_out(x: NDArray[Any], unit: NDArray[Any], rows: NDArray[Any]) -> None:
+def _take_out(x: NDArray[Any], unit: NDArray[Any]) -> None:
     """Subtract from x (rows,) its part along `unit`, in place."""
     v = 0.0
-    for k in rows:
+    for k in range(len(x)):
         v += x[k] * unit[k]
     for k in range(len(x)):
         x[k] -= v * unit[k]
 
 
-@numba.njit(cache=True)
-def _normalise(x: NDArray[Any], rows: NDArray[Any]) -> None:
+@numba.njit(cache=True, fastmath=True)
+def _normalise(x: NDArray[Any]) -> None:
     v = 0.0
-    for k in rows:
+    for k in range(len(x)):
         v += x[k] * x[k]
     v = 1.0 / np.sqrt(v + 1e-300)
     for k in range(len(x)):
@@ -145,23 +145,29 @@ def regress(y: NDArray[Any], X: NDArray[Any], G: NDArray[Any], S: NDArray[Any], 
     noise = np.empty(m)
     coefficients = np.empty((m, nb))
     E = np.empty((nb + 1, n))
-    scale = np.empty(n)
-    for k in range(n):
+    # rows that do not count are whitened to zero, so that every sum may run over all rows
+    scale = np.zeros(n)
+    for k in rows:
         scale[k] = 1.0 / np.sqrt(S[k])
     whiten(y, G, scale, a, phi, first, E[0])
     Q = np.empty((len(line), n))
     for i in range(len(line)):
         whiten(line[i], G, scale, a, phi, first, Q[i])
         for j in range(i):
-            _take_out(Q[i], Q[j], rows)
-        _normalise(Q[i], rows)
-        _take_out(E[0], Q[i], rows)
+            _take_out(Q[i], Q[j])
+        _normalise(Q[i])
+        _take_out(E[0], Q[i])
     base = response_base(nb)
     f = np.empty(n)
     t = np.empty(n)
     logs = 0.0
+    product = 1.0
     for k in rows:
-        logs += np.log(S[k])
+        product *= S[k]
+        if product > 1e200:
+            logs += np.log(product)
+            product = 1.0
+    logs += np.log(product)
     A = np.empty((nb, nb))
     c = np.empty(nb)
     bounded = np.empty((nb, nb))
@@ -185,16 +191,16 @@ def regress(y: NDArray[Any], X: NDArray[Any], G: NDArray[Any], S: NDArray[Any], 
                 t[k] = f[max(k - lag, begin)]
             whiten(t, G, scale, a, phi, first, E[i + 1])
             for h in range(len(line)):
-                _take_out(E[i + 1], Q[h], rows)
+                _take_out(E[i + 1], Q[h])
         for p in range(nb):
             for q in range(p + 1):
                 v = 0.0
-                for k in rows:
+                for k in range(n):
                     v += E[p + 1, k] * E[q + 1, k]
                 A[p, q] = v
                 A[q, p] = v
             v = 0.0
-            for k in rows:
+            for k in range(n):
                 v += E[p + 1, k] * E[0, k]
             c[p] = v
             A[p, p] += ridge
@@ -226,17 +232,22 @@ def regress(y: NDArray[Any], X: NDArray[Any], G: NDArray[Any], S: NDArray[Any], 
                 for k in range(n):
                     r[k] -= b[i] * E[i + 1, k]
         s2 = 0.0
-        for k in rows:
+        for k in range(n):
             s2 += r[k] * r[k]
         s2 = s2 / len(rows) + 1e-300
         for _ in range(4):
             v = 0.0
-            for k in rows:
+            for k in range(n):
                 v += r[k] * r[k] / (T_FREEDOM + r[k] * r[k] / s2)
             s2 = (T_FREEDOM + 1.0) * v / len(rows) + 1e-300
         v = 0.0
-        for k in rows:
-            v += np.log(1.0 + r[k] * r[k] / (s2 * T_FREEDOM))
+        product = 1.0
+        for k in range(n):
+            product *= 1.0 + r[k] * r[k] / (s2 * T_FREEDOM)
+            if product > 1e200:
+                v += np.log(product)
+                product = 1.0
+        v += np.log(product)
         ll[j] = -0.5 * ((T_FREEDOM + 1.0) * v + logs + len(rows) * np.log(s2) + ridge * length / s2)
         noise[j] = s2
     return ll, noise, coefficients, R
