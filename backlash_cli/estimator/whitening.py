@@ -84,8 +84,8 @@ def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArra
         for i in range(4):
             for j in range(4):
                 P[i, j] -= G[k, i] * G[k, j] * s
-        still = k > 0 and shock[k] == 0.0 and abs(S[k] - S[k - 1]) < 1e-6 * S[k]
-        settled = settled + 1 if still and abs(G[k, 2] - G[k - 1, 2]) < 1e-6 * abs(G[k, 2]) + 1e-12 else 0
+        still = k > 0 and shock[k] == 0.0 and abs(S[k] - S[k - 1]) < 1e-4 * S[k]
+        settled = settled + 1 if still and abs(G[k, 2] - G[k - 1, 2]) < 1e-4 * abs(G[k, 2]) + 1e-12 else 0
     return G, S
 
 
