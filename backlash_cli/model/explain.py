@@ -59,7 +59,6 @@ def explain(
     if held:
         base = baseline(seen)
     start = base if model is None else fit(seen, replace(shape_of(model, given), delay=base.shape.delay), base.noise)
-    reason = too_little(seen, base)
     by_user = [*start.shape.names]
     if chosen:
         judge = judge_for(seen, base.shape.lag)
@@ -67,8 +66,9 @@ def explain(
             if effect.fitting.bounds is None and effect.name not in start.shape.names:
                 start = candidate(seen, judge, start, effect, seed=seed, must=True) or start
                 by_user.append(effect.name)
-    searched = () if chosen or reason else tuple(known.values())
-    found = search(seen, searched, start, seed=seed)
+    found = search(seen, () if chosen else tuple(known.values()), start, seed=seed)
+    # a valve that sticks hides how PV follows OP, so motion is asked for only when nothing was found
+    reason = None if found.final.shape.parts else too_little(seen, base)
     return assemble(record, problem, seen, base, found, held, by_user, reason)
 
 
