@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray
 from . import whitening as core
+from .load_steps import load_steps
 
 STEP_LIMIT = 4.0  # a load step must stand out this much under every d: one false one in 16,000 rows
 STEP_PASSES = 5
@@ -132,7 +133,7 @@ class Fitter:
         statistic = np.full(len(self.r.y), np.inf)
         size = np.full(len(self.r.y), np.inf)
         for r, s2 in zip(residuals, noise, strict=True):
-            t, step = core.load_steps(r / np.sqrt(s2), G, S, a, phi, self.r.first)
+            t, step = load_steps(r / np.sqrt(s2), G, S, a, phi, self.r.first)
             statistic = np.minimum(statistic, np.abs(t))
             size = np.minimum(size, step * step)
         statistic[: core.WARM_UP - 4] = 0.0

@@ -9,8 +9,7 @@ Model, one row per block of samples (k):
 
 plus load steps of known variance at known rows (`shock`). A Kalman filter whitens every column; what remains is a
 regression with a bounded step response (`step_response`). Variances are in units of that of n.
-Harvey, Forecasting, Structural Time Series Models and the Kalman Filter (1989), sections 3.2 and 3.4; load steps are
-found as in Harvey and Koopman, Diagnostic checking of unobserved-components models, JBES 10 (1992) 377-389.
+Harvey, Forecasting, Structural Time Series Models and the Kalman Filter (1989), sections 3.2 and 3.4.
 """
 
 from __future__ import annotations
@@ -30,7 +29,8 @@ T_FREEDOM = 6.0  # tails of the residuals: Student t
 
 
 @numba.njit(cache=True)
-def _transition(a: float, phi: float) -> NDArray[Any]:
+def transition(a: float, phi: float) -> NDArray[Any]:
+    """Matrix (4, 4) that takes the state (z1, z2, w, s) one row on."""
     F = np.zeros((4, 4))
     F[3, 3] = phi
     F[2, 2], F[2, 3] = 1.0, phi
@@ -45,7 +45,7 @@ def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArra
     n = len(shock)
     G = np.empty((n, 4))
     S = np.empty(n)
-    F = _transition(a, phi)
+    F = transition(a, phi)
     g = np.ones(4)
     g[0], g[1] = a, a * a
     P = np.zeros((4, 4))
@@ -251,72 +251,3 @@ def regress(y: NDArray[Any], X: NDArray[Any], G: NDArray[Any], S: NDArray[Any], 
         ll[j] = -0.5 * ((T_FREEDOM + 1.0) * v + logs + len(rows) * np.log(s2) + ridge * length / s2)
         noise[j] = s2
     return ll, noise, coefficients, R
-
-
-@numba.njit(cache=True)
-def load_steps(e: NDArray[Any], G: NDArray[Any], S: NDArray[Any], a: float, phi: float, first: NDArray[Any]) -> Any:
-    """Statistic and size of a load step at each row, from innovations e (rows,) in units of their deviation.
-
-    A backward disturbance smoother: t (rows,) is standard normal where the load did not step, size (rows,) is the
-    most likely step in units of the noise deviation.
-    """
-    n = len(e)
-    F = _transition(a, phi)
-    g = np.zeros(4)
-    g[0], g[1], g[2] = a, a * a, 1.0
-    r = np.zeros(4)
-    back = np.zeros(4)
-    N = np.zeros((4, 4))
-    L = np.zeros((4, 4))
-    T = np.zeros((4, 4))
-    t = np.zeros(n)
-    size = np.zeros(n)
-    steady = 0
-    for k in range(n - 1, -1, -1):
-        for i in range(4):
-            v = 0.0
-            for j in range(4):
-                v += F[j, i] * r[j]
-            back[i] = v
-        along = 0.0
-        for j in range(4):
-            along += G[k, j] * back[j]
-            r[j] = back[j]
-        r[1] += e[k] / np.sqrt(S[k]) - along
-        same = k < n - 1 and S[k] == S[k + 1]
-        if not (same and steady > 60):
-            for i in range(4):
-                v = 0.0
-                for j in range(4):
-                    L[i, j] = F[i, j]
-                    v += F[i, j] * G[k, j]
-                L[i, 1] -= v
-            for i in range(4):
-                for j in range(4):
-                    v = 0.0
-                    for m in range(4):
-                        v += N[i, m] * L[m, j]
-                    T[i, j] = v
-            for i in range(4):
-                for j in range(4):
-                    v = 0.0
-                    for m in range(4):
-                        v += L[m, i] * T[m, j]
-                    N[i, j] = v
-            N[1, 1] += 1.0 / S[k]
-            steady = steady + 1 if same else 0
-        v = w = 0.0
-        for i in range(4):
-            v += g[i] * r[i]
-            for j in range(4):
-                w += g[i] * N[i, j] * g[j]
-        if w > 1e-30:
-            t[k] = v / np.sqrt(w)
-            size[k] = v / w
-        if first[k]:
-            for i in range(4):
-                r[i] = 0.0
-                for j in range(4):
-                    N[i, j] = 0.0
-            steady = 0
-    return t, size

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from backlash_cli.estimator import whitening as core
+from backlash_cli.estimator.load_steps import load_steps
 from backlash_cli.estimator.step_response import DIP, nonnegative, response_base
 
 
@@ -81,7 +82,7 @@ def test_a_load_step_is_found_where_it_is_and_as_large_as_it_is():
     G, S = core.gains(a, 1e-4, 0.1, np.zeros(n), first)
     e = np.empty(n)
     core.whiten(y, G, 1.0 / np.sqrt(S), a, 0.1, first, e)
-    statistic, found = core.load_steps(e, G, S, a, 0.1, first)
+    statistic, found = load_steps(e, G, S, a, 0.1, first)
     k = int(np.argmax(np.abs(statistic)))
     assert abs(k - at) <= 1
     assert found[k] == pytest.approx(size, rel=0.25)
