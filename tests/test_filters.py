@@ -43,3 +43,12 @@ def test_time_constant_zero_is_the_identity():
 def test_impossible_times_are_refused(T, h):
     with pytest.raises(ValueError):
         double_lag(T, h)
+
+
+def test_runs_like_the_library_filter_from_any_state():
+    rng = np.random.default_rng(2)
+    stage, values, state = double_lag(4.0, 1.0), rng.normal(size=200), rng.normal(size=2)
+    expected, after = signal.lfilter(stage.numerator, stage.denominator, values, zi=state)
+    out, new = stage.run(values, state)
+    np.testing.assert_allclose(out, expected, rtol=1e-12)
+    np.testing.assert_allclose(new, after, rtol=1e-12)

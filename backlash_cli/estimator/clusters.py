@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from statistics import NormalDist
+
 import numpy as np
 
 from ..record import FloatArray
@@ -31,9 +34,20 @@ def densest(d: FloatArray) -> Cluster | None:
 
 def median_interval(values: FloatArray, level: float = 0.95) -> tuple[float, float]:
     """Return the distribution-free interval of the median of sorted `values` (David and Nagaraja, section 7.1)."""
-    from scipy.stats import binom
-
     n = len(values)
-    rank = int(binom.ppf((1 - level) / 2, n, 0.5))
+    rank = _binomial_quantile(n, (1 - level) / 2)
     low = max(rank - 1, 0)
     return float(values[low]), float(values[n - 1 - low])
+
+
+def _binomial_quantile(n: int, probability: float) -> int:
+    """Return the smallest k with P(X <= k) >= probability, X binomial (n, 1/2); normal beyond n = 1000."""
+    if n > 1000:
+        return max(math.ceil(n / 2 + NormalDist().inv_cdf(probability) * math.sqrt(n) / 2 - 0.5), 0)
+    below, term = 0, 1  # in units of 2^-n, exact
+    for k in range(n + 1):
+        below += term
+        if below >= probability * 2**n:
+            return k
+        term = term * (n - k) // (k + 1)
+    return n

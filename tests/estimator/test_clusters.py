@@ -1,0 +1,35 @@
+"""The densest group of estimates and the interval of its median."""
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from backlash_cli.estimator.clusters import _binomial_quantile, densest, median_interval
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 9, 30, 101, 999, 1001, 5000])
+@pytest.mark.parametrize("probability", [0.025, 0.1])
+def test_quantile_of_the_binomial_distribution(n, probability):
+    assert _binomial_quantile(n, probability) == pytest.approx(binom.ppf(probability, n, 0.5), abs=int(n > 1000))
+
+
+def test_interval_of_the_median_holds_it_as_often_as_it_says():
+    rng = np.random.default_rng(4)
+    held = 0
+    for _ in range(2000):
+        low, high = median_interval(np.sort(rng.exponential(size=25)))
+        held += low <= np.log(2) <= high
+    assert 0.95 <= held / 2000 <= 0.985
+
+
+def test_the_larger_of_two_groups_is_taken_and_its_share_said():
+    d = np.array([0.01] * 3 + [0.030, 0.031, 0.029, 0.0305, 0.028] + [0.2])
+    found = densest(d)
+    assert found is not None
+    assert (found.n, found.d) == (5, 0.030)
+    assert found.share == pytest.approx(5 / 9)
+    assert found.ci95[0] <= found.d <= found.ci95[1]
+
+
+def test_nothing_positive_is_no_group():
+    assert densest(np.array([-0.1, 0.0])) is None
