@@ -20,6 +20,8 @@ from .pipeline import Part, Shape
 from .problem import Problem
 
 LAG_SHARES = (0.6, 1.0)
+# a lag longer than this part of the record is hardly that of the process; parts of the record that it may be instead
+SLOW_FOR_RECORD, QUICK = 100.0, (150.0, 500.0)
 KEEP = 1
 SWEEP = 17
 KEEP_JUMPY = 12
@@ -124,8 +126,12 @@ def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Sha
     """Return the best starts of each kind, at most `keep` per kind, by the whitened sum of squares."""
     kinds: dict[tuple[object, ...], list[tuple[float, int, Shape]]] = {}
     several = bool(parts) and not parts[0].is_linear and not jumpy(parts[0].effect)
-    for share in LAG_SHARES if several else (1.0,):
-        near = replace(shape, lag=shape.lag * share)
+    lags = [shape.lag * share for share in (LAG_SHARES if several else (1.0,))]
+    if several and shape.lag > solver.problem.duration / SLOW_FOR_RECORD:
+        # a valve that does not move looks like a process that hardly answers: try processes that do
+        lags += [solver.problem.duration / share for share in QUICK]
+    for lag in lags:
+        near = replace(shape, lag=lag)
         trials = [near.with_part(part) for part in parts]
         for number, (part, trial, rss) in enumerate(zip(parts, trials, solver.rss_of_many(trials), strict=True)):
             kinds.setdefault(group(part), []).append((rss, number, trial))
