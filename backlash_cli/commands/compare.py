@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from ..loaders import ReadOptions
 
 
-@click.command(epilog="\b\nExamples:\n  backlash compare sample_data/plant.csv --loop FIC108\n"
-               "  backlash compare sample_data/plant.csv --loop FIC108 --html compare.html\n"
-               "  backlash compare sample_data/plant.csv --model fic108.toml")
+@click.command(epilog="\b\nExamples:\n  backlash compare sample_data/plant.csv --loop FIC109\n"
+               "  backlash compare sample_data/plant.csv --loop FIC109 --html compare.html\n"
+               "  backlash compare sample_data/plant.csv --model fic109.toml")
 @inputs_argument
 @click.option("--loop", metavar="NAME", help="The loop to look at. Default: the model's, or the only one there is.")
 @click.option("--model", "model_file", metavar="FILE", type=click.Path(path_type=Path),

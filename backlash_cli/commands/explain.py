@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from ..loaders import ReadOptions
 
 
-@click.command(epilog="\b\nExamples:\n  backlash explain sample_data/plant.csv --loop FIC108\n"
-               "  backlash explain sample_data/plant.csv --loop FIC108 --html explain.html --save-model fic108.toml\n"
+@click.command(epilog="\b\nExamples:\n  backlash explain sample_data/plant.csv --loop FIC109\n"
+               "  backlash explain sample_data/plant.csv --loop FIC109 --html explain.html --save-model fic109.toml\n"
                "  backlash explain sample_data/plant.csv --all --output effects.csv")
 @inputs_argument
 @click.option("--loop", metavar="NAME", help="The loop to explain. Default: the model's, or the only one there is.")

@@ -44,19 +44,17 @@ def _row(x: Explanation) -> dict[str, Any]:
     before, after = x.baseline.rmse_holdout, x.rmse_holdout
     return {
         "loop": x.loop, "missing_effect": x.missing_effect, "effects": "; ".join(e.effect for e in x.effects),
-        "numbers": _numbers(x), "rmse_baseline": before, "rmse_final": after, "noise_floor": x.noise_floor,
+        "numbers": _numbers(x, brief=False), "rmse_baseline": before, "rmse_final": after, "noise_floor": x.noise_floor,
         "error_reduction": 1.0 - (after / before) ** 2 if before > 0 else None, "unexplained": x.unexplained,
         "look_alikes": "; ".join(" = ".join(pair) for pair in x.look_alikes), "verdict": verdict(x),
         "warnings": "; ".join(n.code for n in x.warnings),
     }
 
 
-def _numbers(x: Explanation) -> str:
+def _numbers(x: Explanation, *, brief: bool = True) -> str:
     start = x.model.start if x.model is not None else None
-    return "; ".join(
-        f"{plain_name(e.effect)} " + ", ".join(f"{k} = {v}" for k, v in numbers(e, x.settings, start).items())
-        for e in x.effects
-    )
+    said = ((e.effect, numbers(e, x.settings, start, brief=brief)) for e in x.effects)
+    return "; ".join(f"{plain_name(e)} " + ", ".join(f"{k} = {v}" for k, v in found.items()) for e, found in said)
 
 
 def to_csv(plant: PlantExplanation) -> str:

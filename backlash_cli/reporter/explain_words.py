@@ -14,6 +14,8 @@ from .words import duration, moment
 
 SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
 ABOUT = 0.1  # errors closer than this share say the same
+SWITCH = "0 or 1"  # unit of a parameter that is on or off
+MUCH = 2.0  # error over noise from which "nothing is missing" needs a word more
 A_DATE = 1e8  # epoch seconds (1973); a record that counts its seconds from zero stays below
 
 
@@ -66,8 +68,10 @@ def quantity(
         return "none"
     interval = p.ci95 if p.ci95 and not isinstance(p.ci95[0], tuple) else None
     low, high = interval if interval else (math.nan, math.nan)
+    if p.unit == SWITCH:
+        return "yes" if p.value else "no"
     scale, unit, short = _unit(p.unit, stage)
-    said = f"{p.value * scale:.{_digits(p.value * scale, (high - low) * scale)}f}"
+    said = f"{p.value * scale:.{_digits(p.value * scale, math.nan if brief else (high - low) * scale)}f}"
     if brief:
         return said + short
     said += unit
@@ -151,12 +155,14 @@ def _engineering(p: FittedParameter, stage: str, settings: LoopSettings) -> str:
     return f", {amount:.3g} in {whose} units"
 
 
-def numbers(effect: FittedEffect | Candidate, settings: LoopSettings, start: float | None = None) -> dict[str, str]:
+def numbers(
+    effect: FittedEffect | Candidate, settings: LoopSettings, start: float | None = None, *, brief: bool = False
+) -> dict[str, str]:
     """What to show of an effect: parameter name -> value with unit and interval; the start of the record left out."""
     shown = {"column": terminal(effect.column, 60)} if effect.column else {}
     for name, p in effect.parameters.items():
         if not p.nuisance and not (isinstance(p.value, float) and math.isinf(p.value)):
-            shown[name] = quantity(p, effect.stage, settings, start)
+            shown[name] = quantity(p, effect.stage, settings, start, brief=brief)
     return shown
 
 
@@ -215,6 +221,10 @@ def verdict(explanation: Explanation) -> str:
         said.append(f"Missing in the {model}: {names}. The error on unseen samples falls with {with_it}.")
     if not added:
         said.append("Nothing is missing: no effect that was tried predicts this record better than the plain model.")
+        times = explanation.baseline.rmse_holdout / max(explanation.noise_floor, 1e-12)
+        if times > MUCH:
+            said.append(f"The error is {times:.2g} times the noise, though: what remains is load that nobody measured, "
+                        "or something that is not among the effects.")
     return " ".join(said)
 
 

@@ -24,6 +24,7 @@ def test_the_ladder_is_one_line():
     (FittedParameter(0.03, "span", (0.0295, 0.0307)), "valve", "3.00 % of OP span (95 %: 2.95 to 3.07 %)"),
     (FittedParameter(0.005, "span"), "sensor", "0.500 % of PV span, 4.5 in PV units"),
     (FittedParameter(0.0002, "span", (0.0, 0.03)), "valve", "0.020 % of OP span (95 %: 0 to 3 %)"),
+    (FittedParameter(1.0, "0 or 1"), "valve", "yes"),
     (FittedParameter(0.02, "1/s"), "valve", "2.00 % of OP span per second"),
     (FittedParameter(12.34, "s", (11.9, 12.8)), "process", "12.3 s (95 %: 11.9 to 12.8 s)"),
     (FittedParameter(-1.4, "1"), "valve", "-1.40"),
@@ -69,6 +70,7 @@ def test_explanation_gives_answer_meaning_look_alikes_and_the_rest():
 
 def test_nothing_missing_is_said_plainly():
     text = explanation_text(nothing())
+    assert "The error is 4.3 times the noise, though" in " ".join(text.split())
     assert "Nothing is missing" in text and "What it means" not in text
 
 
