@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 from ..record import FloatArray, LoopSettings
 from ..results import Comparison, FittedEffect, FittedParameter, Region, Series
 from . import explain_figures as figures
-from .explain_words import error_size, meaning, numbers, plain_name, quantity, share, span_words, still_holds
+from .explain_words import error_size, plain_name, share, span_words, still_holds
 from .loop_page import note_table
 from .page import Cell, Section, Table, page
+from .parameter_words import meaning, numbers, quantity
 from .residual_causes import causes
 
 

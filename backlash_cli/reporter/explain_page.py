@@ -5,9 +5,10 @@ from __future__ import annotations
 from ..results import Candidate, Explanation
 from . import explain_figures as figures
 from .compare_page import depends_on, effect_sections, error, parameter_table, where
-from .explain_words import candidate_verdict, ladder, look_alike_words, numbers, plain_name, share, span_words, verdict
+from .explain_words import candidate_verdict, ladder, look_alike_words, plain_name, share, span_words, verdict
 from .loop_page import note_table
 from .page import Cell, Section, Table, page
+from .parameter_words import numbers
 
 
 def explain_page(e: Explanation, *, plotly_file: str = "", back: tuple[str, str] | None = None) -> str:

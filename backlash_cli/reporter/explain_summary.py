@@ -16,10 +16,11 @@ from rich.text import Text
 from .._version import __version__
 from ..results import Explanation, PlantExplanation
 from .explain_json import SCHEMA_VERSION, explanation
-from .explain_words import error_size, numbers, plain_name, share, verdict
+from .explain_words import error_size, plain_name, share, verdict
 from .json_report import strict
 from .loop_page import note_table
 from .page import Cell, Section, Table, page
+from .parameter_words import numbers
 from .safe import shorten, spreadsheet, terminal
 
 NOTHING = "nothing"

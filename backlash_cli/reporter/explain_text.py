@@ -17,14 +17,13 @@ from .explain_words import (
     error_size,
     ladder,
     look_alike_words,
-    meaning,
-    numbers,
     plain_name,
     share,
     span_words,
     still_holds,
     verdict,
 )
+from .parameter_words import meaning, numbers
 from .safe import terminal
 
 WIDTH = 100

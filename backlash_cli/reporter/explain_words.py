@@ -1,22 +1,16 @@
-"""How errors, parameters and effects of a model are said to a person, the same in the terminal and on a page."""
+"""How errors, steps and answers of the workbench are said to a person, the same in the terminal and on a page."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from string import Formatter
+from collections.abc import Sequence
 
-from ..record import LoopSettings
-from ..results import Candidate, Comparison, Explanation, FittedEffect, FittedParameter, Step
-from .json_report import iso_time
+from ..results import Candidate, Comparison, Explanation, Step
 from .safe import terminal
 from .words import duration, moment
 
-SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
 ABOUT = 0.1  # errors closer than this share say the same
-SWITCH = "0 or 1"  # unit of a parameter that is on or off
 MUCH = 2.0  # error over noise from which "nothing is missing" needs a word more
-A_DATE = 1e8  # epoch seconds (1973); a record that counts its seconds from zero stays below
 
 
 def error_size(value: float | None) -> str:
@@ -49,141 +43,6 @@ def ladder(steps: Sequence[Step], noise_floor: float) -> str:
         for step in steps
     ]
     return f"{' -> '.join(rungs)} (noise floor {error_size(noise_floor)})"
-
-
-def quantity(
-    p: FittedParameter, stage: str, settings: LoopSettings, start: float | None = None, *, brief: bool = False
-) -> str:
-    """A parameter with unit and interval, in engineering units too where the range is known; brief for a sentence.
-
-    >>> d = FittedParameter(0.0302, "span", (0.0295, 0.031))
-    >>> quantity(d, "valve", LoopSettings())
-    '3.02 % of OP span (95 %: 2.95 to 3.10 %)'
-    >>> quantity(d, "valve", LoopSettings(), brief=True)
-    '3.02 %'
-    """
-    if isinstance(p.value, tuple):
-        return _several(p, stage, settings, start, brief)
-    if math.isinf(p.value):
-        return "none"
-    interval = p.ci95 if p.ci95 and not isinstance(p.ci95[0], tuple) else None
-    low, high = interval if interval else (math.nan, math.nan)
-    if p.unit == SWITCH:
-        return "yes" if p.value else "no"
-    scale, unit, short = _unit(p.unit, stage)
-    said = f"{p.value * scale:.{_digits(p.value * scale, math.nan if brief else (high - low) * scale)}f}"
-    if brief:
-        return said + short
-    said += unit
-    if math.isfinite(low) and math.isfinite(high):
-        digits = _digits(0.0, (high - low) * scale)
-        said += f" (95 %: {low * scale:.{digits}f} to {high * scale:.{digits}f}{short.partition(' per ')[0]})"
-    return said + _engineering(p, stage, settings)
-
-
-def _several(p: FittedParameter, stage: str, settings: LoopSettings, start: float | None, brief: bool) -> str:
-    assert isinstance(p.value, tuple)
-    if p.unit == "s" and start is not None and start > A_DATE:
-        return clock_times([start + t for t in p.value])
-    said = []
-    for place, value in enumerate(p.value[:SHOWN_EVENTS]):
-        own = p.ci95[place] if p.ci95 and place < len(p.ci95) else None
-        interval = own if isinstance(own, tuple) else None
-        one = FittedParameter(value, p.unit, interval)
-        said.append(quantity(one, stage, settings, brief=brief))
-    return ", ".join(said) + _more(len(p.value))
-
-
-def clock_times(times: Sequence[float]) -> str:
-    """Moments of events, the day said once.
-
-    >>> clock_times([1773734400.0, 1773738000.5])
-    '2026-03-17 08:00:00, 09:00:00 UTC'
-    """
-    said: list[str] = []
-    day = ""
-    for time in times[:SHOWN_EVENTS]:
-        today, _, clock = (iso_time(float(round(time))) or "–").rstrip("Z").partition("T")
-        said.append(clock if today == day else f"{today} {clock}")
-        day = today
-    return ", ".join(said) + _more(len(times)) + " UTC"
-
-
-def _more(count: int) -> str:
-    return f" and {count - SHOWN_EVENTS} more" if count > SHOWN_EVENTS else ""
-
-
-def _unit(unit: str, stage: str) -> tuple[float, str, str]:
-    """Factor to the unit that is shown, its words, and its short form for an interval."""
-    whose = "PV" if stage == "sensor" else "OP"
-    known = {
-        "span": (100.0, f" % of {whose} span", " %"),
-        "OP span": (100.0, " % of OP span", " %"),
-        "PV span": (100.0, " % of PV span", " %"),
-        "OP span/h": (100.0, " % of OP span per hour", " % per hour"),
-        "1/s": (100.0, " % of OP span per second", " % per second"),
-        "OP span per column unit": (100.0, " % of OP span per unit of the column", " % per unit of the column"),
-        "s": (1.0, " s", " s"),
-        "1": (1.0, "", ""),
-        "": (1.0, "", ""),
-    }
-    return known.get(unit, (1.0, f" {unit}", f" {unit}"))
-
-
-def _digits(value: float, width: float) -> int:
-    """Decimals worth showing: one digit of the interval's half width, at least two of the value; else three."""
-    own = math.floor(math.log10(abs(value))) if value and math.isfinite(value) else 0
-    if math.isfinite(width) and width > 0:
-        worth = -math.floor(math.log10(0.5 * width))
-        if value:
-            worth = max(worth, 1 - own)
-    else:
-        worth = 2 - own
-    return min(max(worth, 0), 8)
-
-
-def _engineering(p: FittedParameter, stage: str, settings: LoopSettings) -> str:
-    """The same amount in the units of the export, where a range is known and says something new."""
-    assert not isinstance(p.value, tuple)
-    whose = {"span": "PV" if stage == "sensor" else "OP", "OP span": "OP", "PV span": "PV"}.get(p.unit)
-    if whose is None:
-        return ""
-    low, high = settings.pv_range if whose == "PV" else settings.op_range
-    if (low, high) in ((0.0, 1.0), (0.0, 100.0)):
-        return ""
-    amount = p.value * (high - low) + (low if p.level else 0.0)
-    return f", {amount:.3g} in {whose} units"
-
-
-def numbers(
-    effect: FittedEffect | Candidate, settings: LoopSettings, start: float | None = None, *, brief: bool = False
-) -> dict[str, str]:
-    """What to show of an effect: parameter name -> value with unit and interval; the start of the record left out."""
-    shown = {"column": terminal(effect.column, 60)} if effect.column else {}
-    for name, p in effect.parameters.items():
-        if not p.nuisance and not (isinstance(p.value, float) and math.isinf(p.value)):
-            shown[name] = quantity(p, effect.stage, settings, start, brief=brief)
-    return shown
-
-
-def meaning(effect: FittedEffect, settings: LoopSettings, start: float | None = None) -> str:
-    """The sentence that says what an effect means in this plant, its numbers filled in."""
-    values = {n: quantity(p, effect.stage, settings, start, brief=True) for n, p in effect.parameters.items()}
-    values["column"] = terminal(effect.column, 60)
-    return fill(effect.meaning or effect.sentence, values)
-
-
-def fill(template: str, values: Mapping[str, str]) -> str:
-    """Put values into the {name} places of a sentence; a name that is not known stays as it is.
-
-    >>> fill("The gap is {d}, {x}.", {"d": "3 %"})
-    'The gap is 3 %, {x}.'
-    """
-    try:
-        pieces = list(Formatter().parse(template))
-    except ValueError:
-        return template
-    return "".join(text + ("" if name is None else values.get(name, f"{{{name}}}")) for text, name, _, _ in pieces)
 
 
 def look_alike_words(explanation: Explanation) -> list[str]:

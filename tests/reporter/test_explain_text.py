@@ -9,7 +9,8 @@ import pytest
 from backlash_cli.record import LoopSettings
 from backlash_cli.reporter.explain_json import to_json
 from backlash_cli.reporter.explain_text import comparison_text, explanation_text
-from backlash_cli.reporter.explain_words import error_size, fill, ladder, quantity, share
+from backlash_cli.reporter.explain_words import error_size, ladder, share
+from backlash_cli.reporter.parameter_words import fill, quantity
 from backlash_cli.results import FittedParameter, Step
 from tests.reporter.explanations import SETTINGS, comparison, explanation, nothing
 from tests.reporter.reports import HOSTILE
