@@ -21,7 +21,7 @@ from .evidence_test import Evidence, Rows, weigh
 from .periodic import periodic_load
 from .rebuild import OutputRebuilder
 
-BLOCKS_PER_TI = 4.0  # 3 and 6 give the same sensitivity on simulated loops, 6 takes twice the time
+BLOCKS_PER_TI = 4.0  # sensitivity is that of 3 and 6; 6 makes fewer false calls on square loads, in twice the time
 FEWEST_ROWS = 150
 MOST_ROWS = 3000  # of a longer record the stretches with the most motion of OP are used
 STRETCH = 250

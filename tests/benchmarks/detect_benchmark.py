@@ -2,7 +2,7 @@
 
 Loops from the project's simulator (see random_loops). Prints specificity, sensitivity by size, the error of d, how
 often the interval holds the truth, and the time per loop. `rebuilt` hides OP. The limits in estimator/criteria.py
-and estimator/confirm.py come from runs of 700 loops of this kind.
+and estimator/confirm.py were chosen on loops of the same description from another generator, so these are fresh.
 """
 
 from __future__ import annotations
