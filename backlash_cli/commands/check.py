@@ -75,9 +75,13 @@ def check(
         emit(text)
     else:
         write_text(output, text)
-    failed = [f"{loop.loop}: {loop.failure.message}" for loop in result.loops if loop.failure is not None]
+    failed = [_named(loop.loop, loop.failure.message) for loop in result.loops if loop.failure is not None]
     failed += [note.message for note in result.failures]
     if output is not None or form == "json":
         for message in failed:
             say(f"not checked: {message}")
     return 3 if failed else 0
+
+
+def _named(loop: str, message: str) -> str:
+    return message if message.startswith(f"{loop}:") else f"{loop}: {message}"

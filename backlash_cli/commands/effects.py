@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from textwrap import fill
+
 import click
 
 
@@ -17,7 +19,8 @@ def effects(verbose: bool) -> int:
     for effect in all_effects():
         names = ", ".join(f"{q.name} [{q.unit}]" for q in effect.parameters if not q.nuisance)
         extra = ("column, " if effect.column else "") + names
-        click.echo(f"{effect.name} ({effect.stage}): {extra}\n    {effect.sentence}")
+        click.echo(f"{effect.name} ({effect.stage}): {extra}")
+        click.echo(fill(effect.sentence, 100, initial_indent="    ", subsequent_indent="    "))
         if verbose:
             for q in effect.parameters:
                 click.echo(f"    {q.name}: {q.meaning}, {q.low:g} to {q.high:g}, neutral {q.neutral:g}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from .history_options import loop_option
 from .terminal import emit, say
@@ -38,6 +39,8 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
     path = db or named
     if path is None:
         raise UsageError("which history?", remedy="name its file: backlash history backlash.db")
+    if target is None and click.get_current_context().get_parameter_source("table") != ParameterSource.DEFAULT:
+        raise UsageError(f"--table {table}: tables go to a file", remedy=f"add --export {table}.csv")
     with History(path, say=say) as store:
         names = chosen(store, loop)
         if repair is not None:

@@ -47,7 +47,7 @@ def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
     from ..reporter.rules import met, parse_rules
 
     limits = read_profile(config.limits, config.loops)
-    rules = parse_rules(rule for rule in config.fail_on if rule != PULL)
+    rules = parse_rules((rule for rule in config.fail_on if rule != PULL), f"{config.path}, fail_on")
     with lock(config.lock) as stale:
         if stale:
             log(stale, "warning")

@@ -55,6 +55,6 @@ def simulate(scenario: str, out: Path | None, truth: Path | None, layout: str, d
     write_plant(out, records, layout=layout, finest=resolution)
     write_settings(settings, records)
     write_truth(truth, truth_rows(loops))
-    samples = sum(map(len, records))
-    click.echo(f"{len(records)} loop(s), {samples} samples -> {out}, {settings.name}, {truth.name}", err=True)
+    size = f"{len(records)} loop{'s' * (len(records) != 1)}, {sum(map(len, records))} samples"
+    click.echo(f"{size} -> {out}, {settings.name}, {truth.name}", err=True)
     return 0

@@ -24,6 +24,8 @@ from .tables import read_table
 
 Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]
 
+FEW_LOOPS = 3  # loops of the loops file without data that are named one by one
+
 
 @dataclass(frozen=True)
 class Plant:
@@ -175,13 +177,18 @@ def _wanted(series: dict[str, LoopSeries], options: ReadOptions) -> list[str]:
 
 def _unmatched(series: dict[str, LoopSeries], metadata: Metadata) -> list[Note]:
     used = {metadata.match(name) for name in series}
+    missing = {name: own for name, own in metadata.loops.items() if name not in used}
+    if len(missing) > FEW_LOOPS:
+        # The loops file of a whole plant beside the export of a few loops: usual, and one line says it.
+        shown = ", ".join(list(missing)[:FEW_LOOPS])
+        text = f"{len(missing)} loops of the loops file are not found in the data: {shown} ..."
+        return [Note("loop_not_found", text, {"loop": ", ".join(missing), "loops": len(missing)})]
     notes = []
-    for name, own in metadata.loops.items():
-        if name not in used:
-            tags = ", ".join(tag for role in ROLE_KEYS if isinstance(tag := own.values.get(role), str))
-            hint = f"its tags {tags} are not there" if tags else nearest(name, sorted(series))
-            text = f"loop {name} of the loops file is not found in the data ({hint})"
-            notes.append(Note("loop_not_found", text, {"loop": name}))
+    for name, own in missing.items():
+        tags = ", ".join(tag for role in ROLE_KEYS if isinstance(tag := own.values.get(role), str))
+        hint = f"its tags {tags} are not there" if tags else nearest(name, sorted(series))
+        text = f"loop {name} of the loops file is not found in the data ({hint})"
+        notes.append(Note("loop_not_found", text, {"loop": name}))
     return notes
 
 

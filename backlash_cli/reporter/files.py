@@ -13,15 +13,15 @@ from pathlib import Path
 from ..errors import BacklashError
 
 _MENDED = {
-    errno.ENOSPC: ("the disk is full", "free some space, or write to another disk with --output"),
-    errno.EDQUOT: ("the disk quota is used up", "free some space, or write to another disk with --output"),
-    errno.EACCES: ("no permission to write there", "choose another place with --output"),
-    errno.EPERM: ("no permission to write there", "choose another place with --output"),
-    errno.EROFS: ("the disk is read-only", "choose another place with --output"),
-    errno.ENOENT: ("the folder does not exist", "make the folder first, or choose another with --output"),
-    errno.ENOTDIR: ("a part of the path is a file, not a folder", "choose another place with --output"),
+    errno.ENOSPC: ("the disk is full", "free some space, or write to another disk"),
+    errno.EDQUOT: ("the disk quota is used up", "free some space, or write to another disk"),
+    errno.EACCES: ("no permission to write there", "choose another place"),
+    errno.EPERM: ("no permission to write there", "choose another place"),
+    errno.EROFS: ("the disk is read-only", "choose another place"),
+    errno.ENOENT: ("the folder does not exist", "make the folder first, or choose another folder"),
+    errno.ENOTDIR: ("a part of the path is a file, not a folder", "choose another place"),
     errno.EISDIR: ("this is a folder, not a file", "give the name of a file"),
-    errno.ENAMETOOLONG: ("the name is too long", "choose a shorter name with --output"),
+    errno.ENAMETOOLONG: ("the name is too long", "choose a shorter name"),
 }
 
 
@@ -74,7 +74,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise
     except OSError as error:
         known = _MENDED.get(error.errno or 0)
-        what, remedy = known or (error.strerror or str(error), "choose another place with --output")
+        what, remedy = known or (error.strerror or str(error), "choose another place")
         raise BacklashError(f"cannot write: {what}", where=str(path), remedy=remedy, code="cannot_write") from error
 
 

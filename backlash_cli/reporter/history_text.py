@@ -19,7 +19,8 @@ def loops_text(nights: Mapping[str, Sequence[Night]], repairs: Mapping[str, Sequ
         rows.append((terminal(name, 30), str(len(found)), found[0].date.isoformat(), found[-1].date.isoformat(),
                      f"{100 * sized[-1]:.2f} %" if sized else "-", marked or "-",
                      ", ".join(f"{n} {word}" for word, n in verdicts)))
-    return columns(rows) + f"\n{len(nights)} loops, {runs} runs. Sizes in % of the output span.\n"
+    loops = f"{len(nights)} loop{'s' * (len(nights) != 1)}, {runs} run{'s' * (runs != 1)}"
+    return columns(rows) + f"\n{loops}. Sizes in % of the output span.\n"
 
 
 def runs_text(runs: Sequence[Run]) -> str:

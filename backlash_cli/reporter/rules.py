@@ -26,9 +26,9 @@ _NAMED: dict[str, frozenset[Verdict]] = {
 }
 
 
-def parse_rules(texts: Iterable[str]) -> list[Rule]:
+def parse_rules(texts: Iterable[str], where: str = "--fail-on") -> list[Rule]:
     """Return the rules of the given texts; raises UsageError with the known ones for a rule that is none."""
-    return [_rule(part.strip()) for text in texts for part in text.split(",")]
+    return [_rule(part.strip(), where) for text in texts for part in text.split(",")]
 
 
 def met(rules: Sequence[Rule], reports: Iterable[LoopReport]) -> list[str]:
@@ -36,21 +36,22 @@ def met(rules: Sequence[Rule], reports: Iterable[LoopReport]) -> list[str]:
     return [r.loop for r in reports if any(rule(r) for rule in rules)]
 
 
-def _rule(text: str) -> Rule:
+def _rule(text: str, where: str) -> Rule:
     known = _NAMED.get(text.lower().replace("-", "_"))
     if known is not None:
         return lambda report: report.verdict in known
     found = _SIZE.fullmatch(text.lower())
     if found is None:
-        raise UsageError(
-            f"no rule {text!r}", where="--fail-on",
-            remedy=f"{nearest(text, _NAMED)} Rules: {', '.join(_NAMED)}, d>0.03, d>3%",
-        )
+        known_rules = [*_NAMED, "d>0.03", "d>3%"]
+        hint = nearest(text, known_rules)
+        if hint.startswith("did"):
+            hint = f"{hint} Rules: {', '.join(known_rules)}"
+        raise UsageError(f"no rule {text!r}", where=where, remedy=hint)
     sign, number, per_cent = found.groups()
     limit = float(number) / (100.0 if per_cent else 1.0)
     if limit > 1.0:
         raise UsageError(
-            f"a dead band of {limit:g} spans cannot be", where=f"--fail-on {text}",
+            f"a dead band of {limit:g} spans cannot be", where=f"{where} {text}",
             remedy=f"d is a part of the span (0.03 is 3 %); did you mean d{sign}{number}% ?",
         )
     if sign == ">":

@@ -44,6 +44,19 @@ def shorten(text: str, limit: int) -> str:
     return text[: limit - 1 - tail] + "…" + text[len(text) - tail :]
 
 
+def clip(text: object, limit: int) -> str:
+    """Return a message for a terminal, ended after a whole word when it is longer than `limit` characters.
+
+    >>> clip("any dead band would look the same", 20)
+    'any dead band …'
+    """
+    shown = "".join(c if _printable(c) else _visible(c) for c in str(text))
+    if len(shown) <= limit:
+        return shown
+    kept = shown[: limit - 1]
+    return kept[: kept.rfind(" ") + 1 or None] + "…"
+
+
 def spreadsheet(value: object) -> object:
     """Return a cell that no spreadsheet runs as a formula: such a text gets an apostrophe in front.
 

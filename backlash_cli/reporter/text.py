@@ -12,7 +12,7 @@ from rich.text import Text
 
 from ..record import Note
 from ..results import LoopReport, ScanResult, Verdict
-from .safe import terminal
+from .safe import clip, terminal
 from .words import MARKS, VERDICTS, advice, by_size, excluded, size
 
 WIDTH = 100
@@ -60,7 +60,7 @@ def _table(reports: Sequence[LoopReport]) -> Table:
             "" if d is None else f"{100 * low:.2f}–{100 * high:.2f}",
             "" if quiet else f"{100 * report.confidence:.0f} %",
             "" if quiet else f"{report.detections} of {report.half_periods}",
-            Text(terminal(advice(report), 120)),
+            Text(clip(advice(report), 120)),
         )
     return table
 
@@ -101,7 +101,7 @@ def _warnings(console: Console, reports: Sequence[LoopReport]) -> None:
         loop, note = found[0]
         loops = len({name for name, _ in found})
         more = f" (and {loops - 1} more loop{'s' * (loops > 2)})" if loops > 1 else ""
-        console.print(f"  {code}, {terminal(loop, 30)}{more}: {terminal(note.message, 300)}")
+        console.print(f"  {code}, {terminal(loop, 30)}{more}: {clip(note.message, 300)}")
 
 
 def _notes(console: Console, title: str, notes: Sequence[Note]) -> None:
@@ -109,6 +109,6 @@ def _notes(console: Console, title: str, notes: Sequence[Note]) -> None:
         return
     console.print(f"\n{title}")
     for note in notes[:_LISTED]:
-        console.print(f"  {note.code}: {terminal(note.message, 300)}")
+        console.print(f"  {note.code}: {clip(note.message, 300)}")
     if len(notes) > _LISTED:
         console.print(f"  and {len(notes) - _LISTED} more; --format json lists all of them")

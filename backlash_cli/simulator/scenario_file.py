@@ -37,8 +37,12 @@ def read_scenarios(path: Path) -> tuple[Scenario, ...]:
     """Return the loops of a scenario file. Raises MetadataError with place and remedy for whatever is wrong."""
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise MetadataError(f"cannot read the scenario: {error}", where=str(path)) from error
+    except UnicodeDecodeError as error:
+        raise MetadataError("not a text file", where=str(path), remedy="give a scenario file (TOML)") from error
+    except OSError as error:
+        why = error.strerror or type(error).__name__
+        remedy = "check the path; backlash simulate example-2 --show prints a scenario to start from"
+        raise MetadataError(f"cannot read the scenario: {why}", where=str(path), remedy=remedy) from error
     return parse_scenarios(text, where=str(path))
 
 
@@ -47,7 +51,8 @@ def parse_scenarios(text: str, where: str = "scenario") -> tuple[Scenario, ...]:
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise MetadataError(f"not valid TOML: {error}", where=where) from error
+        remedy = "mend that line (text in quotes, every bracket closed, every key once)"
+        raise MetadataError(f"not valid TOML: {error}", where=where, remedy=remedy) from error
     _known(document, ("simulation", "loops"), where)
     common, loops = _table(document.get("simulation", {}), f"{where}: [simulation]"), document.get("loops", {})
     _known(common, SIMULATION, f"{where}: [simulation]")

@@ -211,3 +211,8 @@ def test_the_small_plant_is_ranked_by_its_truth(capfd, nights, tmp_path):
     run(capfd, "scan", *sorted(nights.glob("*.csv")), "--history", tmp_path / "h.db", *QUICK)
     found = json.loads(run(capfd, "trend", "--history", tmp_path / "h.db", "--format", "json").out)["loops"]
     assert {x["loop"] for x in found} == set(TRUTH) and found[0]["loop"] == "PIC303"
+
+
+def test_a_table_without_a_file_to_write_is_refused(capfd, db):
+    done = run(capfd, "history", db, "--table", "half_periods")
+    assert done.status == 2 and "--export half_periods.csv" in done.err

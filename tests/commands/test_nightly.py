@@ -134,3 +134,10 @@ def test_text_log_and_standard_error(capfd, job):
     (job / "n.toml").write_text(CONFIG.replace('"json"', '"text"'))
     run(capfd, "nightly", job / "n.toml")
     assert "info known night=2026-03-01" in (job / "out/nightly.log").read_text()
+
+
+def test_a_wrong_rule_is_named_with_its_file(capfd, job):
+    export(job, 1)
+    (job / "n.toml").write_text(CONFIG.replace("d>90%", "bcklash"))
+    done = run(capfd, "nightly", job / "n.toml")
+    assert done.status == 2 and "n.toml, fail_on: no rule 'bcklash' -> did you mean backlash" in done.err

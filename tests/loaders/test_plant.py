@@ -284,6 +284,10 @@ def test_sidecars(tmp_path):
     plant = read(path, loops=tmp_path / "other.toml")
     assert plant["FIC101"].settings.K == 0.4
     assert [n.values["loop"] for n in plant.warnings if n.code == "loop_not_found"] == ["LIC9"]
+    many = "".join(f"\n[loops.LIC{k}]\nK = 1\n" for k in range(20))
+    (tmp_path / "other.toml").write_text(SETTINGS + many)
+    noted = [n.message for n in read(path, loops=tmp_path / "other.toml").warnings if n.code == "loop_not_found"]
+    assert len(noted) == 1 and noted[0].startswith("20 loops") and "LIC0" in noted[0]
     for sidecar in tmp_path.glob("*.toml"):
         sidecar.unlink()
     assert "no_metadata" in codes(read(path).warnings)

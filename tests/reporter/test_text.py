@@ -69,3 +69,11 @@ def test_failures_are_listed_and_many_are_cut():
 
 def test_no_loops_at_all():
     assert "0 loops" in to_text(replace(result(report()), loops=()))
+
+
+def test_a_long_reason_ends_after_a_whole_word():
+    message = "PV does not answer to OP, " + "any dead band above the range it moved over would look the same " * 4
+    found = report(d=None, verdict=Verdict.CANNOT_TELL, reasons=(Note("no_response", message),))
+    shown = " ".join(to_text(result(found)).split())
+    words = shown[shown.index("PV does not answer"): shown.index(" …")].split()
+    assert words == message.split()[: len(words)]
