@@ -64,6 +64,11 @@ def sniff(head: str, complete: bool, options: ReadOptions, where: str) -> Dialec
     kinds = _column_kinds(tail, width)
     first = _first_data_row(lines, delimiter, kinds, options)
     if first is None or all(k == "text" for k in kinds if k != "empty"):
+        if width < 2 and options.delimiter:
+            raise InputError(
+                f"the lines are not divided by {options.delimiter!r}", where=where,
+                remedy="leave --delimiter out to have it found, or name another",
+            )
         _refuse_without_data(lines, delimiter, width, where)
     assert first is not None
     before = [(number, at, split_line(text, delimiter)) for number, at, text in lines[:first][-HEAD_LINES // 10 :]]

@@ -231,11 +231,18 @@ def _note_gaps(
     notes.append(
         Note(
             "gaps",
-            f"{len(where)} gap{'s' * (len(where) > 1)} in the record, the longest {steps[longest] / SECOND:g} s from "
-            f"{utc_text(stamps[longest])}; nothing is estimated across a gap",
+            f"{len(where)} gap{'s' * (len(where) > 1)} in the record, the longest "
+            f"{_length(steps[longest] / SECOND)} from {utc_text(stamps[longest])}; nothing is estimated across a gap",
             {"gaps": float(len(where)), "longest_s": float(steps[longest] / SECOND)},
         )
     )
+
+
+def _length(seconds: float) -> str:
+    for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:g} s"
 
 
 def _nice(step: float) -> int:

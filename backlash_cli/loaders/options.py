@@ -68,8 +68,13 @@ def _one_of(name: str, value: str | None, allowed: tuple[str, ...]) -> None:
         raise UsageError(
             f"{value!r} is not known here",
             where=f"--{name.replace('_', '-')}",
-            remedy=f"{nearest(value, allowed)} (one of: {', '.join(allowed)})",
+            remedy=f"one of: {'  '.join(allowed)}" if name == "decimal" else _known(value, allowed),
         )
+
+
+def _known(value: str, allowed: tuple[str, ...]) -> str:
+    hint = nearest(value, allowed)
+    return f"{hint} Known: {', '.join(allowed)}" if hint.startswith("did") else f"one of: {', '.join(allowed)}"
 
 
 def _check_encoding(name: str) -> None:
@@ -89,6 +94,6 @@ def _check_zone(name: str) -> None:
     try:
         ZoneInfo(name)
     except Exception:  # zoneinfo raises many kinds for odd names: all mean the same here
-        raise UsageError(
-            f"no time zone {name!r}", where="--timezone", remedy=nearest(name, sorted(available_timezones()))
-        ) from None
+        hint = nearest(name, sorted(available_timezones()))
+        remedy = hint if hint.startswith("did") else "for example Europe/Berlin, America/Chicago or UTC"
+        raise UsageError(f"no time zone {name!r}", where="--timezone", remedy=remedy) from None

@@ -103,10 +103,11 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | None = None, options: R
     series = by_loop(found, metadata)
     if not series:
         tags = sorted({item.tag for item in found})
+        found_names = ", ".join(filter(None, tags[:12])) or "columns without a name"
         raise InputError(
             "no loop found: no column is called SP, PV or OP of a loop",
             where=str(sources[0].path),
-            remedy=f"name the tags in loops.toml; found {nearest('', tags)}",
+            remedy=f"name the tags in loops.toml; found: {found_names}",
         )
     series, more = _loops_only(series, metadata)
     warnings += more

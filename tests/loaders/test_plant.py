@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 from datetime import timedelta
 
 import numpy as np
@@ -506,3 +507,36 @@ def test_a_loop_without_a_setpoint_is_not_judged(tmp_path):
     lines = [",".join(np.delete(line.split(","), 1)) for line in wide().splitlines()]
     report = scan(read(save(tmp_path, "\n".join(lines) + "\n"))["FIC101"])
     assert report.verdict == "cannot_tell" and "no_setpoint" in codes(report.reasons)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"timezone": "Mars/X"}, "for example Europe/Berlin"),
+        ({"time_format": "qqq"}, "one of: iso, ymd"),
+        ({"decimal": "x"}, r"one of: \.  ,"),
+    ],
+)
+def test_a_wrong_option_is_answered_with_what_there_is(tmp_path, options, says):
+    with pytest.raises(UsageError) as raised:
+        read(save(tmp_path, wide()), options=ReadOptions(**options))
+    assert re.search(says, str(raised.value.remedy)) and "known: " not in raised.value.remedy
+
+
+def test_a_wrong_delimiter_is_named(tmp_path):
+    with pytest.raises(InputError, match="not divided by ';'"):
+        read(save(tmp_path, wide()), options=ReadOptions(delimiter=";"))
+
+
+def test_columns_that_belong_to_no_loop_are_named(tmp_path):
+    rows = [f"2026-03-02T00:00:{s:02},1,2" for s in range(60)]
+    (tmp_path / "a.csv").write_text("\n".join(["time,apples,pears", *rows]))
+    with pytest.raises(InputError) as raised:
+        read(tmp_path / "a.csv")
+    assert "did you mean" not in raised.value.remedy
+
+
+def test_a_long_gap_is_told_in_days():
+    from backlash_cli.loaders.grid import _length
+
+    assert [_length(s) for s in (45.0, 600.0, 7200.0, 5.2224e6)] == ["45 s", "10 min", "2 h", "60.4 days"]
