@@ -19,6 +19,8 @@ from .problem import Problem
 NORMAL_95, CHI2_95 = 1.96, 3.84
 # profiles cost some fits each; longer lists of numbers keep the intervals of the slopes
 MOST_PROFILES, TRIES = 6, 5
+# the process is never exactly lag and dead time: no number is known to better than 1 %, however little noise there is
+MODEL_ERROR = 0.01
 Key = tuple[int, str, int]
 
 
@@ -58,8 +60,10 @@ def profile(problem: Problem, fitted: Fit, known: Mapping[Key, tuple[float, floa
     for f in free_numbers(problem, fitted.shape):
         key = (f.place, f.name, f.item)
         if f.place >= 0 and not f.nuisance and len(out) < MOST_PROFILES and np.isfinite(known[key][1]):
+            value = known[key][0]
             low, high = (_end(solver, fitted, f, known[key], side, lowest) for side in (-1.0, 1.0))
-            out[key] = (low, high)
+            below, above = (float(np.hypot(end - value, MODEL_ERROR * value)) for end in (low, high))
+            out[key] = (max(value - below, f.low), min(value + above, f.high))
     return out
 
 
