@@ -19,7 +19,6 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 _BLOCK = re.compile(r"^```sh\n((?:(?!```).*\n)*)```(?:\n\n```text\n((?:(?!```).*\n)*)```)?$", re.MULTILINE)
 FILES = {"own-effect": {"python": "slow_opening.py", "toml": "loop.toml"}}
 LINES = 14  # of an output that is shown for the first time
-_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 
 def commands(page: str) -> list[tuple[list[list[str]], str | None]]:
@@ -45,14 +44,6 @@ def write_files(page: str, folder: Path) -> None:
     """Save the files that the page tells its reader to save."""
     for language, name in FILES.get(page, {}).items():
         (folder / name).write_text(first_block(page, language), encoding="utf-8")
-
-
-def same(shown: str, line: str, tolerance: float = 0.1) -> bool:
-    """Whether two lines say the same, numbers within a tenth: another machine rounds otherwise."""
-    if _NUMBER.sub("#", shown) != _NUMBER.sub("#", line):
-        return False
-    pairs = zip(_NUMBER.findall(shown), _NUMBER.findall(line), strict=True)
-    return all(abs(float(a) - float(b)) <= tolerance * abs(float(a)) + 0.02 for a, b in pairs)
 
 
 def refresh(page: str) -> None:

@@ -1,6 +1,7 @@
 """The README's fenced blocks, for the tests and for .ci/run.
 
     python -m tests.readme_blocks sh 1        prints the first block of shell commands
+    python -m tests.readme_blocks same FILE   fails unless FILE ends with the first output that the README shows
     python -m tests.readme_blocks refresh     puts the present output of its commands and programs into the README
 """
 
@@ -16,6 +17,18 @@ ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
 # a block of commands or of Python, and the output shown below it
 _SHOWN = re.compile(r"^```(sh|python)\n((?:(?!```).*\n)*)```\n\n```text\n((?:(?!```).*\n)*)```$", re.MULTILINE)
+
+
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+
+
+def same(shown: str, said: str, tolerance: float = 0.1) -> bool:
+    """Whether two texts say the same, spaces aside, numbers within a tenth: another processor rounds otherwise."""
+    shown, said = " ".join(shown.split()), " ".join(said.split())
+    if _NUMBER.sub("#", shown) != _NUMBER.sub("#", said):
+        return False
+    pairs = zip(_NUMBER.findall(shown), _NUMBER.findall(said), strict=True)
+    return all(abs(float(a) - float(b)) <= tolerance * abs(float(a)) + 0.02 for a, b in pairs)
 
 
 def blocks(language: str) -> list[str]:
@@ -55,5 +68,10 @@ def refresh() -> None:
 if __name__ == "__main__":
     if sys.argv[1:] == ["refresh"]:
         refresh()
+    elif sys.argv[1] == "same":
+        promised, printed = blocks("text")[0], Path(sys.argv[2]).read_text("utf-8")
+        tail = "\n".join(printed.splitlines()[-len(promised.splitlines()) :])
+        if not same(promised, tail):
+            sys.exit(f"the README promises another output than this:\n{printed}")
     else:
         sys.stdout.write(blocks(sys.argv[1])[int(sys.argv[2]) - 1])

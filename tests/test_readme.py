@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from tests.readme_blocks import README, ROOT, backlash_lines, blocks, output, shown
+from tests.readme_blocks import README, ROOT, backlash_lines, blocks, output, same, shown
 
 LINES = [line for block in blocks("sh") for line in backlash_lines(block)]
 
@@ -25,7 +25,7 @@ def test_first_screen_holds_the_two_command_blocks():
 
 @pytest.mark.parametrize(("language", "block", "promised"), shown(), ids=[f"{s[0]}{i}" for i, s in enumerate(shown())])
 def test_the_output_shown_is_the_present_one(language, block, promised):
-    assert output(language, block) == promised, "python -m tests.readme_blocks refresh puts the present output there"
+    assert same(promised, output(language, block)), "python -m tests.readme_blocks refresh puts the present output there"
 
 
 def test_outputs_are_shown_for_the_first_command_and_for_python():

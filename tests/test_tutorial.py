@@ -7,7 +7,8 @@ import pytest
 
 from backlash_cli import load_model
 from tests.commands.run import run
-from tests.docs_blocks import DOCS, commands, first_block, same, write_files
+from tests.docs_blocks import DOCS, commands, first_block, write_files
+from tests.readme_blocks import same
 
 REFRESH = "python -m tests.docs_blocks workbench own-effect puts the present output there"
 

@@ -2,7 +2,7 @@
 
 EVIDENCE, EVIDENCE_PER_STEP and DOUBT were chosen on 890 loops simulated at random: processes of the Åström-Hägglund
 test batch, nine kinds of load and setpoint motion, dead bands 0 to 8 %. tests/benchmarks/detect_benchmark.py draws
-other loops of that kind from the simulator and prints what the limits reach there. COARSE, RESPONDS and ASKED are
+other loops of that kind from the simulator and prints what the limits reach there. COARSE, RESPONDS, KNOWN and ASKED are
 set by judgement and were not swept.
 """
 
@@ -21,6 +21,7 @@ RESPONDS = 20.0  # nats by which OP explains PV: below, nothing can be said abou
 DOUBT = 4.0  # nats; above, a loop is not called healthy: 1 simulated loop of 100 with d of 1 % or more stays below
 MOTION = 1.5  # range of OP over a dead band that it can show
 ASKED = 0.03  # dead band a record should show before it may be called healthy: the usual limit without positioner
+KNOWN = 0.6  # half interval over d; beyond, the ends differ by a factor of four and nobody can act on the size
 OUTPUT_STEPS = 2.5  # a dead band below this many rounding steps of OP is not seen in OP
 
 
@@ -51,6 +52,9 @@ def read(c: Confirmation, *, samples_per_Ti: float, output_step: float = 0.0) ->
     if c.d < SMALLEST:
         against.append(Note("below_smallest", f"a dead band below {100 * SMALLEST:.2g} % of span is not told from "
                             "an error of the process model"))
+    if c.ci95[1] - c.ci95[0] > 2.0 * KNOWN * c.d:
+        against.append(Note("size_unknown", f"its size is not known: {100 * c.ci95[0]:.2g} to {100 * c.ci95[1]:.2g} %; "
+                            "a record with more motion of OP would narrow it"))
     if output_step and c.d < OUTPUT_STEPS * output_step:
         against.append(Note("below_rounding", f"OP is recorded in steps of {100 * output_step:.2g} %: too coarse for a "
                             f"dead band of {100 * c.d:.2g} %"))

@@ -66,6 +66,10 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     cluster = _final(f, c)
     agrees = _agreement(f, c)
     reasons = [_explained(c), *_side_by_side(f, c)]
+    if reading.clear and _swings(f) and not f.detections:
+        limit_cycle = Note("size_in_cycle", "in a loop that only swings, and never rests long enough for the published "
+                           "rule, the size is not reliable: integrating processes cycle with any dead band")
+        return Decision(Verdict.OSCILLATING, (_swinging(f), *reasons, limit_cycle, *limits), 0.7, cluster)
     if reading.clear:
         if limits and not agrees and f.detections < ENOUGH and c.ci95[1] < HARMLESS:
             return _nothing_found(f, _discounted(c), limits)

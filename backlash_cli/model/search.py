@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..effects import Effect
 from .candidates import candidate, table
 from .fit import Fit, Solver, descend, fit, refit_noise
 from .holdout import better, tested
 from .judge import Judge, judge_for, jumpy
 from .noise import Noise, whitener
-from .pipeline import Shape
+from .pipeline import Part, Shape, as_tuple
 from .problem import Problem
 
 # gain in score that an effect must bring, price paid: about what one more value costs twice. Loops with nothing hidden
@@ -94,6 +96,17 @@ def improve(problem: Problem, judge: Judge, now: Fit, effects: Sequence[Effect],
     return now
 
 
+def idle(part: Part) -> bool:
+    """True when every searched number of an effect has gone back to where the effect does nothing."""
+    numbers = [
+        (np.abs(np.asarray(as_tuple(part.values[q.name])) - q.neutral), q)
+        for q in part.effect.parameters
+        if q.name in part.values and q.name not in part.effect.fitting.linear
+        and not q.many and not q.nuisance and not q.choices and np.isfinite(q.neutral)
+    ]
+    return bool(numbers) and all(np.all(away <= 1e-9 + 1e-6 * abs(q.neutral)) for away, q in numbers)
+
+
 def prune(problem: Problem, judge: Judge, now: Fit, start: Fit) -> tuple[Fit, dict[str, Fit]]:
     """Take out effects that are not worth their price, the least worthy first; return also the fits without each."""
     kept = {part.effect.name for part in start.shape.parts}
@@ -102,6 +115,8 @@ def prune(problem: Problem, judge: Judge, now: Fit, start: Fit) -> tuple[Fit, di
             name: fit(problem, now.shape.without(name), now.noise) for name in now.shape.names if name not in kept
         }
         worth = {name: judge.score(less) - judge.score(now) for name, less in without.items()}
+        # an effect whose numbers ended where it does nothing is no effect, whatever the fit around it gained
+        worth.update({part.effect.name: -np.inf for part in now.shape.parts if part.effect.name in worth and idle(part)})
         if worth and min(worth.values()) < ENOUGH:
             now = without[min(worth, key=lambda name: worth[name])]
             continue

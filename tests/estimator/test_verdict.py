@@ -116,3 +116,17 @@ def test_an_oscillation_without_a_dead_band_is_an_oscillation():
 def test_half_periods_alone_never_do_more_than_suspect():
     assert decide(findings(confirmation=None)).verdict is Verdict.SUSPECTED
     assert decide(findings(confirmation=None, cluster=None, long_half_periods=0)).verdict is Verdict.NO_BACKLASH
+
+
+def test_a_size_that_is_not_known_is_suspected_at_most():
+    decision = decide(findings(confirmation=replace(FOUND, ci95=(0.005, 0.06))))
+    assert decision.verdict is Verdict.SUSPECTED
+    assert "size_unknown" in codes(decision.reasons)
+
+
+def test_a_loop_that_only_cycles_gets_no_confident_size():
+    decision = decide(findings(oscillation=SWINGING, cluster=None, detections=0))
+    assert decision.verdict is Verdict.OSCILLATING
+    assert codes(decision.reasons)[0] == "oscillation"
+    assert "size_in_cycle" in codes(decision.reasons)
+    assert decide(findings(oscillation=SWINGING)).verdict is Verdict.BACKLASH
