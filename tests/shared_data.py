@@ -1,4 +1,4 @@
-"""Where the reference data beside the project are found; tests that use them skip with a reason where they are absent."""
+"""Where the reference data beside the project are found; tests that use them skip with a reason without them."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ def test_first_screen_holds_the_two_command_blocks():
 
 @pytest.mark.parametrize(("language", "block", "promised"), shown(), ids=[f"{s[0]}{i}" for i, s in enumerate(shown())])
 def test_the_output_shown_is_the_present_one(language, block, promised):
-    assert same(promised, output(language, block)), "python -m tests.readme_blocks refresh puts the present output there"
+    assert same(promised, output(language, block)), "python -m tests.readme_blocks refresh mends it"
 
 
 def test_outputs_are_shown_for_the_first_command_and_for_python():

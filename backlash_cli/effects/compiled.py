@@ -54,7 +54,7 @@ def compiled(step: Callable[..., float]) -> Any | None:
             if counts:
                 return None
         except RuntimeError:
-            # numba finds no folder for its cache when the step was typed into a session
+            # numba finds no folder for its cache when the step was typed at the prompt
             continue
     return None
 

@@ -2,8 +2,8 @@
 
 EVIDENCE, EVIDENCE_PER_STEP and DOUBT were chosen on 890 loops simulated at random: processes of the Åström-Hägglund
 test batch, nine kinds of load and setpoint motion, dead bands 0 to 8 %. tests/benchmarks/detect_benchmark.py draws
-other loops of that kind from the simulator and prints what the limits reach there. COARSE, RESPONDS, KNOWN and ASKED are
-set by judgement and were not swept.
+other loops of that kind from the simulator and prints what the limits reach there. COARSE, RESPONDS, KNOWN and ASKED
+are set by judgement and were not swept.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from ..record import Note
 from ..results import Cluster, Confirmation, Verdict
-from .criteria import ASKED, DOUBT, MOTION, follows, read
+from .criteria import ASKED, DOUBT, EVIDENCE, MOTION, follows, read
 from .oscillation import Oscillation
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
@@ -166,11 +166,16 @@ def _unexplained_cluster(f: Findings) -> Iterator[Note]:
                    {"published": f.cluster.d})
 
 
+def _strength(evidence: float) -> str:
+    """Say a log-likelihood ratio [nats] in words; 3 and 10 times what is asked for at least are clear and strong."""
+    return "strong" if evidence > 10 * EVIDENCE else "clear" if evidence > 3 * EVIDENCE else "some"
+
+
 def _explained(c: Confirmation) -> Note:
     evidence = float(c.details["evidence"])
     rebuilt = " (OP rebuilt from SP, PV, K and Ti)" if c.details.get("output") == "rebuilt" else ""
     return Note("play_fits", f"PV follows OP through a dead band of {100 * c.d:.2g} % of span ({100 * c.ci95[0]:.2g} "
-                f"to {100 * c.ci95[1]:.2g} %) better than OP itself: evidence {evidence:.3g} nats{rebuilt}",
+                f"to {100 * c.ci95[1]:.2g} %) better than OP itself ({_strength(evidence)} evidence){rebuilt}",
                 {"d": c.d, "evidence": evidence})
 
 

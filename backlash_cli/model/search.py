@@ -116,7 +116,8 @@ def prune(problem: Problem, judge: Judge, now: Fit, start: Fit) -> tuple[Fit, di
         }
         worth = {name: judge.score(less) - judge.score(now) for name, less in without.items()}
         # an effect whose numbers ended where it does nothing is no effect, whatever the fit around it gained
-        worth.update({part.effect.name: -np.inf for part in now.shape.parts if part.effect.name in worth and idle(part)})
+        parts = [part for part in now.shape.parts if part.effect.name in worth]
+        worth.update({part.effect.name: -np.inf for part in parts if idle(part)})
         if worth and min(worth.values()) < ENOUGH:
             now = without[min(worth, key=lambda name: worth[name])]
             continue

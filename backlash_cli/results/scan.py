@@ -26,7 +26,7 @@ class Estimate:
     """One half period: the interval between two zero crossings of the control error.
 
     start, end: UTC epoch seconds. dt_s: duration [s]. dy: mean |e| (12). e_max: largest |e|. d: estimate (15),
-    all normalised. direction: sign of e. accepted: entered the cluster; why: code of the reason if not ("ok" if it did).
+    all normalised. direction: sign of e. accepted: passed every gate; why: code of the gate that refused it, else "ok".
     """
 
     start: float
