@@ -17,7 +17,7 @@ from ..record import FloatArray, IntArray, LoopSettings, Note, Record
 from ..results import Confirmation
 from .criteria import MOTION
 from .decimate import WIDTHS, BlockMeans
-from .evidence_test import Evidence, Rows, weigh
+from .evidence import Evidence, Rows, weigh
 from .periodic import periodic_load
 from .rebuild import OutputRebuilder
 
