@@ -93,6 +93,8 @@ class LoopScanner:
         self.used += int(np.count_nonzero(block.usable))
         if self._waiting is not None:
             self._waiting.append(block)
+        else:
+            self._quality.update(block)
         if self._errors is not None and self.has_setpoint:
             self._errors.update(block)
         if self._carry is not None:
@@ -101,7 +103,6 @@ class LoopScanner:
             self._confirm.update(block)
         if self._identify is not None:
             self._identify.update(block)
-        self._quality.update(block)
 
     def finish(self) -> LoopReport:
         """Return the report of everything taken so far."""
