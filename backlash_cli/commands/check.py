@@ -75,6 +75,7 @@ def check(
         emit(text)
     else:
         write_text(output, text)
+        say(f"{len(result.loops)} loop{'s' * (len(result.loops) != 1)} checked, {form} written to {output}")
     failed = [_named(loop.loop, loop.failure.message) for loop in result.loops if loop.failure is not None]
     failed += [note.message for note in result.failures]
     if output is not None or form == "json":

@@ -104,8 +104,9 @@ def _outlook(line: Line | None, current: Segment | None, limit: Limit,
     now, over = f"now {percent(current.level)}", current.level > limit.value
     state_now = f"above the limit of {percent(limit.value)}" if over else f"below the limit of {percent(limit.value)}"
     if current.slope_ci95 is None:
-        return "too_few_nights", (f"{current.nights + current.below} night(s) since the last repair or start; a trend "
-                                  f"needs {ENOUGH}; {now}, {state_now}"), None
+        nights = current.nights + current.below
+        return "too_few_nights", (f"{nights} night{'s' * (nights != 1)} since the last repair or start; a trend needs "
+                                  f"{ENOUGH}; {now}, {state_now}"), None
     low, high = current.slope_ci95
     rate = f"{100 * line.slope:.2g} % of span per day (95 %: {100 * low:.2g} to {100 * high:.2g})"
     reached = line.reaches(limit.value)

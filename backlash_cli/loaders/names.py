@@ -51,6 +51,7 @@ _BRACKET = re.compile(r"^(.+?)\s*[\[(]([^\[\]()]+)[\])]$")
 _JOINED = re.compile(r"^(.*\d)(SP|SV|PV|OP|MV|CO|OUT|MODE|MD)$")  # FIC101PV
 _SERVER = re.compile(r"^\\\\[^\\]+\\")  # \\SERVER\ before a tag
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
+_DESCRIBED = re.compile(r"^([^\s:,;]+)(?:\s+[-–—]\s+|[:,;]\s+)(\S.*)$")  # FIC101.PV - Feed flow
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,11 @@ def split_tag(text: str) -> Tag:
     ('FIC101', 'op', 'FIC101.PV')
     """
     name = _SERVER.sub("", text.strip())
+    described = _DESCRIBED.match(name) if len(name) <= NESTED_LIMIT else None
+    if described and plain(described[2]) not in QUALITY | TIME:
+        tag = split_tag(described[1])
+        if tag.loop and tag.role in SIGNALS:
+            return tag
     bracket = _BRACKET.match(name) if len(name) <= NESTED_LIMIT else None
     name = f"{bracket[1]}.{bracket[2]}" if bracket and signal_role(bracket[2]) else without_unit(name)
     parts = list(_PART.finditer(name))

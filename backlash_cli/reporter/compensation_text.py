@@ -45,9 +45,10 @@ def headline(study: CompensationStudy) -> str:
         return f"no compensator is recommended: {study.reason}."
     trial = study.trial(study.recommended)
     fall = 100.0 * (1.0 - trial.iae / study.base.iae)
-    more = 100.0 * (trial.travel / study.base.travel - 1.0)
+    more = percent(trial.travel, study.base.travel)
+    travel = "leave the valve's travel as it is" if more == "0 %" else f"change the valve's travel by {more}"
     return (f"a compensator gain of {100 * study.recommended:.2f} % of the output span, sign of the control error "
-            f"(eq. 9), would lower the mean error by {fall:.0f} % and change the valve's travel by {more:+.0f} %. "
+            f"(eq. 9), would lower the mean error by {fall:.0f} % and {travel}. "
             f"Why this gain: {study.reason}.")
 
 
@@ -89,10 +90,13 @@ def cells(study: CompensationStudy, trial: Trial) -> list[str]:
 def percent(value: float, base: float) -> str:
     """Return the change from the base.
 
-    >>> percent(0.8, 1.0), percent(3.0, 1.0)
-    ('-20 %', '+200 %')
+    >>> percent(0.8, 1.0), percent(3.0, 1.0), percent(0.999, 1.0)
+    ('-20 %', '+200 %', '0 %')
     """
-    return f"{100.0 * (value / base - 1.0):+.0f} %" if base > 0.0 else "–"
+    if not base > 0.0:
+        return "–"
+    change = round(100.0 * (value / base - 1.0))
+    return f"{change:+d} %" if change else "0 %"
 
 
 def yes_no(value: bool) -> str:

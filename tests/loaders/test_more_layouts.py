@@ -51,6 +51,7 @@ def row(loop, i):
 MORE = {
     "lead_index": Export({"plant.csv": "\n".join((f",{r}" if i==0 else f"{i-1},{r}") for i,r in enumerate(wide().splitlines()))+"\n"}),
     "unit1": Export({"plant.csv": wide(name=lambda n:"AREA1/"+n)}),
+    "described": Export({"plant.csv": wide(name=lambda n: f"{n} - Feed flow, unit 7", delimiter=";")}),
     "pida": Export({"plant.csv": wide(name=lambda n:n.replace('.','.PIDA.'))}),
     "preamble_wide": Export({"plant.csv": wide(before="Server,HIST01,,,,,\nPeriod,2026-03-17 08:00:00,2026-03-17 10:00:00,,,,\n,,,,,,\n")}),
     "preamble_semi": Export({"plant.csv": wide(before="; comment, one\n; comment, two\n")}),
