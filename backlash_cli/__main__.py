@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
 import pkgutil
@@ -72,6 +73,10 @@ def cli() -> None:
     """Find play (dead band) in control valves from historian exports."""
 
 
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO)  # without a file's name: standard output, whose disk is full or gone
+NOT_WRITTEN = "standard output: cannot write: {} -> write to another place"
+
+
 class Stopped(KeyboardInterrupt):
     """The process was asked to end (SIGTERM, or its terminal was closed); handled like Ctrl-C."""
 
@@ -99,9 +104,9 @@ def main() -> None:
 def _guarded(arguments: list[str]) -> int:
     try:
         code = _run(arguments)
-        sys.stdout.flush()
-        return code
+        return code if _flushed() else 2
     except BacklashError as error:
+        _flushed(say=False)
         _say(f"error: {error}")
     except click.ClickException as error:
         error.show()
@@ -109,12 +114,15 @@ def _guarded(arguments: list[str]) -> int:
         _say("; ".join(["stopped", *getattr(stop, "__notes__", []), "nothing was left half written"]))
         return 128 + (stop.number if isinstance(stop, Stopped) else signal.SIGINT)
     except BrokenPipeError:
-        # The reader of our output has gone (`| head`): say nothing, also not when Python flushes at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _give_up_output()  # the reader of our output has gone (`| head`): say nothing
         return 0
     except MemoryError:
         _say("error: not enough memory -> give fewer files, or fewer loops with --loop")
     except Exception as error:
+        if isinstance(error, OSError) and error.filename is None and error.errno in FULL:
+            _flushed(say=False)
+            _say(f"error: {NOT_WRITTEN.format(error.strerror)}")
+            return 2
         if os.environ.get("BACKLASH_DEBUG"):
             raise
         _say(
@@ -122,6 +130,25 @@ def _guarded(arguments: list[str]) -> int:
             "BACKLASH_DEBUG=1 shows where it happened"
         )
     return 2
+
+
+def _flushed(*, say: bool = True) -> bool:
+    """Flush what is left for standard output; where it cannot be written, say so and keep it from the exit of Python,
+    which would print its own complaint and change the exit status."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _give_up_output()
+    except OSError as error:
+        _give_up_output()
+        if say:
+            _say(f"error: {NOT_WRITTEN.format(error.strerror)}")
+        return False
+    return True
+
+
+def _give_up_output() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _run(arguments: list[str]) -> int:

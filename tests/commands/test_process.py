@@ -87,13 +87,15 @@ def test_a_reader_that_goes_away_is_no_error(plant, form):
     assert done.returncode == 0 and done.stderr == "" and len(done.stdout) == 10
 
 
-@pytest.mark.parametrize("form", ["table", "html"])
-def test_a_full_disk_behind_standard_output(plant, form):
+@pytest.mark.parametrize("buffering", ["", "1"])  # what Python holds back fails at its exit only
+@pytest.mark.parametrize("form", ["table", "html", "help"])
+def test_a_full_disk_behind_standard_output(plant, form, buffering):
     if not Path("/dev/full").exists():
         pytest.skip("this system has no /dev/full")
+    asked = ["--help"] if form == "help" else ["scan", str(plant), "--no-confirm", "--format", form]
     with open("/dev/full", "w") as full:
-        command = [*COMMAND, "scan", str(plant), "--no-confirm", "--format", form]
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+        done = subprocess.run([*COMMAND, *asked], stdout=full, stderr=subprocess.PIPE, text=True,
+                              env={**os.environ, "PYTHONUNBUFFERED": buffering})
     assert done.returncode == 2 and "standard output" in done.stderr and "Traceback" not in done.stderr
     assert "Exception" not in done.stderr
 
