@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from ._version import __version__
 
 if TYPE_CHECKING:
-    from .api import load_model, save_model, scan
+    from .api import load_model, save_model, scan, scan_files
     from .errors import BacklashError
     from .loaders import ReadOptions, read
     from .model import compare, explain
@@ -29,6 +29,7 @@ _HOMES = {
     "read": "loaders",
     "ReadOptions": "loaders",
     "scan": "api",
+    "scan_files": "api",
     "ScanOptions": "scan",
     "compare": "model",
     "explain": "model",
@@ -70,6 +71,7 @@ __all__ = [
     "record_from_arrays",
     "save_model",
     "scan",
+    "scan_files",
     "to_dataframe",
     "to_json",
 ]

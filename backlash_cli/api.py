@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ from .scan import ScanOptions
 if TYPE_CHECKING:
     from os import PathLike
 
-    from .loaders import Plant
+    from .loaders import Plant, ReadOptions
 
 
 def scan(
@@ -43,6 +43,25 @@ def scan(
     refused = [_refused(note) for note in failures if _loop(note) and _loop(note) not in known]
     others = tuple(note for note in failures if not _loop(note) or _loop(note) in known)
     return ScanResult((*reports, *refused), inputs, warnings, others)
+
+
+def scan_files(
+    inputs: str | PathLike[str] | Sequence[str | PathLike[str]],
+    *,
+    loops: str | PathLike[str] | None = None,
+    reading: ReadOptions | None = None,
+    options: ScanOptions | None = None,
+    jobs: int | None = None,
+    progress: Callable[[LoopReport], None] | None = None,
+) -> ScanResult:
+    """Read exports and analyse their loops in one go, in bounded memory; the same result as `scan(read(...))`.
+
+    inputs, loops, reading: as for `read`; `reading.only_loops` names the loops wanted. options, jobs, progress: as for
+    `scan`. The samples are not kept: use `read` for them. Raises BacklashError when nothing can be read.
+    """
+    from .loaders import read
+
+    return scan(read(inputs, loops=loops, options=reading), options, jobs=jobs, progress=progress)
 
 
 def load_model(path: str | PathLike[str]) -> Model:
