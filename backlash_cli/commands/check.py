@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import inputs_argument, loops_option, reading_options
+from .options import inputs_argument, loops_option, reading_options, selection_options
 from .terminal import emit, progress, say
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 @click.option("--output", "-o", metavar="FILE", type=click.Path(path_type=Path), help="Write to this file instead.")
 @click.option("--verbose", "-v", is_flag=True, help="List every finding and number of every loop.")
 @reading_options
+@selection_options
 def check(
     inputs: tuple[Path, ...],
     loops: Path | None,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import inputs_argument, loops_option, reading_options
+from .options import inputs_argument, loops_option, reading_options, selection_options
 from .terminal import say
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 @loops_option
 @click.option("--verbose", "-v", is_flag=True, help="List every candidate with its numbers, and every region.")
 @reading_options
+@selection_options
 def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], outside: tuple[str, ...],
             model_file: Path | None, other_loop: bool, save_model: Path | None, json_file: Path | None,
             html: Path | None, picture: Path | None, every: bool, output: Path | None, jobs: int | None,
@@ -59,7 +60,8 @@ def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], ou
     from ..effects.registry import load_effect
     from .one_loop import check_places, check_together, model_for, one_loop, put
 
-    check_together(every=every, output=output, jobs=jobs, single={
+    check_together(every=every, plant={"--output": output, "--jobs": jobs, "--sample": reading.sample,
+                                       "--loops-matching": reading.loops_matching}, single={
         "--loop": loop, "--add": add, "--model": model_file, "--save-model": save_model, "--json": json_file,
         "--html": html, "--picture": picture,
     })

@@ -39,15 +39,15 @@ def loop_names(plant: Plant) -> list[str]:
     return sorted({*(record.loop for record in plant), *failed})
 
 
-def check_together(*, every: bool, output: Path | None, jobs: int | None, single: Mapping[str, object]) -> None:
+def check_together(*, every: bool, plant: Mapping[str, object], single: Mapping[str, object]) -> None:
     """Refuse options that belong to one loop together with --all, and those of --all without it."""
     if every:
         wrong = [name for name, value in single.items() if value]
         if wrong:
             raise UsageError(f"{', '.join(wrong)} and --all do not fit together", where="--all",
                              remedy="--all explains every loop by search and writes --output")
-    elif output is not None or jobs is not None:
-        name = "--output" if output is not None else "--jobs"
+    elif given := [name for name, value in plant.items() if value not in (None, ())]:
+        name = given[0]
         remedy = "add --all; for one loop there are --json, --html and --save-model"
         raise UsageError(f"{name} goes with --all", where=name, remedy=remedy)
 

@@ -18,6 +18,8 @@ loops_option = click.option(
 )
 
 _READING = (  # flag, metavar, help
+    ("--since", "TIME", "Only data from this time on: a date such as 2026-11-01 or 2026-11-01T06:00, or an age such as "
+     "3d or 12h, back from the last time in the data."),
     ("--time-format", "FORMAT", "How times are written: dmy, mdy, ymd, iso, epoch_s, epoch_ms, excel, or a "
      "pattern such as '%d.%m.%Y %H:%M:%S'."),
     ("--timezone", "ZONE", "Zone of times without offset, e.g. Europe/Berlin. Default: UTC."),
@@ -58,4 +60,31 @@ def reading_options(command: F) -> F:
     decorated: Any = with_reading
     for flag, metavar, words in reversed(_READING):
         decorated = click.option(flag, metavar=metavar, help=words, **_KINDS.get(flag, {}))(decorated)
+    return decorated
+
+
+_SELECTION = (
+    click.option("--loops-matching", metavar="PATTERN", multiple=True,
+                 help="Only loops with such a name: wildcards ('FIC*') or a regular expression between slashes "
+                 "('/^FIC1[0-4]/'); may be repeated. The others are counted in the report."),
+    click.option("--sample", metavar="N|P%",
+                 help="Only so many of the loops, or this share of them, drawn by their names: the same ones every "
+                 "time. The report names them."),
+    click.option("--sample-seed", metavar="N", type=int, default=0, help="Another number draws another sample."),
+)
+
+
+def selection_options(command: F) -> F:
+    """Add the options on which loops to compute; they become part of `reading`. Goes below `reading_options`."""
+
+    @functools.wraps(command)
+    def with_selection(reading: Any, **values: Any) -> Any:
+        from dataclasses import replace
+
+        chosen = {name: values.pop(name) for name in ("loops_matching", "sample", "sample_seed")}
+        return command(reading=replace(reading, **chosen), **values)
+
+    decorated: Any = with_selection
+    for option in reversed(_SELECTION):
+        decorated = option(decorated)
     return decorated

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import inputs_argument, loops_option, reading_options
+from .options import inputs_argument, loops_option, reading_options, selection_options
 from .terminal import emit, progress, say
 
 if TYPE_CHECKING:
@@ -48,6 +48,7 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
 @click.option("--quiet", "-q", is_flag=True,
               help="Say only what went wrong: no progress, and no table unless --format asks for it.")
 @reading_options
+@selection_options
 def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], form: str | None, output: Path | None,
          table: str, plot: Path | None, history: Path | None, fail_on: tuple[str, ...], no_confirm: bool,
          jobs: int | None, verbose: bool, quiet: bool, reading: ReadOptions) -> int:

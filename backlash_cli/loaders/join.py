@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -40,8 +40,13 @@ class Signal:
     unit: str = ""
 
 
-def by_loop(found: Iterable[Series], metadata: Metadata) -> dict[str, LoopSeries]:
-    """Assign every series to a loop; tags named in the metadata go where it says."""
+def by_loop(
+    found: Iterable[Series], metadata: Metadata, renamed: Mapping[str, str] | None = None
+) -> dict[str, LoopSeries]:
+    """Assign every series to a loop; tags named in the metadata go where it says.
+
+    renamed: names in the data -> names of loops, where that is settled already; None finds it from all names.
+    """
     series = list(found)
     explicit: dict[str, list[tuple[str, str]]] = {}
     asked: dict[str, dict[str, str]] = {}
@@ -54,7 +59,8 @@ def by_loop(found: Iterable[Series], metadata: Metadata) -> dict[str, LoopSeries
     loops: dict[str, LoopSeries] = {}
     seen: set[tuple[str, str]] = set()
     known = dict.fromkeys(item.loop for item in series if item.loop)
-    renamed = _renamed(known, metadata)
+    if renamed is None:
+        renamed = renamed_loops(known, metadata)
     for item in series:
         owners = explicit.get(_key(item.tag), ()) if explicit else ()
         for loop, role in owners:
@@ -74,7 +80,7 @@ def by_loop(found: Iterable[Series], metadata: Metadata) -> dict[str, LoopSeries
     return {name: own for name, own in loops.items() if own.roles}
 
 
-def _renamed(known: Iterable[str], metadata: Metadata) -> dict[str, str]:
+def renamed_loops(known: Iterable[str], metadata: Metadata) -> dict[str, str]:
     """Loops of the data that the metadata know by another spelling or by a whole part of the name, one by one."""
     if not metadata.loops:
         return {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import UsageError, nearest
+from .selection import Share, check_pattern, sample_size
 
 LAYOUTS = ("wide", "single", "long", "pairs")
 TIME_WORDS = ("iso", "ymd", "dmy", "mdy", "epoch_s", "epoch_ms", "epoch_us", "epoch_ns", "excel", "seconds")
@@ -22,7 +23,12 @@ class ReadOptions:
     delimiter, decimal, encoding: of CSV files ("," ";" "tab" ..., "." or ",", "utf-8", "cp1252" ...).
     layout: one of LAYOUTS. columns: names of the columns of a file without a header line.
     header_row: number (from 1) of the line that names the columns.
-    only_loops: names or globs of the loops wanted. good_quality: further words or numbers that mean good.
+    only_loops: names or wildcards of the loops wanted, each of which must exist. loops_matching: patterns of which
+    one must fit: wildcards over the whole name, or a regular expression between slashes. sample: "20" or "5%" of the
+    loops that are left, drawn by sample_seed: the same names always give the same sample. since: "2026-11-01" or
+    "2026-11-01T06:00" (in `timezone` where it has no offset), or an age such as "3d" (s, min, h, d, w) back from the
+    last stamp of all files. What is left out by these is counted in the plant's warnings.
+    good_quality: further words or numbers that mean good.
     auto_modes: further words or numbers that mean automatic. max_bytes: limit on decompressed size per file.
     """
 
@@ -36,9 +42,14 @@ class ReadOptions:
     columns: tuple[str, ...] = ()
     header_row: int | None = None
     only_loops: tuple[str, ...] = ()
+    loops_matching: tuple[str, ...] = ()
+    sample: str | None = None
+    sample_seed: int = 0
+    since: str | None = None
     good_quality: tuple[str, ...] = ()
     auto_modes: tuple[str, ...] = ()
     max_bytes: int = 2 << 30
+    share: Share | None = None
 
     def __post_init__(self) -> None:
         _one_of("interpolation", self.interpolation, INTERPOLATIONS)
@@ -61,6 +72,14 @@ class ReadOptions:
             _check_zone(self.timezone)
         if self.header_row is not None and self.header_row < 1:
             raise UsageError("lines are counted from 1", where="--header-row", remedy="give the line's number")
+        for pattern in self.loops_matching:
+            check_pattern(pattern)
+        if self.sample is not None:
+            sample_size(self.sample, 1)
+        if self.since is not None:
+            from .since import parse_since
+
+            parse_since(self.since, self.timezone)
 
 
 def _one_of(name: str, value: str | None, allowed: tuple[str, ...]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from functools import cached_property
 from os import PathLike, fspath
 
@@ -16,15 +15,15 @@ from .clean import build_record
 from .join import Joiner, LoopSeries, by_loop
 from .layouts import series_of
 from .loop_settings import settings_of
-from .metadata import ROLE_KEYS, Metadata, merge, read_metadata
+from .metadata import Metadata, merge, read_metadata
 from .options import ReadOptions
 from .series import Series
-from .sources import find_sidecars, find_sources
+from .settle import settle
+from .since import cut_loops, is_age, last_stamp, moment_of, nothing_since, since_notes
+from .sources import Source, find_sidecars, find_sources
 from .tables import read_table
 
 Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]
-
-FEW_LOOPS = 3  # loops of the loops file without data that are named one by one
 
 
 @dataclass(frozen=True)
@@ -63,62 +62,111 @@ class Plant:
         return iter(self.records)
 
 
-def read(inputs: Inputs, *, loops: str | PathLike[str] | None = None, options: ReadOptions | None = None) -> Plant:
+def read(
+    inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None, options: ReadOptions | None = None
+) -> Plant:
     """Read one plant from exports (files or folders) and its loop settings.
 
-    inputs: CSV or Parquet files, folders of them, or a Parquet dataset. loops: metadata file; None: found next to
-    the data. Raises BacklashError when nothing can be read or the metadata are wrong; a single bad file or loop
-    becomes a failure of the Plant.
+    inputs: CSV or Parquet files, folders of them, or a Parquet dataset. loops: metadata file, or what is in it; None:
+    found next to the data. Raises BacklashError when nothing can be read or the metadata are wrong; a single bad file
+    or loop becomes a failure of the Plant.
     """
     options = options or ReadOptions()
     given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
     sources = find_sources(given)
+    metadata, warnings = metadata_of(given, sources, loops)
+    found, more, failures, first_problem = _series(sources, options)
+    warnings += more
+    if options.share is not None:
+        return _share(found, metadata, options, Plant((), tuple(more), tuple(failures)))
+    if not found:
+        raise nothing_read(len(sources), first_problem)
+    settled = settle(found, metadata, options, str(sources[0].path))
+    warnings += settled.notes
+    wanted = settled.loops
+    lost: list[Note] = []
+    if options.since is not None:
+        last = last_stamp(found)
+        moment = moment_of(options.since, options.timezone, last)
+        wanted, without, lost = _cut(wanted, moment, age=is_age(options.since))
+        if not wanted and without:
+            raise nothing_since(options.since, moment, last)
+        warnings += since_notes(options.since, moment, without, len(settled.loops))
+    records, more = _records(wanted, metadata, options)
+    lost += more
+    warnings += settled.unmatched
+    if not records and lost:
+        raise LoopError(
+            f"no loop could be read; {lost[0].message}" if len(lost) > 1 else lost[0].message, code=lost[0].code
+        )
+    failures += lost
+    return Plant(tuple(records), tuple(warnings), tuple(failures), tuple(str(item) for item in given))
+
+
+def metadata_of(
+    given: Sequence[str | PathLike[str]], sources: Sequence[Source], loops: str | PathLike[str] | Metadata | None
+) -> tuple[Metadata, list[Note]]:
+    """Return the settings of a plant's loops, from the file that is named or those beside the data, and remarks."""
+    if isinstance(loops, Metadata):
+        return loops, []
     paths = [loops] if loops is not None else find_sidecars(given, sources)
     metadata = merge([read_metadata(fspath(path)) for path in paths])
-    warnings = [Note("metadata_conflict", text) for text in metadata.conflicts]
+    notes = [Note("metadata_conflict", text) for text in metadata.conflicts]
     if not metadata.files:
-        warnings.append(
+        notes.append(
             Note("no_metadata", "no loop settings found (loops.toml): settings are missing and have to be identified")
         )
     elif not metadata.loops:
-        warnings.append(Note("no_metadata", f"the loops file {metadata.files[0]} lists no loops: K and Ti are missing"))
-    failures: list[Note] = []
+        notes.append(Note("no_metadata", f"the loops file {metadata.files[0]} lists no loops: K and Ti are missing"))
+    return metadata, notes
+
+
+def nothing_read(files: int, first_problem: BacklashError | None) -> BacklashError:
+    """The error when no file could be read."""
+    if files == 1 and first_problem is not None:
+        return first_problem
+    return InputError(f"none of {files} files could be read; the first: {first_problem}", remedy="export them again")
+
+
+def _share(found: list[Series], metadata: Metadata, options: ReadOptions, so_far: Plant) -> Plant:
+    """The part of a plant whose names and loops are settled; what concerns the plant as a whole is said elsewhere."""
+    share = options.share
+    assert share is not None
+    series = by_loop(found, metadata, dict(share.renamed))
+    wanted = {name: series[name] for name in share.loops if name in series}
+    failures = list(so_far.failures)
+    if share.since is not None:
+        wanted, without, more = _cut(wanted, share.since, age=share.age)
+        failures += [*(Note("nothing_since", "", {"loop": name}) for name in without), *more]
+    records, more = _records(wanted, metadata, options)
+    return Plant(tuple(records), so_far.warnings, (*failures, *more))
+
+
+def _cut(
+    wanted: dict[str, LoopSeries], moment: int, *, age: bool
+) -> tuple[dict[str, LoopSeries], list[str], list[Note]]:
+    kept, without, wrong = cut_loops(wanted, moment, age=age)
+    return kept, without, [failure(error, loop=name) for name, error in wrong.items()]
+
+
+def _series(
+    sources: Sequence[Source], options: ReadOptions
+) -> tuple[list[Series], list[Note], list[Note], BacklashError | None]:
+    """Return the signals of all files, what was noticed, the files that could not be read, and the first reason."""
     found: list[Series] = []
+    notes: list[Note] = []
+    failures: list[Note] = []
     first_problem: BacklashError | None = None
     for source in sources:
         try:
             table = read_table(source.path, options, source.partition)
             found += series_of(table, options)
-            warnings += table.notes
+            notes += table.notes
         except (BacklashError, ArrowException, UnicodeError, OverflowError, MemoryError) as caught:
             error = caught if isinstance(caught, BacklashError) else _unreadable(caught, str(source.path))
             first_problem = first_problem or error
-            failures.append(_failure(error, file=str(source.path)))
-    if not found:
-        if len(sources) == 1 and first_problem is not None:
-            raise first_problem
-        raise InputError(
-            f"none of {len(sources)} files could be read; the first: {first_problem}", remedy="export them again"
-        )
-    series = by_loop(found, metadata)
-    if not series:
-        tags = sorted({item.tag for item in found})
-        found_names = ", ".join(filter(None, tags[:12])) or "columns without a name"
-        raise InputError(
-            "no loop found: no column is called SP, PV or OP of a loop",
-            where=str(sources[0].path),
-            remedy=f"name the tags in loops.toml; found: {found_names}",
-        )
-    series, more = _loops_only(series, metadata)
-    warnings += more
-    records, more = _records(series, metadata, options)
-    failures += more
-    warnings += _unmatched(series, metadata)
-    if not records and more:
-        raise LoopError(
-            f"no loop could be read; {more[0].message}" if len(more) > 1 else more[0].message, code=more[0].code
-        )
-    return Plant(tuple(records), tuple(warnings), tuple(failures), tuple(str(item) for item in given))
+            failures.append(failure(error, file=str(source.path)))
+    return found, notes, failures, first_problem
 
 
 def _records(
@@ -126,7 +174,7 @@ def _records(
 ) -> tuple[list[Record], list[Note]]:
     joiner = Joiner(options.good_quality)
     records, failures = [], []
-    for name in sorted(_wanted(series, options)):
+    for name in sorted(series):
         values = metadata.of(name)
         notes: list[Note] = []
         origin = next(iter(series[name].roles.values()))[0]
@@ -142,7 +190,7 @@ def _records(
             settings = settings_of(values if values is not None else metadata.fallback())
             record = build_record(series[name], settings, joiner, options)
         except BacklashError as error:
-            failures.append(_failure(error, loop=name))
+            failures.append(failure(error, loop=name))
             continue
         if notes:
             from dataclasses import replace
@@ -152,53 +200,13 @@ def _records(
     return records, failures
 
 
-def _loops_only(series: dict[str, LoopSeries], metadata: Metadata) -> tuple[dict[str, LoopSeries], list[Note]]:
-    """Set aside what has one signal only and is not in the metadata: an indicator, or a column with a chance name."""
-    single = [name for name, own in series.items() if len(own.roles) == 1 and metadata.of(name) is None]
-    if not single or len(single) == len(series):
-        return series, []
-    shown = ", ".join(name[:40] for name in sorted(single)[:5]) + (", ..." if len(single) > 5 else "")
-    text = f"{len(single)} tags have one signal only and are no loops; they are left out: {shown}"
-    return {name: own for name, own in series.items() if name not in set(single)}, [Note("single_signals", text)]
-
-
-def _wanted(series: dict[str, LoopSeries], options: ReadOptions) -> list[str]:
-    if not options.only_loops:
-        return list(series)
-    chosen: dict[str, None] = {}
-    for pattern in options.only_loops:
-        hits = [name for name in series if name == pattern or fnmatchcase(name.lower(), pattern.lower())]
-        if not hits:
-            raise UsageError(
-                f"no loop {pattern!r} in the data", where="--loop", remedy=nearest(pattern, sorted(series))
-            )
-        chosen.update(dict.fromkeys(hits))
-    return list(chosen)
-
-
-def _unmatched(series: dict[str, LoopSeries], metadata: Metadata) -> list[Note]:
-    used = {metadata.match(name) for name in series}
-    missing = {name: own for name, own in metadata.loops.items() if name not in used}
-    if len(missing) > FEW_LOOPS:
-        # The loops file of a whole plant beside the export of a few loops: usual, and one line says it.
-        shown = ", ".join(list(missing)[:FEW_LOOPS])
-        text = f"{len(missing)} loops of the loops file are not found in the data: {shown} ..."
-        return [Note("loop_not_found", text, {"loop": ", ".join(missing), "loops": len(missing)})]
-    notes = []
-    for name, own in missing.items():
-        tags = ", ".join(tag for role in ROLE_KEYS if isinstance(tag := own.values.get(role), str))
-        hint = f"its tags {tags} are not there" if tags else nearest(name, sorted(series))
-        text = f"loop {name} of the loops file is not found in the data ({hint})"
-        notes.append(Note("loop_not_found", text, {"loop": name}))
-    return notes
-
-
 def _unreadable(error: BaseException, where: str) -> InputError:
     text = str(error).strip().split("\n")[0][:200] or type(error).__name__
     return InputError(f"damaged or not understood: {text}", where=where, remedy="export the file again")
 
 
-def _failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:
+def failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:
+    """Return an error as a failure of the plant, about a loop or a file."""
     values: dict[str, float | str] = {}
     if loop:
         values["loop"] = loop

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -103,6 +103,18 @@ class Cells:
             return Cells(codes=self.codes[rows], lexicon=self.lexicon, decimal=self.decimal)
         assert self.values is not None
         return Cells(values=self.values[rows], decimal=self.decimal)
+
+    def part(self, rows: slice | NDArray[np.int64]) -> Cells:
+        """Return some rows; a slice of a column is no copy."""
+        if isinstance(rows, slice):
+            if self.column is not None:
+                start, stop, _ = rows.indices(len(self.column))
+                return replace(self, column=self.column.slice(start, stop - start))
+            if self.codes is not None:
+                return replace(self, codes=self.codes[rows])
+            assert self.values is not None
+            return replace(self, values=self.values[rows])
+        return self.split().take(rows)
 
     def numbers(self) -> Numbers:
         """Return the cells as numbers."""
