@@ -53,6 +53,9 @@ HOMES = {
     "matplotlib": {"reporter"},
     "jinja2": {"reporter"},
     "sqlite3": {"history"},
+    "fsspec": {"loaders"},
+    "dask": {"engines"},
+    "distributed": {"engines"},
 }
 CORE = BASE | {"filters", "segmenter", "estimator", "scan", "effects", "model", "simulator"}
 NOT_IN_CORE = {"print", "open", "input"}

@@ -11,9 +11,24 @@ import click
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-inputs_argument = click.argument("inputs", metavar="INPUT...", nargs=-1, required=True, type=click.Path(path_type=Path))
+
+class Place(click.ParamType):
+    """A path, or an address such as s3://bucket/plant.parquet."""
+
+    name = "place"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return a Path, or a Remote for an address."""
+        if isinstance(value, str) and ("://" in value or "::" in value):
+            from ..loaders.places import place
+
+            return place(value)
+        return Path(value)
+
+
+inputs_argument = click.argument("inputs", metavar="INPUT...", nargs=-1, required=True, type=Place())
 loops_option = click.option(
-    "--loops", metavar="FILE", type=click.Path(path_type=Path),
+    "--loops", metavar="FILE", type=Place(),
     help="Loop settings (TOML or CSV table). Default: plant.loops.toml or loops.toml beside plant.csv.",
 )
 

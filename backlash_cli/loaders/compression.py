@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from ..errors import InputError
 from ..record import Note
+from .places import Remote
 
 CHUNK = 1 << 20
 # Text of measurements never shrinks to a 200th; beyond this a small file is a trap, not an export.
@@ -23,7 +24,9 @@ def codec_of(magic: bytes) -> str:
     return next((name for mark, name in CODECS.items() if magic.startswith(mark)), "")
 
 
-def decompress(file: BinaryIO, codec: str, size: int, path: Path, limit: int) -> tuple[bytes, tuple[Note, ...]]:
+def decompress(
+    file: BinaryIO, codec: str, size: int, path: Path | Remote, limit: int
+) -> tuple[bytes, tuple[Note, ...]]:
     """Return all bytes and what was wrong. Raises InputError for a trap or a file with nothing whole in it."""
     parts: list[bytes] = []
     total = 0

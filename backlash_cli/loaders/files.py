@@ -14,8 +14,10 @@ from ..errors import InputError
 from ..record import Note
 from .compression import codec_of, decompress
 from .options import ReadOptions
+from .places import Remote, open_place
 
 CHUNK = 1 << 20
+FETCHED_WHOLE = 256 << 20  # bytes of a remote text that is kept in memory rather than fetched twice
 _FOREIGN = {
     b"PK\x03\x04": ("a zip archive or an Excel workbook", "unpack it, or save the sheet as CSV"),
     b"\xd0\xcf\x11\xe0": ("an old Excel workbook or Office document", "save the sheet as CSV"),
@@ -33,7 +35,7 @@ class Content:
     `prefix`: bytes of a byte-order mark to skip.
     """
 
-    path: Path
+    path: Path | Remote
     kind: str
     data: bytes | None = None
     prefix: int = 0
@@ -43,7 +45,7 @@ class Content:
         """Return the first `size` bytes after the byte-order mark."""
         if self.data is not None:
             return self.data[self.prefix : self.prefix + size]
-        with open(self.path, "rb") as file:
+        with open_place(self.path) as file:
             file.seek(self.prefix)
             return file.read(size)
 
@@ -53,19 +55,22 @@ class Content:
             buffer = pa.py_buffer(self.data)
             start = min(self.prefix + offset, buffer.size)
             return pa.BufferReader(buffer.slice(start))
-        file = pa.OSFile(str(self.path), "rb")
+        if isinstance(self.path, Remote):
+            file = pa.PythonFile(self.path.open_bytes(), mode="r")
+        else:
+            file = pa.OSFile(str(self.path), "rb")
         file.seek(self.prefix + offset)
         return file
 
 
-def open_content(path: Path, options: ReadOptions) -> Content:
+def open_content(path: Path | Remote, options: ReadOptions) -> Content:
     """Look at a file, decompress it and bring its text to UTF-8. Raises InputError for what is no export."""
     try:
         about = path.stat()
         if not stat.S_ISREG(about.st_mode):
             raise InputError("not a regular file", where=str(path), remedy="save the export as a file first")
         size = about.st_size
-        with open(path, "rb", buffering=0) as file:
+        with open_place(path) as file:
             magic = file.read(16)
             if not magic:
                 raise InputError("file is empty (0 bytes)", where=str(path), remedy="export it again")
@@ -80,6 +85,8 @@ def open_content(path: Path, options: ReadOptions) -> Content:
                     raise InputError("compressed Parquet file", where=str(path), remedy="decompress it first")
                 _refuse_foreign(data[:16], path)
                 return _decoded(path, data, options, notes)
+            if isinstance(path, Remote) and size <= min(FETCHED_WHOLE, options.max_bytes):
+                return _decoded(path, file.read(), options, ())
             head = file.read(4 * CHUNK)
             encoding, prefix = guess_encoding(head, path, options)
             if encoding == "utf-8":
@@ -97,7 +104,7 @@ def open_content(path: Path, options: ReadOptions) -> Content:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
 
 
-def guess_encoding(head: bytes, path: Path, options: ReadOptions) -> tuple[str, int]:
+def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> tuple[str, int]:
     """Return (encoding, length of the byte-order mark) of text that begins with `head`.
 
     Raises InputError for binary data.
@@ -162,7 +169,7 @@ def _valid_utf8(data: bytes | memoryview) -> bool:
     return True
 
 
-def _decoded(path: Path, data: bytes, options: ReadOptions, notes: tuple[Note, ...]) -> Content:
+def _decoded(path: Path | Remote, data: bytes, options: ReadOptions, notes: tuple[Note, ...]) -> Content:
     if not data:
         raise InputError("file holds no data", where=str(path), remedy="export it again")
     encoding, prefix = guess_encoding(data[: 4 * CHUNK], path, options)
@@ -195,7 +202,7 @@ def _encoding_note(encoding: str) -> Note:
     return Note("encoding", f"text is not UTF-8; read with the encoding {encoding} (Western European)")
 
 
-def _refuse_foreign(magic: bytes, path: Path) -> None:
+def _refuse_foreign(magic: bytes, path: Path | Remote) -> None:
     for mark, (what, remedy) in _FOREIGN.items():
         if magic.startswith(mark):
             raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)

@@ -10,10 +10,11 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 from ..errors import MetadataError, nearest
+from .places import place
 
 ROLE_KEYS = ("sp", "pv", "op", "mode")
 LOOP_KEYS = (
@@ -85,12 +86,12 @@ class Metadata:
         return same[0] if len(same) == 1 else None
 
 
-def read_metadata(path: str | Path) -> Metadata:
+def read_metadata(path: str | PathLike[str]) -> Metadata:
     """Read one metadata file: TOML with [defaults] and [loops.NAME], or a CSV table with a column `loop`.
 
     Raises MetadataError naming file, line and key, with the nearest known ones.
     """
-    path = Path(path)
+    path = place(path)
     try:
         if path.stat().st_size > SIZE_LIMIT:
             raise MetadataError("metadata file is larger than 32 MB", where=str(path), remedy="is this the data file?")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from os import PathLike, fspath
+from os import PathLike
 
 from pyarrow.lib import ArrowException
 
@@ -110,7 +110,7 @@ def metadata_of(
     if isinstance(loops, Metadata):
         return loops, []
     paths = [loops] if loops is not None else find_sidecars(given, sources)
-    metadata = merge([read_metadata(fspath(path)) for path in paths])
+    metadata = merge([read_metadata(path) for path in paths])
     notes = [Note("metadata_conflict", text) for text in metadata.conflicts]
     if not metadata.files:
         notes.append(

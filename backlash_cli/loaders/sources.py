@@ -3,27 +3,36 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from urllib.parse import unquote
 
 from ..errors import InputError
+from .names import LOOP, TAG, plain
+from .places import Remote, place
 from .tables import stem_of
 
 TEXT = (".csv", ".tsv", ".txt", ".dat", ".asc")
 PARQUET = (".parquet", ".pq")
 PACKED = (".gz", ".zst", ".zstd", ".bz2", ".xz")
 MAX_FILES = 200_000
+_PART = re.compile(r"(?:part|data|chunk)[-_.]\d", re.IGNORECASE)  # pieces of a dataset as Arrow, Spark, Dask call them
+_DATE = re.compile(r"[\d._-]+")
 
 
 @dataclass(frozen=True)
 class Source:
-    """One file to read. partition: names and values of folders like loop=FIC101 on the way to it."""
+    """One file to read. partition: names and values of folders like loop=FIC101 on the way to it.
 
-    path: Path
+    beside: names of all files in the same folder, None where they were not listed.
+    """
+
+    path: Path | Remote
     partition: dict[str, str] = field(default_factory=dict)
+    beside: frozenset[str] | None = field(default=None, repr=False)
 
 
 def find_sources(inputs: str | PathLike[str] | Sequence[str | PathLike[str]]) -> list[Source]:
@@ -35,7 +44,7 @@ def find_sources(inputs: str | PathLike[str] | Sequence[str | PathLike[str]]) ->
     for item in given:
         if "\x00" in os.fspath(item):
             raise InputError("a file name holds a zero byte", remedy="check the name")
-        path = Path(item)
+        path = place(item)
         try:
             if path.is_dir():
                 found.extend(_below(path))
@@ -63,16 +72,24 @@ def is_export(name: str) -> bool:
     return lower.endswith(TEXT + PARQUET)
 
 
-def _below(folder: Path) -> list[Source]:
+def _below(folder: Path | Remote) -> list[Source]:
     found: list[Source] = []
-    for root, folders, names in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not name.startswith((".", "_")))
+    for parts, names in _folders_of(folder):
         partition = {}
-        for part in Path(root).relative_to(folder.parent).parts:
+        for part in (folder.name, *parts):
             key, equals, value = part.partition("=")
             if equals:
                 partition[key] = unquote(value)
-        found += [Source(Path(root, name), partition) for name in sorted(names) if is_export(name)]
+        beside = frozenset(names)
+        here = folder
+        for part in parts:
+            here = here / part
+        named = any(plain(key) in LOOP | TAG for key in partition)
+        home = "" if named else _home((folder.name, *parts))
+        for name in sorted(names):
+            if is_export(name):
+                own = {**partition, "loop": home} if home and _PART.match(name) else partition
+                found.append(Source(here / name, own, beside))
         if len(found) > MAX_FILES:
             raise InputError(f"more than {MAX_FILES} files", where=str(folder), remedy="scan it in parts")
     if not found:
@@ -84,42 +101,72 @@ def _below(folder: Path) -> list[Source]:
     return found
 
 
-def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source]) -> list[Path]:
+def _home(parts: Sequence[str]) -> str:
+    """The nearest folder that is called after something: no key=value, no date."""
+    return next((part for part in reversed(parts) if "=" not in part and not _DATE.fullmatch(part)), "")
+
+
+def _folders_of(folder: Path | Remote) -> Iterator[tuple[tuple[str, ...], list[str]]]:
+    """Yield every folder in and below a folder, as its parts below it and the names of its files, in order."""
+    if isinstance(folder, Remote):
+        listed: dict[tuple[str, ...], list[str]] = {}
+        for parts in folder.files_below():
+            if not any(part.startswith((".", "_")) for part in parts[:-1]):
+                listed.setdefault(parts[:-1], []).append(parts[-1])
+        yield from listed.items()
+        return
+    for root, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith((".", "_")))
+        yield Path(root).relative_to(folder).parts, names
+
+
+def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source]) -> list[Path | Remote]:
     """Return the metadata files that belong to the inputs: NAME.loops.toml next to it, else loops.toml in the folder.
 
     A CSV table (NAME.loops.csv, loops.csv) is found the same way when there is no TOML.
     """
-    found: dict[Path, None] = {}
-    for item in inputs:
-        path = Path(item)
-        if path.is_dir():
-            for sidecar in (*_candidates(path.parent, path.name), *_plain(path)):
-                if sidecar.is_file():
-                    found.setdefault(sidecar)
-                    break
-    seen: dict[Path, Path | None] = {}
+    found: dict[Path | Remote, None] = {}
+    folders = [path for path in map(place, inputs) if path.is_dir()]
+    for path in folders:
+        for sidecar in (*_candidates(path.parent, path.name), *_plain(path)):
+            if _is_file(sidecar):
+                found.setdefault(sidecar)
+                break
+    seen: dict[Path | Remote, Path | Remote | None] = {}
     for source in sources:
         folder = source.path.parent
-        own = next((c for c in _candidates(folder, stem_of(source.path), source.path.name) if c.is_file()), None)
+        names = (stem_of(source.path), source.path.name)
+        own = next((c for c in _candidates(folder, *names) if _there(c, source)), None)
         if own is None:
             if folder not in seen:
-                seen[folder] = next((c for c in _plain(folder) if c.is_file()), None)
+                seen[folder] = next((c for c in _plain(folder) if _there(c, source)), None)
             own = seen[folder]
         if own is not None:
             found.setdefault(own)
     if not found:
-        for item in inputs:
-            path = Path(item)
-            if path.is_dir():
-                up = next((c for c in _plain(path.absolute().parent) if c.is_file()), None)
-                if up is not None:
-                    found.setdefault(up)
+        for path in folders:
+            up = next((c for c in _plain(path.absolute().parent) if _is_file(c)), None)
+            if up is not None:
+                found.setdefault(up)
     return list(found)
 
 
-def _candidates(folder: Path, *names: str) -> list[Path]:
+def _there(sidecar: Path | Remote, source: Source) -> bool:
+    """Whether a file stands beside a source; asked of the listing where there is one, which costs nothing."""
+    return _is_file(sidecar) if source.beside is None else sidecar.name in source.beside
+
+
+def _is_file(path: Path | Remote) -> bool:
+    """Whether a file is there; some stores answer "denied" for an object that is not."""
+    try:
+        return path.is_file()
+    except InputError:
+        return False
+
+
+def _candidates(folder: Path | Remote, *names: str) -> list[Path | Remote]:
     return [folder / f"{name}.loops.{ending}" for name in names for ending in ("toml", "csv")]
 
 
-def _plain(folder: Path) -> list[Path]:
+def _plain(folder: Path | Remote) -> list[Path | Remote]:
     return [folder / "loops.toml", folder / "loops.csv"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from .dialect import Dialect, sniff
 from .files import Content, open_content
 from .numbers import BLANK
 from .options import ReadOptions
+from .places import Remote, in_words
 
 HEAD_SIZES = (256 << 10, 4 << 20, 32 << 20)
 _TWO_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # column names of two levels as pandas writes them
@@ -55,22 +57,25 @@ class Table:
         return len(self.columns[0]) if self.columns else 0
 
 
-def read_table(path: Path, options: ReadOptions, partition: dict[str, str] | None = None) -> Table:
+def read_table(path: Path | Remote, options: ReadOptions, partition: dict[str, str] | None = None) -> Table:
     """Read one CSV or Parquet file. Raises InputError with the file and the reason."""
+    with in_words(str(path)) if isinstance(path, Remote) else contextlib.nullcontext():
+        return replace(_read(path, options), partition=partition or {})
+
+
+def _read(path: Path | Remote, options: ReadOptions) -> Table:
     content = open_content(path, options)
     try:
         if content.kind == "parquet":
-            table = _read_parquet(path, options)
-        else:
-            table = _read_csv(content, options)
+            return _read_parquet(path, options)
+        return _read_csv(content, options)
     except (pa.ArrowException, ValueError, OSError, OverflowError, MemoryError) as error:
         raise InputError(
             f"cannot be read: {_first_line(error)}", where=str(path), remedy="export the file again"
         ) from None
-    return replace(table, partition=partition or {})
 
 
-def stem_of(path: Path) -> str:
+def stem_of(path: Path | Remote) -> str:
     """File name without the endings of its format: FIC101.PV.csv.gz -> FIC101.PV."""
     name = path.name
     for endings in (
@@ -84,8 +89,8 @@ def stem_of(path: Path) -> str:
     return name
 
 
-def _read_parquet(path: Path, options: ReadOptions) -> Table:
-    file = pa_parquet.ParquetFile(path)
+def _read_parquet(path: Path | Remote, options: ReadOptions) -> Table:
+    file = pa_parquet.ParquetFile(path.open_bytes() if isinstance(path, Remote) else path)
     if file.metadata.num_columns > MAX_COLUMNS:
         raise InputError(f"{file.metadata.num_columns} columns are too many", where=str(path))
     decoded = file.metadata.num_rows * file.metadata.num_columns * 8
