@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..record import FloatArray, Note, Record
 from ..results import Comparison, Fitness, FittedEffect, FittedParameter, Model, Region, Series
-from .holdout import Tested, better, predicted_by
+from .holdout import better, folds, predicted_by
 from .intervals import process_parameters
 from .kept import coefficients_of, kept_model, parts_of, shape_of
 from .locate import regions
 from .pipeline import Part, Shape, moved_output, regressors
-from .problem import Problem, problem_from_record
+from .problem import FEWEST_SAMPLES, Problem, problem_from_record
 from .recorder import distance
 from .search import baseline
+
+Mask = NDArray[np.bool_]
 
 
 def compare(record: Record, model: Model | None = None) -> Comparison:
     """Predict PV from OP with a model, by default the plain one fitted to this record, and say where it fails.
 
     The numbers of a given model are kept; only the offset, the forgotten start and the place of the stem at the
-    start are matched. Raises LoopError when there is nothing to compare (no OP, constant signals, too few samples).
+    start are matched, in turn on the other blocks for the hold-out error. A record that the model was not fitted to
+    is all hold-out; for its own record the hold-out error is the one that the model keeps.
+    Raises LoopError when there is nothing to compare (no OP, constant signals, too few samples).
     """
     problem = problem_from_record(record)
     plain = better(problem, baseline(problem))
@@ -36,21 +41,52 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
         )  # fmt: skip
     parts = parts_of(model, problem, float(record.time[0]))
     recorders = tuple(p for p in parts if p.is_recorder)
-    shape, predicted = matched(problem, model, shape_of(model, parts), plain)
+    shape, predicted = matched(problem, model, shape_of(model, parts))
     error = distance(problem, recorders, predicted)
     rmse = float(np.sqrt(np.mean(error[problem.used] ** 2)))
+    known = seen_by(model, problem, float(record.time[0]))
+    holdout = error_unseen(problem, model, shape, recorders, known)
+    if holdout is None:
+        # numbers fitted to these very samples: what the file says, unless numbers were changed for the worse since
+        holdout = max(rmse, model.rmse_holdout or 0.0)
     first = {
         "Kp": FittedParameter(model.Kp, "1"), "tau": FittedParameter(model.tau, "s"),
         "theta": FittedParameter(model.theta, "s"), "offset": FittedParameter(model.offset, "PV span"),
     }  # fmt: skip
     return Comparison(
-        record.loop, base, Fitness(rmse, rmse, first), floor, where_it_fails(record, problem, error, shape),
-        tuple(as_given(p) for p in parts), unexplained(rmse, base.rmse, floor),
+        record.loop, base, Fitness(rmse, holdout, first), floor, where_it_fails(record, problem, error, shape),
+        tuple(as_given(p) for p in parts), unexplained(holdout, base.rmse_holdout, floor),
         series_of(record, problem, predicted, shape), notes(problem), record.settings, model, False,
+        float(np.mean(known[problem.used])),
     )  # fmt: skip
 
 
-def matched(problem: Problem, model: Model, shape: Shape, plain: Tested) -> tuple[Shape, FloatArray]:
+def seen_by(model: Model, problem: Problem, start: float) -> Mask:
+    """Return which grid points lie in the record that the model was fitted to, (samples,); none when it is not told."""
+    if model.start is None or model.end is None:
+        return np.zeros(problem.samples, dtype=bool)
+    time = start + problem.interval * np.arange(problem.samples)
+    return (time >= model.start - 0.5 * problem.interval) & (time <= model.end + 0.5 * problem.interval)
+
+
+def error_unseen(
+    problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], known: Mask
+) -> float | None:
+    """Return the error of a kept model on samples that neither its fit nor the matching of offset and start saw.
+
+    None when the model was fitted to all of the record, but for fewer than FEWEST_SAMPLES samples.
+    """
+    if np.count_nonzero(problem.used & ~known) < FEWEST_SAMPLES:
+        return None
+    squares, count = 0.0, 0
+    for left_out in folds(problem, problem.settings.Ti or model.tau):
+        predicted = matched(problem.masked(~left_out), model, shape)[1]
+        error = distance(problem, recorders, predicted)[left_out & problem.used & ~known]
+        squares, count = squares + float(error @ error), count + error.size
+    return float(np.sqrt(squares / count)) if count else None
+
+
+def matched(problem: Problem, model: Model, shape: Shape) -> tuple[Shape, FloatArray]:
     """Return the shape with the stem placed as this record begins, and PV predicted with offset and start matched."""
     c = coefficients_of(model, problem, shape)
 

@@ -50,6 +50,7 @@ def comparison(c: Comparison) -> dict[str, Any]:
         **_head(c),
         "fitness": _fitness(c.fitness),
         "fitted": c.fitted,
+        "seen": c.seen,
         "candidates": [],
         "steps": steps,
         "effects": [_effect(f) for f in c.effects],

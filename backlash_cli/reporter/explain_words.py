@@ -96,11 +96,18 @@ def still_holds(c: Comparison) -> str:
     """Whether a model that was kept predicts this record too; empty where no model was given."""
     if c.fitted or c.model is None:
         return ""
-    before = c.model.rmse_holdout
-    said = "" if before is None else (
-        f"On the record it was fitted to its error was {error_size(before)}, here it is {error_size(c.fitness.rmse)}. "
-    )
-    ratio = c.fitness.rmse / c.baseline.rmse if c.baseline.rmse > 0 else math.inf
+    here, before = error_size(c.fitness.rmse_holdout), c.model.rmse_holdout
+    if c.seen > 1.0 - ABOUT:
+        said = ("This is the record that the model was fitted to, so its fit here flatters it; hold-out is the error "
+                "that the file keeps from that fit. Another day tells more. ")
+    elif c.seen > 0.0:
+        said = f"The model was fitted to {share(c.seen)} of this record; hold-out is the error on the rest. "
+    else:
+        said = "" if before is None else (
+            f"On the record it was fitted to its hold-out error was {error_size(before)}; on this one, of which it has "
+            f"seen nothing, it is {here}. "
+        )
+    ratio = c.fitness.rmse_holdout / c.baseline.rmse_holdout if c.baseline.rmse_holdout > 0 else math.inf
     if ratio < 1.0 - ABOUT:
         return said + "The model holds here: it predicts this record better than a plain model fitted to it."
     if ratio < 1.0 + ABOUT:

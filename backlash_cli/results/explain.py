@@ -191,7 +191,8 @@ class Comparison:
     baseline: the plain first-order model fitted to the same record, to judge by. fitness: the model compared.
     where: worst first. noise_floor: standard deviation of the measurement noise. unexplained: share of the squared
     error above the noise floor that this model leaves, 1 for the baseline. fitted: False when the numbers of the
-    model file were kept and only offset and start were matched to the record.
+    model file were kept and only offset and start were matched to the record. seen: share of the samples that the
+    model's numbers were fitted to: 1 for the record it was made from, 0 for another day.
     """
 
     loop: str
@@ -206,6 +207,7 @@ class Comparison:
     settings: LoopSettings = field(default_factory=LoopSettings)
     model: Model | None = None
     fitted: bool = True
+    seen: float = 1.0
     details: Mapping[str, object] = field(default_factory=dict)
 
 

@@ -207,7 +207,8 @@ def attempt(random: np.random.Generator, tier: str, names: tuple[str, ...]) -> C
     if not clean:
         record = damaged(record, random)
     effects = tuple(n for n in SINGLES if n in names)
-    return judged(record, effects, truth, noise, lag, delay, note)
+    case = judged(record, effects, truth, noise, lag, delay, note)
+    return case and replace(case, extra={"gain": gain})
 
 
 def damaged(record: Record, random: np.random.Generator) -> Record:

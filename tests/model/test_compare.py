@@ -48,11 +48,34 @@ def test_a_dead_band_shows_after_reversals() -> None:
 def test_a_kept_model_holds_on_another_day_and_fails_when_the_gap_grows() -> None:
     kept = explain(loop(d=0.03, noise=0.0005), add=("backlash",)).model
     assert kept is not None
-    same = compare(loop(d=0.03, noise=0.0005, seed=5), kept)
-    worn = compare(loop(d=0.06, noise=0.0005, seed=5), kept)
+    same = compare(later(loop(d=0.03, noise=0.0005, seed=5)), kept)
+    worn = compare(later(loop(d=0.06, noise=0.0005, seed=5)), kept)
     assert not same.fitted
+    assert same.seen == worn.seen == 0.0
+    # all of another day is hold-out; matching offset and start costs next to nothing
+    assert same.fitness.rmse <= same.fitness.rmse_holdout < 1.02 * same.fitness.rmse
     assert same.fitness.rmse < 1.2 * 0.0005
     assert worn.fitness.rmse > 4.0 * same.fitness.rmse
+
+
+def test_the_record_of_the_fit_is_no_hold_out() -> None:
+    record = loop(d=0.03, noise=0.0005)
+    kept = explain(record, add=("backlash",)).model
+    assert kept is not None and kept.rmse_holdout is not None
+    own = compare(record, kept)
+    assert own.seen == 1.0
+    assert own.fitness.rmse_holdout == max(own.fitness.rmse, kept.rmse_holdout)
+    # a number changed for the worse is not hidden behind the error in the file
+    worse = compare(record, replace(kept, Kp=1.2 * kept.Kp))
+    assert worse.fitness.rmse_holdout == worse.fitness.rmse > 2.0 * kept.rmse_holdout
+    # of a record that goes on, the new part counts
+    middle = replace(kept, end=float(record.time[len(record) // 2]))
+    assert compare(record, middle).seen == pytest.approx(0.5, abs=0.01)
+    assert compare(record, replace(kept, start=None, end=None)).seen == 0.0
+
+
+def later(record: Record, days: float = 1.0) -> Record:
+    return replace(record, start=record.start + 86400.0 * days)
 
 
 def test_noise_floor_ignores_the_process() -> None:

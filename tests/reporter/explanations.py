@@ -116,5 +116,5 @@ def comparison(loop: str = "FIC101", *, model: Model | None = MODEL) -> Comparis
                           unexplained=1.0)
     return Comparison(
         loop, BASELINE, Fitness(0.0079, 0.0081), 0.0075, regions(), (backlash(),), 0.05, series(), (), SETTINGS,
-        replace(model, loop=loop), False,
+        replace(model, loop=loop), False, 0.0,
     )

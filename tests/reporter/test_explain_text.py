@@ -87,7 +87,7 @@ def test_the_users_own_choice_is_not_called_missing():
 
 def test_a_model_that_does_worse_than_the_plain_one_does_not_hold():
     c = comparison()
-    assert "does not hold" in comparison_text(replace(c, fitness=replace(c.fitness, rmse=0.05)))
+    assert "does not hold" in comparison_text(replace(c, fitness=replace(c.fitness, rmse_holdout=0.05)))
     assert "hold here" not in comparison_text(comparison(model=None))
 
 
