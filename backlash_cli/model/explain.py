@@ -22,6 +22,7 @@ from .kept import kept_model, parts_of, shape_of
 from .pipeline import Part, moved_process
 from .problem import Problem, problem_from_record
 from .recorder import distance, fitted_problem, recorders
+from .rounding import rounded, through_rounding
 from .search import ENOUGH, Found, baseline, search
 
 # PV must move by this many times its noise before anything can be said about how it follows OP
@@ -67,6 +68,7 @@ def explain(
                 start = candidate(seen, judge, start, effect, seed=seed, must=True) or start
                 by_user.append(effect.name)
     found = search(seen, () if chosen else tuple(known.values()), start, seed=seed)
+    found = replace(found, final=through_rounding(seen, held, found.final))
     # a valve that sticks hides how PV follows OP, so motion is asked for only when nothing was found
     reason = None if found.final.shape.parts else too_little(seen, base)
     return assemble(record, problem, seen, base, found, held, by_user, reason)
@@ -111,7 +113,7 @@ def assemble(
         for name, t in ladder
     ]
     last = ladder[-1][1] if ladder else plain
-    fitted = {e.effect: e for e in fitted_effects(seen, found.final, held, careful=True)}
+    fitted = {e.effect: e for e in fitted_effects(seen, found.final, held, careful=not rounded(seen, held))}
     names = [*(p.effect.name for p in held), *order]
     candidates = tried(problem, seen, found, plain, names)
     before = distance(problem, (), predicted_by(problem, plain.fit))

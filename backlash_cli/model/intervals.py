@@ -1,12 +1,13 @@
-"""The numbers of a fit with their 95 % intervals, from the slopes of the whitened error (Gauss and Newton)."""
+"""The numbers of a fit with their 95 % intervals: slopes of the whitened error, and profiles of the likelihood."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..effects import Parameter
+from ..effects import Effect, Parameter
 from ..record import FloatArray
 from ..results import FittedEffect, FittedParameter
 from .fit import Fit, Solver, descend, slopes
@@ -21,62 +22,97 @@ NORMAL_95, CHI2_95 = 1.96, 3.84
 MOST_PROFILES, TRIES = 6, 5
 # the process is never exactly lag and dead time: no number is known to better than 1 %, however little noise there is
 MODEL_ERROR = 0.01
+# errors further apart than this many lags of the process count as independent, but never more stretches than this
+LAGS_PER_STRETCH, MOST_STRETCHES = 6.0, 150
 Key = tuple[int, str, int]
 
 
-def covariance(problem: Problem, fitted: Fit) -> tuple[dict[Key, tuple[float, float]], FloatArray]:
-    """Return (value, deviation) of each searched number, and the covariance of the coefficients (columns, columns)."""
+@dataclass(frozen=True)
+class Known:
+    """One searched number with its standard deviation, and how much wider that is than white noise would make it."""
+
+    value: float
+    deviation: float
+    wider: float = 1.0
+
+
+UNKNOWN = Known(0.0, float("nan"))
+
+
+def covariance(problem: Problem, fitted: Fit) -> tuple[dict[Key, Known], FloatArray]:
+    """Return each searched number with its deviation, and the covariance of the coefficients (columns, columns).
+
+    Two covariances are taken, and of each number the larger deviation: that of a whitened rest which is white, and
+    that of the sums of slope times rest over stretches, which holds for a rest of any colour (White 1980; Newey and
+    West 1987).
+    """
     solver = Solver(problem, whitener(fitted.noise, problem.used, problem.interval))
     free = free_numbers(problem, fitted.shape)
     _, rss, rest = solver.rest(fitted.shape)
     others = solver.columns(fitted.shape)
-    variance = rss / max(solver.white.samples, 1)
-    X = np.column_stack([slopes(solver, fitted.shape, rest, free), others])
-    deviations, C = _inverse(X.T @ X, variance)
+    X = np.column_stack([slopes(solver, fitted.shape, rest, free), -others])
+    H = _inverse(X.T @ X)
+    white = H * rss / max(solver.white.samples, 1)
+    length = max(int(LAGS_PER_STRETCH * fitted.shape.lag / problem.interval), len(rest) // MOST_STRETCHES, 1)
+    edges = np.arange(0, len(rest), length)
+    sums = np.add.reduceat(X * rest[:, None], edges, axis=0)
+    # as many stretches are used up as numbers are fitted
+    coloured = H @ (sums.T @ sums) @ H * len(edges) / max(len(edges) - X.shape[1], 1)
+    sd = np.sqrt(np.maximum(np.diag(white), 1e-300))
+    wider = np.sqrt(np.maximum(np.diag(coloured) / sd**2, 1.0)) if len(edges) > 2 * X.shape[1] else np.ones(len(sd))
     values = get(fitted.shape, free)
     m = len(free)
-    known = {(f.place, f.name, f.item): (float(values[i]), float(deviations[i])) for i, f in enumerate(free)}
-    return known, C[m:, m:]
+    known = {
+        (f.place, f.name, f.item): Known(float(values[i]), float(sd[i] * wider[i]), float(wider[i]))
+        for i, f in enumerate(free)
+    }
+    return known, (white * np.outer(wider, wider))[m:, m:]
 
 
-def _inverse(G: FloatArray, variance: float) -> tuple[FloatArray, FloatArray]:
-    """Return the deviations and the covariance that belong to a matrix of inner products."""
-    # a number without any slope here gets a huge, but finite, interval
+def _inverse(G: FloatArray) -> FloatArray:
+    """Return the inverse of a matrix of inner products; a number without any slope gets a huge, but finite, one."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-30))
     A = G * np.outer(scale, scale) + 1e-9 * np.eye(len(G))
-    C = np.linalg.inv(A) * np.outer(scale, scale) * variance
-    return np.sqrt(np.maximum(np.diag(C), 0.0)), C
+    return np.linalg.inv(A) * np.outer(scale, scale)
 
 
-def profile(problem: Problem, fitted: Fit, known: Mapping[Key, tuple[float, float]]) -> dict[Key, tuple[float, float]]:
+def profile(problem: Problem, fitted: Fit, known: Mapping[Key, Known]) -> dict[Key, tuple[float, float]]:
     """Return the 95 % interval of each searched number of the effects: where the deviance has risen by 3.84.
 
     All other numbers are fitted anew at each end (profile likelihood), because the error is not a parabola: a gap
-    that is a little wider closes at other samples.
+    that is a little wider closes at other samples. Where the rest is not white the rise is larger, by the square of
+    how much wider its deviation is.
     """
     solver = Solver(problem, whitener(fitted.noise, problem.used, problem.interval))
     lowest = solver.white.deviance(solver.rss(fitted.shape))
     out: dict[Key, tuple[float, float]] = {}
     for f in free_numbers(problem, fitted.shape):
         key = (f.place, f.name, f.item)
-        if f.place >= 0 and not f.nuisance and len(out) < MOST_PROFILES and np.isfinite(known[key][1]):
-            value = known[key][0]
+        if f.place >= 0 and not f.nuisance and len(out) < MOST_PROFILES and np.isfinite(known[key].deviation):
+            value = known[key].value
             low, high = (_end(solver, fitted, f, known[key], side, lowest) for side in (-1.0, 1.0))
-            below, above = (float(np.hypot(end - value, MODEL_ERROR * value)) for end in (low, high))
+            off = 0.0 if on_the_clock(fitted.shape.parts[f.place].effect, f.name) else MODEL_ERROR * value
+            below, above = (float(np.hypot(end - value, off)) for end in (low, high))
             out[key] = (max(value - below, f.low), min(value + above, f.high))
     return out
 
 
-def _end(solver: Solver, fitted: Fit, f: Free, number: tuple[float, float], side: float, lowest: float) -> float:
-    value, deviation = number
-    reach = NORMAL_95 * deviation
+def on_the_clock(effect: Effect, name: str) -> bool:
+    """True for the time of an event or the period of a swing: the clock tells it, whatever the process is like."""
+    return name in effect.fitting.dear
+
+
+def _end(solver: Solver, fitted: Fit, f: Free, number: Known, side: float, lowest: float) -> float:
+    value, rise_wanted = number.value, CHI2_95 * number.wider**2
+    bound = f.low if side < 0.0 else f.high
+    reach = min(NORMAL_95 * number.deviation, abs(bound - value))
     for _ in range(TRIES):
         end = float(np.clip(value + side * reach, f.low, f.high))
         shape = descend(solver, put(fitted.shape, [f], np.array([end])), rounds=2, hold=f)
         rise = solver.white.deviance(solver.rss(shape)) - lowest
-        if abs(rise - CHI2_95) < 0.6 or end in (f.low, f.high):
+        if abs(rise / rise_wanted - 1.0) < 0.15 or (end == bound and rise < rise_wanted):
             break
-        reach *= float(np.clip(np.sqrt(CHI2_95 / max(rise, 0.1)), 0.5, 2.0))
+        reach *= float(np.clip(np.sqrt(rise_wanted / max(rise, 0.03 * rise_wanted)), 0.5, 2.0))
     return end
 
 
@@ -109,7 +145,7 @@ def _effect(
     part: Part,
     place: int,
     values: Mapping[str, float | tuple[float, ...]],
-    known: Mapping[Key, tuple[float, float]],
+    known: Mapping[Key, Known],
     solved: Mapping[str, list[float]],
     ends: Mapping[Key, tuple[float, float]],
 ) -> FittedEffect:
@@ -119,10 +155,10 @@ def _effect(
         if q.name not in values or (q.nuisance and q.many and not values[q.name]):
             continue
         numbers = as_tuple(values[q.name])
-        deviations = [known.get((place, q.name, i), (0.0, np.nan))[1] for i in range(len(numbers))]
+        deviations = [known.get((place, q.name, i), UNKNOWN).deviation for i in range(len(numbers))]
         deviations = solved.get(q.name, deviations)
         intervals = [
-            ends.get((place, q.name, i), _interval(q, v, s))
+            ends.get((place, q.name, i), _interval(e, q, v, s))
             for i, (v, s) in enumerate(zip(numbers, deviations, strict=True))
         ]
         ci = None if any(i is None for i in intervals) or not intervals else intervals
@@ -137,26 +173,33 @@ def _effect(
     return FittedEffect(e.name, parameters, part.column, e.sentence, e.fitting.meaning, str(e.stage))
 
 
-def _interval(q: Parameter, value: float, deviation: float) -> tuple[float, float] | None:
+def _interval(e: Effect, q: Parameter, value: float, deviation: float) -> tuple[float, float] | None:
     if not np.isfinite(deviation) or not np.isfinite(value):
         return None
-    return float(max(value - NORMAL_95 * deviation, q.low)), float(min(value + NORMAL_95 * deviation, q.high))
+    wide = float(np.hypot(NORMAL_95 * deviation, 0.0 if on_the_clock(e, q.name) else MODEL_ERROR * value))
+    return float(max(value - wide, q.low)), float(min(value + wide, q.high))
 
 
 def process_parameters(problem: Problem, fitted: Fit) -> dict[str, FittedParameter]:
     """Return Kp, tau, theta (where it is part of the model) and offset with their intervals."""
     known, C = covariance(problem, fitted)
 
-    def number(value: float, deviation: float, unit: str, meaning: str) -> FittedParameter:
-        wide = NORMAL_95 * deviation
+    def number(value: float, deviation: float, size: float, unit: str, meaning: str) -> FittedParameter:
+        wide = float(np.hypot(NORMAL_95 * deviation, MODEL_ERROR * size))
         return FittedParameter(value, unit, (value - wide, value + wide) if np.isfinite(wide) else None, meaning)
 
+    def searched(name: str, meaning: str) -> FittedParameter:
+        found = known[-1, name, 0]
+        return number(found.value, found.deviation, found.value, "s", meaning)
+
     sd = np.sqrt(np.maximum(np.diag(C), 0.0))
+    # a gain that is 1 % off turns PV about its mean, which moves what it would be at no output
+    turned = fitted.gain * float(np.mean(problem.output[problem.used]))
     out = {
-        "Kp": number(fitted.gain, float(sd[0]), "1", "static gain, PV span per OP span"),
-        "tau": number(*known[(-1, "lag", 0)], "s", "time constant"),
-        "offset": number(float(fitted.coefficients[1]), float(sd[1]), "PV span", "PV at no output"),
+        "Kp": number(fitted.gain, float(sd[0]), fitted.gain, "1", "static gain, PV span per OP span"),
+        "tau": searched("lag", "time constant"),
+        "offset": number(float(fitted.coefficients[1]), float(sd[1]), turned, "PV span", "PV at no output"),
     }
     if problem.delay is not None:
-        out["theta"] = number(*known[(-1, "delay", 0)], "s", "dead time of the settings, refined")
+        out["theta"] = searched("delay", "dead time of the settings, refined")
     return out

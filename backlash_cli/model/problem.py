@@ -33,7 +33,7 @@ class Problem:
     """Uniform grid of one loop: all arrays (samples,), normalised, without nan.
 
     output: OP, straight lines over holes. measurement: PV, 0 where `used` is False. recorded: PV with nan in holes.
-    setpoint: SP, held over holes. columns: further measured columns, interpolated over holes.
+    setpoint: SP, held over holes. columns: means of further measured columns up to the next sample, holes interpolated.
     delay: dead time [s] known from the settings, None when the settings give none. holes: where OP is not known.
     floor: standard deviation of the measurement noise [span], from third differences. memory: load columns by part,
     shared by problems that differ in their mask only.
@@ -117,7 +117,7 @@ def problem_from_record(record: Record) -> Problem:
     for name, values in record.disturbances.items():
         grid = on_grid(values)
         if np.count_nonzero(np.isfinite(grid)) >= 0.5 * samples and np.nanstd(grid) > 0:
-            columns[name] = _interpolate(grid)
+            columns[name] = _until_next(_interpolate(grid))
     return Problem(
         loop=record.loop,
         interval=record.interval,
@@ -189,6 +189,11 @@ def _hold(values: FloatArray) -> FloatArray:
     last[last < 0] = int(np.argmax(good))
     out: FloatArray = values[last]
     return out
+
+
+def _until_next(values: FloatArray) -> FloatArray:
+    """Return the mean of a signal (samples,) from each sample to the next: unlike OP it moves on between scans."""
+    return 0.5 * (values + np.append(values[1:], values[-1]))
 
 
 def _interpolate(values: FloatArray) -> FloatArray:

@@ -189,8 +189,11 @@ def attempt(random: np.random.Generator, tier: str, names: tuple[str, ...]) -> C
         else:
             recorder = (Recorder(use("exception_compression", deviation=step), ("PV",)),)
     lags = (lag, lag2) if lag2 else (lag,)
+    if delay > 0.0:
+        # on the way from the valve: loads act on the process itself, as in the model
+        parts.append(use("dead_time", theta=delay))
     scenario = Scenario(
-        controller, Process(gain=gain, lags=lags, dead_time=delay), duration=duration, step=inner,
+        controller, Process(gain=gain, lags=lags), duration=duration, step=inner,
         effects=tuple(parts), setpoint=setpoint, output=output, sample_time=h, columns=columns, recorder=recorder,
         seed=int(random.integers(1 << 30)), name="loop",
     )  # fmt: skip
