@@ -8,6 +8,7 @@ again with one, so that neither has the better noise model. Evidence is the diff
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,14 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray
+from . import likelihood
 from . import whitening as core
-from .load_steps import load_steps
+from .load_steps import load_steps, step_information
 
 STEP_LIMIT = 4.0  # a load step must stand out this much under every d: one false one in 16,000 rows
 STEP_PASSES = 5
-SPREAD = (0.35, 0.8, 1.0)  # first steps of the search: ln lag, ln ratio, logit phi
-LOWEST = np.array([-1.0, -16.0, -4.0])
-HIGHEST = np.array([3.5, 8.0, 6.0])
 DROP = 3.0  # nats from the top to the ends of the likelihood interval
 
 
@@ -71,71 +70,51 @@ class Fitter:
         self.r = rows
         n = len(rows.y)
         self.shock = np.zeros(n)
-        starts = np.flatnonzero(rows.first)
-        counted = np.ones(n, dtype=bool)
-        for s in starts:
-            counted[s : s + core.WARM_UP] = False
-        self.counted = np.flatnonzero(counted)
+        self.counted = np.ones(n, dtype=bool)
+        for s in np.flatnonzero(rows.first):
+            self.counted[s : s + core.WARM_UP] = False
         jumps = np.abs(np.diff(rows.y))[~rows.first[1:]]
         self.ridge = max(float(np.median(jumps)) / 0.6745 / np.sqrt(2.0), 1e-6) ** 2
-        self.calls = 0
+        self.G, self.S = np.empty((n, 4)), np.empty(n)
+        self.R = np.empty((2, n))
+        self._room = np.zeros((n, core.LANES)), np.empty((core.USED, n))
 
-    def run(self, p: FloatArray, x: FloatArray, *, residuals: bool = False) -> Any:
-        """Log-likelihood, noise variance, responses, residuals of each row of x; and what the filter was."""
-        a = 1.0 - np.exp(-1.0 / np.exp(p[0]))
-        phi = 1.0 / (1.0 + np.exp(-p[2]))
-        G, S = core.gains(a, np.exp(p[1]), phi, self.shock, self.r.first)
-        self.calls += len(x)
-        return (*core.regress(self.r.y, x, G, S, a, phi, self.r.first, self.counted, self.ridge,
-                               self.r.line, residuals),
-                (G, S, a, phi))
+    def pair(self, p: FloatArray, xa: FloatArray, xb: FloatArray | None = None) -> Any:
+        """Log-likelihoods (2,), noise variances (2,) and responses (2, lags) of two valve positions (rows,).
 
-    def ll(self, p: FloatArray, x: FloatArray) -> FloatArray:
-        """Log-likelihood (candidates,)."""
-        result: FloatArray = self.run(p, x)[0]
-        return result
+        Residuals are left in `R`, gains and variances of the filter in `G` and `S`.
+        """
+        return likelihood.pair(p, xa, xa if xb is None else xb, xb is not None, self.r.y, self.r.line, self.r.first,
+                               self.counted, self.ridge, self.shock, self.G, self.S, *self._room, self.R)
 
-    def climb(self, x: FloatArray, p: FloatArray, rounds: int) -> tuple[FloatArray, float]:
-        """Maximise over p from a start, one number after the other with halving steps, for one valve position x."""
-        one = x[None, :]
-        best = float(self.ll(p, one)[0])
-        step = np.array(SPREAD)
-        for _ in range(rounds):
-            for i in range(len(p)):
-                for sign in (1.0, -1.0):
-                    moved = False
-                    while True:
-                        trial = p.copy()
-                        trial[i] += sign * step[i]
-                        if trial[i] < LOWEST[i] or trial[i] > HIGHEST[i]:
-                            break
-                        value = float(self.ll(trial, one)[0])
-                        if value <= best + 0.2:
-                            break
-                        p, best, moved = trial, value, True
-                    if moved:
-                        break
-            step = step / 2.0
-        return p, best
+    def climb(self, p: FloatArray, which: int, j: int, rounds: int = 1, share: float = 1.0) -> FloatArray:
+        """Best p and log-likelihood (2, 4) of OP and of width j, on the way up for one of them."""
+        best: FloatArray = likelihood.climb(
+            p, which, rounds, share, self.r.x[0], self.r.x[j], self.r.y, self.r.line, self.r.first, self.counted,
+            self.ridge, self.shock, self.G, self.S, *self._room, self.R)
+        return best
 
-    def best_of(self, starts: list[FloatArray], x: FloatArray) -> tuple[float, int, FloatArray]:
-        """Best log-likelihood over starts and candidates: its value, the candidate, the start."""
-        found = []
-        for p in starts:
-            values = self.ll(p, x)
-            j = int(np.argmax(values))
-            found.append((float(values[j]), j, p))
-        return max(found, key=lambda f: f[0])
+    def ll(self, p: FloatArray, x: Iterable[FloatArray]) -> FloatArray:
+        """Log-likelihood of each valve position in x."""
+        x = list(x)
+        found = [self.pair(p, x[i], x[i + 1] if i + 1 < len(x) else None)[0] for i in range(0, len(x), 2)]
+        return np.concatenate(found)[: len(x)]
 
-    def add_load_steps(self, p: FloatArray, x: FloatArray) -> bool:
-        """Allow for load steps that stand out under every candidate x; False when there are none left."""
-        _, noise, _, residuals, (G, S, a, phi) = self.run(p, x, residuals=True)
+    def add_load_steps(self, p: FloatArray, some: Sequence[int]) -> bool:
+        """Allow for load steps that stand out under every width of `some`; False when there are none left."""
+        a, phi = 1.0 - np.exp(-1.0 / np.exp(p[0])), 1.0 / (1.0 + np.exp(-p[2]))
         statistic = np.full(len(self.r.y), np.inf)
         size = np.full(len(self.r.y), np.inf)
-        for r, s2 in zip(residuals, noise, strict=True):
-            t, step = load_steps(r / np.sqrt(s2), G, S, a, phi, self.r.first)
-            statistic = np.minimum(statistic, np.abs(t))
-            size = np.minimum(size, step * step)
+        information = None
+        for i in range(0, len(some), 2):
+            two = some[i : i + 2]
+            noise = self.pair(p, *(self.r.x[j] for j in two))[1]
+            if information is None:
+                information = step_information(self.G, self.S, a, phi, self.r.first)
+            for c in range(len(two)):
+                t, step = load_steps(self.R[c] / np.sqrt(noise[c]), information, self.G, self.S, a, phi, self.r.first)
+                statistic = np.minimum(statistic, np.abs(t))
+                size = np.minimum(size, step * step)
         statistic[: core.WARM_UP - 4] = 0.0
         top = statistic.copy()
         for shift in (1, 2):
@@ -146,40 +125,97 @@ class Fitter:
         return bool(hit.any())
 
 
+@dataclass
+class State:
+    """Where a search stands: best p and log-likelihood without a dead band (p0, f0), and with width j (p1, f1)."""
+
+    p0: FloatArray
+    f0: float
+    p1: FloatArray
+    f1: float
+    j: int
+
+
 def weigh(rows: Rows) -> Evidence:
-    """Return the evidence for a dead band in `rows` (at least one width)."""
+    """Return the evidence for a dead band in `rows` (at least two widths)."""
     fit = Fitter(rows)
     x, n = rows.x, len(rows.widths)
+    coarse = list(range(min(2, n), n + 1, 3))
     lag = np.log(rows.lag)
     starts = [np.array([lag + np.log(share), ratio, smooth])
               for share in (0.6, 1.4) for ratio, smooth in ((-11.0, -2.0), (-5.0, -2.0), (0.0, -1.0))]
-    coarse = np.arange(1, n + 1, 2)
-    _, _, p0 = fit.best_of(starts, x[:1])
-    p0, f0 = fit.climb(x[0], p0, 2)
-    _, j, p1 = fit.best_of([*starts, p0], x[coarse])
-    j = int(coarse[j])
-    p1, f1 = fit.climb(x[j], p1, 2)
+    s = _start(fit, starts, coarse)
     for _ in range(STEP_PASSES):
-        some = np.unique([0, j, *range(0, n + 1, 2)])
-        if not fit.add_load_steps(p1 if f1 > f0 else p0, x[some]):
+        some = sorted({0, s.j, *(int(np.clip(s.j + k, 1, n)) for k in (-6, -2, 2, 6))})
+        if not fit.add_load_steps(s.p1 if s.f1 > s.f0 else s.p0, some):
             break
-        p0, f0 = fit.climb(x[0], p0, 1)
-        _, j, p1 = fit.best_of([p1, p0], x[1:])
-        j += 1
-        p1, f1 = fit.climb(x[j], p1, 1)
-    _, _, p = fit.best_of(starts, x[:1])
-    p0, f0 = max(fit.climb(x[0], p, 2), fit.climb(x[0], p0, 2), key=lambda c: c[1])
-    _, j, p1 = fit.best_of([*starts, p0, p1], x[1:])
+        s = _again(fit, s, coarse)
+    s = _final(fit, s, starts, coarse)
+    values = fit.ll(s.p1, x[1:])
+    s.j = int(np.argmax(values)) + 1
+    return _summary(fit, s.p0, s.f0, s.p1, s.j, values)
+
+
+def _better(a: FloatArray, p: FloatArray, f: float) -> tuple[FloatArray, float]:
+    return (a[:3], float(a[3])) if a[3] > f else (p, f)
+
+
+def _start(fit: Fitter, starts: list[FloatArray], coarse: list[int]) -> State:
+    x = fit.r.x
+    middle = coarse[len(coarse) // 2]
+    found = [fit.pair(p, x[0], x[middle])[0] for p in starts]
+    p0 = starts[int(np.argmax([f[0] for f in found]))]
+    best = fit.climb(p0, 0, middle, 2)
+    p0, f0 = best[0, :3], float(best[0, 3])
+    values = fit.ll(p0, x[coarse])
+    j = coarse[int(np.argmax(values))]
+    best = fit.climb(p0, 1, j)
+    p0, f0 = _better(best[0], p0, f0)
+    return State(p0, f0, best[1, :3], float(best[1, 3]), j)
+
+
+def _again(fit: Fitter, s: State, coarse: list[int]) -> State:
+    x = fit.r.x
+    p = s.p1 if s.f1 > s.f0 else s.p0
+    near = sorted({*coarse, *(int(np.clip(s.j + k, 1, len(x) - 1)) for k in (-1, 0, 1))})
+    values = fit.ll(p, x[near])
+    j = near[int(np.argmax(values))]
+    which = int(values.max() > fit.ll(p, x[:1])[0])
+    best = fit.climb(p, which, j)
+    other = fit.climb(best[which, :3], 1 - which, j)
+    best = np.where(other[:, 3:] > best[:, 3:], other, best)
+    return State(best[0, :3], float(best[0, 3]), best[1, :3], float(best[1, 3]), j)
+
+
+def _final(fit: Fitter, s: State, starts: list[FloatArray], coarse: list[int]) -> State:
+    x = fit.r.x
+    best = fit.climb(s.p0, 0, s.j)
+    p0, f0 = best[0, :3], float(best[0, 3])
+    p1, f1 = best[1, :3], float(best[1, 3])
+    found = [fit.pair(p, x[0], x[s.j])[0] for p in starts]
+    for c in range(2):
+        k = int(np.argmax([f[c] for f in found]))
+        if found[k][c] > (f0, f1)[c] - 5.0:
+            best = fit.climb(starts[k], c, s.j)
+            p0, f0 = _better(best[0], p0, f0)
+            p1, f1 = _better(best[1], p1, f1)
+    j = s.j
     for _ in range(3):
-        j += 1
-        p1, f1 = fit.climb(x[j], p1, 2)
-        values = fit.ll(p1, x[1:])
-        if int(np.argmax(values)) == j - 1:
+        near = sorted({*coarse, *(int(np.clip(j + k, 1, len(x) - 1)) for k in (-2, -1, 0, 1, 2))})
+        values = fit.ll(p1, x[near])
+        k = near[int(np.argmax(values))]
+        if k == j:
             break
-        j = int(np.argmax(values))
-    j = int(np.argmax(values)) + 1
-    p0, f0 = max((p0, f0), fit.climb(x[0], p1, 2), key=lambda c: c[1])
-    return _summary(fit, p0, f0, p1, j, values)
+        j = k
+        best = fit.climb(p1, 1, j, share=0.5)
+        p0, f0 = _better(best[0], p0, f0)
+        p1, f1 = best[1, :3], float(best[1, 3])
+    best = fit.climb(p1, 1, j, share=0.5)
+    p0, f0 = _better(best[0], p0, f0)
+    p1, f1 = _better(best[1], p1, f1)
+    best = fit.climb(p0, 0, j, share=0.5)
+    p0, f0 = _better(best[0], p0, f0)
+    return State(p0, f0, p1, f1, j)
 
 
 def between(rows: Rows, d: float) -> FloatArray:
@@ -208,14 +244,14 @@ def _summary(fit: Fitter, p0: FloatArray, f0: float, p1: FloatArray, j: int, val
     half = float(np.max(fit.ll(p1, 0.5 * (linear + hysteresis)))) - f0
     mirror = float(np.max(fit.ll(p0, 2.0 * linear - hysteresis))) - f0
     at = between(rows, d) if len(widths) > 1 else rows.x[1]
-    ll, noise, b, residual, (_, S, _, _) = fit.run(p1, at[None, :], residuals=True)
-    _, _, _, without, (_, S0, _, _) = fit.run(p0, linear, residuals=True)
-    nothing = float(fit.ll(p1, np.zeros_like(linear))[0])
     k = fit.counted
-    reduction = 1.0 - float(np.median(residual[0, k] ** 2 * S[k]) / np.median(without[0, k] ** 2 * S0[k]))
+    fit.pair(p0, linear[0])
+    without = float(np.median(fit.R[0, k] ** 2 * fit.S[k]))
+    ll, noise, b = fit.pair(p1, at, np.zeros_like(at))
+    reduction = 1.0 - float(np.median(fit.R[0, k] ** 2 * fit.S[k])) / without
     return Evidence(
         d, interval, max(top, float(ll[0])) - f0, half, mirror, reduction, float(np.sqrt(noise[0])),
-        int(np.count_nonzero(fit.shock)), len(k), float(ll[0]) - nothing, float(b[0].sum()),
+        int(np.count_nonzero(fit.shock)), int(k.sum()), float(ll[0] - ll[1]), float(b[0].sum()),
         tuple((float(w), float(v - f0)) for w, v in zip(grid[order], level[order], strict=True)),
     )
 

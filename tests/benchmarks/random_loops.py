@@ -27,8 +27,11 @@ class RandomLoop:
     output_range: float
 
 
-def draw(seed: int, kind: str | None = None, d: float | None = None) -> RandomLoop:
-    """Return a loop drawn from `seed`; `kind` and `d` [span] are drawn too where they are not given."""
+def draw(seed: int, kind: str | None = None, d: float | None = None, samples: int | None = None) -> RandomLoop:
+    """Return a loop drawn from `seed`; `kind` and `d` [span] are drawn too where they are not given.
+
+    samples: length at 1 s, 250 Ti where it is not given (4,000 to 14,400).
+    """
     for attempt in range(100):
         rng = np.random.default_rng((seed, attempt))
         which = kind or str(rng.choice(LOADS + CONTROLS))
@@ -38,15 +41,15 @@ def draw(seed: int, kind: str | None = None, d: float | None = None) -> RandomLo
         scale = float(np.clip(rng.choice([2.0, 3.0, 4.0, 6.0, 8.0]), 2.2 / Ti_unit, 100.0 / Ti_unit))
         gain = rng.uniform(0.7, 2.2)
         Ti = scale * Ti_unit
-        samples = int(np.clip(250 * Ti, 4000, 14400))
+        length = samples or int(np.clip(250 * Ti, 4000, 14400))
         process = Process(gain=gain, lags=tuple(scale * lag for lag in unit.lags), dead_time=scale * unit.dead_time,
                           numerator=tuple(c * scale ** (len(unit.numerator) - 1 - i)
                                           for i, c in enumerate(unit.numerator)))
-        loads, setpoint = _motion(which, Ti, samples, rng)
+        loads, setpoint = _motion(which, Ti, length, rng)
         noise = 0.0005 * 10 ** rng.uniform(0, 1)
         valve = (use("backlash", d=size),) if size else ()
         scenario = Scenario(
-            Controller(K=K_unit / gain, Ti=Ti), process, duration=float(samples), step=1.0, output=0.5,
+            Controller(K=K_unit / gain, Ti=Ti), process, duration=float(length), step=1.0, output=0.5,
             effects=(*valve, *loads, use("measurement_noise", density=noise**2)), setpoint=Signal(0.5, setpoint),
             seed=seed, name=f"R{seed:04d}",
         )

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.confirm import ConfirmationScanner, confirm
-from backlash_cli.estimator.decimate import WIDTHS, BlockMeans
+from backlash_cli.estimator.confirm import MOST_ROWS, ConfirmationScanner, confirm
+from backlash_cli.estimator.decimate import STRETCH, WIDTHS, BlockMeans
 from backlash_cli.kernels import play
 from backlash_cli.record import LoopSettings, Note, Record, SampleState
 from backlash_cli.results import Confirmation, Verdict
@@ -38,8 +38,8 @@ def healthy() -> Record:
 def test_block_means_are_those_of_play_at_full_rate():
     rng = np.random.default_rng(2)
     u = np.cumsum(rng.normal(0.0, 0.004, 700))
-    blocks = BlockMeans(7)
-    blocks.update(np.arange(700), 2.0 * u, u, np.ones(700, bool))
+    blocks = BlockMeans(7, 3000)
+    blocks.update(np.arange(700), np.full(700, 0.5), 2.0 * u, u, np.zeros(700, np.uint8))
     at, means = blocks.rows()
     assert len(at) == 100
     np.testing.assert_allclose(means[:, 0], 2.0 * u.reshape(-1, 7).mean(1), atol=1e-12)
@@ -97,6 +97,25 @@ def test_manual_stretches_and_gaps_are_left_out(worn: Record):
     assert found.d == pytest.approx(0.03, rel=0.2)
 
 
+def test_of_a_long_record_the_stretches_with_the_most_motion_are_kept():
+    rng = np.random.default_rng(3)
+    n, size, most = 20_000, 4, 1500
+    u = np.cumsum(rng.normal(0.0, 1e-4, n))
+    busy = slice(8_000, 10_000)
+    u[busy] += 0.02 * np.sin(np.arange(2_000) / 20.0)
+    at, means = {}, {}
+    for cuts in ([0, n], [0, 777, 9_001, 9_002, 15_000, n]):
+        blocks = BlockMeans(size, most)
+        for low, high in pairwise(cuts):
+            k = np.arange(low, high)
+            blocks.update(k, np.full(len(k), 0.5), u[k], u[k], np.zeros(len(k), np.uint8))
+        at[len(cuts)], means[len(cuts)] = blocks.rows()
+        assert sum(s.rows for s in blocks._kept.values()) <= most + 2 * STRETCH
+    np.testing.assert_array_equal(at[2], at[6])
+    np.testing.assert_allclose(means[2], means[6], atol=1e-12)
+    assert len(at[2]) == most and set(range(2_000, 2_500)) <= set(at[2].tolist())
+
+
 def test_refusals_say_why(worn: Record):
     short = confirm(worn.slice(0, 400))
     assert isinstance(short, Note)
@@ -110,7 +129,7 @@ def test_memory_is_bounded_by_the_decimated_length(worn: Record):
     scanner = ConfirmationScanner(worn.settings, 1.0)
     scanner.update(worn)
     _, means = scanner._blocks.rows()
-    assert len(means) == len(worn) // scanner.size
+    assert len(means) == min(len(worn) // scanner.size, MOST_ROWS)
 
 
 # Robustness: the verdict stays, or becomes "cannot tell"; never a confident wrong one.

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import nnls
+from scipy.optimize import minimize_scalar, nnls
 
 from backlash_cli.estimator import whitening as core
-from backlash_cli.estimator.load_steps import load_steps
+from backlash_cli.estimator.likelihood import T_FREEDOM, pair, t_scale
+from backlash_cli.estimator.load_steps import load_steps, step_information
 from backlash_cli.estimator.step_response import DIP, nonnegative, response_base
 
 
@@ -28,6 +29,16 @@ def test_nonnegative_least_squares_agrees_with_scipy(seed: int):
 def test_the_base_keeps_every_step_response_above_its_bound(v: list[float]):
     response = np.cumsum(response_base(6) @ np.array(v))
     assert np.all(response >= -DIP * response[-1] - 1e-12)
+
+
+def whitened(y, a, ratio, phi, shock, first):
+    """Innovations of y over their deviation, gains and variances."""
+    n = len(y)
+    G, S, T, E = np.empty((n, 4)), np.empty(n), np.zeros((n, core.LANES)), np.empty((core.USED, n))
+    core.gains(a, ratio, phi, shock, first, G, S)
+    T[:, 0] = y
+    core.whiten(T, G, 1.0 / np.sqrt(S), a, phi, first, E)
+    return E[0], G, S
 
 
 def brute_force(y, a, ratio, phi, shock):
@@ -62,9 +73,7 @@ def test_whitened_rows_have_the_density_of_the_model():
     shock[6] = 25.0
     y = rng.normal(size=n)
     first = np.arange(n) == 0
-    G, S = core.gains(a, ratio, phi, shock, first)
-    e = np.empty(n)
-    core.whiten(y, G, 1.0 / np.sqrt(S), a, phi, first, e)
+    e, _, S = whitened(y, a, ratio, phi, shock, first)
     assert -0.5 * (np.sum(e**2) + np.sum(np.log(S))) == pytest.approx(brute_force(y, a, ratio, phi, shock), abs=1e-4)
 
 
@@ -79,10 +88,8 @@ def test_a_load_step_is_found_where_it_is_and_as_large_as_it_is():
         z2 += a * (z1 - z2)
         y[k] = z2 + rng.normal()
     first = np.arange(n) == 0
-    G, S = core.gains(a, 1e-4, 0.1, np.zeros(n), first)
-    e = np.empty(n)
-    core.whiten(y, G, 1.0 / np.sqrt(S), a, 0.1, first, e)
-    statistic, found = load_steps(e, G, S, a, 0.1, first)
+    e, G, S = whitened(y, a, 1e-4, 0.1, np.zeros(n), first)
+    statistic, found = load_steps(e, step_information(G, S, a, 0.1, first), G, S, a, 0.1, first)
     k = int(np.argmax(np.abs(statistic)))
     assert abs(k - at) <= 1
     assert found[k] == pytest.approx(size, rel=0.25)
@@ -102,12 +109,26 @@ def test_regression_recovers_a_process_from_its_input():
     y[2:] = 1.5 * f[:-2]
     y += 0.05 * rng.normal(size=n)
     first = np.arange(n) == 0
-    G, S = core.gains(a, 1e-5, 0.1, np.zeros(n), first)
-    rows = np.arange(20, n)
-    candidates = np.array([x, np.roll(x, 5)])
-    ll, noise, b, _ = core.regress(y, candidates, G, S, a, 0.1, first, rows, 1e-6, np.empty((0, 0)), False)
+    p = np.array([np.log(-1.0 / np.log(1.0 - a)), np.log(1e-5), np.log(0.1 / 0.9)])
+    room = np.empty((n, 4)), np.empty(n), np.zeros((n, core.LANES)), np.empty((core.USED, n)), np.empty((2, n))
+    ll, noise, b = pair(p, x, np.roll(x, 5), True, y, np.empty((0, n)), first, np.arange(n) >= 20, 1e-6, np.zeros(n),
+                        *room)
     assert ll[0] > ll[1]
     # the scale of a Student t with 6 degrees of freedom fitted to normal noise is 0.86 of its deviation
     assert np.sqrt(noise[0]) == pytest.approx(0.86 * 0.05, rel=0.1)
     assert b[0].sum() == pytest.approx(1.5, rel=0.03)
     assert core.LAGS[int(np.argmax(b[0]))] == 2
+
+
+@pytest.mark.parametrize("outliers", [0, 3, 40])
+def test_the_scale_of_the_residuals_is_the_most_likely_one(outliers: int):
+    rng = np.random.default_rng(outliers)
+    r = 0.02 * rng.normal(size=400)
+    r[:outliers] *= 30.0
+    s2, logs = t_scale(r, len(r))
+
+    def loss(ln_s2: float) -> float:
+        return 0.5 * (T_FREEDOM + 1.0) * np.sum(np.log1p(r**2 / (T_FREEDOM * np.exp(ln_s2)))) + 0.5 * len(r) * ln_s2
+
+    best = minimize_scalar(loss, bracket=(-12.0, -4.0)).fun
+    assert 0.5 * (T_FREEDOM + 1.0) * logs + 0.5 * len(r) * np.log(s2) == pytest.approx(best, abs=0.02)
