@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import click
 
 from .options import inputs_argument, loops_option, reading_options
-from .terminal import say
 
 if TYPE_CHECKING:
     from ..loaders import ReadOptions
@@ -16,6 +15,7 @@ if TYPE_CHECKING:
 
 @click.command(epilog="\b\nExamples:\n  backlash compare sample_data/plant.csv --loop FIC109\n"
                "  backlash compare sample_data/plant.csv --loop FIC109 --html compare.html\n"
+               "  backlash explain sample_data/plant.csv --loop FIC109 --save-model fic109.toml\n"
                "  backlash compare sample_data/plant.csv --model fic109.toml")
 @inputs_argument
 @click.option("--loop", metavar="NAME", help="The loop to look at. Default: the model's, or the only one there is.")
@@ -40,14 +40,11 @@ def compare(inputs: tuple[Path, ...], loop: str | None, model_file: Path | None,
     INPUT is one or more CSV or Parquet files, or folders of them; they must hold the controller output (OP). The
     error is given for the fit, for samples the fit did not see, and beside the measurement noise.
     """
-    import sys
-
     from ..api import load_model
     from ..model import compare as compare_with
-    from ..reporter.explain_json import to_json
-    from ..reporter.explain_picture import check_picture, write_picture
+    from ..reporter.explain_picture import check_picture
     from ..reporter.explain_text import comparison_text
-    from .one_loop import check_places, model_for, one_loop, put
+    from .one_loop import check_places, deliver, model_for, one_loop
 
     check_picture(picture)
     check_places(inputs, json_file, html, picture)
@@ -56,15 +53,7 @@ def compare(inputs: tuple[Path, ...], loop: str | None, model_file: Path | None,
     record = one_loop(inputs, loop, loops, reading)
     model = None if model_file is None else model_for(model_file, record, other_loop=other_loop)
     found = compare_with(record, model)
-    if picture is not None:
-        write_picture(found, picture)
-        say(f"picture written to {picture}")
-    if html is not None:
-        from ..reporter.compare_page import compare_page
+    from ..reporter.compare_page import compare_page
 
-        put(html, compare_page(found), "page")
-    if json_file is not None:
-        put(json_file, to_json(found), "numbers")
-    if str(json_file) != "-":
-        put(Path("-"), comparison_text(found, verbose=verbose, colour=sys.stdout.isatty()))
+    deliver(found, compare_page, comparison_text, picture=picture, html=html, json_file=json_file, verbose=verbose)
     return 0

@@ -55,10 +55,8 @@ def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], ou
 
     Exit status: 0 done; 2 wrong use, or the loop cannot be explained; 3 with --all: done, but some loop could not be.
     """
-    import sys
-
     from ..effects.registry import load_effect
-    from .one_loop import check_places, check_together, model_for, one_loop, put
+    from .one_loop import check_places, check_together, deliver, model_for, one_loop
 
     check_together(every=every, plant={"--output": output, "--jobs": jobs, "--sample": reading.sample,
                                        "--loops-matching": reading.loops_matching}, single={
@@ -75,8 +73,7 @@ def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], ou
     from ..api import load_model
     from ..api import save_model as keep
     from ..model import explain as explain_record
-    from ..reporter.explain_json import to_json
-    from ..reporter.explain_picture import check_picture, write_picture
+    from ..reporter.explain_picture import check_picture
     from ..reporter.explain_text import explanation_text
 
     check_picture(picture)
@@ -88,15 +85,7 @@ def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], ou
     if save_model is not None and found.model is not None:
         keep(found.model, save_model)
         say(f"model written to {save_model}")
-    if picture is not None:
-        write_picture(found, picture)
-        say(f"picture written to {picture}")
-    if html is not None:
-        from ..reporter.explain_page import explain_page
+    from ..reporter.explain_page import explain_page
 
-        put(html, explain_page(found), "page")
-    if json_file is not None:
-        put(json_file, to_json(found), "numbers")
-    if str(json_file) != "-":
-        put(Path("-"), explanation_text(found, verbose=verbose, colour=sys.stdout.isatty()))
+    deliver(found, explain_page, explanation_text, picture=picture, html=html, json_file=json_file, verbose=verbose)
     return 0

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from ..errors import LoopError, UsageError
 from .terminal import emit, say
@@ -13,7 +14,9 @@ from .terminal import emit, say
 if TYPE_CHECKING:
     from ..loaders import Plant, ReadOptions
     from ..record import Record
-    from ..results import Model
+    from ..results import Comparison, Explanation, Model
+
+Found = TypeVar("Found", "Comparison", "Explanation")
 
 
 def one_loop(inputs: Sequence[Path], name: str | None, loops: Path | None, reading: ReadOptions) -> Record:
@@ -68,6 +71,26 @@ def put(path: Path, text: str, what: str = "") -> None:
         return
     write_text(path, text)
     say(f"{what} written to {path}")
+
+
+def deliver(
+    found: Found, page: Callable[[Found], str], text: Callable[..., str], *, picture: Path | None, html: Path | None,
+    json_file: Path | None, verbose: bool,
+) -> None:
+    """Write what was asked for, and show the text unless the numbers go to standard output."""
+    if picture is not None:
+        from ..reporter.explain_picture import write_picture
+
+        write_picture(found, picture)
+        say(f"picture written to {picture}")
+    if html is not None:
+        put(html, page(found), "page")
+    if json_file is not None:
+        from ..reporter.explain_json import to_json
+
+        put(json_file, to_json(found), "numbers")
+    if str(json_file) != "-":
+        put(Path("-"), text(found, verbose=verbose, colour=sys.stdout.isatty()))
 
 
 def model_for(path: Path, record: Record, *, other_loop: bool) -> Model:

@@ -1,9 +1,14 @@
 """backlash compare: from an export to the error and where it is; every mistake is one message that says what to do."""
 
 import json
+import re
+import shlex
+from pathlib import Path
 
+import click
 import pytest
 
+from backlash_cli.__main__ import cli
 from backlash_cli.api import save_model
 from backlash_cli.results import Model, ModelEffect
 from tests.commands.run import run
@@ -105,3 +110,16 @@ def test_twenty_samples_are_too_few(loop, tmp_path, capfd):
     for command in ("compare", "explain"):
         done = run(capfd, command, tmp_path / "FIC101.csv")
         assert done.status == 2 and "20 usable samples" in done.err and "longer" in done.err
+
+
+def test_the_examples_of_the_help_work_one_after_the_other(tmp_path, monkeypatch, capfd):
+    command = cli.get_command(click.Context(cli), "compare")
+    text = command.get_help(click.Context(command, max_content_width=120))
+    (tmp_path / "sample_data").symlink_to(Path(__file__).parents[2] / "sample_data")
+    monkeypatch.chdir(tmp_path)
+    examples = re.findall(r"^ *backlash (.*)$", text, re.MULTILINE)
+    assert len(examples) == 4
+    for example in examples:
+        done = run(capfd, *shlex.split(example))
+        assert done.status == 0, (example, done.err)
+    assert "This is the record that the model was fitted to" in done.out

@@ -8,7 +8,7 @@ from backlash_cli.history.store import History
 from backlash_cli.reporter.history_report import write_report
 from backlash_cli.results import Verdict
 from tests.history.nights import growing, made, result
-from tests.reporter.chromium import Browser
+from tests.reporter.chromium import Browser, quiet_page  # noqa: F401  it acts on every test here
 
 HOSTILE = "</script><img src=x onerror=alert(1)>"
 CELLS = "Array.from(document.querySelector('tbody').rows).filter(r => !r.hidden).map(r => r.cells[%d].textContent)"
@@ -36,16 +36,6 @@ def folder(tmp_path_factory):
         for name in ("wear.html", "wear"):
             write_report(folder / name, plant.places, plant.wears, plant.nights, history.recent_half_periods)
     return folder
-
-
-@pytest.fixture(autouse=True)
-def quiet_page(browser):
-    browser.errors.clear()
-    browser.requests.clear()
-    yield
-    browser.evaluate("1")
-    assert not browser.errors
-    assert not [r for r in browser.requests if not r.startswith(("file:", "data:", "blob:"))]
 
 
 @pytest.mark.parametrize("width", [360, 768, 1600])

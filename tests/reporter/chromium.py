@@ -25,6 +25,17 @@ def executable() -> str:
     return found
 
 
+@pytest.fixture(autouse=True)
+def quiet_page(browser):
+    """Whatever a test does with a page, it may raise no error and ask for nothing outside its folder."""
+    browser.errors.clear()
+    browser.requests.clear()
+    yield
+    browser.evaluate("1")
+    assert not browser.errors
+    assert not [r for r in browser.requests if not r.startswith(("file:", "data:", "blob:"))]
+
+
 class Browser:
     """One page in a fresh browser; collects console errors and the addresses that the page asks for."""
 

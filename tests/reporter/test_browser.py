@@ -7,7 +7,7 @@ import pytest
 from backlash_cli.reporter.files import write_text
 from backlash_cli.reporter.html import single_page, write_folder
 from backlash_cli.results import Verdict
-from tests.reporter.chromium import Browser
+from tests.reporter.chromium import Browser, quiet_page  # noqa: F401  it acts on every test here
 from tests.reporter.reports import HOSTILE, record, report, result
 
 ROWS = "Array.from(document.querySelector('tbody').rows).filter(r => !r.hidden)"
@@ -33,17 +33,6 @@ def page(tmp_path_factory):
     loops += [report(name, 0.01) for name in HOSTILE]
     write_text(path, single_page(result(*loops), {"FIC10": record("FIC10"), HOSTILE[1]: record(HOSTILE[1])}))
     return path
-
-
-@pytest.fixture(autouse=True)
-def quiet_page(browser):
-    """Whatever a test does with a page, it may raise no error and ask for nothing outside its folder."""
-    browser.errors.clear()
-    browser.requests.clear()
-    yield
-    browser.evaluate("1")
-    assert not browser.errors
-    assert not [r for r in browser.requests if not r.startswith(("file:", "data:", "blob:"))]
 
 
 @pytest.mark.parametrize("width", [360, 768, 1600])
