@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from os import PathLike
 
     from .loaders import Plant, ReadOptions
+    from .loaders.metadata import Metadata
+    from .loaders.shares import Part
 
 
 def scan(
@@ -48,7 +50,7 @@ def scan(
 def scan_files(
     inputs: str | PathLike[str] | Sequence[str | PathLike[str]],
     *,
-    loops: str | PathLike[str] | None = None,
+    loops: str | PathLike[str] | Metadata | None = None,
     reading: ReadOptions | None = None,
     options: ScanOptions | None = None,
     jobs: int | None = None,
@@ -62,6 +64,11 @@ def scan_files(
     from .loaders import read
 
     return scan(read(inputs, loops=loops, options=reading), options, jobs=jobs, progress=progress)
+
+
+def scan_part(part: Part, options: ScanOptions | None = None) -> ScanResult:
+    """Read and analyse one part of a plant in this process; what cannot be read is in the result."""
+    return scan_files(part.sources, loops=part.metadata, reading=part.reading, options=options, jobs=1)
 
 
 def load_model(path: str | PathLike[str]) -> Model:

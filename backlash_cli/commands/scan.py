@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .engine import engine_options, working
 from .options import inputs_argument, loops_option, reading_options, selection_options
 from .terminal import emit, progress, say
 
 if TYPE_CHECKING:
-    from ..loaders import Plant, ReadOptions
-    from ..results import LoopReport, ScanResult
+    from ..loaders import ReadOptions
+    from ..results import ScanResult
+    from .run_scan import Job
 
 FORMATS = ("table", "json", "csv", "parquet", "html")
 
@@ -47,11 +49,13 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
 @click.option("--verbose", "-v", is_flag=True, help="List every reason and warning of every loop.")
 @click.option("--quiet", "-q", is_flag=True,
               help="Say only what went wrong: no progress, and no table unless --format asks for it.")
+@engine_options
 @reading_options
 @selection_options
 def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], form: str | None, output: Path | None,
          table: str, plot: Path | None, history: Path | None, fail_on: tuple[str, ...], no_confirm: bool,
-         jobs: int | None, verbose: bool, quiet: bool, reading: ReadOptions) -> int:
+         jobs: int | None, verbose: bool, quiet: bool, engine: str, scheduler: str | None,
+         reading: ReadOptions) -> int:
     """Find dead band in every loop of an export and say how much, how sure, and what to do.
 
     INPUT is one or more CSV or Parquet files, or folders of them; together they are one plant.
@@ -59,22 +63,24 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], fo
     Exit status: 0 done; 1 a --fail-on rule was met; 2 wrong use, or nothing could be read; 3 done, but some file or
     loop could not be analysed. When both 1 and 3 apply it is 1.
     """
-    from ..loaders import read
     from ..reporter.delivery import check_delivery
     from ..reporter.rules import met, parse_rules
+    from ..scan import ScanOptions
+    from .run_scan import Job
 
     rules = parse_rules(fail_on)
     form = check_delivery(form, output, table)
-    reading = replace(reading, only_loops=only)
-    with progress("reading", None, shown=not quiet):
-        plant = read(inputs, loops=loops, options=reading)
-    result = _analyse(plant, confirm=not no_confirm, carry=history is not None, jobs=jobs, shown=not quiet)
-    if history is not None:
-        _remember(result, history, inputs, loops, reading, confirm=not no_confirm, jobs=jobs, quiet=quiet)
+    options = ScanOptions(confirm=not no_confirm, carry=history is not None)
+    with working(engine, scheduler, jobs) as client:
+        job = Job(inputs, loops, replace(reading, only_loops=only), options, jobs, client, scheduler is not None,
+                  not quiet)
+        result = job.scan()
+        if history is not None:
+            _remember(result, history, job)
     if not (quiet and form is None):
-        _deliver(result, plant, form or "table", output, table, verbose=verbose, quiet=quiet)
+        _deliver(result, job, form or "table", output, table, verbose=verbose)
     if plot is not None:
-        _draw(result, plant, plot, quiet=quiet)
+        _draw(result, job, plot)
     wrong = _wrong(result)
     if quiet or output is not None or form not in (None, "table"):
         for message in wrong:
@@ -85,14 +91,11 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], fo
     return 1 if hits else 3 if wrong else 0
 
 
-def _remember(result: ScanResult, history: Path, inputs: tuple[Path, ...], loops: Path | None, reading: ReadOptions, *,
-              confirm: bool, jobs: int | None, quiet: bool) -> None:
-    from ..scan import ScanOptions
+def _remember(result: ScanResult, history: Path, job: Job) -> None:
     from .to_history import remember
 
-    options = ScanOptions(confirm=confirm, carry=True)
-    outcome = remember(result, history, inputs, loops=loops, reading=reading, options=options, jobs=jobs)
-    if not quiet:
+    outcome = remember(result, history, job)
+    if job.shown:
         say(f"history {history}: {outcome.sentence()}")
 
 
@@ -102,43 +105,25 @@ def _wrong(result: ScanResult) -> list[str]:
     return [note.message for note in result.failures] + loops
 
 
-def _analyse(plant: Plant, *, confirm: bool, carry: bool, jobs: int | None, shown: bool) -> ScanResult:
-    from ..api import scan as scan_plant
-    from ..scan import ScanOptions
-
-    done: list[LoopReport] = []
-    total = len(plant.records)
-    try:
-        with progress("scanning", total, shown=shown) as step:
-            def count(report: LoopReport) -> None:
-                done.append(report)
-                step()
-
-            return scan_plant(plant, ScanOptions(confirm=confirm, carry=carry), jobs=jobs, progress=count)
-    except KeyboardInterrupt as stop:
-        stop.add_note(f"{len(done)} of {total} loops were analysed; no report was written")
-        raise
-
-
-def _deliver(result: ScanResult, plant: Plant, form: str, output: Path | None, table: str, *,
-             verbose: bool, quiet: bool) -> None:
+def _deliver(result: ScanResult, job: Job, form: str, output: Path | None, table: str, *, verbose: bool) -> None:
     from ..reporter.delivery import render, write
 
+    records = job.records if form == "html" else ()
     if output is None:
         import sys
 
-        emit(render(result, plant.records, form, table, verbose=verbose, colour=sys.stdout.isatty()))
+        emit(render(result, records, form, table, verbose=verbose, colour=sys.stdout.isatty()))
         return
-    with progress("writing", None, shown=not quiet) as step:
-        write(result, plant.records, form, output, table, verbose=verbose, step=step)
-    if not quiet:
+    with progress("writing", None, shown=job.shown) as step:
+        write(result, records, form, output, table, verbose=verbose, step=step)
+    if job.shown:
         say(f"{len(result.loops)} loop{'s' * (len(result.loops) != 1)} scanned, {form} written to {output}")
 
 
-def _draw(result: ScanResult, plant: Plant, folder: Path, *, quiet: bool) -> None:
+def _draw(result: ScanResult, job: Job, folder: Path) -> None:
     from ..reporter.delivery import draw
 
-    with progress("drawing", len(plant), shown=not quiet) as step:
-        count = draw(result, plant, folder, step)
-    if not quiet:
+    with progress("drawing", len(job.records), shown=job.shown) as step:
+        count = draw(result, job.records, folder, step)
+    if job.shown:
         say(f"{count} picture{'s' * (count != 1)} written to {folder}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,9 +12,9 @@ from ..results import ScanResult
 from .terminal import say
 
 if TYPE_CHECKING:
-    from ..loaders import ReadOptions
+    from ..loaders.sources import Source
     from ..results.history import Outcome
-    from ..scan import ScanOptions
+    from .run_scan import Job
 
 LONG = 1.5 * 86400.0  # seconds; more than this is more than one night
 YEAR = 365 * 86400.0  # times below this are counted from the start of the recording, not from 1970
@@ -24,13 +23,12 @@ _STAMP = re.compile(  # a date, perhaps with a time, at the end of a file's name
 )
 
 
-def remember(result: ScanResult, history: Path, inputs: Sequence[Path], *, loops: Path | None, reading: ReadOptions,
-             options: ScanOptions, jobs: int | None) -> Outcome:
+def remember(result: ScanResult, history: Path, job: Job) -> Outcome:
     """Store a scan's nights. Several exports of the same loops, joined for the report, are stored one by one."""
     from ..history.store import History
 
     with History(history, create=True, say=say) as store:
-        parts = _one_by_one(result, inputs, loops, reading, options, jobs) or [result]
+        parts = _one_by_one(result, job) or [result]
         outcome = store.add_all([undated(part) for part in parts])
     if outcome.revised and any(r.start is not None and r.start < YEAR for r in result.loops):
         say("the export has no calendar date, and so replaced the night that was there: nights are told apart by their "
@@ -38,32 +36,44 @@ def remember(result: ScanResult, history: Path, inputs: Sequence[Path], *, loops
     return outcome
 
 
-def _one_by_one(result: ScanResult, inputs: Sequence[Path], loops: Path | None, reading: ReadOptions,
-                options: ScanOptions, jobs: int | None) -> list[ScanResult]:
+def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
     """Return a result per export where the exports are nights of the same loops; nothing where they are not."""
-    from ..api import scan
     from ..errors import BacklashError
-    from ..loaders import read
     from ..loaders.sources import find_sources
 
     long = [r.loop for r in result.loops if r.start is not None and r.end is not None and r.end - r.start > LONG]
     if not long:
         return []
-    sources = find_sources(list(inputs))
-    plants, failed = [], []
+    sources = find_sources(list(job.inputs))
+    nights: Counter[str] = Counter()
+    readable, failed = [], []
     for source in sources if len(sources) > 1 else ():
         try:
-            plants.append(read(source.path, loops=loops, options=reading))
+            nights.update(_loops_in(source, job))
+            readable.append(source.path)
         except BacklashError as error:
             failed.append(f"{source.path.name}: {error}")
-    nights = Counter(record.loop for plant in plants for record in plant.records)
-    if not plants or max(nights.values(), default=0) < 2:
+    if max(nights.values(), default=0) < 2:
         say(f"{', '.join(long[:3])}: the export covers more than a day and enters the history as one night; "
             "scan single days to see wear")
         return []
+    found = []
+    for path in readable:
+        try:
+            found.append(job.scan([path]))
+        except BacklashError as error:
+            failed.append(f"{path.name}: {error}")
     for words in failed:
         say(f"this export is no night of the history: {words}")
-    return [scan(plant, options, jobs=jobs) for plant in plants]
+    return found
+
+
+def _loops_in(source: Source, job: Job) -> list[str]:
+    from ..loaders.shares import make_plan
+    from ..loaders.survey import survey
+
+    return list(make_plan([source.path], [source], [survey(source, job.reading, end=True)], loops=job.loops,
+                          reading=job.reading).loops)
 
 
 def undated(result: ScanResult) -> ScanResult:

@@ -59,6 +59,21 @@ def decompress(
     return data, notes
 
 
+def first_pieces(file: BinaryIO, codec: str, size: int) -> Iterator[bytes]:
+    """Yield the text of a file, decompressed where it has a codec, until there are `size` bytes or it is damaged."""
+    total = 0
+    pieces = _pieces(file, codec) if codec else iter(lambda: file.read(CHUNK), b"")
+    while total < size:
+        try:
+            piece = next(pieces, b"")
+        except (OSError, EOFError, zlib.error, ValueError, pa.ArrowException):
+            return
+        if not piece:
+            return
+        total += len(piece)
+        yield piece
+
+
 def _pieces(file: BinaryIO, codec: str) -> Iterator[bytes]:
     if codec == "gzip":
         yield from _gunzip(file)

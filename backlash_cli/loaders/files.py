@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from ..errors import InputError
 from ..record import Note
-from .compression import codec_of, decompress
+from .compression import codec_of, decompress, first_pieces
 from .options import ReadOptions
 from .places import Remote, open_place
 
@@ -102,6 +102,28 @@ def open_content(path: Path | Remote, options: ReadOptions) -> Content:
         raise InputError("no such file", where=str(path), remedy="check the name and the folder") from None
     except OSError as error:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
+
+
+def first_part(path: Path | Remote, options: ReadOptions, size: int = 4 * CHUNK) -> Content:
+    """Look at the beginning of a file only: whole lines of about `size` bytes of text, or that it is Parquet.
+
+    Raises InputError as `open_content` does for what is seen there.
+    """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise InputError("not a regular file", where=str(path), remedy="save the export as a file first")
+    with open_place(path) as file:
+        magic = file.read(16)
+        if not magic:
+            raise InputError("file is empty (0 bytes)", where=str(path), remedy="export it again")
+        if magic[:4] == b"PAR1":
+            return Content(path, "parquet")
+        _refuse_foreign(magic, path)
+        file.seek(0)
+        data = b"".join(first_pieces(file, codec_of(magic), size))
+    _refuse_foreign(data[:16], path)
+    if len(data) >= size:
+        data = data[: data.rfind(b"\n") + 1] or data
+    return _decoded(path, data, options, ())
 
 
 def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> tuple[str, int]:

@@ -48,14 +48,7 @@ def by_loop(
     renamed: names in the data -> names of loops, where that is settled already; None finds it from all names.
     """
     series = list(found)
-    explicit: dict[str, list[tuple[str, str]]] = {}
-    asked: dict[str, dict[str, str]] = {}
-    for loop, values in metadata.loops.items():
-        for role in ROLE_KEYS:
-            tag = values.values.get(role)
-            if isinstance(tag, str) and tag.strip():
-                explicit.setdefault(_key(tag), []).append((loop, role))
-                asked.setdefault(loop, {})[role] = tag
+    explicit, asked = explicit_tags(metadata)
     loops: dict[str, LoopSeries] = {}
     seen: set[tuple[str, str]] = set()
     known = dict.fromkeys(item.loop for item in series if item.loop)
@@ -78,6 +71,19 @@ def by_loop(
             if (loop, role) not in seen:
                 loops.setdefault(loop, LoopSeries(loop)).missing_tags[role] = tag
     return {name: own for name, own in loops.items() if own.roles}
+
+
+def explicit_tags(metadata: Metadata) -> tuple[dict[str, list[tuple[str, str]]], dict[str, dict[str, str]]]:
+    """Return the tags that the metadata name: tag in lower case -> (loop, role) of each, and loop -> role -> tag."""
+    explicit: dict[str, list[tuple[str, str]]] = {}
+    asked: dict[str, dict[str, str]] = {}
+    for loop, values in metadata.loops.items():
+        for role in ROLE_KEYS:
+            tag = values.values.get(role)
+            if isinstance(tag, str) and tag.strip():
+                explicit.setdefault(_key(tag), []).append((loop, role))
+                asked.setdefault(loop, {})[role] = tag
+    return explicit, asked
 
 
 def renamed_loops(known: Iterable[str], metadata: Metadata) -> dict[str, str]:

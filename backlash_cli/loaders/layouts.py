@@ -13,7 +13,7 @@ from .timecolumns import is_time_like, time_axis, time_columns
 
 def series_of(table: Table, options: ReadOptions) -> list[Series]:
     """Take a table apart into signals. Raises InputError when there is no time column or no signal."""
-    layout = options.layout or _recognise(table)
+    layout = layout_of(table, options)
     readers = {"long": long_series, "pairs": pair_series, "tall": tall_series, "wide": _wide, "single": _wide}
     found = readers[layout](table, options)
     if not found:
@@ -23,6 +23,11 @@ def series_of(table: Table, options: ReadOptions) -> list[Series]:
             remedy="name columns LOOP.SP, LOOP.PV, LOOP.OP, or name the tags in loops.toml",
         )
     return found
+
+
+def layout_of(table: Table, options: ReadOptions) -> str:
+    """Return the arrangement of a table: as the user says, else as its columns look."""
+    return options.layout or _recognise(table)
 
 
 def _recognise(table: Table) -> str:

@@ -23,6 +23,8 @@ from .since import cut_loops, is_age, last_stamp, moment_of, nothing_since, sinc
 from .sources import Source, find_sidecars, find_sources
 from .tables import read_table
 
+READING_ERRORS = (BacklashError, ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
+SOURCE = "of source"  # key of a value that only travels from a part to the whole
 Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]
 
 
@@ -93,7 +95,7 @@ def read(
             raise nothing_since(options.since, moment, last)
         warnings += since_notes(options.since, moment, without, len(settled.loops))
     records, more = _records(wanted, metadata, options)
-    lost += more
+    lost = sorted([*lost, *more], key=lambda note: str(note.values["loop"]))
     warnings += settled.unmatched
     if not records and lost:
         raise LoopError(
@@ -161,9 +163,9 @@ def _series(
         try:
             table = read_table(source.path, options, source.partition)
             found += series_of(table, options)
-            notes += table.notes
-        except (BacklashError, ArrowException, UnicodeError, OverflowError, MemoryError) as caught:
-            error = caught if isinstance(caught, BacklashError) else _unreadable(caught, str(source.path))
+            notes += table.notes if options.share is None else [_of_source(note, source) for note in table.notes]
+        except READING_ERRORS as caught:
+            error = as_input_error(caught, str(source.path))
             first_problem = first_problem or error
             failures.append(failure(error, file=str(source.path)))
     return found, notes, failures, first_problem
@@ -200,7 +202,15 @@ def _records(
     return records, failures
 
 
-def _unreadable(error: BaseException, where: str) -> InputError:
+def _of_source(note: Note, source: Source) -> Note:
+    """The note with its file, by which the notes of several parts of a plant are put in order."""
+    return Note(note.code, note.message, {**note.values, SOURCE: str(source.path)})
+
+
+def as_input_error(error: BaseException, where: str) -> BacklashError:
+    """Return what went wrong with a file as an error that says where."""
+    if isinstance(error, BacklashError):
+        return error
     text = str(error).strip().split("\n")[0][:200] or type(error).__name__
     return InputError(f"damaged or not understood: {text}", where=where, remedy="export the file again")
 

@@ -24,7 +24,7 @@ _DATE = re.compile(r"[\d._-]+")
 
 
 @dataclass(frozen=True)
-class Source:
+class Source(PathLike[str]):
     """One file to read. partition: names and values of folders like loop=FIC101 on the way to it.
 
     beside: names of all files in the same folder, None where they were not listed.
@@ -34,6 +34,9 @@ class Source:
     partition: dict[str, str] = field(default_factory=dict)
     beside: frozenset[str] | None = field(default=None, repr=False)
 
+    def __fspath__(self) -> str:
+        return str(self.path)
+
 
 def find_sources(inputs: str | PathLike[str] | Sequence[str | PathLike[str]]) -> list[Source]:
     """Return the files behind the inputs, each once, in order. Raises InputError for what does not exist."""
@@ -42,6 +45,9 @@ def find_sources(inputs: str | PathLike[str] | Sequence[str | PathLike[str]]) ->
         raise InputError("no input given", remedy="name an export file or a folder of exports")
     found: list[Source] = []
     for item in given:
+        if isinstance(item, Source):
+            found.append(item)
+            continue
         if "\x00" in os.fspath(item):
             raise InputError("a file name holds a zero byte", remedy="check the name")
         path = place(item)

@@ -70,9 +70,12 @@ def _read(path: Path | Remote, options: ReadOptions) -> Table:
             return _read_parquet(path, options)
         return _read_csv(content, options)
     except (pa.ArrowException, ValueError, OSError, OverflowError, MemoryError) as error:
-        raise InputError(
-            f"cannot be read: {_first_line(error)}", where=str(path), remedy="export the file again"
-        ) from None
+        raise cannot_be_read(error, str(path)) from None
+
+
+def cannot_be_read(error: BaseException, where: str) -> InputError:
+    """Return a reader's failure as an error that says where."""
+    return InputError(f"cannot be read: {_first_line(error)}", where=where, remedy="export the file again")
 
 
 def stem_of(path: Path | Remote) -> str:
@@ -105,15 +108,25 @@ def _read_parquet(path: Path | Remote, options: ReadOptions) -> Table:
     for name, column in zip(table.column_names, table.columns, strict=True):
         if pa.types.is_nested(column.type):
             continue
-        level = _TWO_LEVELS.match(name)
-        names.append(f"{level[1]}.{level[2]}" if level else name)
+        names.append(column_name(name))
         columns.append(column)
     return Table(str(path), stem_of(path), tuple(names), tuple(columns))
 
 
+def column_name(name: str) -> str:
+    """Return the name of a Parquet column; two levels as pandas writes them become one."""
+    level = _TWO_LEVELS.match(name)
+    return f"{level[1]}.{level[2]}" if level else name
+
+
+def head_table(content: Content, options: ReadOptions) -> Table:
+    """Return the first rows of a CSV. Raises InputError when it cannot be understood."""
+    return _read_csv(content, options)
+
+
 def _read_csv(content: Content, options: ReadOptions) -> Table:
     where = str(content.path)
-    dialect = _dialect(content, options, where)
+    dialect = find_dialect(content, options, where)
     table, bad = _parse(content, dialect)
     notes = list(content.notes)
     if bad:
@@ -142,7 +155,8 @@ def _read_csv(content: Content, options: ReadOptions) -> Table:
     )
 
 
-def _dialect(content: Content, options: ReadOptions, where: str) -> Dialect:
+def find_dialect(content: Content, options: ReadOptions, where: str) -> Dialect:
+    """Return how a CSV is written, seen from its beginning. Raises InputError when that cannot be seen."""
     problem: InputError | None = None
     for size in HEAD_SIZES:
         raw = content.head(size)

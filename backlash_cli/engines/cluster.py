@@ -1,0 +1,122 @@
+"""A Dask cluster to work on: one that runs already, or one of processes on this machine for the time of a scan."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from .._version import __version__
+from ..errors import BacklashError, UsageError
+from .local import cores
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+ANSWER = 5.0  # seconds in which a scheduler has to answer
+WORKERS = 60.0  # seconds in which an empty cluster has to get its first worker
+_INSTALL = "pip install 'backlash[dask]', or leave --engine dask out: the local engine uses all cores of this machine"
+
+
+def check_installed() -> None:
+    """Raise UsageError, with what to install, when Dask is missing."""
+    try:
+        import distributed  # noqa: F401
+    except ImportError as error:
+        raise UsageError(f"the engine dask needs the package dask, which is not installed ({error})",
+                         where="--engine dask", remedy=_INSTALL) from None
+
+
+@contextlib.contextmanager
+def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str], None] = lambda text: None
+              ) -> Iterator[Client]:
+    """Give a client of the cluster at `scheduler`, or of `jobs` processes on this machine that end with the block.
+
+    say: is told what takes long. Raises UsageError when Dask is not installed, BacklashError when no scheduler
+    answers or its workers cannot do this work.
+    """
+    check_installed()
+    import dask
+    from distributed import Client, LocalCluster
+
+    _quiet()
+    if scheduler is not None:
+        client = _client_of(scheduler)
+        try:
+            _check_workers(client, scheduler, say)
+            yield client
+        finally:
+            client.close(timeout=5)
+        return
+    with dask.config.set(_LOCAL):
+        try:
+            cluster = LocalCluster(
+                n_workers=jobs or cores(), threads_per_worker=1, processes=True, dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            )
+        except Exception as error:
+            raise BacklashError(f"no local cluster could be started: {type(error).__name__}: {error}",
+                                where="--engine dask", remedy="leave --engine dask out", code="no_cluster") from error
+        with contextlib.closing(cluster), Client(cluster) as client:
+            yield client
+
+
+_LOCAL = {
+    # a loop that ends its process does so every time: two deaths are proof enough
+    "distributed.scheduler.allowed-failures": 1,
+    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.worker.multiprocessing-method": "spawn",
+    "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": 1,
+}
+
+
+def _client_of(scheduler: str) -> Client:
+    from distributed import Client
+
+    try:
+        return Client(scheduler, timeout=ANSWER, name="backlash")
+    except ValueError as error:
+        raise UsageError(f"this is no address of a scheduler: {error}", where=f"--scheduler {scheduler}",
+                         remedy="for example --scheduler tcp://host:8786") from None
+    except Exception as error:
+        said = str(error).strip().split("\n")[0][:200] or type(error).__name__
+        raise BacklashError(f"no scheduler answers: {said}", where=f"--scheduler {scheduler}", code="no_scheduler",
+                            remedy="check address and network; `dask scheduler` prints its address when it starts"
+                            ) from None
+
+
+def _check_workers(client: Client, scheduler: str, say: Callable[[str], None]) -> None:
+    """See that there are workers, and that they have the same backlash. Raises BacklashError when not."""
+    where = f"--scheduler {scheduler}"
+    if not client.scheduler_info(n_workers=-1)["workers"]:
+        say(f"the scheduler at {scheduler} has no workers yet; waiting up to {WORKERS:g} s")
+        until = time.monotonic() + WORKERS
+        nudge = client.submit(int, 0, pure=False)  # a cluster that adapts itself starts workers when there is work
+        while not client.scheduler_info(n_workers=-1)["workers"]:
+            if time.monotonic() > until:
+                raise BacklashError("the scheduler has no workers", where=where, code="no_workers",
+                                    remedy=f"start some: dask worker {scheduler}")
+            time.sleep(0.2)
+        nudge.release()
+    found: dict[str, Any] = client.run(version_here, on_error="return")
+    for worker, version in found.items():
+        if isinstance(version, BaseException):
+            said = str(version).strip().split("\n")[0][:200]
+            raise BacklashError(f"worker {worker} cannot run backlash: {type(version).__name__}: {said}", where=where,
+                                code="wrong_worker", remedy=f"install backlash {__version__} there")
+        if version != __version__:
+            raise BacklashError(f"worker {worker} has backlash {version}, this is {__version__}", where=where,
+                                code="wrong_worker", remedy="install the same version everywhere")
+
+
+def version_here() -> str:
+    """The version of backlash, as a worker sees it."""
+    return __version__
+
+
+def _quiet() -> None:
+    """Dask logs every death of a worker with its trace; what matters is said in our words."""
+    for name in ("distributed", "tornado", "asyncio", "bokeh"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)

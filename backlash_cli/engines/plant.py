@@ -1,0 +1,88 @@
+"""A whole plant on a Dask cluster: the files are surveyed, the loops dealt out, the parts put together again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from ..errors import BacklashError
+from ..loaders.cut_parts import cut_parts
+from ..loaders.metadata import Metadata
+from ..loaders.options import ReadOptions
+from ..loaders.shares import Part, PlantPlan, alone, make_plan, sources_of
+from ..loaders.since import is_age
+from ..loaders.sources import Source
+from ..loaders.survey import Survey, survey_all
+from ..record import Note
+from ..results import LoopReport, ScanResult, Verdict
+from .combine import combine
+from .dask import on_cluster
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+Result = TypeVar("Result")
+Given = Sequence[str | PathLike[str]]
+FILES = 32  # looked at by one worker at a time
+
+
+class DaskPlant:
+    """A plant on a cluster. absolute: the workers are other machines, with other working folders.
+
+    Raises BacklashError as reading the plant here would, or when the workers do not see the files.
+    """
+
+    def __init__(self, client: Client, inputs: Given, *, loops: str | PathLike[str] | Metadata | None,
+                 reading: ReadOptions, absolute: bool) -> None:
+        self.client = client
+        sources = sources_of(inputs, absolute=absolute)
+        self.plan: PlantPlan = make_plan(inputs, sources, self._surveys(sources, reading), loops=loops, reading=reading)
+
+    def _surveys(self, sources: Sequence[Source], reading: ReadOptions) -> list[Survey]:
+        bare = [alone(source) for source in sources]
+        groups = [bare[k : k + FILES] for k in range(0, len(bare), FILES)]
+        end = reading.since is not None and is_age(reading.since)
+        look = partial(survey_all, options=reading, end=end)
+        futures = self.client.map(look, groups, pure=False, retries=2)
+        try:
+            found = [survey for group in self.client.gather(futures) for survey in group]
+        except Exception as error:
+            said = str(error).strip().split("\n")[0][:200]
+            raise BacklashError(f"the workers could not look at the files: {type(error).__name__}: {said}",
+                                where="--engine dask", remedy="see the logs of the workers") from None
+        unseen = [s.source for s in found if s.failure is not None and _is_there(s.source)]
+        if unseen and len(unseen) == len(found) and all("no such file" in str(s.failure) for s in found):
+            raise BacklashError("the workers do not see this file, which is there on this machine",
+                                where=str(unseen[0].path), code="not_shared",
+                                remedy="put the data where every machine finds them under the same name: a network "
+                                       "drive, or s3://, abfs://, gs://")
+        return found
+
+    def each(self, work: Callable[[Part], Result], lost: Callable[[str, Note], Result],
+             loops: Iterable[str] | None = None) -> Iterator[Result]:
+        """Yield the result of `work` for every part, as they come; loops: only these."""
+        workers = sum(self.client.nthreads().values())
+        return on_cluster(self.client, cut_parts(self.plan, workers, loops), work, lost)
+
+    def scan(self, work: Callable[[Part], ScanResult], *, known: Mapping[str, LoopReport] | None = None,
+             progress: Callable[[LoopReport], None] | None = None) -> ScanResult:
+        """Return the result of the whole plant. known: reports of loops that need not be computed again."""
+        known = known or {}
+        results = []
+        missing = [name for name in self.plan.loops if name not in known]
+        for result in self.each(work, _lost, missing):
+            results.append(result)
+            for report in result.loops if progress is not None else ():
+                progress(report)  # type: ignore[misc]
+        return combine(self.plan, results, known)
+
+
+def _lost(loop: str, reason: Note) -> ScanResult:
+    return ScanResult((LoopReport(loop, Verdict.ERROR, (Note(reason.code, reason.message),)),))
+
+
+def _is_there(source: Source) -> bool:
+    return isinstance(source.path, Path) and source.path.is_file()

@@ -1,0 +1,168 @@
+"""The engine dask on a cluster of two worker processes: the local report, also when workers die."""
+
+import os
+import signal
+import sys
+import time
+
+import pyarrow.csv
+import pytest
+
+from backlash_cli.api import scan_files, scan_part
+from backlash_cli.engines.cluster import connected
+from backlash_cli.errors import BacklashError, UsageError
+from backlash_cli.loaders import ReadOptions
+from backlash_cli.reporter.json_report import to_json
+from backlash_cli.results import Verdict
+from tests.commands.run import run
+from tests.engines.parts import QUICK
+from tests.loaders.test_partitions import single, write
+from tests.small_plant import TRUTH, write_plant
+
+pytest.importorskip("distributed", reason="dask is not installed: pip install 'backlash[dask]'")
+LOOPS = [f"{name}-{k}" for k in range(8) for name in sorted(TRUTH)]
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory):
+    """A partitioned folder of 24 loops."""
+    folder = tmp_path_factory.mktemp("plant")
+    table = pyarrow.csv.read_csv(write_plant(folder, hours=0.2))
+    write(folder / "set", {f"loop={x}/part-0.parquet": single(table, x.split("-")[0]) for x in LOOPS})
+    (folder / "set" / "loops.toml").write_text("[defaults]\nK = 1.1\nTi = 12.0\npv_range = [0, 200]\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def client():
+    import cloudpickle
+
+    cloudpickle.register_pickle_by_value(sys.modules[__name__])
+    with connected(None, 2) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def local(plant):
+    return to_json(scan_files([plant / "set"], options=QUICK, jobs=1))
+
+
+@pytest.fixture(autouse=True)
+def many_small_parts(monkeypatch):
+    monkeypatch.setattr("backlash_cli.loaders.cut_parts.MOST_LOOPS", 3)
+
+
+def on(client, plant, work, reading=None, progress=None):
+    from backlash_cli.engines.plant import DaskPlant
+
+    found = DaskPlant(client, [plant / "set"], loops=None, reading=reading or ReadOptions(), absolute=False)
+    return found.scan(work, progress=progress)
+
+
+def quick(part):
+    return scan_part(part, QUICK)
+
+
+def slow(part):
+    time.sleep(0.3)
+    return scan_part(part, QUICK)
+
+
+def deadly(part):
+    if "PIC303-2" in part.loops:
+        os._exit(1)
+    return scan_part(part, QUICK)
+
+
+def broken(part):
+    if "PIC303-2" in part.loops:
+        raise RuntimeError("out of order")
+    return scan_part(part, QUICK)
+
+
+def test_the_report_is_that_of_the_local_engine(client, plant, local):
+    seen = []
+    assert to_json(on(client, plant, quick, progress=seen.append)) == local
+    assert sorted(report.loop for report in seen) == sorted(LOOPS)
+    chosen = ReadOptions(sample="5", since="5min")
+    want = scan_files([plant / "set"], reading=chosen, options=QUICK, jobs=1)
+    assert to_json(on(client, plant, quick, chosen)) == to_json(want)
+
+
+def test_a_worker_killed_during_the_run_costs_nothing_but_time(client, plant, local):
+    killed = []
+
+    def kill_one(report):
+        if not killed:
+            killed.append(client.run(os.getpid).popitem()[1])
+            os.kill(killed[0], signal.SIGKILL)
+
+    assert to_json(on(client, plant, slow, progress=kill_one)) == local
+    assert killed
+
+
+@pytest.mark.parametrize(("work", "code", "words"), [
+    (deadly, "process_died", "killed every time"), (broken, "internal_error", "RuntimeError: out of order"),
+])
+def test_a_loop_that_kills_its_worker_is_named_and_the_others_survive(client, plant, local, work, code, words):
+    import json
+
+    found = on(client, plant, work)
+    wrong = [report for report in found.loops if report.verdict is Verdict.ERROR]
+    assert [report.loop for report in wrong] == ["PIC303-2"]
+    assert wrong[0].reasons[0].code == code and words in wrong[0].reasons[0].message
+    others = [loop for loop in json.loads(local)["loops"] if loop["loop"] != "PIC303-2"]
+    assert [loop for loop in json.loads(to_json(found))["loops"] if loop["loop"] != "PIC303-2"] == others
+
+
+def test_the_command_works_on_a_running_cluster(capfd, client, plant, tmp_path):
+    address = client.cluster.scheduler_address
+    told = ("scan", plant / "set", "--no-confirm", "--format", "json", "--loops-matching", "FIC*")
+    there = run(capfd, *told, "--engine", "dask", "--scheduler", address)
+    here = run(capfd, *told, "--jobs", 1)
+    assert there.status == here.status == 0 and there.out == here.out
+    page = run(capfd, "scan", plant / "set", "--no-confirm", "--loop", "FIC101-0", "--engine", "dask", "--scheduler",
+               address, "--output", tmp_path / "page.html", "--plot", tmp_path / "pictures")
+    assert page.status == 0 and (tmp_path / "page.html").exists() and list((tmp_path / "pictures").glob("*.png"))
+
+
+def test_wrong_use_is_one_message(capfd, plant):
+    began = time.perf_counter()
+    done = run(capfd, "scan", plant / "set", "--engine", "dask", "--scheduler", "tcp://localhost:9")
+    assert done.status == 2 and "no scheduler answers" in done.err and time.perf_counter() - began < 12.0
+    for arguments, words in ((("--engine", "dask", "--scheduler", "bad://x"), "no address of a scheduler"),
+                             (("--scheduler", "tcp://localhost:9"), "goes with --engine dask"),
+                             (("--engine", "dask", "--scheduler", "tcp://localhost:9", "--jobs", 2), "leave --jobs out"),
+                             (("--engine", "spark"), "Invalid value")):
+        done = run(capfd, "scan", plant / "set", *arguments)
+        assert done.status == 2 and words in done.err
+
+
+def test_without_dask_the_message_says_how_to_install_it(capfd, plant, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    done = run(capfd, "scan", plant / "set", "--engine", "dask")
+    assert done.status == 2 and "pip install 'backlash[dask]'" in done.err
+
+
+def test_workers_that_do_not_see_the_files_are_named(client, plant, monkeypatch):
+    from backlash_cli.engines import plant as room
+
+    def unseen(sources, options, end=False):
+        from backlash_cli.errors import InputError
+        from backlash_cli.loaders.survey import Survey
+
+        return [Survey(s, failure=InputError("no such file: x", where=str(s.path))) for s in sources]
+
+    monkeypatch.setattr(room, "survey_all", unseen)
+    with pytest.raises(BacklashError, match="workers do not see") as caught:
+        on(client, plant, quick)
+    assert "s3://" in caught.value.remedy
+
+
+def test_no_data_is_the_same_error_as_here(client, tmp_path):
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "a.csv").write_text("")
+    with pytest.raises(BacklashError, match="empty"):
+        on(client, tmp_path, quick)
+    with pytest.raises(UsageError, match="--since"):
+        ReadOptions(since="x")
