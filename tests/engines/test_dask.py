@@ -130,9 +130,10 @@ def test_wrong_use_is_one_message(capfd, plant):
     began = time.perf_counter()
     done = run(capfd, "scan", plant / "set", "--engine", "dask", "--scheduler", "tcp://localhost:9")
     assert done.status == 2 and "no scheduler answers" in done.err and time.perf_counter() - began < 12.0
-    for arguments, words in ((("--engine", "dask", "--scheduler", "bad://x"), "no address of a scheduler"),
+    dask = ("--engine", "dask", "--scheduler")
+    for arguments, words in (((*dask, "bad://x"), "no address of a scheduler"),
                              (("--scheduler", "tcp://localhost:9"), "goes with --engine dask"),
-                             (("--engine", "dask", "--scheduler", "tcp://localhost:9", "--jobs", 2), "leave --jobs out"),
+                             ((*dask, "tcp://localhost:9", "--jobs", 2), "leave --jobs out"),
                              (("--engine", "spark"), "Invalid value")):
         done = run(capfd, "scan", plant / "set", *arguments)
         assert done.status == 2 and words in done.err
