@@ -16,6 +16,9 @@ from ..record import FloatArray
 from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
 
+# gaps worth trying as shares of the output's travel, beside those of usual size
+WIDE_SHARES = (0.55, 0.65, 0.75, 0.85, 0.93)
+
 
 def start(p: FloatArray, interval: float, first: float) -> FloatArray:
     """State: [stem position]."""
@@ -45,10 +48,15 @@ def whole(values: FloatArray, p: FloatArray) -> FloatArray:
 
 
 def propose(clues: Clues) -> list[Values]:
-    """Return gaps up to most of the output's travel, each with the stem at either side or in the middle."""
+    """Return gaps up to nearly the output's travel, each with the stem at either side or in the middle.
+
+    Where the output travels little, a gap of most of its travel is told from a smaller one by a narrow valley only.
+    """
     travel = float(np.ptp(clues.output))
     gaps = np.geomspace(0.003, 0.2, 11)
-    return [{"d": float(d), "position": place} for d in gaps[gaps < 0.8 * travel] for place in (-0.7, 0.0, 0.7)]
+    wide = travel * np.array(WIDE_SHARES)
+    gaps = np.concatenate([gaps[gaps < 0.8 * wide[0]], wide[(wide >= gaps[0]) & (wide <= gaps[-1])]])
+    return [{"d": float(d), "position": place} for d in gaps for place in (-0.7, 0.0, 0.7)]
 
 
 EFFECT = Effect(

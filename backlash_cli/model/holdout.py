@@ -1,4 +1,8 @@
-"""The error on samples that a fit did not see: blocks left out in turn, everything refitted on the others."""
+"""The error on samples that a fit did not see: blocks left out in turn, everything refitted on the others.
+
+Where OP answers to the load (`Problem.by_load`), PV is predicted a short time ahead: from OP, and from the load that
+the model's error had shown until then. Elsewhere it is predicted from OP alone, however long the record.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray
+from .ahead import fitted_noise, known_load
 from .fit import Fit, Solver, descend, finished, raw_error
 from .noise import Noise, whitener
 from .pipeline import Part
@@ -53,22 +58,46 @@ def tested(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, r
         solver = Solver(part, whitener(fitted.noise, part.used, part.interval))
         shape = descend(solver, fitted.shape, rounds=rounds) if rounds else fitted.shape
         coefficients = solver.solve(shape)[0]
-        predicted = problem.measurement - raw_error(everywhere, shape, coefficients)
+        predicted = prediction(problem, everywhere, seen, replace(fitted, shape=shape, coefficients=coefficients))
         error = distance(problem, recorders, predicted)[left_out & problem.used]
         squares += float(error @ error)
         count += error.size
-    error = distance(problem, recorders, predicted_by(problem, fitted))[problem.used]
+    error = distance(problem, recorders, prediction(problem, everywhere, seen, fitted))[problem.used]
     return Tested(fitted, float(np.sqrt(np.mean(error**2))), float(np.sqrt(squares / max(count, 1))))
 
 
 def predicted_by(problem: Problem, fitted: Fit) -> FloatArray:
     """Return PV predicted by a fit on the whole grid, (samples,)."""
-    everywhere = replace(problem, used=np.ones_like(problem.used))
-    return problem.measurement - raw_error(everywhere, fitted.shape, fitted.coefficients)
+    return prediction(problem, replace(problem, used=np.ones_like(problem.used)), problem, fitted)
+
+
+def prediction(problem: Problem, everywhere: Problem, seen: Problem, fitted: Fit) -> FloatArray:
+    """Return PV predicted by a fit (samples,); `everywhere` is the problem with all samples used, `seen` as a fit sees
+    it: the load is read from those samples only."""
+    predicted = problem.measurement - raw_error(everywhere, fitted.shape, fitted.coefficients)
+    return with_load(problem, seen.measurement, seen.used, predicted, fitted.noise)
+
+
+def with_load(
+    problem: Problem, measurement: FloatArray, used: NDArray[np.bool_], predicted: FloatArray, noise: Noise | None
+) -> FloatArray:
+    """Return a prediction from OP (samples,), with the load as known some time before where the loop is driven by it.
+
+    noise: of the model; None: fitted to what the prediction misses.
+    """
+    if not problem.by_load:
+        return predicted
+    error, h = measurement - predicted, problem.interval
+    return predicted + known_load(error, used, h, noise or fitted_noise(error, used, h), problem.ahead)
 
 
 def least_squares(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> Fit:
-    """Return the fit with the smallest error itself, load or not: what a plain model can do at its best."""
+    """Return the fit with the smallest error itself, load or not: what a plain model can do at its best.
+
+    In a loop driven by its load the smallest error is that of a wrong model, so that the fit stays as it is.
+    """
+    if problem.by_load:
+        return fitted
     seen = fitted_problem(problem, recorders)
     noise = Noise(1e-3, fitted.noise.slow, fitted.noise.fast)
     shape = descend(Solver(seen, whitener(noise, seen.used, seen.interval)), fitted.shape, rounds=6)
@@ -78,5 +107,7 @@ def least_squares(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (
 def better(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, rounds: int = 2) -> Tested:
     """Return the likeliest fit, or that of least squares where it predicts unseen samples clearly better (3 %)."""
     likely = tested(problem, fitted, recorders, rounds=rounds)
+    if problem.by_load:
+        return likely
     plain = tested(problem, least_squares(problem, fitted, recorders), recorders, rounds=rounds)
     return plain if plain.rmse_holdout < 0.97 * likely.rmse_holdout else likely

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects import Effect
+from .drive import trust
 from .fit import Fit
 from .pipeline import Part, Shape, as_tuple
 from .problem import Problem
@@ -29,7 +30,8 @@ class Judge:
 
     The deviance knows how well each sample follows from those before it. A random load that may wander without
     limit explains a drift or a step as well as the real cause does; it does not predict PV from OP. The error of
-    that prediction, over as many stretches as are independent, decides where the deviance cannot.
+    that prediction, over as many stretches as are independent, decides where the deviance cannot. It tells nothing
+    where OP only answers to the load, so that it counts for less the more it does (see `drive`).
     """
 
     log_samples: float
@@ -64,4 +66,4 @@ def judge_for(problem: Problem, lag: float) -> Judge:
     """Return the judge of a loop whose process has about the time constant `lag` [s]."""
     stretches = problem.duration / (LAGS_PER_STRETCH * max(lag, problem.interval))
     within = float(np.clip(stretches, LEAST_STRETCHES, MOST_STRETCHES))
-    return Judge(float(np.log(np.count_nonzero(problem.used))), within)
+    return Judge(float(np.log(np.count_nonzero(problem.used))), within * trust(problem.driven))

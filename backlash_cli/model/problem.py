@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..record import FloatArray, LoopSettings, Record, SampleState
+from .drive import MOSTLY, horizon, moved_from_outside
 
 # fewer samples than this cannot carry a model with three parameters, a hold-out and a search
 FEWEST_SAMPLES = 100
@@ -36,7 +37,8 @@ class Problem:
     setpoint: SP, held over holes. columns: means of further measured columns up to the next sample, holes interpolated.
     delay: dead time [s] known from the settings, None when the settings give none. holes: where OP is not known.
     floor: standard deviation of the measurement noise [span], from third differences. memory: load columns by part,
-    shared by problems that differ in their mask only.
+    shared by problems that differ in their mask only. driven: share of OP's motion that comes from the setpoint or
+    the operator. ahead: samples that a loop driven by its load is predicted ahead (see `drive`).
     """
 
     loop: str
@@ -51,6 +53,8 @@ class Problem:
     settings: LoopSettings
     holes: tuple[Hole, ...] = ()
     floor: float = 1e-4
+    driven: float = 1.0
+    ahead: int = 1
     memory: dict[object, list[FloatArray]] = field(default_factory=dict, repr=False)
 
     @property
@@ -62,6 +66,11 @@ class Problem:
     def duration(self) -> float:
         """Length of the record [s]."""
         return self.samples * self.interval
+
+    @property
+    def by_load(self) -> bool:
+        """True where OP answers to the load: PV is then predicted a short time ahead, not from OP alone."""
+        return self.driven < MOSTLY
 
     def masked(self, keep: NDArray[np.bool_]) -> Problem:
         """Return the problem with only the samples `keep` (samples,) counting."""
@@ -118,19 +127,22 @@ def problem_from_record(record: Record) -> Problem:
         grid = on_grid(values)
         if np.count_nonzero(np.isfinite(grid)) >= 0.5 * samples and np.nanstd(grid) > 0:
             columns[name] = _until_next(_interpolate(grid))
+    moved, setpoint, floor = _interpolate(output), _hold(on_grid(record.setpoint)), noise_floor(recorded)
     return Problem(
         loop=record.loop,
         interval=record.interval,
-        output=_interpolate(output),
+        output=moved,
         measurement=np.where(used, measurement, 0.0),
         recorded=recorded,
-        setpoint=_hold(on_grid(record.setpoint)),
+        setpoint=setpoint,
         used=used,
         columns=columns,
         delay=record.settings.theta or None,
         settings=record.settings,
         holes=_holes(output),
-        floor=noise_floor(recorded),
+        floor=floor,
+        driven=moved_from_outside(moved, setpoint, state == SampleState.MANUAL, used, record.interval),
+        ahead=horizon(recorded, floor, record.interval, record.settings.Ti),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..effects import Effect
 from .candidates import candidate, table
 from .fit import Fit, Solver, descend, fit, refit_noise
-from .holdout import better, tested
+from .holdout import better
 from .judge import Judge, judge_for, jumpy
 from .noise import Noise, whitener
 from .pipeline import Part, Shape, as_tuple
@@ -22,6 +22,8 @@ ENOUGH = 20.0
 MOST_EFFECTS = 4
 # without an effect that is worth telling, the error on unseen samples is at least this many times larger
 WORTH_TELLING = 1.08
+# a short way ahead most of the error is load that nobody can know and noise: there it must be larger at all
+WORTH_AHEAD = 1.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,9 @@ def search(problem: Problem, effects: Sequence[Effect], start: Fit, *, seed: int
             break
         now = improve(problem, judge, best, effects, seed) if now.shape.parts else best
     now, without = prune(problem, judge, now, start)
+    if problem.by_load and without and better(problem, now).rmse_holdout > better(problem, start).rmse_holdout:
+        # the likeliest model of a load need not be the one that knows what comes
+        now, without = start, {}
     return Found(start, first, now, without, judge)
 
 
@@ -121,8 +126,8 @@ def prune(problem: Problem, judge: Judge, now: Fit, start: Fit) -> tuple[Fit, di
         if worth and min(worth.values()) < ENOUGH:
             now = without[min(worth, key=lambda name: worth[name])]
             continue
-        best = tested(problem, now).rmse_holdout
+        best = better(problem, now).rmse_holdout
         lower = {name: better(problem, less).rmse_holdout / best for name, less in without.items()}
-        if not lower or min(lower.values()) >= WORTH_TELLING:
+        if not lower or min(lower.values()) >= (WORTH_AHEAD if problem.by_load else WORTH_TELLING):
             return now, without
         now = without[min(lower, key=lambda name: lower[name])]
