@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, Note, Record
 from ..results import Comparison, Fitness, FittedEffect, FittedParameter, Model, Region, Series
-from .holdout import better, folds, predicted_by
+from .holdout import better, folds, predicted_by, with_load
 from .intervals import process_parameters
 from .kept import coefficients_of, kept_model, parts_of, shape_of
 from .locate import regions
@@ -42,6 +42,7 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
     parts = parts_of(model, problem, float(record.time[0]))
     recorders = tuple(p for p in parts if p.is_recorder)
     shape, predicted = matched(problem, model, shape_of(model, parts))
+    predicted = with_load(problem, problem.measurement, problem.used, predicted, None)
     error = distance(problem, recorders, predicted)
     rmse = float(np.sqrt(np.mean(error[problem.used] ** 2)))
     known = seen_by(model, problem, float(record.time[0]))
@@ -81,6 +82,7 @@ def error_unseen(
     squares, count = 0.0, 0
     for left_out in folds(problem, problem.settings.Ti or model.tau):
         predicted = matched(problem.masked(~left_out), model, shape)[1]
+        predicted = with_load(problem, problem.measurement, problem.used, predicted, None)
         error = distance(problem, recorders, predicted)[left_out & problem.used & ~known]
         squares, count = squares + float(error @ error), count + error.size
     return float(np.sqrt(squares / count)) if count else None
@@ -147,6 +149,14 @@ def notes(problem: Problem) -> tuple[Note, ...]:
     missing = 1.0 - float(np.mean(problem.used))
     if missing > 0.1:
         out.append(Note("many_gaps", f"{100 * missing:.0f} % of the record is missing or bad", {"share": missing}))
+    if problem.by_load:
+        seconds = problem.ahead * problem.interval
+        message = (
+            f"OP answers mostly to the load: setpoint and operator move {100 * problem.driven:.0f} % of it. PV is "
+            f"predicted {seconds:g} s ahead, from OP and from what PV did until then; most of that error is load that "
+            "no model can know"
+        )
+        out.append(Note("load_driven", message, {"driven": problem.driven, "ahead_s": seconds}))
     if len(problem.holes):
         out.append(
             Note("output_holes", f"OP is missing in {len(problem.holes)} places; its mean there is fitted", {})

@@ -1,6 +1,7 @@
 """How often the workbench finds a hidden effect, on loops drawn at random and played by the project's simulator.
 
     python -m tests.benchmarks.explain_benchmark [--tier clean|plant] [--first 1000] [--count 60] [--kind backlash]
+    python -m tests.benchmarks.explain_benchmark --driven [--first 1000] [--count 6]
 
 Prints the share of single effects that come first, false alarms on loops with nothing hidden, pairs found whole,
 precision of what was accepted, hold-out error over the error of the true model, dead band error and coverage of its
@@ -28,7 +29,13 @@ def main() -> None:
     ask.add_argument("--count", type=int, default=60)
     ask.add_argument("--kind", help="hidden effects, joined by +; none for none")
     ask.add_argument("--list", action="store_true", help="print every loop that is not right")
+    ask.add_argument("--driven", action="store_true", help="loops that move by themselves, --count of each kind")
     given = ask.parse_args()
+    if given.driven:
+        from .driven_table import table
+
+        table(given.first, given.count, shown=given.list)
+        return
     kind = None if given.kind is None else tuple(k for k in given.kind.split("+") if k != "none")
     hits: dict[str, list[bool]] = defaultdict(list)
     pairs, alarms, ratios, seconds, errors, covered = [], [], [], [], [], []
