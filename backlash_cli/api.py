@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .engines.local import analyse
+from .engines.local import analyse, analyse_recipes
 from .errors import MetadataError, UsageError
+from .loaders.plant import OpenPlant, no_loop_read, open_plant
 from .record import Note, Record
 from .results import LoopReport, Model, ScanResult, Verdict
 from .scan import ScanOptions
@@ -19,9 +20,11 @@ if TYPE_CHECKING:
     from .loaders.metadata import Metadata
     from .loaders.shares import Part
 
+MOST_THREADS = 8  # of parsing; more only wait for each other and for the disk
+
 
 def scan(
-    plant: Plant | Record | Iterable[Record],
+    plant: Plant | OpenPlant | Record | Iterable[Record],
     options: ScanOptions | None = None,
     *,
     jobs: int | None = None,
@@ -32,19 +35,37 @@ def scan(
     plant: what `read` returns, one Record, or several. jobs: number of processes; None chooses, 1 stays in this
     process. progress: called after each loop. A loop that cannot be analysed is reported with verdict `error`.
     """
-    records = (plant,) if isinstance(plant, Record) else tuple(plant)
     warnings: tuple[Note, ...] = getattr(plant, "warnings", ())
     failures: tuple[Note, ...] = getattr(plant, "failures", ())
     inputs: tuple[str, ...] = getattr(plant, "inputs", ())
     reports = []
-    for report in analyse(records, options, jobs=jobs):
-        reports.append(report)
+    lost = []
+    for report in _reports(plant, options, jobs):
+        if isinstance(report, Note):
+            lost.append(report)
+            report = _refused(report)
+        else:
+            reports.append(report)
         if progress is not None:
             progress(report)
+    if isinstance(plant, OpenPlant):
+        lost = list(plant.with_lost(lost))
+        if not reports and lost and plant.whole:
+            raise no_loop_read(lost)
+        failures += tuple(lost)
     known = {report.loop for report in reports}
     refused = [_refused(note) for note in failures if _loop(note) and _loop(note) not in known]
     others = tuple(note for note in failures if not _loop(note) or _loop(note) in known)
     return ScanResult((*reports, *refused), inputs, warnings, others)
+
+
+def _reports(
+    plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOptions | None, jobs: int | None
+) -> Iterator[LoopReport | Note]:
+    if isinstance(plant, OpenPlant):
+        return analyse_recipes(list(plant.recipes), options, jobs=jobs)
+    records = (plant,) if isinstance(plant, Record) else tuple(plant)
+    return analyse(records, options, jobs=jobs)
 
 
 def scan_files(
@@ -55,15 +76,36 @@ def scan_files(
     options: ScanOptions | None = None,
     jobs: int | None = None,
     progress: Callable[[LoopReport], None] | None = None,
+    taken: Callable[[int], None] | None = None,
 ) -> ScanResult:
     """Read exports and analyse their loops in one go, in bounded memory; the same result as `scan(read(...))`.
 
     inputs, loops, reading: as for `read`; `reading.only_loops` names the loops wanted. options, jobs, progress: as for
-    `scan`. The samples are not kept: use `read` for them. Raises BacklashError when nothing can be read.
+    `scan`. taken: called with the bytes of a file that were taken in. The samples are not kept: use `read` for them.
+    Raises BacklashError when nothing can be read.
     """
-    from .loaders import read
+    opened = open_files(inputs, loops=loops, reading=reading, jobs=jobs, taken=taken)
+    return scan(opened, options, jobs=jobs, progress=progress)
 
-    return scan(read(inputs, loops=loops, options=reading), options, jobs=jobs, progress=progress)
+
+def open_files(
+    inputs: str | PathLike[str] | Sequence[str | PathLike[str]],
+    *,
+    loops: str | PathLike[str] | Metadata | None = None,
+    reading: ReadOptions | None = None,
+    jobs: int | None = None,
+    taken: Callable[[int], None] | None = None,
+) -> OpenPlant:
+    """Find the loops of exports without keeping their samples; `scan` reads one loop after the other.
+
+    Parameters as for `scan_files`; jobs: threads that parse the text of large CSV files. The temporary file of a large
+    CSV lives as long as the result. Raises BacklashError when nothing can be read.
+    """
+    from .engines.local import cores
+    from .loaders.lazy_tables import Lazily
+
+    lazily = Lazily(threads=min(cores(), MOST_THREADS) if jobs is None else jobs, progress=taken)
+    return open_plant(inputs, loops=loops, options=reading, lazily=lazily)
 
 
 def scan_part(part: Part, options: ScanOptions | None = None) -> ScanResult:

@@ -23,6 +23,7 @@ from .record import LoopSettings, Note, Record
 from .results import Confirmation, Estimate, LoopReport, Verdict
 
 OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
+PIECE = 1 << 18  # samples taken at once: what is worked out in between stays small
 COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
 
 
@@ -41,7 +42,8 @@ def scan(record: Record, options: ScanOptions | None = None) -> LoopReport:
     The latter needs the samples themselves, so a LoopScanner alone does not say it.
     """
     scanner = LoopScanner(record.loop, record.settings, record.start, record.interval, options or ScanOptions())
-    scanner.update(record)
+    for first in range(0, max(len(record), 1), PIECE):
+        scanner.update(record.slice(first, first + PIECE))
     report = scanner.finish()
     if any(reason.code == "oscillation" for reason in report.reasons):
         return replace(report, reasons=(*report.reasons, diagnose(record).note))

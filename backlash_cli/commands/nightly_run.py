@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -127,16 +127,17 @@ def _key(config: NightlyConfig, export: Export) -> str:
     return f"{config.path.stem}:{export.name}"
 
 
-def _scan(config: NightlyConfig, files: list[str]) -> tuple[ScanResult, tuple[Record, ...]]:
-    from ..api import scan
-    from ..loaders import ReadOptions, read
+def _scan(config: NightlyConfig, files: list[str]) -> tuple[ScanResult, Mapping[str, Record]]:
+    from ..api import open_files, scan
+    from ..loaders import ReadOptions
+    from ..loaders.recipes import RecordsByName
     from ..scan import ScanOptions
 
-    plant = read(files, loops=config.loops, options=ReadOptions(**config.reading))
-    return scan(plant, ScanOptions(carry=True), jobs=config.jobs), plant.records
+    plant = open_files(files, loops=config.loops, reading=ReadOptions(**config.reading), jobs=config.jobs)
+    return scan(plant, ScanOptions(carry=True), jobs=config.jobs), RecordsByName(plant.recipes)
 
 
-def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records: Sequence[Record],
+def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records: Mapping[str, Record],
                 log: Log) -> None:
     """Write the report of one night and remove the oldest ones beyond `keep`."""
     from ..reporter.delivery import check_delivery, write

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from ..loaders import ReadOptions
     from ..loaders.places import Remote
+    from ..loaders.plant import OpenPlant
     from ..record import Record
     from ..results import LoopReport, ScanResult
     from ..scan import ScanOptions
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 @dataclass
 class Job:
     """One scan. client: of the cluster, None for this machine; absolute: its workers are other machines. shown: with
-    progress on a terminal."""
+    progress on a terminal. pictures: `records` will be asked for."""
 
     inputs: Sequence[Path | Remote]
     loops: Path | None
@@ -33,14 +34,14 @@ class Job:
     client: Client | None = None
     absolute: bool = False
     shown: bool = True
+    pictures: bool = False
 
     @cached_property
-    def records(self) -> tuple[Record, ...]:
-        """The samples of all loops, read here where only the cluster has read them so far."""
-        from ..loaders import read
+    def records(self) -> Mapping[str, Record]:
+        """The loops by name, each read again when it is asked for: pictures need the samples."""
+        from ..loaders.recipes import RecordsByName
 
-        with progress("reading", None, shown=self.shown):
-            return read(list(self.inputs), loops=self.loops, options=self.reading).records
+        return RecordsByName(self._open(self.inputs).recipes)
 
     def scan(self, inputs: Sequence[Path | Remote] | None = None) -> ScanResult:
         """Return the result of all inputs, or of these."""
@@ -49,14 +50,21 @@ class Job:
 
     def _here(self, inputs: Sequence[Path | Remote]) -> ScanResult:
         from ..api import scan
-        from ..loaders import read
+        from ..loaders.recipes import RecordsByName
 
-        with progress("reading", None, shown=self.shown):
-            plant = read(list(inputs), loops=self.loops, options=self.reading)
-        if inputs is self.inputs:
-            self.__dict__["records"] = plant.records
-        with _Counting(len(plant), self.shown) as done:
+        plant = self._open(inputs)
+        if self.pictures and inputs is self.inputs:
+            self.__dict__["records"] = RecordsByName(plant.recipes)
+        total = len(plant.recipes)
+        with _Counting(total, self.shown) as done:
             return scan(plant, self.options, jobs=self.jobs, progress=done)
+
+    def _open(self, inputs: Sequence[Path | Remote]) -> OpenPlant:
+        from ..api import open_files
+        from ..loaders.sources import size_of
+
+        with progress("reading", size_of(inputs), shown=self.shown, of_bytes=True) as taken:
+            return open_files(list(inputs), loops=self.loops, reading=self.reading, jobs=self.jobs, taken=taken)
 
     def _on_cluster(self, client: Client, inputs: Sequence[Path | Remote]) -> ScanResult:
         from ..api import scan_part

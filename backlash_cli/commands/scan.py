@@ -73,7 +73,7 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], fo
     options = ScanOptions(confirm=not no_confirm, carry=history is not None)
     with working(engine, scheduler, jobs) as client:
         job = Job(inputs, loops, replace(reading, only_loops=only), options, jobs, client, scheduler is not None,
-                  not quiet)
+                  not quiet, pictures=form == "html" or plot is not None)
         result = job.scan()
         if history is not None:
             _remember(result, history, job)
@@ -108,7 +108,7 @@ def _wrong(result: ScanResult) -> list[str]:
 def _deliver(result: ScanResult, job: Job, form: str, output: Path | None, table: str, *, verbose: bool) -> None:
     from ..reporter.delivery import render, write
 
-    records = job.records if form == "html" else ()
+    records = job.records if form == "html" else {}
     if output is None:
         import sys
 

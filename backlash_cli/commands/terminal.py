@@ -35,15 +35,28 @@ def say(text: str) -> None:
 
 
 @contextlib.contextmanager
-def progress(words: str, total: int | None, *, shown: bool) -> Iterator[Callable[[], None]]:
-    """A bar on standard error while the block runs, only on a terminal; gives what counts one more done."""
+def progress(
+    words: str, total: int | None, *, shown: bool, of_bytes: bool = False
+) -> Iterator[Callable[..., None]]:
+    """A bar on standard error while the block runs, only on a terminal; gives what counts one more done, or so many.
+
+    of_bytes: what is counted are bytes.
+    """
     if not (shown and sys.stderr.isatty()):
-        yield lambda: None
+        yield lambda count=1: None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        DownloadColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    done = DownloadColumn() if of_bytes else MofNCompleteColumn()
+    columns = (TextColumn("{task.description}"), BarColumn(), done, TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(words, total=total)
-        yield lambda: bar.advance(task)
+        yield lambda count=1: bar.advance(task, count)

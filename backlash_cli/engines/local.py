@@ -17,20 +17,26 @@ from functools import partial
 from typing import TypeVar
 
 from ..errors import BacklashError
+from ..loaders.join import Joiner
+from ..loaders.plant import failure
+from ..loaders.recipes import Recipe
 from ..record import Note, Record
 from ..results import LoopReport, Verdict
 from ..scan import ScanOptions, scan
 
 Result = TypeVar("Result")
+Item = TypeVar("Item")
 
+PER_TASK = 16  # loops that a process takes at once; they share their time stamps on the way
 SAMPLES_PER_PROCESS = 2_000_000  # starting a process takes as long as scanning about this many samples
 
 
-def processes(records: Sequence[Record], wanted: int | None = None) -> int:
-    """Number of processes for `records`: as wanted, else one for small inputs and at most one per core for large."""
+def processes(loops: Sequence[Record | Recipe], wanted: int | None = None) -> int:
+    """Number of processes for `loops`: as wanted, else one for small inputs and at most one per core for large."""
     if wanted is not None:
-        return max(1, min(wanted, len(records)))
-    return max(1, min(cores(), len(records), sum(map(len, records)) // SAMPLES_PER_PROCESS))
+        return max(1, min(wanted, len(loops)))
+    samples = sum(loop.rows if isinstance(loop, Recipe) else len(loop) for loop in loops)
+    return max(1, min(cores(), len(loops), samples // SAMPLES_PER_PROCESS))
 
 
 def cores() -> int:
@@ -59,6 +65,63 @@ def analyse_loop(record: Record, options: ScanOptions) -> LoopReport:
         return failed(record, Note("internal_error", f"the analysis failed: {type(error).__name__}: {error}"))
 
 
+def analyse_recipes(
+    recipes: list[Recipe], options: ScanOptions | None = None, *, jobs: int | None = None
+) -> Iterator[LoopReport | Note]:
+    """Yield for every recipe, in order, the report of its loop, or a note where it could not be read.
+
+    Each loop is read when its turn comes, in the process that analyses it, and forgotten afterwards; `recipes` is
+    emptied on the way.
+    """
+    options = options or ScanOptions()
+    count = processes(recipes, jobs)
+    if count == 1:
+        return _in_turn(recipes, options)
+    size = max(1, min(PER_TASK, len(recipes) // (4 * count)))
+    groups = [tuple(recipes[i : i + size]) for i in range(0, len(recipes), size)]
+    recipes.clear()
+    work = partial(analyse_group, options=options)
+    return (one for group in in_processes(groups, work, partial(_one_by_one, work=work), count) for one in group)
+
+
+def _in_turn(recipes: list[Recipe], options: ScanOptions) -> Iterator[LoopReport | Note]:
+    joiner = Joiner(recipes[0].options.good_quality) if recipes else None
+    recipes.reverse()
+    while recipes:
+        yield analyse_recipe(recipes.pop(), options, joiner)
+
+
+def analyse_recipe(recipe: Recipe, options: ScanOptions, joiner: Joiner | None = None) -> LoopReport | Note:
+    """Read and analyse one loop; a note says why it could not be read."""
+    try:
+        record = recipe.record(joiner)
+    except BacklashError as error:
+        return failure(error, loop=recipe.loop)
+    except Exception as error:  # one loop's failure must not cost the others their report
+        return _lost(recipe, Note("internal_error", f"reading failed: {type(error).__name__}: {error}"))
+    return analyse_loop(record, options)
+
+
+def analyse_group(group: Sequence[Recipe], options: ScanOptions) -> list[LoopReport | Note]:
+    """Read and analyse some loops, one after the other."""
+    joiner = Joiner(group[0].options.good_quality)
+    return [analyse_recipe(recipe, options, joiner) for recipe in group]
+
+
+def _one_by_one(
+    group: Sequence[Recipe], reason: Note, work: Callable[[Sequence[Recipe]], list[LoopReport | Note]]
+) -> list[LoopReport | Note]:
+    """A process died over some loops: give each a process of its own, so that only the one to blame is lost."""
+    if len(group) == 1:
+        return [_lost(group[0], reason)]
+    alone = [(recipe,) for recipe in group]
+    return [one for found in in_processes(alone, work, partial(_one_by_one, work=work), 1) for one in found]
+
+
+def _lost(recipe: Recipe, reason: Note) -> LoopReport:
+    return LoopReport(recipe.loop, Verdict.ERROR, (reason,), warnings=recipe.notes)
+
+
 def failed(record: Record, reason: Note) -> LoopReport:
     """The report of a loop that could not be analysed."""
     first, last = (record.time[[0, -1]].tolist()) if len(record) else (None, None)
@@ -69,7 +132,7 @@ def failed(record: Record, reason: Note) -> LoopReport:
 
 
 def in_processes(
-    records: Sequence[Record], work: Callable[[Record], Result], lost: Callable[[Record, Note], Result], count: int
+    records: Sequence[Item], work: Callable[[Item], Result], lost: Callable[[Item, Note], Result], count: int
 ) -> Iterator[Result]:
     """Yield the result of `work` for every record, in order, worked out in `count` processes.
 
@@ -104,7 +167,7 @@ def in_processes(
 
 
 def _alone(
-    record: Record, work: Callable[[Record], Result], lost: Callable[[Record, Note], Result],
+    record: Item, work: Callable[[Item], Result], lost: Callable[[Item, Note], Result],
     context: multiprocessing.context.SpawnContext,
 ) -> Result:
     with ProcessPoolExecutor(1, mp_context=context, initializer=_ignore_interrupt) as pool:
@@ -114,8 +177,10 @@ def _alone(
             return lost(record, Note("process_died", "its process was killed, perhaps for lack of memory"))
 
 
-def _portable(record: Record) -> Record:
-    """The record with its read-only mappings as plain ones, which can travel between processes."""
+def _portable(record: Item) -> Item:
+    """A record with its read-only mappings as plain ones, which can travel between processes; the rest can."""
+    if not isinstance(record, Record):
+        return record
     return replace(record, settings=replace(record.settings, source=dict(record.settings.source)))
 
 

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from ..errors import InputError
 from ..record import Note
-from .places import Remote
+from .places import Remote, open_place
 
 CHUNK = 1 << 20
 # Text of measurements never shrinks to a 200th; beyond this a small file is a trap, not an export.
@@ -72,6 +72,21 @@ def first_pieces(file: BinaryIO, codec: str, size: int) -> Iterator[bytes]:
             return
         total += len(piece)
         yield piece
+
+
+def limited_pieces(path: Path | Remote, codec: str) -> Iterator[bytes]:
+    """Yield the text of a compressed file. Raises OSError when it is damaged or expands beyond all measure."""
+    size = path.stat().st_size
+    total = 0
+    with open_place(path) as file:
+        try:
+            for piece in _pieces(file, codec):
+                total += len(piece)
+                if total > BOMB_FLOOR and total > BOMB_RATIO * size:
+                    raise OSError("expands without end")
+                yield piece
+        except zlib.error as error:
+            raise OSError(str(error)) from None
 
 
 def _pieces(file: BinaryIO, codec: str) -> Iterator[bytes]:

@@ -164,11 +164,11 @@ def is_utf8(file: BinaryIO) -> bool:
     while count := file.readinto(view[kept:]):  # type: ignore[attr-defined]
         filled = kept + count
         cut = space.rfind(b"\n", 0, filled) + 1 or _whole_characters(space, filled)
-        if not _valid_utf8(view[:cut]):
+        if not valid_utf8(view[:cut]):
             return False
         kept = filled - cut
         space[:kept] = space[cut:filled]
-    return _valid_utf8(view[:kept])
+    return valid_utf8(view[:kept])
 
 
 def _whole_characters(data: bytearray, size: int) -> int:
@@ -181,7 +181,7 @@ def _whole_characters(data: bytearray, size: int) -> int:
     return size
 
 
-def _valid_utf8(data: bytes | memoryview) -> bool:
+def valid_utf8(data: bytes | memoryview) -> bool:
     """Arrow checks some gigabytes per second and makes no copy."""
     offsets = pa.py_buffer(struct.pack("<qq", 0, len(data)))
     try:
@@ -196,7 +196,7 @@ def _decoded(path: Path | Remote, data: bytes, options: ReadOptions, notes: tupl
         raise InputError("file holds no data", where=str(path), remedy="export it again")
     encoding, prefix = guess_encoding(data[: 4 * CHUNK], path, options)
     if encoding == "utf-8":
-        if _valid_utf8(data[prefix:] if prefix else data):
+        if valid_utf8(data[prefix:] if prefix else data):
             return Content(path, "text", data, prefix, notes)
         encoding = "cp1252"
     if encoding == "cp1252":

@@ -100,13 +100,15 @@ def _key(tag: str) -> str:
     return tag.strip().lower()
 
 
+MOST_JOINED = 8  # axes kept: more than one loop has, and few enough for plants of many files
+
+
 class Joiner:
     """Joins the parts of signals; parts that share their axes share the joined axis."""
 
     def __init__(self, good_quality: tuple[str, ...] = ()) -> None:
         self.good_quality = good_quality
-        self._axes: dict[tuple[int, ...], Axis] = {}
-        self._kept: list[Axis] = []
+        self._axes: dict[tuple[int, ...], tuple[Axis, list[Axis]]] = {}
 
     def signal(self, series: list[Series], role: str, loop: str) -> Signal:
         """Return one signal from its series. Raises LoopError when two different columns carry one name."""
@@ -133,9 +135,10 @@ class Joiner:
             absolute = all(axis.absolute for axis in axes)
             joined = Axis(Times(micros, absolute, all(axis.zoned for axis in axes), notes), axes[0].where)
             joined.parts = tuple(np.cumsum([len(axis.micros) for axis in axes])[:-1].tolist())
-            self._axes[key] = joined
-            self._kept.extend(axes)  # ids stay unique while they live
-        return self._axes[key]
+            if len(self._axes) >= MOST_JOINED:
+                del self._axes[next(iter(self._axes))]
+            self._axes[key] = joined, axes  # ids stay unique while they live
+        return self._axes[key][0]
 
     def _part(self, item: Series) -> Signal:
         numbers = item.cells.numbers()

@@ -59,7 +59,7 @@ def _wide(table: Table, options: ReadOptions) -> list[Series]:
         i
         for i, name in enumerate(table.names)
         if i not in used
-        and not (table.columns[i].null_count == table.rows and not roles[i].role)
+        and (roles[i].role or table.columns[i].null_count != table.rows)
         and plain(name) not in IGNORED
         and not is_time_like(table, i)
     ]

@@ -146,6 +146,18 @@ def parse_words(words: list[str], decimal: str = ".") -> tuple[NDArray[np.float6
     return values, bad, units
 
 
+def plain_numbers(words: pa.Array, decimal: str = ".") -> NDArray[np.float64]:
+    """Return the values of the texts that are plain finite numbers, nan for all others."""
+    text = pc.utf8_trim_whitespace(words)
+    if decimal != ".":
+        text = pc.replace_substring(text, decimal, ".")
+    chosen = np.flatnonzero(pc.match_substring_regex(text, _NUMBER).fill_null(False).to_numpy(zero_copy_only=False))
+    values = np.full(len(words), np.nan)
+    values[chosen] = pc.replace_substring_regex(text.take(pa.array(chosen)), r"^\+", "").cast(pa.float64()).to_numpy()
+    values[np.isinf(values)] = np.nan
+    return values
+
+
 def _parse_word(text: str, decimal: str, mark: str) -> tuple[float, bool, str]:
     if not text:
         return np.nan, False, ""

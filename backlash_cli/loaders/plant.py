@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from os import PathLike
+from pathlib import Path
 
 from pyarrow.lib import ArrowException
 
 from ..errors import BacklashError, InputError, LoopError, UsageError, nearest
 from ..record import Note, Record
-from .clean import build_record
 from .join import Joiner, LoopSeries, by_loop
 from .layouts import series_of
-from .loop_settings import settings_of
+from .lazy_tables import Lazily, lazy_table
 from .metadata import Metadata, merge, read_metadata
 from .options import ReadOptions
+from .recipes import Recipe, needed_columns, recipes_of
 from .series import Series
 from .settle import settle
 from .since import cut_loops, is_age, last_stamp, moment_of, nothing_since, since_notes
@@ -73,14 +74,65 @@ def read(
     found next to the data. Raises BacklashError when nothing can be read or the metadata are wrong; a single bad file
     or loop becomes a failure of the Plant.
     """
+    opened = open_plant(inputs, loops=loops, options=options)
+    joiner = Joiner((options or ReadOptions()).good_quality)
+    records: list[Record] = []
+    failures: list[Note] = []
+    for recipe in opened.recipes:
+        try:
+            records.append(recipe.record(joiner))
+        except BacklashError as error:
+            failures.append(failure(error, loop=recipe.loop))
+    lost = opened.with_lost(failures)
+    if opened.whole and not records and lost:
+        raise no_loop_read(lost)
+    return Plant(tuple(records), opened.warnings, (*opened.failures, *lost), opened.inputs)
+
+
+def no_loop_read(lost: Sequence[Note]) -> LoopError:
+    """The error of a plant none of whose loops could be read."""
+    first = lost[0]
+    return LoopError(f"no loop could be read; {first.message}" if len(lost) > 1 else first.message, code=first.code)
+
+
+@dataclass(frozen=True)
+class OpenPlant:
+    """One or several exports whose loops are known and not yet read: one recipe per loop, by name.
+
+    failures: files that could not be read. lost: loops that cannot be. whole: False for a share of a plant. The rest as
+    in Plant.
+    """
+
+    recipes: tuple[Recipe, ...]
+    warnings: tuple[Note, ...] = ()
+    failures: tuple[Note, ...] = ()
+    inputs: tuple[str, ...] = ()
+    lost: tuple[Note, ...] = ()
+    whole: bool = True
+
+    def with_lost(self, more: Sequence[Note]) -> tuple[Note, ...]:
+        """Return the loops that could not be read, with those found out when they were read, by name."""
+        return tuple(sorted([*self.lost, *more], key=lambda note: str(note.values["loop"])))
+
+
+def open_plant(
+    inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None, options: ReadOptions | None = None,
+    lazily: Lazily | None = None,
+) -> OpenPlant:
+    """Find the loops of exports. lazily: leave the samples where they are until a loop is read; None reads them now.
+
+    Raises BacklashError as `read` does.
+    """
     options = options or ReadOptions()
     given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
     sources = find_sources(given)
     metadata, warnings = metadata_of(given, sources, loops)
-    found, more, failures, first_problem = _series(sources, options)
+    if lazily is not None:
+        lazily = replace(lazily, needed=partial(needed_columns, metadata=metadata, options=options))
+    found, more, failures, first_problem = _series(sources, options, lazily)
     warnings += more
     if options.share is not None:
-        return _share(found, metadata, options, Plant((), tuple(more), tuple(failures)))
+        return _share(found, metadata, options, OpenPlant((), tuple(more), tuple(failures), whole=False))
     if not found:
         raise nothing_read(len(sources), first_problem)
     settled = settle(found, metadata, options, str(sources[0].path))
@@ -94,15 +146,10 @@ def read(
         if not wanted and without:
             raise nothing_since(options.since, moment, last)
         warnings += since_notes(options.since, moment, without, len(settled.loops))
-    records, more = _records(wanted, metadata, options)
-    lost = sorted([*lost, *more], key=lambda note: str(note.values["loop"]))
     warnings += settled.unmatched
-    if not records and lost:
-        raise LoopError(
-            f"no loop could be read; {lost[0].message}" if len(lost) > 1 else lost[0].message, code=lost[0].code
-        )
-    failures += lost
-    return Plant(tuple(records), tuple(warnings), tuple(failures), tuple(str(item) for item in given))
+    named = tuple(str(item) for item in given)
+    recipes = recipes_of(wanted, metadata, options)
+    return OpenPlant(recipes, tuple(warnings), tuple(failures), named, tuple(lost))
 
 
 def metadata_of(
@@ -130,18 +177,17 @@ def nothing_read(files: int, first_problem: BacklashError | None) -> BacklashErr
     return InputError(f"none of {files} files could be read; the first: {first_problem}", remedy="export them again")
 
 
-def _share(found: list[Series], metadata: Metadata, options: ReadOptions, so_far: Plant) -> Plant:
+def _share(found: list[Series], metadata: Metadata, options: ReadOptions, so_far: OpenPlant) -> OpenPlant:
     """The part of a plant whose names and loops are settled; what concerns the plant as a whole is said elsewhere."""
     share = options.share
     assert share is not None
     series = by_loop(found, metadata, dict(share.renamed))
     wanted = {name: series[name] for name in share.loops if name in series}
-    failures = list(so_far.failures)
+    lost: list[Note] = []
     if share.since is not None:
         wanted, without, more = _cut(wanted, share.since, age=share.age)
-        failures += [*(Note("nothing_since", "", {"loop": name}) for name in without), *more]
-    records, more = _records(wanted, metadata, options)
-    return Plant(tuple(records), so_far.warnings, (*failures, *more))
+        lost = [*(Note("nothing_since", "", {"loop": name}) for name in without), *more]
+    return replace(so_far, recipes=recipes_of(wanted, metadata, options), lost=tuple(lost))
 
 
 def _cut(
@@ -152,7 +198,7 @@ def _cut(
 
 
 def _series(
-    sources: Sequence[Source], options: ReadOptions
+    sources: Sequence[Source], options: ReadOptions, lazily: Lazily | None
 ) -> tuple[list[Series], list[Note], list[Note], BacklashError | None]:
     """Return the signals of all files, what was noticed, the files that could not be read, and the first reason."""
     found: list[Series] = []
@@ -161,7 +207,11 @@ def _series(
     first_problem: BacklashError | None = None
     for source in sources:
         try:
-            table = read_table(source.path, options, source.partition)
+            table = None if lazily is None else lazy_table(source.path, options, source.partition, lazily)
+            if table is None:
+                table = read_table(source.path, options, source.partition)
+                if lazily is not None and lazily.progress is not None and isinstance(source.path, Path):
+                    lazily.progress(source.path.stat().st_size)
             found += series_of(table, options)
             notes += table.notes if options.share is None else [_of_source(note, source) for note in table.notes]
         except READING_ERRORS as caught:
@@ -169,37 +219,6 @@ def _series(
             first_problem = first_problem or error
             failures.append(failure(error, file=str(source.path)))
     return found, notes, failures, first_problem
-
-
-def _records(
-    series: dict[str, LoopSeries], metadata: Metadata, options: ReadOptions
-) -> tuple[list[Record], list[Note]]:
-    joiner = Joiner(options.good_quality)
-    records, failures = [], []
-    for name in sorted(series):
-        values = metadata.of(name)
-        notes: list[Note] = []
-        origin = next(iter(series[name].roles.values()))[0]
-        if values is not None and origin.loop and origin.loop != name and metadata.match(origin.loop) is None:
-            notes.append(
-                Note("matched_name", f"{origin.loop[:60]} in the data is taken as {name[:60]} of the loops file")
-            )
-        if values is None and metadata.files:
-            notes.append(
-                Note("not_in_metadata", f"loop {name[:60]} is not in the loops file: its settings are missing")
-            )
-        try:
-            settings = settings_of(values if values is not None else metadata.fallback())
-            record = build_record(series[name], settings, joiner, options)
-        except BacklashError as error:
-            failures.append(failure(error, loop=name))
-            continue
-        if notes:
-            from dataclasses import replace
-
-            record = replace(record, notes=(*notes, *record.notes))
-        records.append(record)
-    return records, failures
 
 
 def _of_source(note: Note, source: Source) -> Note:

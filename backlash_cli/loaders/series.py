@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -11,6 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from ..record import Note
+from .columns import LazyColumn
 from .grid import Grid, make_grid
 from .numbers import Numbers, codes_and_words, main_unit, parse_words, to_numbers
 from .order import Ordered, ordered
@@ -57,6 +59,21 @@ class Axis:
         return part
 
 
+class LazyAxis(Axis):
+    """Stamps that are read when the first loop needs them."""
+
+    def __init__(self, read: Callable[[], Times], zoned: bool, where: str) -> None:
+        self._read = read
+        self.absolute, self.zoned, self.where = True, zoned, where
+        self.notes, self.first_line, self.parts = (), 0, ()
+        self._order, self._grid = None, None
+
+    @cached_property
+    def micros(self) -> NDArray[np.int64]:  # type: ignore[override]
+        """(rows,) microseconds since 1970 UTC."""
+        return self._read().micros
+
+
 class Lexicon:
     """The distinct texts of a column, read as numbers once for all tags that share the column."""
 
@@ -73,7 +90,7 @@ class Lexicon:
 class Cells:
     """One column or a part of it: either an Arrow column, or codes into a lexicon, or numbers."""
 
-    column: pa.ChunkedArray | None = None
+    column: pa.ChunkedArray | LazyColumn | None = None
     decimal: str = "."
     codes: NDArray[np.int64] | None = None
     lexicon: Lexicon | None = None
@@ -93,9 +110,9 @@ class Cells:
         if self.column is None:
             return self
         if self.is_text:
-            codes, words = codes_and_words(self.column)
+            codes, words = self.texts()
             return Cells(codes=codes, lexicon=Lexicon(words, self.decimal), decimal=self.decimal)
-        return Cells(values=to_numbers(self.column, self.decimal).values, decimal=self.decimal)
+        return Cells(values=self.numbers().values, decimal=self.decimal)
 
     def take(self, rows: NDArray[np.int64]) -> Cells:
         """Return some rows; call split() first."""
@@ -120,6 +137,8 @@ class Cells:
         """Return the cells as numbers."""
         if self.values is not None:
             return Numbers(self.values)
+        if isinstance(self.column, LazyColumn):
+            return self.column.numbers(self.decimal)
         if self.column is not None:
             return to_numbers(self.column, self.decimal)
         assert self.codes is not None and self.lexicon is not None
@@ -140,6 +159,8 @@ class Cells:
         if self.codes is not None and self.lexicon is not None:
             codes, used, _ = self._used()
             return codes, [self.lexicon.words[i] for i in used]
+        if isinstance(self.column, LazyColumn):
+            return self.column.texts()
         if self.column is not None:
             return codes_and_words(self.column)
         assert self.values is not None

@@ -10,7 +10,7 @@ from os import PathLike
 from pathlib import Path
 from urllib.parse import unquote
 
-from ..errors import InputError
+from ..errors import BacklashError, InputError
 from .names import LOOP, TAG, plain
 from .places import Remote, place
 from .tables import stem_of
@@ -176,3 +176,11 @@ def _candidates(folder: Path | Remote, *names: str) -> list[Path | Remote]:
 
 def _plain(folder: Path | Remote) -> list[Path | Remote]:
     return [folder / "loops.toml", folder / "loops.csv"]
+
+
+def size_of(inputs: Sequence[str | PathLike[str]]) -> int | None:
+    """Return the bytes of all files behind the inputs on this machine, None where that cannot be known quickly."""
+    try:
+        return sum(source.path.stat().st_size for source in find_sources(list(inputs)) if isinstance(source.path, Path))
+    except (BacklashError, OSError):
+        return None

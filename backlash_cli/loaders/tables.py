@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import pyarrow.parquet as pa_parquet
 
 from ..errors import InputError
 from ..record import Note
+from .columns import LazyColumn
 from .dialect import Dialect, sniff
 from .files import Content, open_content
 from .numbers import BLANK
@@ -36,7 +38,7 @@ class Table:
     where: str
     stem: str
     names: tuple[str, ...]
-    columns: tuple[pa.ChunkedArray, ...]
+    columns: tuple[pa.ChunkedArray | LazyColumn, ...]
     decimal: str = "."
     first_line: int = 0
     notes: tuple[Note, ...] = ()
@@ -114,7 +116,11 @@ def _read_parquet(path: Path | Remote, options: ReadOptions) -> Table:
 
 
 def column_name(name: str) -> str:
-    """Return the name of a Parquet column; two levels as pandas writes them become one."""
+    """The name of a Parquet column; two levels as pandas writes them become one.
+
+    >>> column_name("('FIC101', 'PV')")
+    'FIC101.PV'
+    """
     level = _TWO_LEVELS.match(name)
     return f"{level[1]}.{level[2]}" if level else name
 
@@ -130,17 +136,7 @@ def _read_csv(content: Content, options: ReadOptions) -> Table:
     table, bad = _parse(content, dialect)
     notes = list(content.notes)
     if bad:
-        bad = _locate(content, dialect, bad)
-        first = next((b[0] for b in bad if b[0] is not None), None)
-        line = "" if first is None else f", the first is line {dialect.line + first - 1}"
-        notes.append(
-            Note(
-                "ragged_rows",
-                f"{len(bad)} rows have too few or too many cells and were dropped{line} "
-                f"({bad[0][2]} columns instead of {bad[0][1]})",
-                {"rows": float(len(bad)), "file": where},
-            )
-        )
+        notes.append(ragged_note(_locate(content, dialect, bad), dialect, where))
     if table.num_rows == 0:
         raise InputError("no rows of data below the header", where=where, remedy="export it again with samples")
     return Table(
@@ -155,8 +151,20 @@ def _read_csv(content: Content, options: ReadOptions) -> Table:
     )
 
 
+def ragged_note(bad: Sequence[tuple], dialect: Dialect, where: str) -> Note:
+    """Say which rows were dropped; bad: (number of the row from 1 or None, columns expected, columns found)."""
+    first = next((b[0] for b in bad if b[0] is not None), None)
+    line = "" if first is None else f", the first is line {dialect.line + first - 1}"
+    return Note(
+        "ragged_rows",
+        f"{len(bad)} rows have too few or too many cells and were dropped{line} "
+        f"({bad[0][2]} columns instead of {bad[0][1]})",
+        {"rows": float(len(bad)), "file": where},
+    )
+
+
 def find_dialect(content: Content, options: ReadOptions, where: str) -> Dialect:
-    """Return how a CSV is written, seen from its beginning. Raises InputError when that cannot be seen."""
+    """Find how a CSV file is written from as many of its first lines as that takes. Raises InputError."""
     problem: InputError | None = None
     for size in HEAD_SIZES:
         raw = content.head(size)
@@ -192,17 +200,31 @@ def _parse(content: Content, dialect: Dialect, threads: bool = True) -> tuple[pa
             newlines_in_values=dialect.quoted_lines,
             invalid_row_handler=on_bad_row,
         ),
-        convert_options=pa_csv.ConvertOptions(
-            decimal_point=dialect.decimal,
-            null_values=["", " ", *BLANK],
-            quoted_strings_can_be_null=True,
-            auto_dict_encode=True,
-            auto_dict_max_cardinality=4096,
-            true_values=["\x00"],
-            false_values=["\x00"],
-        ),
+        convert_options=convert_options(dialect),
     )
     return table, bad
+
+
+def convert_options(dialect: Dialect) -> pa_csv.ConvertOptions:
+    """How pyarrow turns cells into columns."""
+    return pa_csv.ConvertOptions(
+        decimal_point=dialect.decimal,
+        null_values=["", " ", *BLANK],
+        quoted_strings_can_be_null=True,
+        auto_dict_encode=True,
+        auto_dict_max_cardinality=4096,
+        true_values=["\x00"],
+        false_values=["\x00"],
+    )
+
+
+def parse_head(content: Content, dialect: Dialect) -> Table:
+    """Return the first rows of a CSV file as a table; the content may end anywhere in a line."""
+    text = content.head(HEAD_SIZES[1])[dialect.offset :]
+    cut = text.rfind(b"\n") + 1 or len(text)
+    table, _ = _parse(Content(content.path, "text", text[:cut]), replace(dialect, offset=0), threads=False)
+    return Table(str(content.path), stem_of(content.path), dialect.names, tuple(table.columns), dialect.decimal,
+                 dialect.line, kinds=dialect.kinds)
 
 
 def _locate(content: Content, dialect: Dialect, bad: list[tuple]) -> list[tuple]:

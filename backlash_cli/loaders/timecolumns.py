@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pyarrow as pa
 
 from ..errors import InputError
+from .columns import LazyColumn
 from .names import is_time_name, plain, split_tag
 from .options import ReadOptions
-from .series import Axis
+from .series import Axis, LazyAxis
 from .tables import Table
 from .times import DAY, NAT, Times, to_times
 
@@ -21,6 +24,11 @@ def is_time_like(table: Table, column: int) -> bool:
     if pa.types.is_timestamp(kind) or pa.types.is_date(kind) or pa.types.is_time(kind):
         return True
     return table.kind(column) in ("time", "clock") and not _is_number(kind)
+
+
+def _arrow(table: Table, column: int) -> pa.ChunkedArray:
+    cells = table.columns[column]
+    return cells.arrow() if isinstance(cells, LazyColumn) else cells
 
 
 def _is_number(kind: pa.DataType) -> bool:
@@ -42,7 +50,7 @@ def time_columns(table: Table) -> list[int]:
         not found
         and _is_number(table.columns[0].type)
         and not split_tag(table.names[0]).role
-        and _rising(table.columns[0])
+        and _rising(_arrow(table, 0))
     ):
         found = [0]
     return found
@@ -70,8 +78,22 @@ def time_axis(table: Table, options: ReadOptions, only: int | None = None) -> tu
         named = [i for i in columns if is_time_name(table.names[i])]
         columns = (utc or named or columns) + columns
     chosen = columns[0]
-    times = to_times(table.columns[chosen], table.names[chosen], options, table.where)
-    return Axis(times, table.where, table.first_line), set(columns)
+    return _axis(table, chosen, options), set(columns)
+
+
+def _axis(table: Table, column: int, options: ReadOptions) -> Axis:
+    """The axis of one column of stamps; those of a Parquet file that need no interpretation stay in the file."""
+    cells = table.columns[column]
+    if isinstance(cells, LazyColumn):
+        kind = cells.type
+        if pa.types.is_timestamp(kind) and (kind.tz is not None or not options.timezone):
+            return LazyAxis(partial(_stamps, cells, options, table.where), kind.tz is not None, table.where)
+        cells = cells.arrow()
+    return Axis(to_times(cells, table.names[column], options, table.where), table.where, table.first_line)
+
+
+def _stamps(cells: LazyColumn, options: ReadOptions, where: str) -> Times:
+    return to_times(cells.arrow(), "", options, where)
 
 
 def _date_and_clock(table: Table, columns: list[int], options: ReadOptions) -> tuple[Axis, set[int]] | None:
@@ -82,11 +104,11 @@ def _date_and_clock(table: Table, columns: list[int], options: ReadOptions) -> t
     from dataclasses import replace
 
     bare = replace(options, timezone=None)
-    date = to_times(table.columns[dates[0]], table.names[dates[0]], bare, table.where)
+    date = to_times(_arrow(table, dates[0]), table.names[dates[0]], bare, table.where)
     known = date.micros != NAT
     if np.any(date.micros[known] % DAY):
         return None
-    clock = to_times(table.columns[clocks[0]], table.names[clocks[0]], replace(bare, time_format=None), table.where)
+    clock = to_times(_arrow(table, clocks[0]), table.names[clocks[0]], replace(bare, time_format=None), table.where)
     both = known & (clock.micros != NAT)
     micros = np.where(both, date.micros + clock.micros % DAY, NAT)
     times = Times(micros, True, False, date.notes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ..errors import UsageError
@@ -37,7 +37,7 @@ def check_delivery(form: str | None, output: Path | None, table: str) -> str | N
 
 
 def render(
-    result: ScanResult, records: Iterable[Record], form: str, table: str = "loops", *, verbose: bool = False,
+    result: ScanResult, records: Mapping[str, Record], form: str, table: str = "loops", *, verbose: bool = False,
     colour: bool = False,
 ) -> str:
     """Return the report as text in one of the forms table, json, csv, html."""
@@ -52,14 +52,14 @@ def render(
     if form == "html":
         from .html import single_page
 
-        return single_page(result, {r.loop: r for r in records})
+        return single_page(result, records)
     from .text import to_text
 
     return to_text(result, verbose=verbose, colour=colour)
 
 
 def draw(
-    result: ScanResult, records: Iterable[Record], folder: Path, step: Callable[[], None] = lambda: None
+    result: ScanResult, records: Mapping[str, Record], folder: Path, step: Callable[[], None] = lambda: None
 ) -> int:
     """Draw a picture (PNG) of each loop's evidence into `folder`, made if need be; return how many.
 
@@ -68,17 +68,20 @@ def draw(
     from .pictures import draw_loop
 
     make_folder(folder)
-    known = {r.loop: r for r in records if len(r)}
-    names = file_names(known)
-    reports = [r for r in result.loops if r.loop in known]
+    reports = [r for r in result.loops if r.loop in records and r.samples]
+    names = file_names(r.loop for r in reports)
+    drawn = 0
     for r in reports:
-        draw_loop(known[r.loop], r, folder, name=names[r.loop])
+        record = records.get(r.loop)
+        if record is not None:
+            draw_loop(record, r, folder, name=names[r.loop])
+            drawn += 1
         step()
-    return len(reports)
+    return drawn
 
 
 def write(
-    result: ScanResult, records: Iterable[Record], form: str, output: Path, table: str = "loops", *,
+    result: ScanResult, records: Mapping[str, Record], form: str, output: Path, table: str = "loops", *,
     verbose: bool = False, step: Callable[[], None] = lambda: None,
 ) -> None:
     """Write the report to a file, or as pages to a folder; the old report stays until the new one is whole.
@@ -93,6 +96,6 @@ def write(
     elif form == "html" and output.suffix.lower() not in (".html", ".htm"):
         from .html import write_folder
 
-        write_folder(output, result, {r.loop: r for r in records}, step)
+        write_folder(output, result, records, step)
     else:
         write_text(output, render(result, records, form, table, verbose=verbose))

@@ -19,8 +19,8 @@ runs = [result(*(report(f"L{i}", d) for i in range(LOOPS))) for d in (0.01, 0.03
 folder, once = Path(sys.argv[1]), len(sys.argv) > 2
 def write_all(k, name):
     for form in FORMS:
-        write(runs[k], (), form, folder / f"{name}.{form}")
-    write(runs[k], (), "html", folder / "pages")
+        write(runs[k], {}, form, folder / f"{name}.{form}")
+    write(runs[k], {}, "html", folder / "pages")
 if once:
     write_all(0, 0), write_all(1, 1)
 else:

@@ -1,0 +1,184 @@
+"""Columns that stay where they are until a loop asks for them: of a Parquet file, or of a CSV in the column store."""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pa_parquet
+from numpy.typing import NDArray
+
+from .numbers import Numbers, codes_and_words, main_unit, parse_words, to_numbers
+from .places import Remote
+from .store import ColumnStore
+
+TAG = 0x7FF8_0000_0000_0000  # bits of nan, an empty cell; a word has its code plus one added
+
+
+class LazyColumn:
+    """A column of a table that is read when it is used, each time anew; itself one that no loop needs.
+
+    type: its Arrow type. rows: how many cells it has.
+    """
+
+    def __init__(self, kind: pa.DataType, rows: int) -> None:
+        self.type, self.rows = kind, rows
+
+    def __len__(self) -> int:
+        return self.rows
+
+    @property
+    def null_count(self) -> int:
+        """Number of empty cells, as far as it matters: all or not all."""
+        return self.rows if pa.types.is_null(self.type) else 0
+
+    def arrow(self) -> pa.ChunkedArray:
+        """Return the column as Arrow holds it."""
+        return pa.chunked_array([pa.nulls(self.rows, self.type)])
+
+    def slice(self, start: int, length: int) -> LazyColumn:
+        """Return some rows, which are read when they are used."""
+        return SlicedColumn(self, start, length)
+
+    def numbers(self, decimal: str) -> Numbers:
+        """Return the cells as numbers, as `to_numbers` does."""
+        return to_numbers(self.arrow(), decimal)
+
+    def texts(self) -> tuple[NDArray[np.int64], list[str]]:
+        """Return (codes, words) of a text column, as `codes_and_words` does."""
+        return codes_and_words(self.arrow())
+
+
+class SlicedColumn(LazyColumn):
+    """Some rows of a column."""
+
+    def __init__(self, base: LazyColumn, start: int, length: int) -> None:
+        super().__init__(base.type, min(length, len(base) - start))
+        self.base, self.start = base, start
+
+    def arrow(self) -> pa.ChunkedArray:
+        return self.base.arrow().slice(self.start, self.rows)
+
+    def numbers(self, decimal: str) -> Numbers:
+        if not pa.types.is_floating(self.type):
+            return super().numbers(decimal)
+        return Numbers(self.base.numbers(decimal).values[self.start : self.start + self.rows])
+
+
+class ParquetFileColumns:
+    """The columns of one flat Parquet file, read a few at a time in the order in which they will be wanted."""
+
+    BATCH = 8 << 20  # bytes of decoded columns read ahead at once
+
+    def __init__(self, path: Path | Remote) -> None:
+        self.path = path
+        self.order: list[int] = []
+        self._read_ahead: dict[int, pa.ChunkedArray] = {}
+
+    @cached_property
+    def file(self) -> pa_parquet.ParquetFile:
+        return pa_parquet.ParquetFile(self.path.open_bytes() if isinstance(self.path, Remote) else self.path)
+
+    def column(self, index: int) -> pa.ChunkedArray:
+        """Return one column; the next ones of `order` are read with it."""
+        if index not in self._read_ahead:
+            wanted = [index]
+            if index in self._place:
+                count = max(1, self.BATCH // max(8 * self.file.metadata.num_rows, 1))
+                wanted = self.order[self._place[index] :][:count]
+            table = self.file.reader.read_all(column_indices=sorted(wanted), use_threads=len(wanted) > 1)
+            self._read_ahead = dict(zip(sorted(wanted), table.columns, strict=True))
+        return self._read_ahead.pop(index)
+
+    def nulls(self, index: int) -> int:
+        """Return how many cells of a column are empty, from the statistics in the file where it has them."""
+        about = self.file.metadata
+        count = 0
+        for group in range(about.num_row_groups):
+            said = about.row_group(group).column(index).statistics
+            if said is None or not said.has_null_count:
+                return int(self.column(index).null_count)
+            count += said.null_count
+        return count
+
+    @cached_property
+    def _place(self) -> dict[int, int]:
+        return {index: place for place, index in enumerate(self.order)}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"path": self.path, "order": [], "_read_ahead": {}}
+
+
+class ParquetColumn(LazyColumn):
+    """One column of a Parquet file."""
+
+    def __init__(self, file: ParquetFileColumns, index: int, kind: pa.DataType, rows: int) -> None:
+        super().__init__(kind, rows)
+        self.file, self.index = file, index
+
+    @property
+    def null_count(self) -> int:
+        return self.file.nulls(self.index)
+
+    def arrow(self) -> pa.ChunkedArray:
+        return self.file.column(self.index)
+
+
+class StoredColumn(LazyColumn):
+    """One column of a CSV in the store. words: what stood where no plain number stood, in the order of its codes.
+
+    A column with words is text, as Arrow would see it: all its cells count as texts then, also the plain numbers.
+    """
+
+    def __init__(self, store: ColumnStore, slot: int, words: list[str], empty: bool) -> None:
+        self.store, self.slot = store, slot
+        self.words = words
+        kind = pa.dictionary(pa.int32(), pa.string()) if words else pa.null() if empty else pa.float64()
+        super().__init__(kind, store.rows)
+
+    def numbers(self, decimal: str) -> Numbers:
+        values = self.store.column(self.slot)
+        if not self.words:
+            return Numbers(values)
+        codes = _codes(values)
+        found, bad, units = parse_words(self.words, decimal)
+        counts = np.bincount(codes[codes >= 0], minlength=len(self.words))
+        unit, foreign = main_unit([u if c else "" for u, c in zip(units, counts, strict=True)], counts)
+        bad |= foreign
+        found[bad] = np.nan
+        said = codes >= 0
+        values[said] = found[codes[said]]
+        flags = np.append(bad, False)[codes]
+        tally = Counter({self.words[i].strip()[:40]: int(counts[i]) for i in np.flatnonzero(bad) if counts[i]})
+        return Numbers(values, flags if flags.any() else None, tally, unit)
+
+    def texts(self) -> tuple[NDArray[np.int64], list[str]]:
+        values = self.store.column(self.slot)
+        codes = _codes(values)
+        number = ~np.isnan(values)
+        words = list(self.words)
+        if number.any():
+            distinct, place = np.unique(values[number], return_inverse=True)
+            codes[number] = place + len(words)
+            words += [f"{v:.0f}" if v == np.rint(v) and abs(v) < 1e15 else repr(v) for v in distinct.tolist()]
+        return codes, words
+
+    def arrow(self) -> pa.ChunkedArray:
+        if pa.types.is_null(self.type):
+            return pa.chunked_array([pa.nulls(len(self))])
+        if not self.words:
+            values = self.store.column(self.slot)
+            empty = values.view(np.int64) == TAG
+            return pa.chunked_array([pa.array(values, mask=empty if empty.any() else None)])
+        codes, words = self.texts()
+        coded = pa.DictionaryArray.from_arrays(pa.array(codes.astype(np.int32), mask=codes < 0), pa.array(words))
+        return pa.chunked_array([coded])
+
+
+def _codes(values: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the code of the word of each cell, -1 for numbers and empty cells."""
+    return np.where(np.isnan(values), values.view(np.int64) - (TAG + 1), -1)

@@ -1,0 +1,230 @@
+"""Wide CSV of any size: blocks of lines parsed by pyarrow, one after the other or several at once, into the store.
+
+The result is the table that pyarrow would make of the whole file, with columns that are read when a loop needs them.
+Signals are asked for as numbers; a block in which one holds text is parsed once more, and from there on that column
+counts as text. Where the table of the whole file would differ (text that is not UTF-8, stamps of changing kinds),
+`read_blocks` returns None, and the caller reads the file whole.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv as pa_csv
+from numpy.typing import NDArray
+
+from .columns import TAG, LazyColumn, StoredColumn
+from .dialect import Dialect
+from .files import valid_utf8
+from .numbers import BLANK, plain_numbers
+from .store import ColumnStore, Room
+
+BLOCK = 8 << 20  # bytes of text per block
+
+
+class ForeignText(Exception):
+    """The table of the whole file would differ from that of its blocks."""
+
+
+@dataclass
+class Block:
+    """One block of lines. columns: by number. bad: (row from 1, cells expected, cells found) of rows of wrong width."""
+
+    columns: dict[int, pa.ChunkedArray]
+    bad: list[tuple[int, int, int]]
+    rows: int
+    size: int
+
+
+@dataclass
+class Layout:
+    """What is read of a CSV. stored: columns of signals, in the order of the store. stamps: columns of time stamps.
+
+    texts: stored columns in which text has been seen so far.
+    """
+
+    dialect: Dialect
+    convert: pa_csv.ConvertOptions
+    stored: list[int]
+    stamps: list[int]
+    texts: set[int] = field(default_factory=set)
+
+    def parse(self, text: bytes) -> Block:
+        """Parse whole lines. Raises ForeignText."""
+        if not valid_utf8(text):
+            raise ForeignText
+        try:
+            return self._parse(text, self.texts)
+        except pa.ArrowInvalid:
+            try:
+                block = self._parse(text, set(self.stored))
+            except pa.ArrowInvalid:
+                raise ForeignText from None
+            for column in set(self.stored) - self.texts:  # one of them holds the text
+                with contextlib.suppress(pa.ArrowInvalid):
+                    block.columns[column] = pc.cast(pc.utf8_trim_whitespace(block.columns[column]), pa.float64())
+            return block
+
+    def _parse(self, text: bytes, texts: set[int]) -> Block:
+        bad: list[tuple[int, int, int]] = []
+
+        def on_bad_row(row: pa_csv.InvalidRow) -> str:
+            bad.append((row.number, row.expected_columns, row.actual_columns))
+            return "skip"
+
+        names = [f"c{i}" for i in range(len(self.dialect.names))]
+        given = self.convert
+        table = pa_csv.read_csv(
+            pa.BufferReader(text),
+            read_options=pa_csv.ReadOptions(column_names=names, use_threads=False, block_size=len(text) + 1),
+            parse_options=pa_csv.ParseOptions(delimiter=self.dialect.delimiter, invalid_row_handler=on_bad_row),
+            convert_options=pa_csv.ConvertOptions(
+                decimal_point=given.decimal_point, null_values=given.null_values, quoted_strings_can_be_null=True,
+                auto_dict_encode=True, auto_dict_max_cardinality=given.auto_dict_max_cardinality,
+                true_values=given.true_values, false_values=given.false_values,
+                column_types={names[i]: pa.string() if i in texts else pa.float64() for i in self.stored},
+                include_columns=[names[i] for i in (*self.stored, *self.stamps)],
+                strings_can_be_null=True,
+            ),
+        )
+        columns = dict(zip((*self.stored, *self.stamps), table.columns, strict=True))
+        return Block(columns, bad, table.num_rows, len(text))
+
+
+def read_blocks(
+    pieces: Iterator[bytes], layout: Layout, kinds: list[pa.DataType], *, room: Room | None = None, threads: int = 1,
+    progress: Callable[[int], None] | None = None,
+) -> tuple[list[LazyColumn | pa.ChunkedArray], list[tuple[int, int, int]]] | None:
+    """Read the text below the header. Returns all columns and the rows of wrong width; None: read the file whole.
+
+    kinds: types of all columns in the first lines, for those that are not stored. progress: called with the bytes of
+    each block.
+    """
+    signals = [_Signal() for _ in layout.stored]
+    store = ColumnStore(room)
+    stamps: list[list[pa.ChunkedArray]] = [[] for _ in layout.stamps]
+    bad: list[tuple[int, int, int]] = []
+    rows = 0
+    try:
+        for block in _parsed(pieces, layout, threads):
+            piece = np.empty((len(signals), block.rows))
+            for signal, column, out in zip(signals, layout.stored, piece, strict=True):
+                signal.take(block.columns[column], out, layout.dialect.decimal)
+                if signal.words:
+                    layout.texts.add(column)
+            for parts, column in zip(stamps, layout.stamps, strict=True):
+                parts.append(block.columns[column])
+            store.add(piece)
+            bad += [(rows + number, expected, found) for number, expected, found in block.bad]
+            rows += block.rows + len(block.bad)
+            if progress is not None:
+                progress(block.size)
+        times = {column: _unified(parts) for column, parts in zip(layout.stamps, stamps, strict=True)}
+    except ForeignText:
+        return None
+    place = {column: slot for slot, column in enumerate(layout.stored)}
+    columns: list[LazyColumn | pa.ChunkedArray] = []
+    for column, kind in enumerate(kinds):
+        if column in times:
+            columns.append(times[column])
+        elif column in place:
+            signal = signals[place[column]]
+            columns.append(StoredColumn(store, place[column], list(signal.words), empty=not signal.filled))
+        else:
+            columns.append(LazyColumn(kind, store.rows))
+    return columns, bad
+
+
+@dataclass
+class _Signal:
+    """One stored column on its way through the blocks: its words by code, and what has been seen."""
+
+    words: dict[str, int] = field(default_factory=dict)
+    filled: bool = False
+    not_finite: bool = False
+
+    def take(self, column: pa.ChunkedArray, out: NDArray[np.float64], decimal: str) -> None:
+        """Put the cells of a block into `out`. Raises ForeignText."""
+        self.filled |= column.null_count < len(column)
+        if pa.types.is_floating(column.type):
+            out[:] = column.to_numpy()
+            # as words they would count as bad values of a column of text
+            self.not_finite |= bool(np.count_nonzero(~np.isfinite(out)) > column.null_count)
+        else:
+            coded = column.combine_chunks().dictionary_encode()
+            coded = coded.combine_chunks() if isinstance(coded, pa.ChunkedArray) else coded
+            words = coded.dictionary
+            values = plain_numbers(words, decimal)
+            bits = values.view(np.int64)
+            for i in np.flatnonzero(np.isnan(values)).tolist():
+                word = words[i].as_py()
+                blank = word in BLANK or not word or word.isspace()
+                bits[i] = TAG if blank else TAG + 1 + self.words.setdefault(word, len(self.words))
+            codes = coded.indices.fill_null(len(values)).to_numpy(zero_copy_only=False)
+            out[:] = np.append(values, np.nan)[codes]
+        if self.words and self.not_finite:
+            raise ForeignText
+
+
+def _parsed(pieces: Iterator[bytes], layout: Layout, threads: int) -> Iterator[Block]:
+    """Parse blocks in order; with several threads the next ones are parsed while this one is taken."""
+    if threads <= 1:
+        yield from map(layout.parse, whole_lines(pieces))
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        waiting: deque[Future[Block]] = deque()
+        try:
+            for text in whole_lines(pieces):
+                waiting.append(pool.submit(layout.parse, text))
+                if len(waiting) > threads:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def whole_lines(pieces: Iterator[bytes]) -> Iterator[bytes]:
+    """Cut pieces of text where lines end. Raises ForeignText where there are none for very long."""
+    rest = b""
+    for piece in pieces:
+        cut = piece.rfind(b"\n") + 1
+        if not cut:
+            rest += piece
+            if len(rest) > 8 * BLOCK:
+                raise ForeignText
+            continue
+        yield rest + piece[:cut] if rest else piece[:cut]
+        rest = piece[cut:]
+    if rest:
+        yield rest
+
+
+def _unified(parts: list[pa.ChunkedArray]) -> pa.ChunkedArray:
+    """One column from the parts of its blocks. Raises ForeignText when they are of different kinds."""
+    parts = [part for part in parts if len(part)]
+    kinds = {part.type for part in parts if not pa.types.is_null(part.type)}
+    if not kinds:
+        return pa.chunked_array([chunk for part in parts for chunk in part.chunks], pa.null())
+    kind = next(iter(kinds))
+    if len(kinds) > 1:
+        if all(pa.types.is_timestamp(k) and k.tz is None for k in kinds):
+            kind = pa.timestamp("ns")
+        elif all(pa.types.is_string(k) or pa.types.is_dictionary(k) for k in kinds):
+            kind = pa.string()
+        elif all(pa.types.is_integer(k) or pa.types.is_floating(k) for k in kinds):
+            kind = pa.float64()
+        else:
+            raise ForeignText
+    try:
+        return pa.chunked_array([chunk for part in parts for chunk in pc.cast(part, kind).chunks], kind)
+    except pa.ArrowException:
+        raise ForeignText from None

@@ -1,0 +1,137 @@
+"""Tables whose columns are read when a loop needs them: wide CSV through the column store, Parquet from its file.
+
+`lazy_table` gives the Table that `read_table` gives, or None where the file has to be read whole: other layouts, other
+encodings, text that only a full CSV reader understands. It raises nothing about the file: `read_table` says it better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pyarrow as pa
+
+from ..errors import InputError
+from ..record import Note
+from .columns import ParquetColumn, ParquetFileColumns
+from .compression import codec_of, limited_pieces
+from .fast_csv import BLOCK, read_blocks
+from .fast_csv import Layout as CsvLayout
+from .files import Content, guess_encoding
+from .layouts import layout_of
+from .options import ReadOptions
+from .places import Remote, open_place
+from .store import Room
+from .tables import (
+    MAX_COLUMNS,
+    MAX_GROWTH,
+    Table,
+    column_name,
+    convert_options,
+    find_dialect,
+    parse_head,
+    ragged_note,
+    stem_of,
+)
+from .timecolumns import time_columns
+
+HEAD = 4 << 20
+
+
+@dataclass
+class Lazily:
+    """How to read lazily. needed: tells from the first rows of a table which columns the wanted loops use; all if not.
+
+    threads: of parsing. progress: called with the bytes of a file that were taken in.
+    """
+
+    needed: Callable[[Table], set[int]] = lambda table: set(range(len(table.names)))
+    threads: int = 1
+    progress: Callable[[int], None] | None = None
+    room: Room = field(default_factory=Room)
+
+
+def lazy_table(path: Path | Remote, options: ReadOptions, partition: dict[str, str], lazily: Lazily) -> Table | None:
+    """Return the table of a file with lazy columns, None where it has to be read whole."""
+    try:
+        with open_place(path) as file:
+            magic = file.read(16)
+        if magic[:4] == b"PAR1":
+            return _parquet(path, options, partition)
+        return _csv(path, magic, options, partition, lazily)
+    except (InputError, pa.ArrowException, OSError, ValueError, OverflowError, EOFError):
+        return None
+
+
+def _parquet(path: Path | Remote, options: ReadOptions, partition: dict[str, str]) -> Table | None:
+    source = ParquetFileColumns(path)
+    about = source.file.metadata
+    schema = source.file.schema_arrow
+    flat = len(schema) == about.num_columns and not any(pa.types.is_nested(field.type) for field in schema)
+    decoded = about.num_rows * about.num_columns * 8
+    large = decoded > options.max_bytes and decoded > MAX_GROWTH * path.stat().st_size
+    if not flat or large or not 0 < about.num_columns <= MAX_COLUMNS or not about.num_rows:
+        return None
+    names = tuple(column_name(name) for name in schema.names)
+    first = next(source.file.iter_batches(1000))
+    head = Table(str(path), stem_of(path), names, tuple(pa.chunked_array([c]) for c in first.columns),
+                 partition=partition)
+    if layout_of(head, options) not in ("wide", "single"):
+        return None
+    columns = tuple(ParquetColumn(source, i, f.type, about.num_rows) for i, f in enumerate(schema))
+    return Table(str(path), stem_of(path), names, columns, partition=partition)
+
+
+def _csv(
+    path: Path | Remote, magic: bytes, options: ReadOptions, partition: dict[str, str], lazily: Lazily
+) -> Table | None:
+    codec = codec_of(magic)
+    pieces = limited_pieces(path, codec) if codec else _pieces(path, 0)
+    begun = b""
+    for piece in pieces:
+        begun += piece
+        if len(begun) >= HEAD:
+            break
+    encoding, prefix = guess_encoding(begun, path, options)
+    if encoding != "utf-8" or not begun or begun[:4] == b"PAR1":
+        return None
+    content = Content(path, "text", begun, prefix)
+    dialect = find_dialect(content, options, str(path))
+    if dialect.quoted_lines or not dialect.delimiter.isascii():
+        return None
+    head = parse_head(content, dialect)
+    head = Table(str(path), stem_of(path), dialect.names, head.columns, dialect.decimal, dialect.line,
+                 partition=partition, kinds=dialect.kinds)
+    if not head.rows or layout_of(head, options) not in ("wide", "single"):
+        return None
+    named = time_columns(head)
+    stamps = [i for i, c in enumerate(head.columns)
+              if i in named or pa.types.is_temporal(c.type) or head.kind(i) in _STAMPS]
+    kinds = [c.type for c in head.columns]
+    stored = sorted(lazily.needed(head) - set(stamps))
+    texts = {i for i in stored if head.is_text(i)}
+    rest = _after(begun[prefix + dialect.offset :], pieces)
+    layout = CsvLayout(dialect, convert_options(dialect), stored, stamps, texts)
+    read = read_blocks(rest, layout, kinds, room=lazily.room, threads=lazily.threads, progress=lazily.progress)
+    if read is None or not len(read[0][0]):
+        return None
+    columns, bad = read
+    notes: tuple[Note, ...] = (ragged_note(bad, dialect, str(path)),) if bad else ()
+    return Table(str(path), stem_of(path), dialect.names, tuple(columns), dialect.decimal, dialect.line, notes,
+                 partition, dialect.kinds)
+
+
+_STAMPS = ("time", "clock")
+
+
+def _pieces(path: Path | Remote, offset: int) -> Iterator[bytes]:
+    with open_place(path) as file:
+        file.seek(offset)
+        while piece := file.read(BLOCK):
+            yield piece
+
+
+def _after(begun: bytes, pieces: Iterator[bytes]) -> Iterator[bytes]:
+    yield begun
+    yield from pieces

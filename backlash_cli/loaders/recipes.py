@@ -1,0 +1,122 @@
+"""What makes the record of each loop: its columns, wherever they are, its settings and how to read them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+
+from ..errors import BacklashError
+from ..record import Note, Record
+from .clean import build_record
+from .columns import LazyColumn, ParquetColumn, ParquetFileColumns
+from .join import Joiner, LoopSeries, by_loop
+from .layouts import series_of
+from .loop_settings import settings_of
+from .metadata import LoopValues, Metadata
+from .options import ReadOptions
+from .selection import check_pattern
+from .tables import Table
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All that makes the record of one loop; samples that were left where they are, are read when it is made.
+
+    It can be sent to another process of this machine.
+    """
+
+    loop: str
+    series: LoopSeries
+    values: LoopValues | None
+    options: ReadOptions
+    notes: tuple[Note, ...] = ()
+
+    def record(self, joiner: Joiner | None = None) -> Record:
+        """Read the loop. Raises BacklashError when it cannot be read. joiner: shared by loops of the same files."""
+        settings = settings_of(self.values)
+        record = build_record(self.series, settings, joiner or Joiner(self.options.good_quality), self.options)
+        return replace(record, notes=(*self.notes, *record.notes)) if self.notes else record
+
+    @property
+    def rows(self) -> int:
+        """Rows of the measurement, about the samples of its record."""
+        return sum(len(item.cells) for item in self.series.roles.get("pv", ()))
+
+
+class RecordsByName(Mapping[str, Record]):
+    """The records of recipes by the name of the loop, made anew each time; a loop that cannot be read is not there."""
+
+    def __init__(self, recipes: Iterable[Recipe]) -> None:
+        self._recipes = {recipe.loop: recipe for recipe in recipes}
+
+    def __getitem__(self, loop: str) -> Record:
+        try:
+            return self._recipes[loop].record()
+        except BacklashError as error:
+            raise KeyError(str(error)) from None
+
+    def __contains__(self, loop: object) -> bool:
+        return loop in self._recipes
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._recipes)
+
+    def __len__(self) -> int:
+        return len(self._recipes)
+
+
+def recipes_of(loops: Mapping[str, LoopSeries], metadata: Metadata, options: ReadOptions) -> tuple[Recipe, ...]:
+    """Return the recipes of loops, by name."""
+    recipes = tuple(_recipe(name, loops[name], metadata, options) for name in sorted(loops))
+    order: dict[int, tuple[ParquetFileColumns, dict[int, None]]] = {}
+    for recipe in recipes:
+        for column in _columns(recipe.series):
+            if isinstance(column, ParquetColumn):
+                order.setdefault(id(column.file), (column.file, {}))[1].setdefault(column.index)
+    for file, columns in order.values():
+        file.order = list(columns)
+    return recipes
+
+
+def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOptions) -> Recipe:
+    values = metadata.of(name)
+    notes: list[Note] = []
+    origin = next(iter(series.roles.values()))[0]
+    if values is not None and origin.loop and origin.loop != name and metadata.match(origin.loop) is None:
+        notes.append(Note("matched_name", f"{origin.loop[:60]} in the data is taken as {name[:60]} of the loops file"))
+    if values is None and metadata.files:
+        notes.append(Note("not_in_metadata", f"loop {name[:60]} is not in the loops file: its settings are missing"))
+    if any(isinstance(column, LazyColumn) for column in _columns(series)):
+        series = replace(series, extra={})  # further measured columns are not worth reading twice
+    return Recipe(name, series, values if values is not None else metadata.fallback(), options, tuple(notes))
+
+
+def _columns(loop: LoopSeries) -> Iterator[object]:
+    for item in (item for items in loop.roles.values() for item in items):
+        yield item.cells.column
+        yield None if item.quality is None else item.quality.column
+
+
+def needed_columns(table: Table, metadata: Metadata, options: ReadOptions) -> set[int]:
+    """Return the columns of a table that the wanted loops use, seen from its first rows."""
+    renamed = dict(options.share.renamed) if options.share is not None else None
+    loops = by_loop(series_of(table, options), metadata, renamed)
+    place = {id(column): i for i, column in enumerate(table.columns)}
+    used = {place[id(c)] for name in _perhaps_wanted(loops, options) for c in _columns(loops[name]) if id(c) in place}
+    # what is still empty may be a tag of the loops file
+    return used | {i for i, column in enumerate(table.columns) if column.null_count == table.rows}
+
+
+def _perhaps_wanted(loops: Mapping[str, LoopSeries], options: ReadOptions) -> list[str]:
+    """Loops that the options do not rule out; which are drawn for a sample is known only when all files are open."""
+    if options.share is not None:
+        return [name for name in loops if name in set(options.share.loops)]
+    names = list(loops)
+    if options.only_loops:
+        names = [name for name in names
+                 if any(name == p or fnmatchcase(name.lower(), p.lower()) for p in options.only_loops)]
+    if options.loops_matching:
+        tests = [check_pattern(pattern) for pattern in options.loops_matching]
+        names = [name for name in names if any(test(name) for test in tests)]
+    return names
