@@ -18,6 +18,7 @@ from .decimate import WIDTHS, BlockMeans
 from .evidence import Evidence, Rows, weigh
 from .periodic import periodic_load
 from .rebuild import OutputRebuilder
+from .switching_load import with_switching_load
 
 BLOCKS_PER_TI = 4.0  # sensitivity is that of 3 and 6; 6 makes fewer false calls on square loads, in twice the time
 FEWEST_ROWS = 150
@@ -26,6 +27,7 @@ LAG_ROWS = 1.0  # where the search for the lag of the process begins: about Ti /
 SPREAD_FLOOR = 0.06  # of d: what the model of the process costs, whatever the noise
 SPREAD_PER_STEP = 0.005  # of d: what each load step found adds to that
 SPREAD_OF_LINE = 0.06  # of d: the same for a load that swings with one period
+SPREAD_OF_SWITCHING = 0.2  # of d: the same for a load that switches to and fro
 WIDENING = 2.2  # half intervals of the likelihood come out this much too short on simulated loops
 LEAST_TURN = 1.02  # the range of OP over the largest dead band that is tried
 
@@ -78,22 +80,26 @@ class ConfirmationScanner:
         x = np.ascontiguousarray(level[:, 1 : 2 + len(widths)].T)
         y = np.ascontiguousarray(sign * level[:, 0])
         line = np.empty((0, len(y))) if self._blocks.setpoint_moves else periodic_load(y, at)
-        return Rows(y, x, widths, first, lag, line)
+        return Rows(y, x, widths, first, lag, line, at)
 
     def finish(self) -> Confirmation | Note:
         """Return what the record says about a dead band, or why it says nothing."""
         rows = self.rows()
         if isinstance(rows, Note):
             return rows
-        return self._confirmation(weigh(rows), bool(len(rows.line)))
+        found = weigh(rows)
+        if not self._blocks.setpoint_moves:
+            found = with_switching_load(rows, found)
+        return self._confirmation(found, bool(len(rows.line)))
 
     def _confirmation(self, e: Evidence, swings: bool) -> Confirmation:
-        low, high = widened(e.d, e.interval, e.steps, swings)
+        low, high = widened(e.d, e.interval, e.steps, swings, e.half_period > 0)
         span = self._blocks.range
         details: dict[str, float | str] = {
             "evidence": e.gain, "half": e.half, "mirror": e.mirror, "responds": e.responds, "steps": float(e.steps),
             "rows": float(e.rows), "block_s": self.size * self.interval, "output_range": span, "noise": e.noise,
-            "gain_to_pv": e.gain_to_pv, "load_swings": float(swings),
+            "gain_to_pv": e.gain_to_pv, "load_swings": float(swings or e.half_period > 0),
+            "load_half_period_s": e.half_period * self.size * self.interval,
             "output": "rebuilt" if self._rebuilder else "recorded",
         }
         return Confirmation(e.d, (low, high), e.error_reduction, 2.0 * e.gain - float(np.log(max(e.rows, 1))),
@@ -107,9 +113,10 @@ def confirm(record: Record, settings: LoopSettings | None = None) -> Confirmatio
     return scanner.finish()
 
 
-def widened(d: float, interval: tuple[float, float], steps: int, swings: bool) -> tuple[float, float]:
+def widened(d: float, interval: tuple[float, float], steps: int, swings: bool,
+            switches: bool = False) -> tuple[float, float]:
     """Return the 95 % interval of d: the likelihood interval, widened to hold the truth in 96 % of simulated loops."""
-    floor = (SPREAD_FLOOR + SPREAD_PER_STEP * steps + SPREAD_OF_LINE * swings) * d
+    floor = (SPREAD_FLOOR + SPREAD_PER_STEP * steps + SPREAD_OF_LINE * swings + SPREAD_OF_SWITCHING * switches) * d
     low = d - float(np.hypot(WIDENING * (d - interval[0]), floor))
     high = d + float(np.hypot(WIDENING * (interval[1] - d), floor))
     return max(low, 0.0), high

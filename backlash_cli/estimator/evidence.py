@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray
+from ..record import FloatArray, IntArray
 from . import likelihood
 from . import whitening as core
 from .load_steps import load_steps, step_information
@@ -29,7 +29,7 @@ DROP = 3.0  # nats from the top to the ends of the likelihood interval
 class Rows:
     """Block means, centred: y (rows,) PV, x (1 + widths, rows) OP (first) and OP through each dead band of `widths`
     (ascending). first (rows,): True where a stretch begins. lag: typical lag of the process in rows (Ti / 4).
-    line (columns, rows): shapes that a periodic load may have."""
+    line (columns, rows): shapes that a periodic load may have. at (rows,): row numbers, where there are holes."""
 
     y: FloatArray
     x: FloatArray
@@ -37,6 +37,7 @@ class Rows:
     first: NDArray[np.bool_]
     lag: float
     line: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    at: IntArray | None = None
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,8 @@ class Evidence:
     half: best evidence for half a dead band (mean of OP and play): a true one beats it. mirror: best evidence for
     the opposite of a dead band (2 OP - play), a sham effect that only errors of the linear model can support.
     error_reduction: share of the variance of the one-step prediction that d removes. noise: deviation of the
-    measurement noise per row. steps: load steps found. gain_to_pv: static gain of the fitted process.
+    measurement noise per row. steps: load steps found. gain_to_pv: static gain of the fitted process. level:
+    log-likelihood of the best model. half_period [rows]: of a load that switches to and fro; 0 for none.
     """
 
     d: float
@@ -61,6 +63,8 @@ class Evidence:
     responds: float
     gain_to_pv: float
     profile: tuple[tuple[float, float], ...] = field(default=())
+    level: float = 0.0
+    half_period: float = 0.0
 
 
 class Fitter:
@@ -239,7 +243,7 @@ def _summary(fit: Fitter, p0: FloatArray, f0: float, p1: FloatArray, j: int, val
     grid = np.concatenate([widths, fine])
     level = np.concatenate([values, extra])
     order = np.argsort(grid, kind="stable")
-    interval = _likelihood_interval(grid[order], level[order], top)
+    interval = likelihood_interval(grid[order], level[order], top)
     linear, hysteresis = rows.x[:1], rows.x[1:]
     half = float(np.max(fit.ll(p1, 0.5 * (linear + hysteresis)))) - f0
     mirror = float(np.max(fit.ll(p0, 2.0 * linear - hysteresis))) - f0
@@ -252,7 +256,7 @@ def _summary(fit: Fitter, p0: FloatArray, f0: float, p1: FloatArray, j: int, val
     return Evidence(
         d, interval, max(top, float(ll[0])) - f0, half, mirror, reduction, float(np.sqrt(noise[0])),
         int(np.count_nonzero(fit.shock)), int(k.sum()), float(ll[0] - ll[1]), float(b[0].sum()),
-        tuple((float(w), float(v - f0)) for w, v in zip(grid[order], level[order], strict=True)),
+        tuple((float(w), float(v - f0)) for w, v in zip(grid[order], level[order], strict=True)), max(top, f0),
     )
 
 
@@ -267,7 +271,8 @@ def _peak(d: FloatArray, values: FloatArray) -> tuple[float, float]:
     return float(d[i]), float(values[i])
 
 
-def _likelihood_interval(d: FloatArray, values: FloatArray, top: float) -> tuple[float, float]:
+def likelihood_interval(d: FloatArray, values: FloatArray, top: float) -> tuple[float, float]:
+    """Return where the log-likelihood `values` (widths,) over d (widths,), ascending, fall DROP below the top."""
     level = top - DROP
     inside = np.flatnonzero(values > level)
     first, last = int(inside[0]), int(inside[-1])

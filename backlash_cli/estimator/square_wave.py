@@ -1,0 +1,87 @@
+"""A square wave in block means: its values, and the one that OP shows when a load switches to and fro."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..record import FloatArray, IntArray
+
+FEWEST_HALF_PERIODS = 12
+IN_LINES = 0.6  # of OP's variance up to NOISE times the frequency in the fundamental and its first odd harmonics
+NOISE = 8.0
+THIRD = 0.12  # third harmonic of PV over its fundamental: a square load leaves more, a sine nothing
+HARMONICS = (1, 3, 5, 7)
+LINE = 2.0  # half width of a line behind a Hann window, in bins
+
+
+@dataclass(frozen=True)
+class Wave:
+    """A square wave: amplitude [span], half period and phase [rows], the phase a switch up counted from the middle."""
+
+    amplitude: float
+    half: float
+    phase: float
+
+
+def square(rows_from_middle: FloatArray, half: float, phase: float) -> FloatArray:
+    """Return the means over each row (one row long) of a wave of +1 and -1; exact, so smooth in half and phase."""
+    at = rows_from_middle - phase
+    return _area(at + 1.0, half) - _area(at, half)
+
+
+def _area(time: FloatArray, half: float) -> FloatArray:
+    turn = np.mod(time, 2.0 * half)
+    return np.minimum(turn, 2.0 * half - turn)
+
+
+def opposed_wave(output: FloatArray, measurement: FloatArray, at: IntArray) -> Wave | None:
+    """Return the square load that OP (rows,) seems to oppose, None where OP and PV do not swing like that.
+
+    at (rows,): row numbers, with holes. OP answers late and not sharply, so phase and amplitude are a start for a
+    fit; the half period, a joint fit of the odd harmonics, is close.
+    """
+    time = (at - at[0]).astype(float)
+    span = int(time[-1]) + 1
+    if span < 4 * FEWEST_HALF_PERIODS:
+        return None
+    u, y = (_windowed(x, at, span) for x in (output, measurement))
+    power = np.abs(np.fft.rfft(u, 4 * span)) ** 2
+    first, last = 2 * FEWEST_HALF_PERIODS - 4, power.size // 4
+    if last <= first:
+        return None
+    coarse = first + int(np.argmax(power[first:last]))
+    middle = np.arange(span) - 0.5 * time[-1]
+
+    def line(x: FloatArray, frequency: float) -> complex:
+        return complex(np.sum(x * np.exp(-2j * np.pi * frequency * middle)))
+
+    grid = (coarse + np.linspace(-1.0, 1.0, 41)) / (4.0 * span)
+    frequency = float(grid[int(np.argmax([sum(abs(line(u, f * m)) ** 2 for m in HARMONICS[:3]) for f in grid]))])
+    half = 0.5 / frequency
+    if span / half < FEWEST_HALF_PERIODS or _share(u, frequency) < IN_LINES:
+        return None
+    if _band(y, 3 * frequency) < THIRD**2 * _band(y, frequency):
+        return None
+    swing = line(u, frequency)
+    phase = (-(np.angle(swing) + 1.5 * np.pi) / (2.0 * np.pi * frequency) + half) % (2.0 * half) - half
+    return Wave(0.25 * np.pi * 4.0 * abs(swing) / span, half, float(phase))
+
+
+def _windowed(x: FloatArray, at: IntArray, span: int) -> FloatArray:
+    even = np.zeros(span)
+    even[at - at[0]] = x - x.mean()
+    return np.asarray(even * np.hanning(span))
+
+
+def _band(x: FloatArray, frequency: float) -> float:
+    power = np.abs(np.fft.rfft(x)) ** 2
+    centre = frequency * len(x)
+    return float(power[max(int(centre - LINE), 1) : int(np.ceil(centre + LINE)) + 1].sum())
+
+
+def _share(x: FloatArray, frequency: float) -> float:
+    last = int(NOISE * frequency * len(x)) + 1
+    total = float(np.sum(np.abs(np.fft.rfft(x)[1:last]) ** 2))
+    return sum(_band(x, m * frequency) for m in HARMONICS) / total if total > 0 else 0.0
