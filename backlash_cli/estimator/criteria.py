@@ -15,7 +15,8 @@ from ..results import Confirmation
 
 EVIDENCE = 8.0  # nats; 2 of 197 simulated healthy loops with load steps, drift or noise went beyond 6, none beyond 8
 EVIDENCE_PER_STEP = 1.0  # nats more for every load step found: each leaves the transient of an imperfect model
-EVIDENCE_OF_SWITCHING = 15.0  # nats more where the load switches to and fro: of 300 such healthy loops TO FILL
+EVIDENCE_OF_SWITCHING = 25.0  # nats more where the load switches to and fro: 5 of 107 such healthy loops went beyond
+COARSE_FOR_SWITCHING = 10.0  # samples per Ti; below, twice the evidence: 4 of those 5, rows of one or two samples
 SMALLEST = 0.0024  # span: the lowest width of the scan and its neighbourhood are no finding
 COARSE = 5.0  # samples per Ti; below, twice the evidence
 RESPONDS = 20.0  # nats by which OP explains PV: below, nothing can be said about a dead band between them
@@ -41,7 +42,7 @@ def read(c: Confirmation, *, samples_per_Ti: float, output_step: float = 0.0) ->
     gain, steps = float(c.details["evidence"]), float(c.details["steps"])
     switches = float(c.details.get("load_half_period_s", 0.0)) > 0.0
     needed = EVIDENCE + EVIDENCE_PER_STEP * steps + EVIDENCE_OF_SWITCHING * switches
-    if samples_per_Ti < COARSE:
+    if samples_per_Ti < (COARSE_FOR_SWITCHING if switches else COARSE):
         needed *= 2.0
     against = []
     if gain <= needed:

@@ -149,7 +149,7 @@ class _Search:
 
     def _together(self, point: _Point, part: float, d_free: bool) -> _Point:
         """Levenberg-Marquardt on the whitened residuals with the weights of Student's t, by differences."""
-        most = float(self.rows.widths[-1])
+        least, most = (float(self.rows.widths[k]) if d_free else point.d for k in (0, -1))
         free = np.arange(0 if d_free else 1, 4)
         theta = np.array([point.d, point.load.amplitude, point.load.phase, point.load.half])
         small = np.array([-0.02 * max(point.d, 0.004), 0.02 * theta[1], 0.1, 0.1 * self.drift])
@@ -176,7 +176,7 @@ class _Search:
             for _ in range(4):
                 trial = theta.copy()
                 trial[free] += np.linalg.solve(H + damping * np.diag(np.diag(H)), g)
-                trial[0] = np.clip(trial[0], 0.0, most)
+                trial[0] = np.clip(trial[0], least, most)
                 if trial[1] > 0.0 and trial[3] > 1.0:
                     levels, noises, residuals = run([trial])
                     if levels[0] > level:
@@ -216,13 +216,14 @@ def _evidence(search: _Search, none: _Point, play: _Point, half: float, at_width
     fit, k = search.fit, search.fit.counted
     found = sorted([*((one.d, one.level) for one in at_widths), (play.d, play.level)])
     d, levels = np.array([one[0] for one in found]), np.array([one[1] for one in found])
+    mirror = search.level(none, search.valve(play.d, -1.0)) - none.level
     fit.pair(none.p, search.position(none.load, search.rows.x[0]))
     without = float(np.median(fit.R[0, k] ** 2 * fit.S[k]))
     with_it = search.position(play.load, search.valve(play.d))
-    level, noise, b = fit.pair(play.p, with_it, np.zeros_like(with_it))
+    level, noise, b = fit.pair(play.p, with_it, search.position(play.load, np.zeros_like(with_it)))
     reduction = 1.0 - float(np.median(fit.R[0, k] ** 2 * fit.S[k])) / without
     return Evidence(
-        play.d, likelihood_interval(d, levels, play.level), play.level - none.level, half - none.level, -np.inf,
+        play.d, likelihood_interval(d, levels, play.level), play.level - none.level, half - none.level, mirror,
         reduction, float(np.sqrt(noise[0])), 0, int(k.sum()), float(level[0] - level[1]), float(b[0].sum()),
         tuple((float(a), float(v - none.level)) for a, v in found), max(play.level, none.level), play.load.half,
     )

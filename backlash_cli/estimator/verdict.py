@@ -65,7 +65,7 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     limits = tuple(note for note in f.quality if note.values.get("effect") == LIMITED)
     cluster = _final(f, c)
     agrees = _agreement(f, c)
-    reasons = [_explained(c), *_side_by_side(f, c)]
+    reasons = [_explained(c), *_switching(c), *_side_by_side(f, c)]
     if reading.clear and _swings(f) and not f.detections:
         limit_cycle = Note("size_in_cycle", "in a loop that only swings, and never rests long enough for the published "
                            "rule, the size is not reliable: integrating processes cycle with any dead band")
@@ -177,6 +177,13 @@ def _explained(c: Confirmation) -> Note:
     return Note("play_fits", f"PV follows OP through a dead band of {100 * c.d:.2g} % of span ({100 * c.ci95[0]:.2g} "
                 f"to {100 * c.ci95[1]:.2g} %) better than OP itself ({_strength(evidence)} evidence){rebuilt}",
                 {"d": c.d, "evidence": evidence})
+
+
+def _switching(c: Confirmation) -> Iterator[Note]:
+    half = float(c.details.get("load_half_period_s", 0.0))
+    if half > 0.0:
+        yield Note("switching_load", f"a load that switches to and fro every {half:.3g} s acts on the loop; the dead "
+                   "band was fitted together with it", {"half_period_s": half})
 
 
 def _not_explained(c: Confirmation) -> Note:
