@@ -74,7 +74,7 @@ def _outcome(client: Client, future: Future) -> Any:
     except Exception as error:
         if client.status != "running":
             raise BacklashError("the connection to the scheduler was lost", where="--engine dask",
-                                remedy="start the scan again; with --history DB --resume it goes on where it was",
+                                remedy="start the scan again",
                                 code="no_scheduler") from None
         return error
     finally:
