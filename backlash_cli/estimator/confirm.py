@@ -22,7 +22,7 @@ from .switching_load import with_switching_load
 
 BLOCKS_PER_TI = 4.0  # sensitivity is that of 3 and 6; 6 makes fewer false calls on square loads, in twice the time
 FEWEST_ROWS = 150
-MOST_ROWS = 3000  # of a longer record the stretches with the most motion of OP are used
+MOST_ROWS = 2000  # of a longer record the stretches with the most motion of OP are used
 LAG_ROWS = 1.0  # where the search for the lag of the process begins: about Ti / 4
 SPREAD_FLOOR = 0.06  # of d: what the model of the process costs, whatever the noise
 SPREAD_PER_STEP = 0.005  # of d: what each load step found adds to that
@@ -64,22 +64,22 @@ class ConfirmationScanner:
         if len(at) < FEWEST_ROWS:
             return Note("short_record", f"only {len(at)} blocks of {self.size * self.interval:g} s can be used, "
                         f"{FEWEST_ROWS} are needed", {"blocks": len(at)})
-        first = np.diff(at, prepend=at[0] - 2) != 1
-        start = np.maximum.accumulate(np.where(first, np.arange(len(first)), 0))
-        level = means - means[start]
-        sign = np.sign(float(self.settings.K or 1.0))
         span = self._blocks.range
         widths = WIDTHS[span >= WIDTHS * LEAST_TURN]
         if len(widths) < 2:
             return Note("output_still", f"OP covers only {100 * max(span, 0.0):.2g} % of its span: too little to show "
                         "a dead band", {"output_range": max(span, 0.0)})
-        if not np.ptp(level[:, 0]) > 0:
+        if not np.ptp(means[:, 0]) > 0:
             return Note("measurement_constant", "PV is the same number throughout")
+        line = np.empty((0, len(at))) if self._blocks.setpoint_moves else periodic_load(means[:, 0], at)
+        first = np.diff(at, prepend=at[0] - 2) != 1
+        start = np.maximum.accumulate(np.where(first, np.arange(len(first)), 0))
+        level = means[:, : 2 + len(widths)]
+        level = level - level[start]
         assert self.settings.Ti is not None
         lag = LAG_ROWS * self.settings.Ti / (BLOCKS_PER_TI * self.size * self.interval)
-        x = np.ascontiguousarray(level[:, 1 : 2 + len(widths)].T)
-        y = np.ascontiguousarray(sign * level[:, 0])
-        line = np.empty((0, len(y))) if self._blocks.setpoint_moves else periodic_load(y, at)
+        x = np.ascontiguousarray(level[:, 1:].T)
+        y = np.sign(float(self.settings.K or 1.0)) * level[:, 0]
         return Rows(y, x, widths, first, lag, line, at)
 
     def finish(self) -> Confirmation | Note:

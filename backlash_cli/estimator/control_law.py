@@ -125,11 +125,12 @@ def fit_law(rows: LawRows, form: LawForm, filter_time: float = 0.0) -> LawFit | 
     gram, right = sums[:, pick[:, None], pick], sums[:, pick, 0]
     scale = np.sqrt(np.maximum(np.einsum("wii->i", gram), 1e-300))
     gram, right = gram / np.outer(scale, scale), right / scale
+    flat = gram.reshape(len(gram), -1)
     weights = np.ones(len(sums))
     if np.linalg.cond(gram.sum(0)) > 1e9:
         return None
     for _ in range(4):
-        normal = np.tensordot(weights, gram, 1)
+        normal = (weights @ flat).reshape(gram.shape[1:])
         values = np.linalg.solve(normal, weights @ right)
         left = output - 2.0 * right @ values + (gram @ values) @ values
         left = np.maximum(left, 1e-12 * output)

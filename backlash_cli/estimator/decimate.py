@@ -16,6 +16,7 @@ WIDTHS: FloatArray = 0.002 * 1.22 ** np.arange(24, dtype=np.float64)
 HOLE = 8  # blocks without a sample after which the stem may stand anywhere in its gap (two Ti)
 ENOUGH = 0.7  # share of its samples that a block needs
 STRETCH = 250  # blocks that are kept or dropped together
+CHUNK = 2000  # blocks made at a time: what they need stays in the processor's cache
 BRIDGE = 2  # blocks missing in a row that are bridged by a straight line
 LANES = 32  # OP and the widths side by side, filled up: the processor works on eight of them at a time
 FILLED = 1  # highest SampleState that may be used
@@ -110,14 +111,16 @@ class BlockMeans:
     def update(self, index: IntArray, setpoint: FloatArray, pv: FloatArray, op: FloatArray,
                state: NDArray[np.uint8]) -> None:
         """Take in samples: index (samples,) strictly increasing over all calls; state: SampleState of each."""
-        room = len(index) // self.size + 2
-        at, out = np.empty(room, dtype=np.int64), np.empty((room, 2 + len(WIDTHS)))
-        rows = _blocks(index, setpoint, pv, op, state, self.size, self._lanes, self._at, self._seen, at, out)
-        if rows:
-            at, means, travel = self._bridged(at[:rows], out[:rows])
-            self._before = int(at[-1]), means[-1].copy()
-            _keep(self._kept, at, means, travel)
-            _drop(self._kept, self.most, int(at[-1]) // STRETCH)
+        room = np.empty(CHUNK + 2, dtype=np.int64), np.empty((CHUNK + 2, 2 + len(WIDTHS)))
+        for low in range(0, len(index), CHUNK * self.size):
+            part = slice(low, low + CHUNK * self.size)
+            rows = _blocks(index[part], setpoint[part], pv[part], op[part], state[part], self.size, self._lanes,
+                           self._at, self._seen, *room)
+            if rows:
+                at, means, travel = self._bridged(room[0][:rows], room[1][:rows])
+                self._before = int(at[-1]), means[-1].copy()
+                _keep(self._kept, at, means, travel)
+                _drop(self._kept, self.most, int(at[-1]) // STRETCH)
 
     def rows(self) -> tuple[IntArray, FloatArray]:
         """Block numbers (rows,) and means (rows, 2 + widths): PV, OP, OP through each of WIDTHS."""

@@ -22,6 +22,8 @@ from .load_steps import load_steps, step_information
 
 STEP_LIMIT = 4.0  # a load step must stand out this much under every d: one false one in 16,000 rows
 STEP_PASSES = 5
+CLOSE = 40.0  # nats by which a dead band may lie behind before the search is not refined any further
+FINE = 9  # widths tried between the neighbours of the best
 DROP = 3.0  # nats from the top to the ends of the likelihood interval
 
 
@@ -143,7 +145,7 @@ class State:
 def weigh(rows: Rows) -> Evidence:
     """Return the evidence for a dead band in `rows` (at least two widths)."""
     fit = Fitter(rows)
-    x, n = rows.x, len(rows.widths)
+    n = len(rows.widths)
     coarse = list(range(min(2, n), n + 1, 3))
     lag = np.log(rows.lag)
     starts = [np.array([lag + np.log(share), ratio, smooth])
@@ -154,10 +156,9 @@ def weigh(rows: Rows) -> Evidence:
         if not fit.add_load_steps(s.p1 if s.f1 > s.f0 else s.p0, some):
             break
         s = _again(fit, s, coarse)
-    s = _final(fit, s, starts, coarse)
-    values = fit.ll(s.p1, x[1:])
-    s.j = int(np.argmax(values)) + 1
-    return _summary(fit, s.p0, s.f0, s.p1, s.j, values)
+    if s.f1 - s.f0 > -CLOSE:
+        s = _final(fit, s, starts, coarse)
+    return _summary(fit, s)
 
 
 def _better(a: FloatArray, p: FloatArray, f: float) -> tuple[FloatArray, float]:
@@ -231,32 +232,40 @@ def between(rows: Rows, d: float) -> FloatArray:
     return mixed
 
 
-def _summary(fit: Fitter, p0: FloatArray, f0: float, p1: FloatArray, j: int, values: FloatArray) -> Evidence:
-    rows = fit.r
+def _summary(fit: Fitter, s: State) -> Evidence:
+    rows, p0, p1, f0 = fit.r, s.p0, s.p1, s.f0
     widths = rows.widths
-    if len(widths) > 1:
-        fine = np.linspace(widths[max(j - 2, 0)], widths[min(j, len(widths) - 1)], 11)
-        extra = fit.ll(p1, np.array([between(rows, d) for d in fine]))
-    else:
-        fine, extra = widths, values
-    d, top = _peak(fine, extra)
-    grid = np.concatenate([widths, fine])
-    level = np.concatenate([values, extra])
-    order = np.argsort(grid, kind="stable")
-    interval = likelihood_interval(grid[order], level[order], top)
-    linear, hysteresis = rows.x[:1], rows.x[1:]
-    half = float(np.max(fit.ll(p1, 0.5 * (linear + hysteresis)))) - f0
-    mirror = float(np.max(fit.ll(p0, 2.0 * linear - hysteresis))) - f0
-    at = between(rows, d) if len(widths) > 1 else rows.x[1]
+    close = s.f1 > f0 - CLOSE
+    some = np.unique(np.clip([*range(0, len(widths), 2), len(widths) - 1, s.j - 3, s.j - 2, s.j - 1, s.j, s.j + 1], 0,
+                             len(widths) - 1))
+    values = fit.ll(p1, rows.x[1 + some])
+    grid, level = widths[some], values
+    top, d = float(values.max()), float(grid[int(np.argmax(values))])
+    if close:
+        i = int(np.argmax(values))
+        fine = np.linspace(grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)], FINE)
+        extra = fit.ll(p1, [between(rows, w) for w in fine])
+        d, top = _peak(fine, extra)
+        inner = (fine > grid[max(i - 1, 0)]) & (fine < grid[min(i + 1, len(grid) - 1)]) & ~np.isin(fine, grid)
+        grid, level = np.concatenate([grid, fine[inner]]), np.concatenate([level, extra[inner]])
+        order = np.argsort(grid, kind="stable")
+        grid, level = grid[order], level[order]
+    top = max(top, float(level.max()))
+    interval = likelihood_interval(grid, level, top)
+    linear = rows.x[0]
+    sham = 1 + (some if close else some[::3])
+    half = float(np.max(fit.ll(p1, 0.5 * (linear + rows.x[sham])))) - f0
+    mirror = float(np.max(fit.ll(p0, 2.0 * linear - rows.x[sham]))) - f0
+    at = between(rows, d)
     k = fit.counted
-    fit.pair(p0, linear[0])
+    fit.pair(p0, linear)
     without = float(np.median(fit.R[0, k] ** 2 * fit.S[k]))
     ll, noise, b = fit.pair(p1, at, np.zeros_like(at))
     reduction = 1.0 - float(np.median(fit.R[0, k] ** 2 * fit.S[k])) / without
     return Evidence(
         d, interval, max(top, float(ll[0])) - f0, half, mirror, reduction, float(np.sqrt(noise[0])),
         int(np.count_nonzero(fit.shock)), int(k.sum()), float(ll[0] - ll[1]), float(b[0].sum()),
-        tuple((float(w), float(v - f0)) for w, v in zip(grid[order], level[order], strict=True)), max(top, f0),
+        tuple((float(w), float(v - f0)) for w, v in zip(grid, level, strict=True)), max(top, f0),
     )
 
 

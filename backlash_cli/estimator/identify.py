@@ -26,7 +26,8 @@ from .stretches import StretchSample
 if TYPE_CHECKING:
     from .identification import Identification
 
-LEVELS = (1, 4, 16, 64, 256)  # samples per row of the ever slower pictures of the record that are kept
+LEVELS = 5  # ever slower pictures of the record that are kept
+SLOWER = 4  # rows of one picture in a row of the next: 1, 4, 16, 64, 256 samples
 LEAST_ROWS = 60
 MOSTLY_OWN = 0.2  # share of interpolated samples that leaves the P part visible
 
@@ -43,7 +44,7 @@ class IdentifyScanner:
 
     def __init__(self, interval: float) -> None:
         self._interval = interval
-        self._levels = [StretchSample(size, 3) for size in LEVELS]
+        self._levels = [StretchSample(SLOWER if level else 1, 3) for level in range(LEVELS)]
         self._output_seen = False
         self._low, self._high = np.inf, -np.inf
         self._used = self._filled = 0
@@ -53,15 +54,19 @@ class IdentifyScanner:
         if block.output is None:
             return
         use = block.usable & np.isfinite(block.setpoint + block.measurement + block.output)
-        self._output_seen |= bool(np.isfinite(block.output).any())
-        if not use.any():
+        used = int(np.count_nonzero(use))
+        self._output_seen = self._output_seen or used > 0 or bool(np.isfinite(block.output).any())
+        if not used:
             return
-        self._used += int(use.sum())
-        self._filled += int(np.sum(block.state[use] == SampleState.FILLED))
-        values = np.column_stack([block.setpoint[use], block.measurement[use], block.output[use]])
+        self._used += used
+        self._filled += int(np.count_nonzero(use & (block.state == SampleState.FILLED)))
+        values = np.column_stack([block.setpoint, block.measurement, block.output])
+        index = block.index
+        if used < len(use):
+            index, values = index[use], values[use]
         self._low, self._high = min(self._low, values[:, 2].min()), max(self._high, values[:, 2].max())
         for level in self._levels:
-            level.update(block.index[use], values)
+            index, values = level.update(index, values)
 
     def finish(self) -> Identification | Note:
         """Return the settings, or a Note that says why they cannot be read."""
@@ -73,10 +78,10 @@ class IdentifyScanner:
         if self._low == self._high:
             return Note("output_constant", "the controller output never moves, so K and Ti cannot be read from it")
         levels = []
-        for level in self._levels:
+        for number, level in enumerate(self._levels):
             index, values = level.rows()
             if len(index) >= LEAST_ROWS:
-                levels.append(LawRows(index, values, self._interval * level.size))
+                levels.append(LawRows(index, values, self._interval * SLOWER**number))
         if not levels:
             return Note(
                 "too_short", f"fewer than {LEAST_ROWS} usable samples with output: K and Ti cannot be read from them"

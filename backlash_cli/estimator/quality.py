@@ -83,7 +83,7 @@ class QualityScanner:
         self._moves = 0
         self._low = np.full(3, np.inf)
         self._high = np.full(3, -np.inf)
-        self._pairs = StretchSample(1, 2)
+        self._measured = StretchSample(1, 1)
         self._outputs = StretchSample(1, 1)
 
     def update(self, block: Record) -> None:
@@ -99,24 +99,25 @@ class QualityScanner:
         self._states += np.bincount(block.state, minlength=len(SampleState))[: len(SampleState)]
         self._count_setpoint(block)
         output = np.full(len(index), np.nan) if block.output is None else block.output
-        signals = np.column_stack([block.setpoint, block.measurement, output])[block.usable]
-        for column, values in enumerate(signals.T):
-            values = values[np.isfinite(values)]
+        for column, values in enumerate((block.setpoint, block.measurement, output)):
+            values = _only(values, block.usable)
+            values = _only(values, np.isfinite(values))
             if len(values):
                 self._low[column] = min(self._low[column], values.min())
                 self._high[column] = max(self._high[column], values.max())
         # Values the loader put in are not the recorder's, and say nothing about it.
         own = (block.state == SampleState.GOOD) & np.isfinite(block.setpoint + block.measurement)
-        self._pairs.update(index[own], np.column_stack([block.setpoint, block.measurement])[own])
-        own &= np.isfinite(output)
-        self._outputs.update(index[own], output[own, None])
+        self._measured.update(_only(index, own), _only(block.measurement, own)[:, None])
+        if block.output is not None:
+            own &= np.isfinite(output)
+            self._outputs.update(_only(index, own), _only(output, own)[:, None])
 
     def _count_setpoint(self, block: Record) -> None:
-        setpoint = block.setpoint[block.usable]
-        setpoint = setpoint[np.isfinite(setpoint)]
+        setpoint = _only(block.setpoint, block.usable)
+        setpoint = _only(setpoint, np.isfinite(setpoint))
         if len(setpoint):
-            before = np.concatenate([[self._last_setpoint], setpoint[:-1]])
-            self._moves += int(np.sum((setpoint != before) & np.isfinite(before)))
+            self._moves += int(np.count_nonzero(setpoint[1:] != setpoint[:-1]))
+            self._moves += bool(np.isfinite(self._last_setpoint) and setpoint[0] != self._last_setpoint)
             self._last_setpoint = float(setpoint[-1])
 
     def finish(self, Ti: float | None = None) -> Quality:
@@ -126,7 +127,7 @@ class QualityScanner:
         samples = int(self._states.sum())
         points = self._last - self._first + 1 if self._first is not None else 0
         share = self._states / max(points, 1)
-        index, pairs = self._pairs.rows()
+        index, measured = self._measured.rows()
         output_index, outputs = self._outputs.rows()
         op = stored_as(output_index, outputs[:, 0]) if len(output_index) else None
         spread = np.where(self._high >= self._low, self._high - self._low, 0.0)
@@ -145,7 +146,7 @@ class QualityScanner:
             saturated_share=float(share[SampleState.SATURATED]),
             frozen_share=float(share[SampleState.FROZEN]),
             implausible_share=float(share[SampleState.IMPLAUSIBLE]),
-            pv=stored_as(index, pairs[:, 1]) if len(index) else Storage("samples", 0.0, 1.0, 0.0, 0.0, 0.0),
+            pv=stored_as(index, measured[:, 0]) if len(index) else Storage("samples", 0.0, 1.0, 0.0, 0.0, 0.0),
             op=op,
             setpoint_moves=self._moves / max(usable, 1),
             setpoint_range=float(spread[0]),
@@ -164,3 +165,8 @@ class QualityScanner:
         noise = fast_noise(group[starts], means)
         hours = len(index) * self._interval / 3600.0
         return reversals(means, max(3.0 * noise, 1.5 * op.step, 1e-4)) / hours
+
+
+def _only(values: np.ndarray, use: np.ndarray) -> np.ndarray:
+    """The values to use; no copy where that is all of them, as in most blocks."""
+    return values if use.all() else values[use]
