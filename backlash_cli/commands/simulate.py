@@ -11,7 +11,7 @@ import click
                "  backlash simulate example-2 --show > mine.toml\n"
                "  backlash simulate mine.toml --out mine.parquet && backlash scan mine.parquet")
 @click.argument("scenario", metavar="SCENARIO")
-@click.option("--out", "-o", metavar="FILE", type=click.Path(path_type=Path),
+@click.option("--out", "--output", "-o", metavar="FILE", type=click.Path(path_type=Path),
               help="Where to write: .csv, .csv.gz or .parquet. Settings go to STEM.loops.toml beside it.")
 @click.option("--truth", metavar="FILE", type=click.Path(path_type=Path),
               help="Where to write what was planted. Default: STEM.truth.csv beside --out.")
