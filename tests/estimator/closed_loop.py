@@ -81,3 +81,12 @@ def load_steps(samples: int, size: float = 0.05, every: int = 400, seed: int = 1
         level[at : at + length] = rng.uniform(-size, size)
         at += length
     return level
+
+
+def exception_reporting(values: np.ndarray, deviation: float) -> np.ndarray:
+    """What a historian keeps that writes a value only when it has moved by more than `deviation`."""
+    held = values.copy()
+    for k in range(1, len(held)):
+        if abs(values[k] - held[k - 1]) <= deviation:
+            held[k] = held[k - 1]
+    return held

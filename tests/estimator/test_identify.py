@@ -13,21 +13,13 @@ from backlash_cli.estimator.identify import IdentifyScanner, identify
 from backlash_cli.record import LoopSettings, Note, Record, SampleState, record_from_arrays
 from tests.shared_data import shared_data
 
-from .closed_loop import Loop, load_steps, run
+from .closed_loop import Loop, exception_reporting, load_steps, run
 
 
 def identified(record: Record):
     found = identify(record)
     assert not isinstance(found, Note), found
     return found
-
-
-def exception_reporting(values: np.ndarray, deviation: float) -> np.ndarray:
-    held = values.copy()
-    for k in range(1, len(held)):
-        if abs(values[k] - held[k - 1]) <= deviation:
-            held[k] = held[k - 1]
-    return held
 
 
 @pytest.mark.parametrize(

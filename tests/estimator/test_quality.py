@@ -12,19 +12,11 @@ from backlash_cli.estimator.quality import QualityScanner, data_quality
 from backlash_cli.estimator.recording import fast_noise, reversals, rounding_step, stored_as
 from backlash_cli.record import Record, SampleState, record_from_arrays
 
-from .closed_loop import Loop, load_steps, run
+from .closed_loop import Loop, exception_reporting, load_steps, run
 
 RECORD = run(Loop(), 6000, load=load_steps(6000, 0.1))
 PV = RECORD.measurement
 INDEX = np.arange(len(PV))
-
-
-def exception_reporting(values: np.ndarray, deviation: float) -> np.ndarray:
-    held = values.copy()
-    for k in range(1, len(held)):
-        if abs(values[k] - held[k - 1]) <= deviation:
-            held[k] = held[k - 1]
-    return held
 
 
 def interpolated(values: np.ndarray, deviation: float) -> np.ndarray:

@@ -8,19 +8,12 @@ from backlash_cli.history.store import History
 from backlash_cli.reporter.history_report import write_report
 from backlash_cli.results import Verdict
 from tests.history.nights import growing, made, result
-from tests.reporter.chromium import Browser, quiet_page  # noqa: F401  it acts on every test here
+from tests.reporter.chromium import quiet_page  # noqa: F401  it acts on every test here
 
 HOSTILE = "</script><img src=x onerror=alert(1)>"
 CELLS = "Array.from(document.querySelector('tbody').rows).filter(r => !r.hidden).map(r => r.cells[%d].textContent)"
 WIDE = """Array.from(document.body.querySelectorAll('*')).filter(e => !e.closest('.scroll')
 && e.getBoundingClientRect().right > innerWidth + 1).length"""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    started = Browser()
-    yield started
-    started.close()
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 from backlash_cli.reporter.files import write_text
 from backlash_cli.reporter.html import single_page, write_folder
 from backlash_cli.results import Verdict
-from tests.reporter.chromium import Browser, quiet_page  # noqa: F401  it acts on every test here
+from tests.reporter.chromium import quiet_page  # noqa: F401  it acts on every test here
 from tests.reporter.reports import HOSTILE, record, report, result
 
 ROWS = "Array.from(document.querySelector('tbody').rows).filter(r => !r.hidden)"
@@ -17,13 +17,6 @@ i.dispatchEvent(new Event('input', {bubbles: true}))})()"""
 WIDE = """Array.from(document.body.querySelectorAll('*')).filter(e => !e.closest('.scroll')
 && e.getBoundingClientRect().right > innerWidth + 1).map(e => e.outerHTML.slice(0, 200))"""
 CLICK = "document.querySelectorAll('th button')[%d].click()"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    started = Browser()
-    yield started
-    started.close()
 
 
 @pytest.fixture(scope="module")
