@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from ..errors import InputError
 from ..record import Note
-from .columns import ParquetColumn, ParquetFileColumns
+from .columns import LazyColumn, ParquetColumn, ParquetFileColumns
 from .compression import codec_of, limited_pieces
 from .fast_csv import BLOCK, read_blocks
 from .fast_csv import Layout as CsvLayout
@@ -71,12 +71,17 @@ def _parquet(path: Path | Remote, options: ReadOptions, partition: dict[str, str
     flat = len(schema) == about.num_columns and not any(pa.types.is_nested(field.type) for field in schema)
     decoded = about.num_rows * about.num_columns * 8
     large = decoded > options.max_bytes and decoded > MAX_GROWTH * path.stat().st_size
+    flat = flat and len(set(schema.names)) == len(schema.names)
     if not flat or large or not 0 < about.num_columns <= MAX_COLUMNS or not about.num_rows:
         return None
     names = tuple(column_name(name) for name in schema.names)
-    first = next(source.file.iter_batches(1000))
-    head = Table(str(path), stem_of(path), names, tuple(pa.chunked_array([c]) for c in first.columns),
-                 partition=partition)
+    # numbers tell nothing about the layout, and reading the first rows of a column decodes much of it
+    seen = [i for i, f in enumerate(schema) if i == 0 or not pa.types.is_floating(f.type)]
+    batch = next(source.file.iter_batches(1000, columns=[schema.names[i] for i in seen]))
+    first = dict(zip(seen, batch.columns, strict=True))
+    rows = min(1000, about.num_rows)
+    looked = (pa.chunked_array([first[i]]) if i in first else LazyColumn(f.type, rows) for i, f in enumerate(schema))
+    head = Table(str(path), stem_of(path), names, tuple(looked), partition=partition)
     if layout_of(head, options) not in ("wide", "single"):
         return None
     columns = tuple(ParquetColumn(source, i, f.type, about.num_rows) for i, f in enumerate(schema))

@@ -1,0 +1,53 @@
+"""Exports of any size, made on the fly: simulated days of a few loops, repeated with other names and later stamps."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pa_parquet
+
+from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, use
+
+DAY = 86_400
+BANDS = (0.0, 0.02, 0.05)  # dead bands of the simulated loops
+
+
+@cache
+def signals(k: int) -> tuple[np.ndarray, ...]:
+    """SP, PV, OP of one day of loop k, in per cent with four decimals as historians write them."""
+    random = np.random.default_rng(k)
+    times = np.arange(200.0, DAY - 200.0, 900.0)
+    times = times + random.integers(-200, 200, len(times))
+    sizes = random.uniform(-0.1, 0.1, len(times)).tolist()
+    record = simulate(Scenario(
+        controller=Controller(K=0.8, Ti=20.0), process=Process(gain=1.2, lags=(12.0, 4.0), dead_time=2.0),
+        duration=float(DAY), step=1.0, record_interval=1.0, setpoint=Signal(0.5), output=0.45, seed=k, name="loop",
+        effects=(use("backlash", d=BANDS[k % 3]), use("load_step", times=times.tolist(), sizes=sizes),
+                 use("measurement_noise", density=1e-6)),
+    ))
+    assert record.output is not None
+    return tuple(np.round(100.0 * x[:DAY], 4) for x in (record.setpoint, record.measurement, record.output))
+
+
+def write(path: Path, loops: int, days: float, kinds: int = 3) -> Path:
+    """Write a wide export, a piece of rows at a time, with its settings beside it; the suffix says the format."""
+    names = [f"FIC{j:04d}" for j in range(loops)]
+    schema = pa.schema([("time", pa.timestamp("s")),
+                        *((f"{name}.{role}", pa.float64()) for name in names for role in ("SP", "PV", "OP"))])
+    made = pa_csv.CSVWriter(path, schema) if path.suffix == ".csv" else pa_parquet.ParquetWriter(path, schema)
+    start = np.datetime64("2026-03-17T00:00:00", "s")
+    step = max(1000, min(DAY, 4_000_000 // loops))
+    rows = int(days * DAY)
+    with made as writer:
+        for first in range(0, rows, step):
+            at = np.arange(first, min(first + step, rows))
+            parts = [tuple(x[at % len(x)] for x in signals(k)) for k in range(kinds)]
+            columns = [pa.array(start + at), *(pa.array(x) for j in range(loops) for x in parts[j % kinds])]
+            writer.write_table(pa.table(columns, schema=schema))
+    settings = "K = 0.8\nTi = 20.0\nKp = 1.2\npv_range = [0, 100]\nop_range = [0, 100]\n"
+    path.with_suffix(".loops.toml").write_text("".join(f"[loops.{name}]\n{settings}" for name in names), "utf-8")
+    return path

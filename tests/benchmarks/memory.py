@@ -1,0 +1,53 @@
+"""Peak resident memory of a whole scan of a wide CSV made on the fly, for two lengths of the same plant.
+
+    python -m tests.benchmarks.memory [LOOPS] [DAYS] [--confirm]
+
+The file is made below TMPDIR and deleted again; the scan needs as much room beside it for its column store.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from backlash_cli.loaders.store import IN_MEMORY
+from tests.benchmarks.made_plant import write
+
+_SCAN = """
+import resource, sys, time
+from backlash_cli import ScanOptions, scan
+from backlash_cli.loaders.lazy_tables import Lazily
+from backlash_cli.loaders.plant import open_plant
+from backlash_cli.loaders.store import Room
+opened = open_plant(sys.argv[1], lazily=Lazily(room=Room(int(sys.argv[3]))))
+result = scan(opened, ScanOptions(confirm=sys.argv[2] == "confirm"), jobs=1)
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 10)
+print(len(result.loops), peak, time.process_time())
+"""
+
+
+def peak_of(path: Path, confirm: bool = False, room: int = IN_MEMORY) -> tuple[int, float, float]:
+    """Return (loops, peak resident memory [MB], CPU time [s]) of a process that scans a file.
+
+    room: bytes of samples that the column store keeps in memory.
+    """
+    run = [sys.executable, "-c", _SCAN, str(path), "confirm" if confirm else "", str(room)]
+    loops, peak, seconds = subprocess.run(run, capture_output=True, text=True, check=True).stdout.split()
+    return int(loops), float(peak), float(seconds)
+
+
+def main() -> None:
+    numbers = [float(word) for word in sys.argv[1:] if word[0] != "-"]
+    loops, days = int(numbers[0]) if numbers else 100, numbers[1] if len(numbers) > 1 else 1.0
+    with tempfile.TemporaryDirectory() as folder:
+        for length in (days / 4.0, days):
+            path = write(Path(folder, "plant.csv"), loops, length)
+            count, peak, seconds = peak_of(path, "--confirm" in sys.argv)
+            print(f"{path.stat().st_size / 1e9:.2f} GB, {count} loops, {length:g} days: peak {peak:.0f} MB, "
+                  f"CPU {seconds:.0f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()

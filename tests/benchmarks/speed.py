@@ -1,0 +1,86 @@
+"""CPU time of a scan, as ratios in one run to reading the same file with pyarrow alone.
+
+    python -m tests.benchmarks.speed [LOOPS]
+
+Start-up is taken off (every step runs once on a small file first); one thread each. The baseline is a plain pandas
+program that makes the same estimate loop by loop.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pa_parquet
+
+from backlash_cli import ScanOptions, scan_files
+from tests.benchmarks.made_plant import DAY, write
+
+
+def cpu(work: Callable[[], object], times: int = 3) -> float:
+    """Smallest CPU time [s] of several runs."""
+    found = []
+    for _ in range(times):
+        start = time.process_time()
+        work()
+        found.append(time.process_time() - start)
+    return min(found)
+
+
+def plain_pandas(path: Path, K: float = 0.8, Ti: float = 20.0, Kp: float = 1.2) -> dict[str, list[float]]:
+    """The estimate of the paper as one writes it at first: read, filter, walk from crossing to crossing, per loop."""
+    frame = pd.read_csv(path, parse_dates=["time"])
+    found: dict[str, list[float]] = {}
+    for name in sorted({column.split(".")[0] for column in frame.columns if "." in column}):
+        smooth = frame[f"{name}.PV"] / 100.0
+        for T in (Ti / 10.0, Ti / 10.0, Ti / 2.0, Ti / 2.0):
+            smooth = smooth.ewm(alpha=1.0 - np.exp(-1.0 / T), adjust=False).mean()
+        error = frame[f"{name}.SP"] / 100.0 - smooth
+        group = (np.sign(error) != np.sign(error).shift()).cumsum()
+        sizes = []
+        for _, part in error.abs().groupby(group):
+            duration, mean, peak = float(len(part)), part.mean(), part.max()
+            d = (K * duration / Ti - 1.0 / Kp) * mean
+            if duration >= 5.0 * Ti and peak < 2.0 * mean and d > 0.0:
+                sizes.append(d)
+        found[name] = sizes
+    return found
+
+
+def ratios(path: Path, loops: int) -> None:
+    samples = loops * DAY
+    if path.suffix == ".csv":
+        alone = cpu(lambda: pa_csv.read_csv(path, read_options=pa_csv.ReadOptions(use_threads=False)))
+    else:
+        alone = cpu(lambda: pa_parquet.read_table(path, use_threads=False))
+    quick = cpu(lambda: scan_files(path, options=ScanOptions(confirm=False), jobs=1))
+    full = cpu(lambda: scan_files(path, jobs=1), 1)
+    print(f"{path.suffix[1:]}: pyarrow alone {1e9 * alone / samples:.0f} ns a loop-sample; --no-confirm "
+          f"{quick / alone:.2f} times that ({1e3 * quick / loops:.1f} ms a loop-day), full verdict {full / alone:.2f} "
+          f"times ({1e3 * full / loops:.1f} ms)")
+    if path.suffix == ".csv":
+        plain = cpu(lambda: plain_pandas(path), 1)
+        print(f"plain pandas program: {plain / quick:.1f} times --no-confirm, {plain / full:.1f} times full verdict")
+
+
+def main() -> None:
+    loops = int(sys.argv[1]) if len(sys.argv) > 1 else 30
+    pa.set_cpu_count(1)
+    print(f"{loops} loops of a day at 1 s, {os.cpu_count()} cores, one used")
+    with tempfile.TemporaryDirectory() as folder:
+        for suffix in ("csv", "parquet"):
+            small = write(Path(folder, f"small.{suffix}"), 2, 0.2)
+            scan_files(small, jobs=1)
+            ratios(write(Path(folder, f"plant.{suffix}"), loops, 1.0), loops)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,14 @@
+"""Memory of a scan does not follow the length of the file: only one loop is in memory at a time."""
+
+from tests.benchmarks.made_plant import write
+from tests.benchmarks.memory import peak_of
+
+
+def test_a_file_three_times_as_long_takes_hardly_more_memory(tmp_path):
+    short = write(tmp_path / "short.csv", loops=120, days=0.25, kinds=1)
+    long = write(tmp_path / "long.csv", loops=120, days=0.75, kinds=1)
+    room = 1 << 20
+    (loops, before, _), (same, after, _) = peak_of(short, room=room), peak_of(long, room=room)
+    more = (long.stat().st_size - short.stat().st_size) / (1 << 20)
+    assert loops == same == 120
+    assert more > 80.0 and after - before < 0.3 * more  # kept whole, it would be three times the difference
