@@ -76,7 +76,14 @@ class ParquetFileColumns:
 
     def __init__(self, path: Path | Remote) -> None:
         self.path = path
-        self.order: list[int] = []
+        self.read_in_order([])
+
+    def read_in_order(self, columns: list[int]) -> None:
+        """Say in which order columns will be wanted, each as often as it will be."""
+        self._uses = Counter(columns)
+        self._order = list(self._uses)
+        self._place = {index: place for place, index in enumerate(self._order)}
+        self._next = 0
         self._read_ahead: dict[int, pa.ChunkedArray] = {}
 
     @cached_property
@@ -84,15 +91,20 @@ class ParquetFileColumns:
         return pa_parquet.ParquetFile(self.path.open_bytes() if isinstance(self.path, Remote) else self.path)
 
     def column(self, index: int) -> pa.ChunkedArray:
-        """Return one column; the next ones of `order` are read with it."""
+        """Return one column; the next ones of the order are read with it, and kept while they will be wanted."""
         if index not in self._read_ahead:
             wanted = [index]
-            if index in self._place:
-                count = max(1, self.BATCH // max(8 * self.file.metadata.num_rows, 1))
-                wanted = self.order[self._place[index] :][:count]
-            table = self.file.reader.read_all(column_indices=sorted(wanted), use_threads=len(wanted) > 1)
-            self._read_ahead = dict(zip(sorted(wanted), table.columns, strict=True))
-        return self._read_ahead.pop(index)
+            place = self._place.get(index, -1)
+            if place >= self._next:
+                wanted = self._order[place:][: max(1, self.BATCH // max(8 * self.file.metadata.num_rows, 1))]
+                self._next = place + len(wanted)
+                # what was left lying belongs to loops that could not be used, unless loops share it
+                self._read_ahead = {i: c for i, c in self._read_ahead.items() if self._uses[i] > 1}
+            wanted.sort()
+            table = self.file.reader.read_all(column_indices=wanted, use_threads=False)
+            self._read_ahead.update(zip(wanted, table.columns, strict=True))
+        self._uses[index] -= 1
+        return self._read_ahead[index] if self._uses[index] > 0 else self._read_ahead.pop(index)
 
     def nulls(self, index: int) -> int:
         """Return how many cells of a column are empty, from the statistics in the file where it has them."""
@@ -105,12 +117,11 @@ class ParquetFileColumns:
             count += said.null_count
         return count
 
-    @cached_property
-    def _place(self) -> dict[int, int]:
-        return {index: place for place, index in enumerate(self.order)}
-
     def __getstate__(self) -> dict[str, Any]:
-        return {"path": self.path, "order": [], "_read_ahead": {}}
+        return {"path": self.path}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(state["path"])  # type: ignore[misc]
 
 
 class ParquetColumn(LazyColumn):

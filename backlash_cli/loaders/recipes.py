@@ -19,6 +19,9 @@ from .selection import check_pattern
 from .tables import Table
 
 
+_ASKED = ("pv", "sp", "op", "mode")
+
+
 @dataclass(frozen=True)
 class Recipe:
     """All that makes the record of one loop; samples that were left where they are, are read when it is made.
@@ -69,14 +72,19 @@ class RecordsByName(Mapping[str, Record]):
 def recipes_of(loops: Mapping[str, LoopSeries], metadata: Metadata, options: ReadOptions) -> tuple[Recipe, ...]:
     """Return the recipes of loops, by name."""
     recipes = tuple(_recipe(name, loops[name], metadata, options) for name in sorted(loops))
-    order: dict[int, tuple[ParquetFileColumns, dict[int, None]]] = {}
+    read_in_order(recipes)
+    return recipes
+
+
+def read_in_order(recipes: Iterable[Recipe]) -> None:
+    """Prepare files whose columns are read a few at once for recipes that are made in this order."""
+    order: dict[int, tuple[ParquetFileColumns, list[int]]] = {}
     for recipe in recipes:
         for column in _columns(recipe.series):
             if isinstance(column, ParquetColumn):
-                order.setdefault(id(column.file), (column.file, {}))[1].setdefault(column.index)
+                order.setdefault(id(column.file), (column.file, []))[1].append(column.index)
     for file, columns in order.values():
-        file.order = list(columns)
-    return recipes
+        file.read_in_order(columns)
 
 
 def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOptions) -> Recipe:
@@ -93,9 +101,11 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
 
 
 def _columns(loop: LoopSeries) -> Iterator[object]:
-    for item in (item for items in loop.roles.values() for item in items):
-        yield item.cells.column
-        yield None if item.quality is None else item.quality.column
+    """Columns of a loop's signals, as `build_record` asks for them."""
+    for role in sorted(loop.roles, key=_ASKED.index):
+        for item in loop.roles[role]:
+            yield item.cells.column
+            yield None if item.quality is None else item.quality.column
 
 
 def needed_columns(table: Table, metadata: Metadata, options: ReadOptions) -> set[int]:

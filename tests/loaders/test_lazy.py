@@ -4,12 +4,15 @@ import gzip
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pa_parquet
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.errors import BacklashError
 from backlash_cli.loaders import Plant, ReadOptions, lazy_tables, read
+from backlash_cli.loaders.columns import ParquetFileColumns
 from backlash_cli.loaders.lazy_tables import Lazily, lazy_table
 from backlash_cli.loaders.plant import failure, no_loop_read, open_plant
 from backlash_cli.loaders.store import Room
@@ -150,3 +153,26 @@ def test_only_columns_of_wanted_loops_are_kept(tmp_path):
     room = Room(1 << 30)
     assert_same(read(path, options=options), read_lazily(path, options, Lazily(room=room)))
     assert (1 << 30) - room.left == 3 * 8 * 7200
+
+
+def test_every_column_of_a_parquet_is_decoded_once(tmp_path, monkeypatch):
+    rows, names = 50, [f"F{k}.{role}" for k in range(7) for role in ("SP", "PV", "OP")]
+    columns = {"time": pa.array(np.datetime64("2026-03-17", "s") + np.arange(rows))}
+    columns |= {name: np.sin(np.arange(rows) + k) for k, name in enumerate(names)}
+    pa_parquet.write_table(pa.table(columns), tmp_path / "plant.parquet")
+    monkeypatch.setattr(ParquetFileColumns, "BATCH", 8 * rows * 5)
+    read_columns = []
+
+    class Counted:
+        def __init__(self, file):
+            self.metadata, self._file = file.metadata, file
+            self.schema_arrow, self.iter_batches, self.reader = file.schema_arrow, file.iter_batches, self
+
+        def read_all(self, column_indices, use_threads):
+            read_columns.extend(column_indices)
+            return self._file.reader.read_all(column_indices=column_indices, use_threads=use_threads)
+
+    make = pa_parquet.ParquetFile
+    monkeypatch.setattr(pa_parquet, "ParquetFile", lambda source: Counted(make(source)))
+    assert len(read_lazily(tmp_path / "plant.parquet")) == 7
+    assert sorted(read_columns) == list(range(1 + len(names)))
