@@ -13,6 +13,8 @@ IN_LINES = 0.6  # of OP's variance up to NOISE times the frequency in the fundam
 NOISE = 8.0
 THIRD = 0.12  # third harmonic of PV over its fundamental: a square load leaves more, a sine nothing
 HARMONICS = (1, 3, 5, 7)
+PRESENT = 0.8  # of the rows: the lines of a record in pieces are not sharp
+NEARLY = 0.9  # of IN_LINES at the first guess of the frequency, before it is refined
 LINE = 2.0  # half width of a line behind a Hann window, in bins
 
 
@@ -44,27 +46,32 @@ def opposed_wave(output: FloatArray, measurement: FloatArray, at: IntArray) -> W
     """
     time = (at - at[0]).astype(float)
     span = int(time[-1]) + 1
-    if span < 4 * FEWEST_HALF_PERIODS:
+    if span < 4 * FEWEST_HALF_PERIODS or len(at) < PRESENT * span:
         return None
-    u, y = (_windowed(x, at, span) for x in (output, measurement))
-    power = np.abs(np.fft.rfft(u, 4 * span)) ** 2
-    first, last = 2 * FEWEST_HALF_PERIODS - 4, power.size // 4
+    u = _windowed(output, at, span)
+    power = np.abs(np.fft.rfft(u)) ** 2
+    fine = 1 << (4 * span - 1).bit_length()
+    padded = np.abs(np.fft.rfft(u, fine)) ** 2
+    first, last = (2 * FEWEST_HALF_PERIODS - 4) * fine // (4 * span), fine // 8
     if last <= first:
         return None
-    coarse = first + int(np.argmax(power[first:last]))
+    frequency = (first + int(np.argmax(padded[first:last]))) / fine
+    if _share(power, span, frequency) < NEARLY * IN_LINES:
+        return None
     middle = np.arange(span) - 0.5 * time[-1]
 
-    def line(x: FloatArray, frequency: float) -> complex:
-        return complex(np.sum(x * np.exp(-2j * np.pi * frequency * middle)))
+    def line(frequency: float) -> complex:
+        return complex(np.sum(u * np.exp(-2j * np.pi * frequency * middle)))
 
-    grid = (coarse + np.linspace(-1.0, 1.0, 41)) / (4.0 * span)
-    frequency = float(grid[int(np.argmax([sum(abs(line(u, f * m)) ** 2 for m in HARMONICS[:3]) for f in grid]))])
+    grid = frequency + np.linspace(-1.0, 1.0, 41) / (4.0 * span)
+    frequency = float(grid[int(np.argmax([sum(abs(line(f * m)) ** 2 for m in HARMONICS[:3]) for f in grid]))])
     half = 0.5 / frequency
-    if span / half < FEWEST_HALF_PERIODS or _share(u, frequency) < IN_LINES:
+    if span / half < FEWEST_HALF_PERIODS or _share(power, span, frequency) < IN_LINES:
         return None
-    if _band(y, 3 * frequency) < THIRD**2 * _band(y, frequency):
+    of_pv = np.abs(np.fft.rfft(_windowed(measurement, at, span))) ** 2
+    if _band(of_pv, span, 3 * frequency) < THIRD**2 * _band(of_pv, span, frequency):
         return None
-    swing = line(u, frequency)
+    swing = line(frequency)
     phase = (-(np.angle(swing) + 1.5 * np.pi) / (2.0 * np.pi * frequency) + half) % (2.0 * half) - half
     return Wave(0.25 * np.pi * 4.0 * abs(swing) / span, half, float(phase))
 
@@ -75,13 +82,11 @@ def _windowed(x: FloatArray, at: IntArray, span: int) -> FloatArray:
     return np.asarray(even * np.hanning(span))
 
 
-def _band(x: FloatArray, frequency: float) -> float:
-    power = np.abs(np.fft.rfft(x)) ** 2
-    centre = frequency * len(x)
+def _band(power: FloatArray, span: int, frequency: float) -> float:
+    centre = frequency * span
     return float(power[max(int(centre - LINE), 1) : int(np.ceil(centre + LINE)) + 1].sum())
 
 
-def _share(x: FloatArray, frequency: float) -> float:
-    last = int(NOISE * frequency * len(x)) + 1
-    total = float(np.sum(np.abs(np.fft.rfft(x)[1:last]) ** 2))
-    return sum(_band(x, m * frequency) for m in HARMONICS) / total if total > 0 else 0.0
+def _share(power: FloatArray, span: int, frequency: float) -> float:
+    total = float(np.sum(power[1 : int(NOISE * frequency * span) + 1]))
+    return sum(_band(power, span, m * frequency) for m in HARMONICS) / total if total > 0 else 0.0

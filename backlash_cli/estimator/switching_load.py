@@ -19,6 +19,7 @@ from .square_wave import Wave, opposed_wave, square
 
 PER_STEP = 7.0  # nats that a single load step costs: its row is one of about a thousand
 BETTER = 20.0  # nats by which the square wave must explain PV better than single steps
+REACH = 100.0  # nats that a dead band may still add to it: on simulated square loads it is better without one already
 AMPLITUDES = (0.6, 0.85, 1.0)  # of the swing of OP: a dead band makes OP swing wider than the load
 DELAYS = (0.0, 0.07, 0.14, 0.21, 0.3)  # half periods that OP may lag behind the load
 SHAPES = tuple((share, ratio) for ratio in (-11.0, -5.0, 0.0) for share in (0.6, 1.4))
@@ -198,12 +199,15 @@ def with_switching_load(rows: Rows, plain: Evidence) -> Evidence:
         return plain
     search = _Search(rows, load)
     none = search.start(load)
+    asked = plain.level - PER_STEP * plain.steps + BETTER
+    if none.level < asked - REACH:
+        return plain
     at_widths = search.along_widths(none)
     if not at_widths:
         return plain
     play = search.polish(max(at_widths, key=lambda point: point.level))
     none = max(none, search.polish(replace(at_widths[0], d=0.0), d_free=False), key=lambda point: point.level)
-    if max(none.level, play.level) < plain.level - PER_STEP * plain.steps + BETTER:
+    if max(none.level, play.level) < asked:
         return plain
     halves = []
     for width in (play.d, 1.5 * play.d, 2.0 * play.d):

@@ -52,6 +52,12 @@ def test_the_wave_that_op_opposes_is_found() -> None:
     assert found.phase == pytest.approx(4.0, abs=0.5)
 
 
+def test_a_record_in_pieces_shows_no_wave() -> None:
+    rows = np.concatenate([np.arange(k, k + 250) for k in range(0, 4000, 1000)])
+    load = square(rows - 1999.5, 31.7, 4.0)
+    assert opposed_wave(-0.02 * load, np.gradient(load), rows) is None
+
+
 @pytest.mark.parametrize("output", [
     np.sin(np.arange(1200) / 20.0), np.random.default_rng(0).normal(size=1200).cumsum(), np.arange(30.0) % 2,
 ])
