@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,13 +13,14 @@ from .estimator.compensator import recommend
 from .estimator.confirm import ConfirmationScanner
 from .estimator.diagnosis import diagnose
 from .estimator.haegglund import DEFAULT_KP, ErrorScanner, HalfPeriods, error_scanner, estimate
-from .estimator.identify import IdentifyScanner
+from .estimator.identify import settings_of
 from .estimator.oscillation import detect_oscillation
-from .estimator.quality import QualityScanner
+from .estimator.quality import quality_of
 from .estimator.settings_check import check_settings
+from .estimator.survey import FIRST, LAST, WITH_SETPOINT, Survey
 from .estimator.verdict import Findings, decide
-from .record import LoopSettings, Note, Record
-from .results import Confirmation, Estimate, LoopReport, Verdict
+from .record import LoopSettings, Note, Record, SampleState
+from .results import Confirmation, Estimates, LoopReport, Verdict
 
 OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
 PIECE = 1 << 18  # samples taken at once: what is worked out in between stays small
@@ -41,44 +41,50 @@ def scan(record: Record, options: ScanOptions | None = None) -> LoopReport:
 
     The latter needs the samples themselves, so a LoopScanner alone does not say it.
     """
-    scanner = LoopScanner(record.loop, record.settings, record.start, record.interval, options or ScanOptions())
-    for first in range(0, max(len(record), 1), PIECE):
-        scanner.update(record.slice(first, first + PIECE))
+    scanner = LoopScanner(record.loop, record.settings, record.start, record.interval, options, keep=False)
+    _feed(scanner, record)
+    second = scanner.second_pass()
+    if second is not None:
+        _feed(second, record)
+        scanner = second
     report = scanner.finish()
     if any(reason.code == "oscillation" for reason in report.reasons):
         return replace(report, reasons=(*report.reasons, diagnose(record).note))
     return report
 
 
+def _feed(scanner: LoopScanner, record: Record) -> None:
+    for first in range(0, max(len(record), 1), PIECE):
+        scanner.update(record.slice(first, first + PIECE) if len(record) > PIECE else record)
+
+
 class LoopScanner:
     """Takes the blocks of one loop's record in time order, `update` by `update`, and `finish`es with the report.
 
     A record cut into blocks anywhere gives the same report as the whole record, rounding aside. Kept between blocks:
-    filter states, the open half period, the half periods found, and sums; not the samples. Only where K or Ti are not
-    known the blocks are kept until the end: they must be read from the whole record before the first half period
-    can be judged.
+    filter states, the open half period, the half periods that an estimate or the oscillation detector can use, and
+    sums; not the samples. Only where K or Ti are not known the blocks are kept until the end: they must be read from
+    the whole record before the first half period can be judged. With keep=False they are not, and the caller gives
+    all blocks once more to the scanner that `second_pass` returns.
     """
 
     def __init__(self, loop: str, settings: LoopSettings, start: float, interval: float,
-                 options: ScanOptions | None = None) -> None:
+                 options: ScanOptions | None = None, *, keep: bool = True) -> None:
         self.loop, self.settings, self.start, self.interval = loop, settings, start, interval
         self.options = options or ScanOptions()
         self.notes: dict[tuple[str, str], Note] = {}
-        self.samples = 0
-        self.used = 0
-        self.has_setpoint = False
-        self.first: int | None = None
-        self.last = 0
-        self._waiting: list[Record] | None = [] if settings.K is None or settings.Ti is None else None
+        self._unknown = settings.K is None or settings.Ti is None
+        self._kept: list[Record] | None = [] if self._unknown and keep else None
         self._errors: ErrorScanner | None = None
         self._carry: CarryRecorder | None = None
         self._confirm: ConfirmationScanner | None = None
-        self._quality = QualityScanner(interval)
         given = {settings.source.get(name) for name in ("K", "Ti")} == {"metadata"}
-        check = self.options.confirm and given
-        self._identify = IdentifyScanner(interval) if check or self._waiting is not None else None
+        self._check = self.options.confirm and given
+        self._survey = Survey(interval, slower=self._check or self._unknown)
+        self._surveyed = False
+        self._unread: Note | None = None
         if settings.K and settings.Ti and interval <= COARSEST * settings.Ti:
-            self._errors = error_scanner(settings, interval)
+            self._errors = error_scanner(settings, interval, every=False)
             self._carry = CarryRecorder(settings, interval) if self.options.carry else None
             self._confirm = ConfirmationScanner(settings, interval) if self.options.confirm else None
 
@@ -88,28 +94,52 @@ class LoopScanner:
             self.notes.setdefault((note.code, note.message), note)
         if not len(block):
             return
-        self.first = int(block.index[0]) if self.first is None else self.first
-        self.last = int(block.index[-1])
-        self.has_setpoint = self.has_setpoint or bool(np.isfinite(block.setpoint).any())
-        self.samples += len(block)
-        self.used += int(np.count_nonzero(block.usable))
-        if self._waiting is not None:
-            self._waiting.append(block)
-        else:
-            self._quality.update(block)
-        if self._errors is not None and self.has_setpoint:
+        if not self._surveyed:
+            self._survey.update(block)
+        if self._kept is not None:
+            self._kept.append(block)
+        if self._errors is not None:
             self._errors.update(block)
         if self._carry is not None:
             self._carry.update(block)
         if self._confirm is not None:
             self._confirm.update(block)
-        if self._identify is not None:
-            self._identify.update(block)
+
+    @property
+    def used(self) -> int:
+        """Number of samples taken so far that may enter an estimate."""
+        return int(self._survey.states[: SampleState.FILLED + 1].sum())
+
+    def second_pass(self) -> LoopScanner | None:
+        """Return the scanner that all blocks must be given to once more, None where `finish` can answer now.
+
+        Needed where K or Ti are not given and have been read from the blocks.
+        """
+        if not self._unknown or self.used < 2:
+            return None
+        found = settings_of(self._survey)
+        missing = " and ".join(name for name in ("K", "Ti") if getattr(self.settings, name) is None)
+        if isinstance(found, Note):
+            self._unread = Note(
+                "missing_settings", f"{missing} not given, and not to be read from the data: {found.message};"
+                " give K and Ti in the loops file", {"why": found.code})
+            return None
+        scanner = LoopScanner(self.loop, found.settings(self.settings), self.start, self.interval, self.options)
+        scanner._survey, scanner._surveyed = self._survey, True
+        used = scanner.settings
+        message = f"{missing} not given; read from the data: K = {used.K:.3g}, Ti = {used.Ti:.3g} s"
+        for note in (*self.notes.values(), Note("identified_settings", message), *found.notes):
+            scanner.notes[(note.code, note.message)] = note
+        return scanner
 
     def finish(self) -> LoopReport:
         """Return the report of everything taken so far."""
-        if self._waiting is not None and self.used >= 2:
-            return self._with_identified_settings(self._waiting)
+        if self._kept is not None:
+            scanner = self.second_pass()
+            if scanner is not None:
+                for block in self._kept:
+                    scanner.update(block)
+                return scanner.finish()
         refusal = self._refusal()
         if refusal is not None:
             few = refusal.code == "insufficient_data"
@@ -128,7 +158,7 @@ class LoopScanner:
         long = (half_periods.why != "too_short") & (half_periods.why != "incomplete")
         cluster = densest(half_periods.d[accepted])
         confirmation = self._confirm.finish() if self._confirm else None
-        quality = self._quality.finish(self.settings.Ti)
+        quality = quality_of(self._survey, self.settings.Ti)
         rounding = quality.op.step if quality.op else 0.0
         on_settings = self._settings_notes()
         warnings += on_settings
@@ -146,39 +176,22 @@ class LoopScanner:
                             settings=settings, cluster=decision.cluster, confirmation=confirmed,
                             compensator=compensator,
                             carry=pack(self._carry.finish(self._errors)) if self._carry else None,
-                            **self._tally(half_periods, accepted, long))
-
-    def _with_identified_settings(self, blocks: list[Record]) -> LoopReport:
-        """Read what is missing of K and Ti from the record and scan it with that, or say why it cannot be read."""
-        assert self._identify is not None
-        found = self._identify.finish()
-        missing = " and ".join(name for name in ("K", "Ti") if getattr(self.settings, name) is None)
-        if isinstance(found, Note):
-            reason = Note("missing_settings", f"{missing} not given, and not to be read from the data: {found.message};"
-                          " give K and Ti in the loops file", {"why": found.code})
-            return self._report(Verdict.CANNOT_TELL, (reason,), 0.0)
-        scanner = LoopScanner(self.loop, found.settings(self.settings), self.start, self.interval, self.options)
-        for block in blocks:
-            scanner.update(block)
-        used = scanner.settings
-        scanner.notes[("identified_settings", "")] = Note(
-            "identified_settings", f"{missing} not given; read from the data: K = {used.K:.3g}, Ti = {used.Ti:.3g} s")
-        for note in found.notes:
-            scanner.notes[(note.code, note.message)] = note
-        return scanner.finish()
+                            **self._tally(half_periods, self._errors.smooth.left_out, accepted, long))
 
     def _settings_notes(self) -> tuple[Note, ...]:
         """Say where the settings given do not make the recorded output; a contradiction limits the verdict."""
-        if self._identify is None or not self.used:
+        if not (self._check and self.used):
             return ()
         notes = []
-        for note in check_settings(self.settings, self._identify.finish()):
+        for note in check_settings(self.settings, settings_of(self._survey)):
             if note.code != "settings_unchecked":
                 effect = "limits" if note.values.get("severity") == "contradict" else "info"
                 notes.append(replace(note, values={**note.values, "effect": effect}))
         return tuple(notes)
 
     def _refusal(self) -> Note | None:
+        if self._unread is not None:
+            return self._unread
         if self.settings.K is None or self.settings.Ti is None:
             return Note("insufficient_data", f"only {self.used} usable samples, and K or Ti are not known")
         if self.interval > COARSEST * self.settings.Ti:
@@ -186,36 +199,41 @@ class LoopScanner:
                         f"{self.settings.Ti:g} s; at most {COARSEST * self.settings.Ti:g} s are needed")
         if self.used < 2:
             return Note("insufficient_data", f"only {self.used} usable samples")
-        if not self.has_setpoint:
+        if not self._survey.numbers[WITH_SETPOINT]:
             return Note("no_setpoint", "no setpoint (SP) in the data: without it there is no control error to judge")
         return None
 
-    def _tally(self, h: HalfPeriods, accepted: np.ndarray, long: np.ndarray) -> dict[str, object]:
+    def _tally(self, h: HalfPeriods, left_out: int, accepted: np.ndarray, long: np.ndarray) -> dict[str, object]:
+        """Counts of all half periods, of which `left_out` were too short to be kept, and the estimates listed."""
         hours = max(self.used * self.interval / 3600.0, 1e-12)
-        listed = np.flatnonzero(h.why != "too_short")
+        codes, why, counts = np.unique(h.why, return_inverse=True, return_counts=True)
+        rejected = dict(zip(codes.tolist(), counts.tolist(), strict=True))
+        rejected.pop("ok", None)
+        if left_out:
+            rejected["too_short"] = rejected.get("too_short", 0) + left_out
+        listed = h.why != "too_short"
         return {
-            "half_periods": len(h),
+            "half_periods": len(h) + left_out,
             "long_half_periods": int(long.sum()),
             "detections": int(accepted.sum()),
-            "detection_rate": float(accepted.sum() / max(len(h), 1)),
+            "detection_rate": float(accepted.sum() / max(len(h) + left_out, 1)),
             "detections_per_hour": float(accepted.sum() / hours),
-            "rejected": dict(sorted(Counter(h.why[~accepted].tolist()).items())),
-            "estimates": tuple(
-                Estimate(self.start + float(h.begin[i]), self.start + float(h.begin[i] + h.duration[i]),
-                         float(h.duration[i]), float(h.dy[i]), float(h.e_max[i]), float(h.d[i]),
-                         int(h.direction[i]), bool(accepted[i]), str(h.why[i]))
-                for i in listed
+            "rejected": dict(sorted(rejected.items())),
+            "estimates": Estimates(
+                self.start, h.begin[listed], h.duration[listed], h.dy[listed], h.e_max[listed], h.d[listed],
+                h.direction[listed].astype(np.int8), why[listed].astype(np.uint8), tuple(codes.tolist()),
             ),
         }
 
     def _report(self, verdict: Verdict, reasons: tuple[Note, ...], confidence: float,
                 warnings: tuple[Note, ...] = (), settings: LoopSettings | None = None, **rest: object) -> LoopReport:
-        known = self.first is not None
+        first, last = self._survey.numbers[[FIRST, LAST]].tolist()
+        samples = int(self._survey.states.sum())
         return LoopReport(
             self.loop, verdict, reasons, confidence,
-            start=self.start + (self.first or 0) * self.interval if known else None,
-            end=self.start + self.last * self.interval if known else None,
-            samples=self.samples, interval_s=self.interval, settings=settings or self.settings,
+            start=self.start + first * self.interval if samples else None,
+            end=self.start + last * self.interval if samples else None,
+            samples=samples, interval_s=self.interval, settings=settings or self.settings,
             warnings=(*self.notes.values(), *warnings), **rest,  # type: ignore[arg-type]
         )
 

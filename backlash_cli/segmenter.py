@@ -1,4 +1,4 @@
-"""Cuts the control error into half periods between zero crossings: duration, area, peak, all at once for a block.
+"""Cuts the control error into half periods between zero crossings: duration, area, peak.
 
 A half period is complete when it begins and ends with a zero crossing of e = ysp - yf. One that touches the start of
 the record, its end, a gap or a sample that must not be used is incomplete: nothing is estimated on it.
@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from .error_walk import COLUMNS, NEVER, PLACES, STORED, cut
 from .record import FloatArray, IntArray
 
 
@@ -36,6 +37,12 @@ class Segments:
 
     def select(self, mask: object) -> Segments:
         return Segments(*(getattr(self, f.name)[mask] for f in fields(self)))
+
+    @staticmethod
+    def of(table: FloatArray) -> Segments:
+        """Half periods from the (half_periods, 7) table that a walk fills, columns in the order of the fields."""
+        begin, end, area, e_max, direction, move, complete = np.ascontiguousarray(table.T)
+        return Segments(begin, end, area, e_max, direction.astype(np.int64), move, complete > 0.0)
 
     @staticmethod
     def join(parts: list[Segments]) -> Segments:
@@ -72,56 +79,31 @@ def segment(
     n = len(error)
     if n == 0:
         return Segments.join([]), open_
-    carried = open_ if open_ is not None and index[0] == open_.last_index + 1 else None
-    jump = np.diff(index) != 1 if index[-1] - index[0] != n - 1 else None
-    sign, changed = _sign_changes(error, jump, carried.sign if carried else 0)
-    cuts = np.concatenate([[0], np.flatnonzero(changed) + 1])
-    lasts = np.concatenate([cuts[1:], [n]]) - 1
+    track = np.zeros(PLACES)
+    before, last_setpoint = put(open_, track)
+    at = np.concatenate([[int(before)], index])
+    found = np.empty((n + 1, COLUMNS))
+    cut(error, at, np.abs(np.diff(setpoint, prepend=last_setpoint)), n, track, found, 0.0, 0.0)
+    return Segments.of(found[: int(track[STORED])]), opened(track, float(index[-1]), float(setpoint[-1]))
 
-    # what stands before each cut: the sample before it, or what the last block left
-    e_before = error[cuts - 1]
-    at_before = index[cuts - 1]
-    crossing = index[cuts] - at_before == 1
-    if carried:
-        e_before[0], at_before[0] = carried.last_error, carried.last_index
-        crossing[0] = sign[0] != carried.sign != 0
-    else:
-        crossing[0] = False
-    e_first, e_last = np.abs(error[cuts]), np.abs(error[lasts])
-    share = np.zeros(len(cuts))
-    np.divide(e_before, e_before - error[cuts], out=share, where=crossing)
 
-    # trapezia between samples, and a triangle on each side of a crossing
-    magnitude = np.abs(error)
-    area = np.add.reduceat(magnitude, cuts) - 0.5 * (e_first + e_last)
-    area += np.where(crossing, 0.5 * e_first * (1.0 - share), 0.0)
-    tail = np.where(crossing, 0.5 * np.abs(e_before) * share, 0.0)
-    area[:-1] += tail[1:]
-    peak = np.maximum.reduceat(magnitude, cuts)
-    moved = _setpoint_moves(setpoint, cuts, crossing, carried)
-    begin = np.where(crossing, at_before + share, index[cuts].astype(float))
-    end = np.append(np.where(crossing[1:], begin[1:], index[lasts[:-1]].astype(float)), np.nan)
-    complete = crossing & np.append(crossing[1:], False)
-    crossed = crossing.copy()
-    # the last sample knows the sign even where the half period opened with exact zeros
-    direction = sign[lasts].astype(np.int64)
+def put(open_: OpenHalfPeriod | None, track: FloatArray) -> tuple[float, float]:
+    """Write an open half period into the places of a walk (see error_walk); return its last position and setpoint."""
+    if open_ is None:
+        track[:STORED] = 0.0
+        return NEVER, 0.0
+    o = open_
+    track[:STORED] = o.sign, o.begin, o.crossed, o.area, o.e_max, o.move, o.last_error
+    return o.last_index, o.last_setpoint
 
-    closed: list[Segments] = []
-    if carried and not crossing[0]:
-        area[0] += carried.area + 0.5 * (abs(carried.last_error) + e_first[0])
-        peak[0] = max(peak[0], carried.e_max)
-        begin[0], crossed[0] = carried.begin, carried.crossed
-        complete[0] = carried.crossed and len(cuts) > 1 and crossing[1]
-    elif open_ is not None and open_.sign:
-        # it ended exactly at the block's edge: by a crossing between the blocks, or by a gap
-        stop = begin[0] if crossing[0] else float(open_.last_index)
-        closed.append(_one(open_, stop, open_.area + tail[0], bool(crossing[0]) and open_.crossed))
-    whole = Segments(begin, end, area, peak, direction, moved, complete)
-    left = OpenHalfPeriod(int(sign[-1]), float(begin[-1]), bool(crossed[-1]), float(area[-1]), float(peak[-1]),
-                          float(moved[-1]), int(index[-1]), float(error[-1]), float(setpoint[-1]))
-    done = np.arange(len(whole)) < len(whole) - 1
-    closed.append(whole.select(done & (whole.direction != 0)))
-    return Segments.join(closed), left
+
+def opened(track: FloatArray, last_index: float, last_setpoint: float) -> OpenHalfPeriod | None:
+    """Return what `put` wrote, or what a walk has left open."""
+    if last_index == NEVER:
+        return None
+    sign, begin, crossed, area, e_max, move, last_error = track[:STORED].tolist()
+    return OpenHalfPeriod(int(sign), begin, crossed > 0.0, area, e_max, move, int(last_index), last_error,
+                          float(last_setpoint))
 
 
 def close(open_: OpenHalfPeriod | None) -> Segments:
@@ -134,37 +116,3 @@ def close(open_: OpenHalfPeriod | None) -> Segments:
 def _one(o: OpenHalfPeriod, end: float, area: float, complete: bool) -> Segments:
     return Segments(np.array([o.begin]), np.array([end]), np.array([area]), np.array([o.e_max]),
                     np.array([o.sign], np.int64), np.array([o.move]), np.array([complete]))
-
-
-def _setpoint_moves(setpoint: FloatArray, cuts: IntArray, crossing: NDArray[np.bool_],
-                    carried: OpenHalfPeriod | None) -> FloatArray:
-    """Return the sum of |change of setpoint| in each piece, the change at its opening crossing included."""
-    before = carried.last_setpoint if carried else setpoint[0]
-    if before == setpoint[0] and setpoint.min() == setpoint.max():
-        moved = np.zeros(len(cuts))
-    else:
-        move = np.abs(np.diff(setpoint, prepend=before))
-        move[cuts[1:][~crossing[1:]]] = 0.0
-        moved = np.add.reduceat(move, cuts)
-    if carried and not crossing[0]:
-        moved[0] += carried.move
-    return moved
-
-
-def _sign_changes(error: FloatArray, jump: NDArray[np.bool_] | None,
-                  carried: int) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
-    """Return the sign of each sample and whether the next begins a new piece: by a crossing or a jump.
-
-    An exact zero belongs to the half period before it.
-    """
-    sign = np.sign(error).astype(np.int8)
-    if np.count_nonzero(sign) != len(sign):
-        known = sign != 0
-        if jump is not None:
-            known[1:] |= jump
-        source = np.maximum.accumulate(np.where(known, np.arange(len(sign)), -1))
-        sign = np.where(source < 0, np.int8(carried), sign[np.maximum(source, 0)]).astype(np.int8)
-        changed = (sign[1:] != sign[:-1]) & (sign[:-1] != 0)
-    else:
-        changed = sign[1:] != sign[:-1]
-    return sign, changed if jump is None else changed | jump

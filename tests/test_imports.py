@@ -23,8 +23,9 @@ ALLOWED = {
     "results": {"errors", "record"},
     "kernels": set(),
     "filters": set(),
-    "segmenter": {"filters"},
-    "estimator": {"filters", "segmenter"},
+    "error_walk": set(),
+    "segmenter": {"error_walk"},
+    "estimator": {"error_walk", "filters", "segmenter"},
     "scan": {"filters", "segmenter", "estimator"},
     "check": {"estimator", "filters", "segmenter"},
     "effects": set(),
@@ -57,7 +58,7 @@ HOMES = {
     "dask": {"engines"},
     "distributed": {"engines"},
 }
-CORE = BASE | {"filters", "segmenter", "estimator", "scan", "effects", "model", "simulator"}
+CORE = BASE | {"error_walk", "filters", "segmenter", "estimator", "scan", "effects", "model", "simulator"}
 NOT_IN_CORE = {"print", "open", "input"}
 
 

@@ -72,7 +72,7 @@ class CarryRecorder:
     def update(self, block: Record) -> None:
         """Take the next block of the record."""
         self._travel(block)
-        if not len(block) or (self.body is not None and self.body.smooth.parts):
+        if not len(block) or (self.body is not None and len(self.body.smooth.ended)):
             return
         if self.until is None:
             assert self.settings.Ti is not None
@@ -87,7 +87,8 @@ class CarryRecorder:
 
     def _go_on(self, block: Record) -> None:
         if self.body is None:
-            self.body = ErrorScanner(self.cold.stages, states=list(self.cold.states), last_index=self.cold.last_index)
+            self.body = ErrorScanner(self.cold.stages)
+            self.body.go_on(self.cold.states, self.cold.last_index)
         if self.edge is None:
             usable = np.flatnonzero(block.usable & np.isfinite(block.measurement) & np.isfinite(block.setpoint))
             one = int(usable[0]) + 1 if len(usable) else len(block)
@@ -123,7 +124,7 @@ class CarryRecorder:
         )
         first, end, whole = None, None, False
         if self.body is not None and self.edge is not None:
-            done = Segments.join(self.body.smooth.parts)
+            done = self.body.smooth.ended
             if len(done):
                 first = OpenHalfPeriod(int(done.direction[0]), float(done.begin[0]), True, float(done.area[0]),
                                        float(done.e_max[0]), float(done.setpoint_move[0]), 0, 0.0, 0.0)
@@ -149,16 +150,16 @@ def resume(tail: Tail, night: Carry, shift: int) -> tuple[Segments, float | None
     scanner = error_scanner(settings, night.interval)
     scanner.smooth.open = None if tail.open is None else replace(
         tail.open, begin=tail.open.begin + shift, last_index=tail.open.last_index + shift)
-    scanner.states, scanner.last_index = list(tail.states), tail.last_index + shift
+    scanner.go_on(tail.states, tail.last_index + shift)
     index, setpoint, measurement, state = night.head
-    new = index > scanner.last_index
+    new = index > tail.last_index + shift
     scanner.update(Record("", 0.0, night.interval, index[new].astype(np.int64), setpoint[new], measurement[new], None,
                           state[new].astype(np.uint8)))
     if not night.settled:
         left_over = Tail(scanner.smooth.open, tuple(scanner.states), scanner.last_index)
-        return Segments.join(scanner.smooth.parts), None, left_over
+        return scanner.smooth.ended, None, left_over
     if night.first is None:
-        done = Segments.join(scanner.smooth.parts)
+        done = scanner.smooth.ended
         return done, float(index[-1]) if len(index) else 0.0, None
     at, error, sp = night.edge
     closed, left = segment(np.array([error]), np.array([sp]), np.array([at]), scanner.smooth.open)
@@ -167,7 +168,7 @@ def resume(tail: Tail, night: Carry, shift: int) -> tuple[Segments, float | None
     merged = replace(left, sign=first.sign, area=left.area + first.area, e_max=max(left.e_max, first.e_max),
                      move=left.move + first.move, last_index=first.last_index, last_error=first.last_error,
                      last_setpoint=first.last_setpoint)
-    done = Segments.join([*scanner.smooth.parts, closed])
+    done = Segments.join([scanner.smooth.ended, closed])
     if night.first_end is None:
         own = night.tail
         return done, None, None if own is None else Tail(merged, own.states, own.last_index)

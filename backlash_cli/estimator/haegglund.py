@@ -5,14 +5,31 @@ T. Haegglund, Automatic on-line estimation of backlash in control loops, J. Proc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..error_walk import (
+    COLUMNS,
+    KNOWN,
+    LEFT_OUT,
+    NEVER,
+    PLACES,
+    PLAIN,
+    ROOM,
+    SETPOINT,
+    SMOOTH,
+    STORED,
+    USED,
+    start,
+    walk,
+)
 from ..filters import DoubleLag, double_lag
-from ..record import FloatArray, IntArray, LoopSettings, Record, SampleState
-from ..segmenter import OpenHalfPeriod, Segments, close, segment
+from ..record import FloatArray, LoopSettings, Record
+from ..segmenter import OpenHalfPeriod, Segments, close, opened, put
+from .oscillation import least_area
 
 DEFAULT_KP = 1.5  # section 4: errors below 20 % for 1 < Kp < 3.4
 SLOW_ENOUGH = 5.0  # gate dt >= 5 Ti: the signals are slow, the valve moves through statics
@@ -81,23 +98,41 @@ def estimate(segments: Segments, interval: float, settings: LoopSettings) -> Hal
                        segments.setpoint_move, why)
 
 
-@dataclass
 class ErrorTrack:
     """Half periods of one error signal: those that have ended, and the open one."""
 
-    parts: list[Segments] = field(default_factory=list)
-    open: OpenHalfPeriod | None = None
+    def __init__(self, carried: FloatArray, place: int) -> None:
+        self._carried, self._own = carried, carried[place : place + PLACES]
+        self.table = np.empty((2 * ROOM, COLUMNS))
 
-    def update(self, error: FloatArray, setpoint: FloatArray, index: IntArray) -> None:
-        done, self.open = segment(error, setpoint, index, self.open)
-        if len(done):
-            self.parts.append(done)
+    def make_room(self) -> None:
+        """Double the table where the next ROOM samples might fill it."""
+        while self._own[STORED] + ROOM > len(self.table):
+            self.table = np.concatenate([self.table, np.empty_like(self.table)])
+
+    @property
+    def left_out(self) -> int:
+        """Number of complete half periods that were counted and not kept."""
+        return int(self._own[LEFT_OUT])
+
+    @property
+    def ended(self) -> Segments:
+        """The half periods that have ended."""
+        return Segments.of(self.table[: int(self._own[STORED])])
+
+    @property
+    def open(self) -> OpenHalfPeriod | None:
+        """The half period that the next sample goes on with; None before the first."""
+        return opened(self._own, self._carried[USED], self._carried[SETPOINT])
+
+    @open.setter
+    def open(self, left: OpenHalfPeriod | None) -> None:
+        self._carried[USED], self._carried[SETPOINT] = put(left, self._own)
 
     def finish(self) -> Segments:
-        return Segments.join([*self.parts, close(self.open)])
+        return Segments.join([self.ended, close(self.open)])
 
 
-@dataclass
 class ErrorScanner:
     """Filters the measurement block by block and cuts two errors into half periods.
 
@@ -105,47 +140,59 @@ class ErrorScanner:
     filter of Ti/2 as well, for the estimator. The filters run on through manual operation and saturation, where the
     measurement is still true, and start afresh at rest after a hole. Half periods end at any sample that must not
     be used.
+
+    least: area [span samples] of plain and length [samples] of smooth half periods below which complete ones are
+    counted and not kept.
     """
 
-    stages: tuple[DoubleLag, DoubleLag]
-    plain: ErrorTrack = field(default_factory=ErrorTrack)
-    smooth: ErrorTrack = field(default_factory=ErrorTrack)
-    states: list[FloatArray] = field(default_factory=list)
-    last_index: int = -2
+    def __init__(self, stages: tuple[DoubleLag, DoubleLag], least: tuple[float, float] = (0.0, 0.0)) -> None:
+        self.stages = stages
+        self._filters = np.array([stage.coefficients for stage in stages])
+        self._least = np.array(least)
+        self._carried = start()
+        self.plain, self.smooth = (ErrorTrack(self._carried, place) for place in (PLAIN, SMOOTH))
+
+    @property
+    def states(self) -> list[FloatArray]:
+        """State of each filter; none before the first sample."""
+        if self._carried[KNOWN] == NEVER:
+            return []
+        return [np.zeros(0) if stage.is_identity else self._carried[2 * i : 2 * i + 2].copy()
+                for i, stage in enumerate(self.stages)]
+
+    @property
+    def last_index(self) -> int:
+        """Position of the last sample that went through the filters."""
+        return int(self._carried[KNOWN])
+
+    def go_on(self, states: Sequence[FloatArray], last_index: int) -> None:
+        """Take over the filters as another scanner left them after the sample at `last_index`."""
+        for i, state in enumerate(states):
+            self._carried[2 * i : 2 * i + len(state)] = state
+        self._carried[KNOWN] = last_index if len(states) else NEVER
 
     def update(self, block: Record) -> None:
         """Take the next block of the record."""
-        index, pv, sp, usable = block.index, block.measurement, block.setpoint, block.usable
-        whole = bool(usable.all())
-        if not whole:
-            known = (block.state != SampleState.MISSING) & (block.state != SampleState.IMPLAUSIBLE)
-            index, pv, sp, usable = index[known], pv[known], sp[known], usable[known]
-        if not len(pv):
-            return
-        for track, filtered in zip((self.plain, self.smooth), self._filter(index, pv), strict=True):
-            error = sp - filtered
-            if whole:
-                track.update(error, sp, index)
-            else:
-                track.update(error[usable], sp[usable], index[usable])
-
-    def _filter(self, index: IntArray, pv: FloatArray) -> tuple[FloatArray, FloatArray]:
-        whole = index[-1] - index[0] == len(index) - 1
-        jumps = [] if whole else (np.flatnonzero(np.diff(index) != 1) + 1).tolist()
-        outputs: tuple[list[FloatArray], list[FloatArray]] = ([], [])
-        for first, last in zip([0, *jumps], [*jumps, len(pv)], strict=True):
-            if first > 0 or index[0] != self.last_index + 1:
-                self.states = [stage.settled(float(pv[first])) for stage in self.stages]
-            y = pv[first:last]
-            for i, stage in enumerate(self.stages):
-                y, self.states[i] = stage.run(y, self.states[i])
-                outputs[i].append(y)
-        self.last_index = int(index[-1])
-        plain, smooth = (o[0] if len(o) == 1 else np.concatenate(o) for o in outputs)
-        return plain, smooth
+        index = np.ascontiguousarray(block.index, dtype=np.int64)
+        setpoint, pv = (np.ascontiguousarray(x, dtype=np.float64) for x in (block.setpoint, block.measurement))
+        state = np.ascontiguousarray(block.state, dtype=np.uint8)
+        taken = 0
+        while taken < len(index):
+            self.plain.make_room()
+            self.smooth.make_room()
+            taken = walk(index, setpoint, pv, state, taken, self._filters, self._least, self._carried,
+                         self.plain.table, self.smooth.table)
 
 
-def error_scanner(settings: LoopSettings, interval: float) -> ErrorScanner:
-    """Return a scanner with the measurement filter (3) and the estimator's filter of Ti/2."""
-    assert settings.Ti is not None
-    return ErrorScanner((double_lag(settings.filter_time or 0.0, interval), double_lag(settings.Ti / 2.0, interval)))
+def error_scanner(settings: LoopSettings, interval: float, *, every: bool = True) -> ErrorScanner:
+    """Return a scanner with the measurement filter (3) and the estimator's filter of Ti/2.
+
+    every: keep all half periods; False: only those that an estimate or the oscillation detector can use.
+    """
+    Ti = settings.Ti
+    assert Ti is not None
+    least = (0.0, 0.0)
+    if not every:
+        # a little less than the limits, so that rounding leaves nothing out that would pass them
+        least = (0.999 * least_area(Ti) / interval, 0.999 * SLOW_ENOUGH * Ti / interval)
+    return ErrorScanner((double_lag(settings.filter_time or 0.0, interval), double_lag(Ti / 2.0, interval)), least)

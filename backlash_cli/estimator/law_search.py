@@ -20,7 +20,7 @@ from .control_law import (
     settle_filter,
 )
 from .identification import NOISE_UNSEEN, Identification, summarise
-from .stretches import STRETCH_ROWS
+from .survey import ROWS
 
 WINDOW = 10.0  # Ti per window: long enough for K/Ti, short enough for drift that is not the controller's
 FIRST_WINDOW = 200  # rows, before Ti is known
@@ -85,7 +85,7 @@ def _time_scale(levels: list[LawRows]) -> tuple[LawRows, LawForm, float] | Note:
     for _ in range(8):
         rows = levels[level]
         h = rows.interval
-        window = int(np.clip(WINDOW * Ti / h, MIN_WINDOW, max(min(STRETCH_ROWS, len(rows.index) // 6), MIN_WINDOW)))
+        window = int(np.clip(WINDOW * Ti / h, MIN_WINDOW, max(min(ROWS, len(rows.index) // 6), MIN_WINDOW)))
         longest = min(LONGEST_FILTER * Ti, 0.1 * window * h)
         moves = bool(np.ptp(rows.signals[:, 0]) > 0)
         terms = (PROPORTIONAL, INTEGRAL, SETPOINT) if moves else (PROPORTIONAL, INTEGRAL)

@@ -27,6 +27,11 @@ class Oscillation:
     amplitude: float | None = None
 
 
+def least_area(Ti: float) -> float:
+    """Return the integral of |e| over a half period [span s] above which it counts: that of a sine of period Ti."""
+    return 2.0 * AMPLITUDE / (2.0 * np.pi / Ti)
+
+
 def detect_oscillation(segments: Segments, interval: float, Ti: float) -> Oscillation:
     """Count half periods with IAE > 2 a / w, w = 2 pi / Ti, forgetting over 50 Ti: x <- lambda x + 1.
 
@@ -34,7 +39,7 @@ def detect_oscillation(segments: Segments, interval: float, Ti: float) -> Oscill
     """
     duration = (segments.end - segments.begin) * interval
     iae = segments.area * interval
-    large = segments.complete & (iae > 2.0 * AMPLITUDE / (2.0 * np.pi / Ti))
+    large = segments.complete & (iae > least_area(Ti))
     if not large.any():
         return Oscillation(False, 0.0, 0.0)
     ends = segments.end[large] * interval

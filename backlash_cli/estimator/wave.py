@@ -99,11 +99,10 @@ def wave(values: FloatArray, period: float, height: float) -> Wave | None:
     if typical.sum() < LEAST_HALF_PERIODS:
         return None
     grid = (np.arange(POINTS) + 0.5) / POINTS
-    samples = np.arange(len(flat))
-    shapes = []
-    for k in np.flatnonzero(typical):
-        part = np.interp(crossing[k] + grid * length[k], samples, flat)
-        shapes.append(part / part.mean() if abs(part.mean()) > 0 else part)
+    begin, lasts = crossing[:-1][typical, None], length[typical, None]
+    shapes = np.interp(begin + grid * lasts, np.arange(len(flat), dtype=np.float64), flat)
+    mean = shapes.mean(1, keepdims=True)
+    shapes /= np.where(mean == 0.0, 1.0, mean)
     r = autocorrelation(values)
     far = round(5.0 * period)
     sustained = float(r[max(far - 2, 0) : far + 3].max()) if far + 3 < len(r) // 2 else height**5

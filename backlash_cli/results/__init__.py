@@ -14,7 +14,7 @@ from .explain import (
     Series,
     Step,
 )
-from .scan import Cluster, Compensator, Confirmation, Estimate, LoopReport, ScanResult, Verdict
+from .scan import Cluster, Compensator, Confirmation, Estimate, Estimates, LoopReport, ScanResult, Verdict
 
 __all__ = [
     "Candidate",
@@ -23,6 +23,7 @@ __all__ = [
     "Compensator",
     "Confirmation",
     "Estimate",
+    "Estimates",
     "Explanation",
     "Fitness",
     "FittedEffect",

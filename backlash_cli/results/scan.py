@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import overload
 
-from ..record import LoopSettings, Note
+import numpy as np
+from numpy.typing import NDArray
+
+from ..record import FloatArray, LoopSettings, Note
 
 
 class Verdict(StrEnum):
@@ -38,6 +42,47 @@ class Estimate:
     direction: int
     accepted: bool
     why: str = "ok"
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates(Sequence[Estimate]):
+    """The half periods of one loop as columns, (half_periods,) arrays: read like a tuple of Estimate.
+
+    A year of a plant has millions of half periods; as columns each takes some forty bytes. begin: seconds since
+    `origin` (UTC epoch seconds), and each `why` a position in `codes`; the rest as in Estimate.
+    """
+
+    origin: float
+    begin: FloatArray
+    dt_s: FloatArray
+    dy: FloatArray
+    e_max: FloatArray
+    d: FloatArray
+    direction: NDArray[np.int8]
+    why: NDArray[np.uint8]
+    codes: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.begin)
+
+    @overload
+    def __getitem__(self, at: int) -> Estimate: ...
+    @overload
+    def __getitem__(self, at: slice) -> tuple[Estimate, ...]: ...
+    def __getitem__(self, at: int | slice) -> Estimate | tuple[Estimate, ...]:
+        if isinstance(at, slice):
+            return tuple(self[i] for i in range(*at.indices(len(self))))
+        begin, duration, code = float(self.begin[at]), float(self.dt_s[at]), self.codes[self.why[at]]
+        return Estimate(self.origin + begin, self.origin + (begin + duration), duration, float(self.dy[at]),
+                        float(self.e_max[at]), float(self.d[at]), int(self.direction[at]), code == "ok", code)
+
+    def __iter__(self) -> Iterator[Estimate]:
+        return (self[i] for i in range(len(self)))
+
+    def __eq__(self, other: object) -> bool:
+        return tuple(self) == tuple(other) if isinstance(other, Sequence) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
 
 
 @dataclass(frozen=True)
@@ -105,7 +150,7 @@ class LoopReport:
     detection_rate: float = 0.0
     detections_per_hour: float = 0.0
     rejected: Mapping[str, int] = field(default_factory=dict)
-    estimates: tuple[Estimate, ...] = ()
+    estimates: Sequence[Estimate] = ()
     cluster: Cluster | None = None
     confirmation: Confirmation | None = None
     compensator: Compensator | None = None

@@ -16,10 +16,11 @@ import numpy as np
 
 from backlash_cli.estimator.confirm import ConfirmationScanner
 from backlash_cli.estimator.haegglund import error_scanner, estimate
-from backlash_cli.estimator.identify import IdentifyScanner
+from backlash_cli.estimator.identify import settings_of
 from backlash_cli.estimator.oscillation import detect_oscillation
-from backlash_cli.estimator.quality import QualityScanner
+from backlash_cli.estimator.quality import quality_of
 from backlash_cli.estimator.settings_check import check_settings
+from backlash_cli.estimator.survey import Survey
 from backlash_cli.record import Record
 
 from .random_loops import RandomLoop, draw
@@ -38,7 +39,7 @@ def day(seed: int) -> RandomLoop:
 
 def half_periods(record: Record) -> object:
     """Half periods of the filtered and the plain error, estimates, oscillation."""
-    scanner = error_scanner(record.settings, record.interval)
+    scanner = error_scanner(record.settings, record.interval, every=False)
     scanner.update(record)
     assert record.settings.Ti is not None
     settings = replace(record.settings, Kp=1.5)
@@ -48,16 +49,16 @@ def half_periods(record: Record) -> object:
 
 def quality(record: Record) -> object:
     """What the recorder did to the signals, shares, gaps."""
-    scanner = QualityScanner(record.interval)
-    scanner.update(record)
-    return scanner.finish(record.settings.Ti)
+    survey = Survey(record.interval, slower=False)
+    survey.update(record)
+    return quality_of(survey, record.settings.Ti)
 
 
 def settings_check(record: Record) -> object:
     """Do the settings given make the recorded output?"""
-    scanner = IdentifyScanner(record.interval)
-    scanner.update(record)
-    return check_settings(record.settings, scanner.finish())
+    survey = Survey(record.interval)
+    survey.update(record)
+    return check_settings(record.settings, settings_of(survey))
 
 
 def confirmation(record: Record) -> object:

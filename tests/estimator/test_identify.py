@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.estimator.identify import IdentifyScanner, identify
+from backlash_cli.estimator.identify import identify, settings_of
+from backlash_cli.estimator.survey import Survey
 from backlash_cli.record import LoopSettings, Note, Record, SampleState, record_from_arrays
 from tests.shared_data import shared_data
 
@@ -117,11 +118,11 @@ def test_units_scale_the_gain_and_nothing_else() -> None:
 @given(st.lists(st.integers(1, 39_999), max_size=6, unique=True))
 def test_the_cut_into_blocks_does_not_matter(cuts: list[int]) -> None:
     record = LONG
-    scanner = IdentifyScanner(record.interval)
+    scanner = Survey(record.interval)
     bounds = [0, *sorted(cuts), len(record)]
     for first, last in pairwise(bounds):
         scanner.update(record.slice(first, last))
-    found = scanner.finish()
+    found = settings_of(scanner)
     assert not isinstance(found, Note) and not isinstance(WHOLE, Note)
     assert found.K.value == pytest.approx(WHOLE.K.value, rel=1e-9)
     assert found.ratio.ci95 == pytest.approx(WHOLE.ratio.ci95, rel=1e-6)

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.estimator.quality import QualityScanner, data_quality
+from backlash_cli.estimator.quality import data_quality, quality_of
 from backlash_cli.estimator.recording import fast_noise, reversals, rounding_step, stored_as
+from backlash_cli.estimator.survey import Survey
 from backlash_cli.record import Record, SampleState, record_from_arrays
 
 from .closed_loop import Loop, exception_reporting, load_steps, run
@@ -181,7 +182,7 @@ LONG = run(Loop(), 30_000, load=load_steps(30_000, 0.1))
 @given(st.lists(st.integers(1, 29_999), max_size=6, unique=True))
 def test_the_cut_into_blocks_does_not_matter(cuts: list[int]) -> None:
     whole = data_quality(LONG, 20.0)
-    scanner = QualityScanner(1.0)
+    survey = Survey(1.0)
     for first, last in pairwise([0, *sorted(cuts), len(LONG)]):
-        scanner.update(LONG.slice(first, last))
-    assert scanner.finish(20.0) == whole
+        survey.update(LONG.slice(first, last))
+    assert quality_of(survey, 20.0) == whole

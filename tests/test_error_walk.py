@@ -1,0 +1,91 @@
+"""The compiled walk against the library's filter and a sample-by-sample walk, for any states, holes and block cuts."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+from backlash_cli.estimator.haegglund import error_scanner, estimate
+from backlash_cli.estimator.oscillation import detect_oscillation
+from backlash_cli.record import LoopSettings, Record, SampleState
+from backlash_cli.segmenter import Segments
+from tests.test_segmenter import walk
+
+HIDDEN = (SampleState.MISSING, SampleState.IMPLAUSIBLE)
+
+
+def made(seed: int, n: int = 400, Tf: float | None = None) -> Record:
+    """A record with every kind of state, holes in time, numbers that are none, and a moving setpoint."""
+    rng = np.random.default_rng(seed)
+    state = np.repeat(rng.choice(len(SampleState), size=n, p=[0.7, 0.1, 0.04, 0.04, 0.04, 0.04, 0.04]), 5)[:n]
+    index = np.cumsum(rng.choice([1, 2, 5], size=n, p=[0.97, 0.02, 0.01])).astype(np.int64) + 7
+    pv = np.cumsum(rng.normal(0, 0.01, n)) + rng.normal(0, 0.02, n)
+    sp = np.repeat(rng.normal(0, 0.02, n // 50), 50)
+    pv[rng.random(n) < 0.01] = np.nan
+    sp[rng.random(n) < 0.01] = np.nan
+    pv[100:110] = sp[100:110] = 0.0  # exact zeros of the error where the filter is the identity
+    return Record("a", 0.0, 1.0, index, sp, pv, None, state.astype(np.uint8), LoopSettings(K=1.0, Ti=6.0, Tf=Tf))
+
+
+def by_hand(record: Record, smooth: bool) -> list[tuple[float, ...]]:
+    """Half periods of one error, each stretch of known samples filtered by scipy from rest."""
+    known = ~np.isin(record.state, HIDDEN) & np.isfinite(record.measurement)
+    at, pv, sp, state = (x[known] for x in (record.index, record.measurement, record.setpoint, record.state))
+    scanner = error_scanner(record.settings, record.interval)
+    filtered = pv.copy()
+    edges = [0, *(np.flatnonzero(np.diff(at) != 1) + 1), len(at)]
+    for first, last in pairwise(edges):
+        for stage in scanner.stages[: 1 + smooth]:
+            if not stage.is_identity:
+                rest = stage.settled(pv[first])
+                filtered[first:last] = signal.lfilter(stage.numerator, stage.denominator, filtered[first:last],
+                                                      zi=rest)[0]
+    use = (state <= SampleState.FILLED) & np.isfinite(sp)
+    return walk((sp - filtered)[use], sp[use], at[use])
+
+
+def table(s: Segments) -> np.ndarray:
+    return np.column_stack([s.begin, s.end, s.area, s.e_max, s.direction, s.setpoint_move, s.complete])
+
+
+def scanned(record: Record, cuts: list[int], *, every: bool = True):
+    scanner = error_scanner(record.settings, record.interval, every=every)
+    for first, last in pairwise([0, *sorted(cuts), len(record)]):
+        scanner.update(record.slice(first, last))
+    return scanner
+
+
+@given(st.integers(0, 10_000), st.lists(st.integers(0, 400), max_size=6), st.sampled_from([None, 0.0]))
+@settings(max_examples=60, deadline=None)
+def test_both_errors_are_those_of_the_library_filter_for_any_cut(seed, cuts, Tf):
+    record = made(seed, Tf=Tf)
+    scanner = scanned(record, cuts)
+    for track, smooth in ((scanner.plain, False), (scanner.smooth, True)):
+        expected = np.array(by_hand(record, smooth)).reshape(-1, 7)
+        np.testing.assert_allclose(table(track.finish()), expected, atol=1e-9)
+
+
+def test_numbers_of_any_kind_and_stride_give_the_same():
+    record = made(3)
+    wide = np.zeros((len(record), 3), dtype=np.float32)
+    wide[:, 1], wide[:, 2] = record.setpoint, record.measurement
+    odd = replace(record, setpoint=wide[:, 1], measurement=wide[:, 2], index=record.index.astype(np.int32))
+    even = replace(record, setpoint=wide[:, 1].astype(float), measurement=wide[:, 2].astype(float))
+    np.testing.assert_array_equal(table(scanned(odd, []).smooth.finish()), table(scanned(even, []).smooth.finish()))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_is_left_out_matters_to_no_estimate_and_no_oscillation(seed):
+    record = made(seed, 20_000)
+    record = replace(record, settings=replace(record.settings, Ti=3.0), measurement=0.2 * record.measurement)
+    every, some = scanned(record, []), scanned(record, [5000, 5001], every=False)
+    a, b = (estimate(s.smooth.finish(), 1.0, record.settings) for s in (every, some))
+    long = a.why != "too_short"
+    assert some.smooth.left_out > 0 and len(a) == len(b) + some.smooth.left_out
+    np.testing.assert_allclose(a.d[long], b.d[b.why != "too_short"], rtol=1e-9)
+    assert some.plain.left_out > 0
+    assert detect_oscillation(every.plain.finish(), 1.0, 3.0) == detect_oscillation(some.plain.finish(), 1.0, 3.0)
