@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import overload
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,11 +65,7 @@ class Estimates(Sequence[Estimate]):
     def __len__(self) -> int:
         return len(self.begin)
 
-    @overload
-    def __getitem__(self, at: int) -> Estimate: ...
-    @overload
-    def __getitem__(self, at: slice) -> tuple[Estimate, ...]: ...
-    def __getitem__(self, at: int | slice) -> Estimate | tuple[Estimate, ...]:
+    def __getitem__(self, at: int | slice) -> Any:
         if isinstance(at, slice):
             return tuple(self[i] for i in range(*at.indices(len(self))))
         begin, duration, code = float(self.begin[at]), float(self.dt_s[at]), self.codes[self.why[at]]
