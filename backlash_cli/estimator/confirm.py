@@ -16,9 +16,10 @@ from ..results import Confirmation
 from .criteria import MOTION
 from .decimate import WIDTHS, BlockMeans
 from .evidence import Evidence, Rows, weigh
+from .light import weigh_lightly
 from .periodic import periodic_load
 from .rebuild import OutputRebuilder
-from .switching_load import with_switching_load
+from .switching_load import switching_load, with_switching_load
 
 BLOCKS_PER_TI = 4.0  # sensitivity is that of 3 and 6; 6 makes fewer false calls on square loads, in twice the time
 FEWEST_ROWS = 150
@@ -87,9 +88,11 @@ class ConfirmationScanner:
         rows = self.rows()
         if isinstance(rows, Note):
             return rows
-        found = weigh(rows)
-        if not self._blocks.setpoint_moves:
-            found = with_switching_load(rows, found)
+        load = None if self._blocks.setpoint_moves else switching_load(rows)
+        if load is not None:
+            found = with_switching_load(rows, weigh(rows), load)
+        else:
+            found = weigh_lightly(rows)
         return self._confirmation(found, bool(len(rows.line)))
 
     def _confirmation(self, e: Evidence, swings: bool) -> Confirmation:

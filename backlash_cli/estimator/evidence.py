@@ -19,12 +19,12 @@ from ..record import FloatArray, IntArray
 from . import likelihood
 from . import whitening as core
 from .load_steps import load_steps, step_information
+from .profile import between, likelihood_interval, peak
 
 STEP_LIMIT = 4.0  # a load step must stand out this much under every d: one false one in 16,000 rows
 STEP_PASSES = 5
 CLOSE = 40.0  # nats by which a dead band may lie behind before the search is not refined any further
 FINE = 9  # widths tried between the neighbours of the best
-DROP = 3.0  # nats from the top to the ends of the likelihood interval
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,21 +144,46 @@ class State:
 
 def weigh(rows: Rows) -> Evidence:
     """Return the evidence for a dead band in `rows` (at least two widths)."""
+    fit, coarse, starts = Fitter(rows), _coarse(rows), _starts(rows)
+    s = _searched(fit, starts, coarse)
+    close = s.f1 - s.f0 > -CLOSE
+    return _summary(fit, _final(fit, s, starts, coarse) if close else s, close)
+
+
+def excluding(rows: Rows, least: float) -> Evidence | None:
+    """Return the evidence in `rows` where every width lies behind none by `least` [nats], None where one does not.
+
+    Where PV does not answer to OP by as much, nothing is excluded.
+    """
     fit = Fitter(rows)
+    s = _searched(fit, _starts(rows), _coarse(rows))
+    if s.f1 - s.f0 > -least:
+        return None
+    found = _summary(fit, s, False)
+    return found if max(v for _, v in found.profile) < -least < least < found.responds else None
+
+
+def _coarse(rows: Rows) -> list[int]:
     n = len(rows.widths)
-    coarse = list(range(min(2, n), n + 1, 3))
+    return list(range(min(2, n), n + 1, 3))
+
+
+def _starts(rows: Rows) -> list[FloatArray]:
     lag = np.log(rows.lag)
-    starts = [np.array([lag + np.log(share), ratio, smooth])
-              for share in (0.6, 1.4) for ratio, smooth in ((-11.0, -2.0), (-5.0, -2.0), (0.0, -1.0))]
+    return [np.array([lag + np.log(share), ratio, smooth])
+            for share in (0.6, 1.4) for ratio, smooth in ((-11.0, -2.0), (-5.0, -2.0), (0.0, -1.0))]
+
+
+def _searched(fit: Fitter, starts: list[FloatArray], coarse: list[int]) -> State:
+    """The best models with and without a dead band, beside the load steps that neither explains."""
+    n = len(fit.r.widths)
     s = _start(fit, starts, coarse)
     for _ in range(STEP_PASSES):
         some = sorted({0, s.j, *(int(np.clip(s.j + k, 1, n)) for k in (-6, -2, 2, 6))})
         if not fit.add_load_steps(s.p1 if s.f1 > s.f0 else s.p0, some):
             break
         s = _again(fit, s, coarse)
-    if s.f1 - s.f0 > -CLOSE:
-        s = _final(fit, s, starts, coarse)
-    return _summary(fit, s)
+    return s
 
 
 def _better(a: FloatArray, p: FloatArray, f: float) -> tuple[FloatArray, float]:
@@ -223,19 +248,9 @@ def _final(fit: Fitter, s: State, starts: list[FloatArray], coarse: list[int]) -
     return State(p0, f0, p1, f1, j)
 
 
-def between(rows: Rows, d: float) -> FloatArray:
-    """Valve position (rows,) for a width between two of the grid, by linear interpolation."""
-    i = int(np.clip(np.searchsorted(rows.widths, d), 1, len(rows.widths) - 1))
-    low, high = rows.widths[i - 1], rows.widths[i]
-    share = (d - low) / (high - low)
-    mixed: FloatArray = (1.0 - share) * rows.x[i] + share * rows.x[i + 1]
-    return mixed
-
-
-def _summary(fit: Fitter, s: State) -> Evidence:
+def _summary(fit: Fitter, s: State, close: bool) -> Evidence:
     rows, p0, p1, f0 = fit.r, s.p0, s.p1, s.f0
     widths = rows.widths
-    close = s.f1 > f0 - CLOSE
     some = np.unique(np.clip([*range(0, len(widths), 2), len(widths) - 1, s.j - 3, s.j - 2, s.j - 1, s.j, s.j + 1], 0,
                              len(widths) - 1))
     values = fit.ll(p1, rows.x[1 + some])
@@ -244,8 +259,8 @@ def _summary(fit: Fitter, s: State) -> Evidence:
     if close:
         i = int(np.argmax(values))
         fine = np.linspace(grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)], FINE)
-        extra = fit.ll(p1, [between(rows, w) for w in fine])
-        d, top = _peak(fine, extra)
+        extra = fit.ll(p1, [between(rows.x, rows.widths, w) for w in fine])
+        d, top = peak(fine, extra)
         inner = (fine > grid[max(i - 1, 0)]) & (fine < grid[min(i + 1, len(grid) - 1)]) & ~np.isin(fine, grid)
         grid, level = np.concatenate([grid, fine[inner]]), np.concatenate([level, extra[inner]])
         order = np.argsort(grid, kind="stable")
@@ -256,7 +271,7 @@ def _summary(fit: Fitter, s: State) -> Evidence:
     sham = 1 + (some if close else some[::3])
     half = float(np.max(fit.ll(p1, 0.5 * (linear + rows.x[sham])))) - f0
     mirror = float(np.max(fit.ll(p0, 2.0 * linear - rows.x[sham]))) - f0
-    at = between(rows, d)
+    at = between(rows.x, rows.widths, d)
     k = fit.counted
     fit.pair(p0, linear)
     without = float(np.median(fit.R[0, k] ** 2 * fit.S[k]))
@@ -267,28 +282,3 @@ def _summary(fit: Fitter, s: State) -> Evidence:
         int(np.count_nonzero(fit.shock)), int(k.sum()), float(ll[0] - ll[1]), float(b[0].sum()),
         tuple((float(w), float(v - f0)) for w, v in zip(grid, level, strict=True)), max(top, f0),
     )
-
-
-def _peak(d: FloatArray, values: FloatArray) -> tuple[float, float]:
-    i = int(np.argmax(values))
-    if 0 < i < len(d) - 1:
-        left, mid, right = values[i - 1 : i + 2]
-        bend = left - 2.0 * mid + right
-        if bend < 0:
-            shift = float(np.clip(0.5 * (left - right) / bend, -1.0, 1.0))
-            return float(d[i] + shift * (d[1] - d[0])), float(mid)
-    return float(d[i]), float(values[i])
-
-
-def likelihood_interval(d: FloatArray, values: FloatArray, top: float) -> tuple[float, float]:
-    """Return where the log-likelihood `values` (widths,) over d (widths,), ascending, fall DROP below the top."""
-    level = top - DROP
-    inside = np.flatnonzero(values > level)
-    first, last = int(inside[0]), int(inside[-1])
-
-    def crossing(a: int, b: int) -> float:
-        return float(d[a] + (level - values[a]) / (values[b] - values[a]) * (d[b] - d[a]))
-
-    low = crossing(first - 1, first) if first > 0 else 0.0
-    high = crossing(last + 1, last) if last < len(d) - 1 else float(d[-1]) * 1.22
-    return low, high

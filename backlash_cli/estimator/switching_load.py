@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..record import FloatArray
-from .evidence import Evidence, Fitter, Rows, between, likelihood_interval
+from .evidence import Evidence, Fitter, Rows
 from .likelihood import HIGHEST, LOWEST, T_FREEDOM
+from .profile import between, likelihood_interval
 from .square_wave import Wave, opposed_wave, square
 
 PER_STEP = 7.0  # nats that a single load step costs: its row is one of about a thousand
@@ -51,7 +52,7 @@ class _Search:
         rows = self.rows
         width = min(d, float(rows.widths[-1]))
         small = min(width / float(rows.widths[0]), 1.0)
-        through = between(rows, width) if small == 1.0 else (1.0 - small) * rows.x[0] + small * rows.x[1]
+        through = between(rows.x, rows.widths, width) if small == 1.0 else (1.0 - small) * rows.x[0] + small * rows.x[1]
         mixed: FloatArray = part * through + (1.0 - part) * rows.x[0]
         return mixed
 
@@ -192,11 +193,13 @@ class _Search:
         return replace(point, d=float(theta[0]), load=load, level=level)
 
 
-def with_switching_load(rows: Rows, plain: Evidence) -> Evidence:
-    """Return the evidence with an even square load in it, or the `plain` one where no such load is found."""
-    load = opposed_wave(rows.x[0], rows.y, np.arange(len(rows.y)) if rows.at is None else rows.at)
-    if load is None or len(rows.widths) < 2:
-        return plain
+def switching_load(rows: Rows) -> Wave | None:
+    """Return the square load that OP seems to oppose, a start for the fit; None where there is none."""
+    return opposed_wave(rows.x[0], rows.y, np.arange(len(rows.y)) if rows.at is None else rows.at)
+
+
+def with_switching_load(rows: Rows, plain: Evidence, load: Wave) -> Evidence:
+    """Return the evidence with an even square `load` in it, or the `plain` one where it does not explain PV better."""
     search = _Search(rows, load)
     none = search.start(load)
     asked = plain.level - PER_STEP * plain.steps + BETTER

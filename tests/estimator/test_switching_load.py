@@ -9,8 +9,8 @@ import pytest
 
 from backlash_cli.estimator.confirm import ConfirmationScanner
 from backlash_cli.estimator.evidence import Rows, weigh
-from backlash_cli.estimator.square_wave import opposed_wave, square
-from backlash_cli.estimator.switching_load import with_switching_load
+from backlash_cli.estimator.square_wave import Wave, opposed_wave, square
+from backlash_cli.estimator.switching_load import switching_load, with_switching_load
 from backlash_cli.record import LoopSettings, Record, record_from_arrays
 from backlash_cli.results import Confirmation, Verdict
 from backlash_cli.scan import scan
@@ -68,7 +68,10 @@ def test_no_wave_where_there_is_none(output: np.ndarray) -> None:
 @pytest.mark.parametrize("seed", range(2))
 def test_a_dead_band_is_sized_beside_a_square_load(seed: int) -> None:
     record = simulated(SQUARE, 0.04, seed)
-    found = with_switching_load(rows_of(record), weigh(rows_of(record)))
+    rows = rows_of(record)
+    load = switching_load(rows)
+    assert load is not None
+    found = with_switching_load(rows, weigh(rows), load)
     assert found.half_period > 0
     assert found.d == pytest.approx(0.04, rel=0.15)
     report = scan(record)
@@ -82,7 +85,10 @@ def test_a_dead_band_is_sized_beside_a_square_load(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(2))
 def test_a_healthy_loop_under_a_square_load_is_not_called(seed: int) -> None:
     record = simulated(SQUARE, seed=seed)
-    found = with_switching_load(rows_of(record), weigh(rows_of(record)))
+    rows = rows_of(record)
+    load = switching_load(rows)
+    assert load is not None
+    found = with_switching_load(rows, weigh(rows), load)
     assert found.half_period > 0
     assert found.gain < 8.0
     assert scan(record).verdict is Verdict.NO_BACKLASH
@@ -92,7 +98,7 @@ def test_single_steps_leave_the_plain_test_as_it_is() -> None:
     steps = np.repeat(np.random.default_rng(1).normal(0, 0.04, 12), 750)
     rows = rows_of(simulated(steps))
     plain = weigh(rows)
-    assert with_switching_load(rows, plain) is plain
+    assert with_switching_load(rows, plain, Wave(0.04, 37.5, 0.0)) is plain
 
 
 def test_the_confirmation_says_nothing_of_a_load_that_it_did_not_find() -> None:

@@ -1,0 +1,47 @@
+"""The likelihood over the width of the dead band: positions between tried widths, its top, and its interval."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..record import FloatArray
+
+DROP = 3.0  # nats from the top to the ends of the likelihood interval
+
+
+def between(x: FloatArray, widths: FloatArray, d: float) -> FloatArray:
+    """Valve position (rows,) for a width d between two of `widths`, by linear interpolation.
+
+    x (1 + widths, rows): OP, and OP through each dead band of `widths` (ascending).
+    """
+    i = int(np.clip(np.searchsorted(widths, d), 1, len(widths) - 1))
+    low, high = widths[i - 1], widths[i]
+    share = (d - low) / (high - low)
+    mixed: FloatArray = (1.0 - share) * x[i] + share * x[i + 1]
+    return mixed
+
+
+def peak(d: FloatArray, values: FloatArray) -> tuple[float, float]:
+    """Return place and height of the top of `values` over evenly spaced widths d, by a parabola."""
+    i = int(np.argmax(values))
+    if 0 < i < len(d) - 1:
+        left, mid, right = values[i - 1 : i + 2]
+        bend = left - 2.0 * mid + right
+        if bend < 0:
+            shift = float(np.clip(0.5 * (left - right) / bend, -1.0, 1.0))
+            return float(d[i] + shift * (d[1] - d[0])), float(mid)
+    return float(d[i]), float(values[i])
+
+
+def likelihood_interval(d: FloatArray, values: FloatArray, top: float) -> tuple[float, float]:
+    """Return where the log-likelihood `values` (widths,) over d (widths,), ascending, fall DROP below the top."""
+    level = top - DROP
+    inside = np.flatnonzero(values > level)
+    first, last = int(inside[0]), int(inside[-1])
+
+    def crossing(a: int, b: int) -> float:
+        return float(d[a] + (level - values[a]) / (values[b] - values[a]) * (d[b] - d[a]))
+
+    low = crossing(first - 1, first) if first > 0 else 0.0
+    high = crossing(last + 1, last) if last < len(d) - 1 else float(d[-1]) * 1.22
+    return low, high
