@@ -12,7 +12,7 @@ from .join import Joiner, LoopSeries
 from .loop_settings import Settings
 from .options import ReadOptions
 from .scaling import normalise, spans_of
-from .states import frozen, implausible, saturated, short_holes
+from .states import complete, frozen, implausible, saturated, short_holes
 
 
 def build_record(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOptions) -> Record:
@@ -23,7 +23,7 @@ def build_record(loop: LoopSeries, settings: Settings, joiner: Joiner, options: 
     notes: list[Note] = [*settings.notes, *pv.axis.notes, *grid.notes, *pv.notes]
     frame = Frame(loop, joiner, options, pv.axis, grid, fill_limit(settings.loop.Ti, grid.interval), notes)
     measured, interpolated = frame.measurement(pv)
-    if not np.isfinite(measured).any():
+    if not _any_number(measured):
         raise LoopError(
             "the measurement (PV) holds no number at all",
             code="no_measurement",
@@ -33,7 +33,7 @@ def build_record(loop: LoopSeries, settings: Settings, joiner: Joiner, options: 
     if setpoint is None and settings.constant_setpoint is not None:
         setpoint = np.full(len(measured), settings.constant_setpoint)
     output = frame.companion("op")
-    if output is not None and not np.isfinite(output).any():
+    if output is not None and not _any_number(output):
         notes.append(Note("no_output", "the output (OP) holds no number at all"))
         output = None
     spans = spans_of(settings, measured, setpoint, output)
@@ -47,8 +47,9 @@ def build_record(loop: LoopSeries, settings: Settings, joiner: Joiner, options: 
         r = np.full(len(y), np.nan)
     else:
         r = normalise(setpoint, spans.pv_range)
-        _mark(state, ~np.isfinite(r), SampleState.MISSING, "setpoint_missing", "have no setpoint", notes)
-    if u is not None:
+        if not complete(r):
+            _mark(state, ~np.isfinite(r), SampleState.MISSING, "setpoint_missing", "have no setpoint", notes)
+    if u is not None and not complete(u):
         _mark(state, ~np.isfinite(u), SampleState.MISSING, "output_missing", "have no output", notes)
     manual = frame.manual((*options.auto_modes, *settings.auto_modes))
     if manual is not None:
@@ -60,6 +61,10 @@ def build_record(loop: LoopSeries, settings: Settings, joiner: Joiner, options: 
         loop.name, grid.start / 1e6, grid.interval, grid.index, r, y, u, state, spans.settings, measured_disturbances,
         tuple(notes),
     )  # fmt: skip
+
+
+def _any_number(values: NDArray[np.float64]) -> bool:
+    return bool(np.isfinite(values[:1]).any() or np.isfinite(values).any())
 
 
 def _refuse_missing(loop: LoopSeries) -> None:

@@ -15,7 +15,7 @@ from .join import Joiner, LoopSeries, Signal
 from .options import ReadOptions
 from .quality import automatic
 from .series import Axis, Series
-from .states import hold_last
+from .states import complete, hold_last
 from .times import NAT
 
 LONGEST_FILL = 60  # samples, however slow the controller
@@ -124,6 +124,8 @@ class Frame:
 
 def grid_of(pv: Signal) -> tuple[Grid, Signal]:
     """The grid is that of the measurement; blank cells in many places mean that it was recorded less often."""
+    if complete(pv.values):
+        return pv.axis.grid(pv.values), pv
     blank = np.isnan(pv.values) if pv.bad is None else np.isnan(pv.values) & ~pv.bad
     count = int(blank.sum())
     if count and count < len(blank):

@@ -18,7 +18,6 @@ from .options import ReadOptions
 from .selection import check_pattern
 from .tables import Table
 
-
 _ASKED = ("pv", "sp", "op", "mode")
 
 

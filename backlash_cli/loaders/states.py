@@ -15,9 +15,19 @@ RESOLVED = 3.0  # recorder steps that a usual change of a noisy signal is large
 QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still this long to be called frozen
 
 
+def complete(values: NDArray[np.float64]) -> bool:
+    """Is there a number everywhere? Asked of the sum, which is cheap; False as well when that is too large."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.isfinite(np.add.reduce(values)))
+
+
 def runs(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
-    edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
+    edges = np.flatnonzero(flags[1:] != flags[:-1]) + 1
+    if len(flags) and flags[0]:
+        edges = np.concatenate([[0], edges])
+    if len(flags) and flags[-1]:
+        edges = np.append(edges, len(flags))
     return edges[0::2], edges[1::2]
 
 
@@ -97,10 +107,9 @@ def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
     """
     if len(values) < 2 * LEAST_CHANGES:
         return None
-    equal = values[1:] == values[:-1]
-    blocks = equal[: len(equal) // 5 * 5].reshape(-1, 5)
-    if not blocks.all(axis=1).any():  # every run of 9 repeats holds one such block
+    if not _stands_still(values):
         return None
+    equal = values[1:] == values[:-1]
     starts, ends = runs(equal)
     lengths = ends - starts
     # of all new values, how many are repeated at once: a long run counts once, so it does not hide itself
@@ -118,6 +127,15 @@ def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
     for start, end in zip(starts[~kept], ends[~kept], strict=True):
         out[start : end + 1] = True
     return out
+
+
+def _stands_still(values: NDArray[np.float64]) -> bool:
+    """Are there five repeats in a row that start at a multiple of five? Every run of nine repeats holds such five."""
+    count = (len(values) - 1) // 5
+    held = np.flatnonzero(values[1 : 5 * count : 5] == values[0 : 5 * count : 5]) * 5
+    for step in range(1, 5):
+        held = held[values[held + step + 1] == values[held + step]]
+    return len(held) > 0
 
 
 def _noisy(values: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray[np.int64]) -> bool:
