@@ -17,6 +17,7 @@ from functools import partial
 from typing import TypeVar
 
 from ..errors import BacklashError
+from ..loaders.heap import keep_freed_memory
 from ..loaders.join import Joiner
 from ..loaders.plant import failure
 from ..loaders.recipes import Recipe, read_in_order
@@ -104,6 +105,7 @@ def analyse_recipe(recipe: Recipe, options: ScanOptions, joiner: Joiner | None =
 
 def analyse_group(group: Sequence[Recipe], options: ScanOptions) -> list[LoopReport | Note]:
     """Read and analyse some loops, one after the other."""
+    keep_freed_memory()
     joiner = Joiner(group[0].options.good_quality)
     read_in_order(group)
     return [analyse_recipe(recipe, options, joiner) for recipe in group]

@@ -1,9 +1,10 @@
-"""Wide CSV of any size: blocks of lines parsed by pyarrow, one after the other or several at once, into the store.
+"""Wide CSV of any size: blocks of lines parsed one after the other or several at once, into the store.
 
-The result is the table that pyarrow would make of the whole file, with columns that are read when a loop needs them.
-Signals are asked for as numbers; a block in which one holds text is parsed once more, and from there on that column
-counts as text. Where the table of the whole file would differ (text that is not UTF-8, stamps of changing kinds),
-`read_blocks` returns None, and the caller reads the file whole.
+Blocks of plain numbers go through the compiled parser, all others through pyarrow. The result is the table that
+pyarrow would make of the whole file, with columns that are read when a loop needs them. Signals are asked for as
+numbers; a block in which one holds text is parsed once more, and from there on that column counts as text. Where the
+table of the whole file would differ (text that is not UTF-8, stamps of changing kinds), `read_blocks` returns None, and
+the caller reads the file whole.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import pyarrow as pa
@@ -20,27 +22,26 @@ import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
 
-from .columns import TAG, LazyColumn, StoredColumn
+from .columns import LazyColumn, StoredColumn
+from .csv_signal import ForeignText, Signal
 from .dialect import Dialect
 from .files import valid_utf8
-from .numbers import BLANK, plain_numbers
+from .plain_csv import PlainBlock, PlainLines
 from .store import ColumnStore, Room
 
 BLOCK = 8 << 20  # bytes of text per block
 
 
-class ForeignText(Exception):
-    """The table of the whole file would differ from that of its blocks."""
-
-
 @dataclass
 class Block:
-    """One block of lines. columns: by number. bad: (row from 1, cells expected, cells found) of rows of wrong width."""
+    """One block of lines. columns: by number, those of signals not where `plain` has them. bad: (row from 1, cells
+    expected, cells found) of rows of wrong width."""
 
     columns: dict[int, pa.ChunkedArray]
     bad: list[tuple[int, int, int]]
     rows: int
     size: int
+    plain: PlainBlock | None = None
 
 
 @dataclass
@@ -56,10 +57,17 @@ class Layout:
     stamps: list[int]
     texts: set[int] = field(default_factory=set)
 
+    @cached_property
+    def lines(self) -> PlainLines:
+        return PlainLines(self.dialect, self.convert, self.stored, self.stamps)
+
     def parse(self, text: bytes) -> Block:
         """Parse whole lines. Raises ForeignText."""
-        if not valid_utf8(text):
+        if not text.isascii() and not valid_utf8(text):
             raise ForeignText
+        plain = self.lines.parse(text)
+        if plain is not None:
+            return Block(plain.stamps, [], plain.piece.shape[1], len(text), plain)
         try:
             return self._parse(text, self.texts)
         except pa.ArrowInvalid:
@@ -107,18 +115,14 @@ def read_blocks(
     kinds: types of all columns in the first lines, for those that are not stored. progress: called with the bytes of
     each block.
     """
-    signals = [_Signal() for _ in layout.stored]
+    signals = [Signal() for _ in layout.stored]
     store = ColumnStore(room)
     stamps: list[list[pa.ChunkedArray]] = [[] for _ in layout.stamps]
     bad: list[tuple[int, int, int]] = []
     rows = 0
     try:
         for block in _parsed(pieces, layout, threads):
-            piece = np.empty((len(signals), block.rows))
-            for signal, column, out in zip(signals, layout.stored, piece, strict=True):
-                signal.take(block.columns[column], out, layout.dialect.decimal)
-                if signal.words:
-                    layout.texts.add(column)
+            piece = _piece(block, signals, layout)
             for parts, column in zip(stamps, layout.stamps, strict=True):
                 parts.append(block.columns[column])
             store.add(piece)
@@ -142,35 +146,25 @@ def read_blocks(
     return columns, bad
 
 
-@dataclass
-class _Signal:
-    """One stored column on its way through the blocks: its words by code, and what has been seen."""
-
-    words: dict[str, int] = field(default_factory=dict)
-    filled: bool = False
-    not_finite: bool = False
-
-    def take(self, column: pa.ChunkedArray, out: NDArray[np.float64], decimal: str) -> None:
-        """Put the cells of a block into `out`. Raises ForeignText."""
-        self.filled |= column.null_count < len(column)
-        if pa.types.is_floating(column.type):
-            out[:] = column.to_numpy()
-            # as words they would count as bad values of a column of text
-            self.not_finite |= bool(np.count_nonzero(~np.isfinite(out)) > column.null_count)
-        else:
-            coded = column.combine_chunks().dictionary_encode()
-            coded = coded.combine_chunks() if isinstance(coded, pa.ChunkedArray) else coded
-            words = coded.dictionary
-            values = plain_numbers(words, decimal)
-            bits = values.view(np.int64)
-            for i in np.flatnonzero(np.isnan(values)).tolist():
-                word = words[i].as_py()
-                blank = word in BLANK or not word or word.isspace()
-                bits[i] = TAG if blank else TAG + 1 + self.words.setdefault(word, len(self.words))
-            codes = coded.indices.fill_null(len(values)).to_numpy(zero_copy_only=False)
-            out[:] = np.append(values, np.nan)[codes]
-        if self.words and self.not_finite:
-            raise ForeignText
+def _piece(block: Block, signals: list[Signal], layout: Layout) -> NDArray[np.float64]:
+    """Return the cells of a block as the store takes them, (signals, rows). Raises ForeignText."""
+    decimal = layout.dialect.decimal
+    if block.plain is None:
+        piece = np.empty((len(signals), block.rows))
+        for signal, column, out in zip(signals, layout.stored, piece, strict=True):
+            signal.take(block.columns[column], out, decimal)
+            if signal.words:
+                layout.texts.add(column)
+        return piece
+    piece = block.plain.piece
+    for signal, out in zip(signals, piece, strict=True):
+        if not signal.filled:
+            signal.filled = bool(np.count_nonzero(out == out))
+    for slot, words in block.plain.words.items():
+        signals[slot].take_words(words, piece[slot], decimal)
+        if signals[slot].words:
+            layout.texts.add(layout.stored[slot])
+    return piece
 
 
 def _parsed(pieces: Iterator[bytes], layout: Layout, threads: int) -> Iterator[Block]:
@@ -202,7 +196,7 @@ def whole_lines(pieces: Iterator[bytes]) -> Iterator[bytes]:
             if len(rest) > 8 * BLOCK:
                 raise ForeignText
             continue
-        yield rest + piece[:cut] if rest else piece[:cut]
+        yield b"".join((rest, memoryview(piece)[:cut]))
         rest = piece[cut:]
     if rest:
         yield rest

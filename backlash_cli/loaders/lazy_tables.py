@@ -19,6 +19,7 @@ from .compression import codec_of, limited_pieces
 from .fast_csv import BLOCK, read_blocks
 from .fast_csv import Layout as CsvLayout
 from .files import Content, guess_encoding
+from .heap import keep_freed_memory
 from .layouts import layout_of
 from .options import ReadOptions
 from .places import Remote, open_place
@@ -36,7 +37,8 @@ from .tables import (
 )
 from .timecolumns import time_columns
 
-HEAD = 4 << 20
+HEAD = 1 << 20
+FEW_LINES = 40  # in HEAD bytes: more is looked at
 
 
 @dataclass
@@ -54,6 +56,7 @@ class Lazily:
 
 def lazy_table(path: Path | Remote, options: ReadOptions, partition: dict[str, str], lazily: Lazily) -> Table | None:
     """Return the table of a file with lazy columns, None where it has to be read whole."""
+    keep_freed_memory()
     try:
         with open_place(path) as file:
             magic = file.read(16)
@@ -101,7 +104,8 @@ def _csv(
     encoding, prefix = guess_encoding(begun, path, options)
     if encoding != "utf-8" or not begun or begun[:4] == b"PAR1":
         return None
-    content = Content(path, "text", begun, prefix)
+    enough = begun.count(b"\n", 0, HEAD) >= FEW_LINES
+    content = Content(path, "text", begun[:HEAD] if enough else begun, prefix)
     dialect = find_dialect(content, options, str(path))
     if dialect.quoted_lines or not dialect.delimiter.isascii():
         return None

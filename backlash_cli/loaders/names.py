@@ -65,6 +65,7 @@ class Tag:
     of: str = ""
 
 
+@lru_cache(1 << 16)
 def plain(text: str) -> str:
     """Return the text in lower case without blanks, dots, dashes, underscores and a unit in brackets at the end."""
     return re.sub(r"[\s._\-/:\\#*'\"|]+", "", _UNIT.sub("", text)).lower()

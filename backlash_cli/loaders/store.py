@@ -52,7 +52,7 @@ class ColumnStore:
         self._own = True
 
     def add(self, piece: NDArray[np.float64]) -> None:
-        """Take the next rows, (columns, rows); the array may be used again by the caller afterwards.
+        """Take the next rows, (columns, rows); the array may be kept.
 
         Raises BacklashError when the temporary file finds no room.
         """
@@ -61,7 +61,7 @@ class ColumnStore:
             return
         self.rows += rows
         if self._file is None and self._room.take(piece.nbytes):
-            self._pieces.append((np.array(piece, order="C"), rows))
+            self._pieces.append((np.ascontiguousarray(piece), rows))
             return
         data = memoryview(np.ascontiguousarray(piece)).cast("B")
         try:

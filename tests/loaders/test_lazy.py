@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.errors import BacklashError
-from backlash_cli.loaders import Plant, ReadOptions, lazy_tables, read
+from backlash_cli.loaders import Plant, ReadOptions, lazy_tables, plain_csv, read
 from backlash_cli.loaders.columns import ParquetFileColumns
 from backlash_cli.loaders.lazy_tables import Lazily, lazy_table
 from backlash_cli.loaders.plant import failure, no_loop_read, open_plant
@@ -58,6 +58,7 @@ def small_blocks(monkeypatch, size):
     """Blocks of a few lines; the layout is found from the first lines as usual."""
     monkeypatch.setattr(lazy_tables, "HEAD", 60_000)
     monkeypatch.setattr(lazy_tables, "BLOCK", size)
+    monkeypatch.setattr(plain_csv, "LEAST", 0)
 
 
 def exports(folder: Path) -> list[Path]:
@@ -106,15 +107,17 @@ def csv_text(draw):
     return draw(st.sampled_from(["\n", "\r\n"])).join(lines) + draw(st.sampled_from(["", "\n"]))
 
 
-@given(text=csv_text(), size=st.integers(60, 4000), memory=st.sampled_from([0, 1000, 1 << 30]))
+@given(text=csv_text(), size=st.integers(60, 4000), memory=st.sampled_from([0, 1000, 1 << 30]),
+       compiled=st.sampled_from([0, 0, 1 << 30]))
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_blocks_of_any_size_give_the_records_of_the_whole_file(tmp_path, text, size, memory):
+def test_blocks_of_any_size_give_the_records_of_the_whole_file(tmp_path, text, size, memory, compiled):
     path = tmp_path / "plant.csv"
     path.write_text(text, encoding="utf-8", newline="")
     (tmp_path / "loops.toml").write_text("[defaults]\nK = 0.6\nTi = 8\npv_range = [0, 1]\nop_range = [0, 1]\n")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lazy_tables, "BLOCK", size)
         patch.setattr(lazy_tables, "HEAD", 1000)
+        patch.setattr(plain_csv, "LEAST", compiled)
         assert_same(outcome(read, path), outcome(read_lazily, path, None, Lazily(room=Room(memory))))
 
 
