@@ -104,8 +104,8 @@ def wave(values: FloatArray, period: float, height: float) -> Wave | None:
     mean = shapes.mean(1, keepdims=True)
     shapes /= np.where(mean == 0.0, 1.0, mean)
     r = autocorrelation(values)
-    far = round(5.0 * period)
-    sustained = float(r[max(far - 2, 0) : far + 3].max()) if far + 3 < len(r) // 2 else height**5
+    far, near = round(5.0 * period), max(round(period / 8.0), 2)  # the period is not known to the sample
+    sustained = float(r[far - near : far + near + 1].max()) if far + near < len(r) // 2 else height**5
     return Wave(period, height, sustained, np.median(shapes, axis=0), int(typical.sum()))
 
 
