@@ -16,6 +16,7 @@ from .scan import ScanOptions
 if TYPE_CHECKING:
     from os import PathLike
 
+    from .history.unfinished import Unfinished
     from .loaders import Plant, ReadOptions
     from .loaders.metadata import Metadata
     from .loaders.shares import Part
@@ -29,18 +30,20 @@ def scan(
     *,
     jobs: int | None = None,
     progress: Callable[[LoopReport], None] | None = None,
+    keep: Unfinished | None = None,
 ) -> ScanResult:
     """Analyse every loop and return one report per loop, in the order of the plant.
 
     plant: what `read` returns, one Record, or several. jobs: number of processes; None chooses, 1 stays in this
-    process. progress: called after each loop. A loop that cannot be analysed is reported with verdict `error`.
+    process. progress: called after each loop. keep: of an OpenPlant whose recipes are keyed, what was finished before
+    a scan was stopped. A loop that cannot be analysed is reported with verdict `error`.
     """
     warnings: tuple[Note, ...] = getattr(plant, "warnings", ())
     failures: tuple[Note, ...] = getattr(plant, "failures", ())
     inputs: tuple[str, ...] = getattr(plant, "inputs", ())
     reports = []
     lost = []
-    for report in _reports(plant, options, jobs):
+    for report in _reports(plant, options, jobs, keep):
         if isinstance(report, Note):
             lost.append(report)
             report = _refused(report)
@@ -60,10 +63,11 @@ def scan(
 
 
 def _reports(
-    plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOptions | None, jobs: int | None
+    plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOptions | None, jobs: int | None,
+    keep: Unfinished | None,
 ) -> Iterator[LoopReport | Note]:
     if isinstance(plant, OpenPlant):
-        return analyse_recipes(list(plant.recipes), options, jobs=jobs)
+        return analyse_recipes(list(plant.recipes), options, jobs=jobs, keep=keep)
     records = (plant,) if isinstance(plant, Record) else tuple(plant)
     return analyse(records, options, jobs=jobs)
 

@@ -20,6 +20,7 @@ from ..results import ScanResult
 from ..results.history import day_of
 from .history_options import read_profile
 from .nightly_log import Log
+from .run_scan import Job, kept
 from .to_history import undated
 
 PULL = "pull"  # rule of its own: a valve has to be pulled
@@ -90,9 +91,8 @@ def _scan_all(config: NightlyConfig, exports: Sequence[Export], store: History, 
 
     newest = max((e.date for e in exports if e.date and store.export_fingerprint(_key(config, e))), default=None)
     for export in exports:
-        files = [str(path) for path in export.files]
         try:
-            found = [config.loops] if config.loops else find_sidecars(files, find_sources(files))
+            found = [config.loops] if config.loops else find_sidecars(export.files, find_sources(export.files))
             fingerprint = export.fingerprint([Path(path) for path in found], salt=__version__)
         except OSError as error:
             night.failed.append(export.name)
@@ -102,13 +102,18 @@ def _scan_all(config: NightlyConfig, exports: Sequence[Export], store: History, 
             night.known.append(export.name)
             log("known", night=export.name)
             continue
-        try:
-            scan, records = _scan(config, files)
-        except BacklashError as error:
-            night.failed.append(export.name)
-            log("failed", "error", night=export.name, reason=str(error))
-            continue
-        outcome = store.add_all([undated(scan)], export=(_key(config, export), fingerprint))
+        job = _job(config, export)
+        # what a job that was killed had finished of this night is taken over
+        with kept(config.history, (_key(config, export), job.reading, job.options), resume=True) as job.keep:
+            try:
+                scan = job.scan()
+            except BacklashError as error:
+                night.failed.append(export.name)
+                log("failed", "error", night=export.name, reason=str(error))
+                continue
+            outcome = store.add_all([undated(scan)], export=(_key(config, export), fingerprint))
+        if job.taken_over:
+            log("resumed", night=export.name, loops=job.taken_over)
         if newest is not None and export.date is not None and export.date < newest:
             night.late.append(export.name)
         night.scanned.append(export.name)
@@ -120,21 +125,19 @@ def _scan_all(config: NightlyConfig, exports: Sequence[Export], store: History, 
         for note in scan.failures:
             log("not analysed", "warning", night=export.name, reason=note.message)
         if config.scan is not None:
-            _write_scan(config.scan, config.keep, export.name, scan, records, log)
+            _write_scan(config.scan, config.keep, export.name, scan, job.records, log)
 
 
 def _key(config: NightlyConfig, export: Export) -> str:
     return f"{config.path.stem}:{export.name}"
 
 
-def _scan(config: NightlyConfig, files: list[str]) -> tuple[ScanResult, Mapping[str, Record]]:
-    from ..api import open_files, scan
+def _job(config: NightlyConfig, export: Export) -> Job:
     from ..loaders import ReadOptions
-    from ..loaders.recipes import RecordsByName
     from ..scan import ScanOptions
 
-    plant = open_files(files, loops=config.loops, reading=ReadOptions(**config.reading), jobs=config.jobs)
-    return scan(plant, ScanOptions(carry=True), jobs=config.jobs), RecordsByName(plant.recipes)
+    return Job(export.files, config.loops, ReadOptions(**config.reading), ScanOptions(carry=True), config.jobs,
+               shown=False, pictures=True)
 
 
 def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records: Mapping[str, Record],

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import contextlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .terminal import progress
+from ..errors import UsageError
+from .terminal import progress, say
 
 if TYPE_CHECKING:
     from distributed import Client
 
+    from ..history.unfinished import Unfinished
     from ..loaders import ReadOptions
     from ..loaders.places import Remote
     from ..loaders.plant import OpenPlant
@@ -24,7 +27,8 @@ if TYPE_CHECKING:
 @dataclass
 class Job:
     """One scan. client: of the cluster, None for this machine; absolute: its workers are other machines. shown: with
-    progress on a terminal. pictures: `records` will be asked for."""
+    progress on a terminal. pictures: `records` will be asked for. keep: what is finished, for a history; taken_over: so
+    many loops of it."""
 
     inputs: Sequence[Path | Remote]
     loops: Path | None
@@ -35,6 +39,8 @@ class Job:
     absolute: bool = False
     shown: bool = True
     pictures: bool = False
+    keep: Unfinished | None = None
+    taken_over: int = 0
 
     @cached_property
     def records(self) -> Mapping[str, Record]:
@@ -56,15 +62,21 @@ class Job:
         if self.pictures and inputs is self.inputs:
             self.__dict__["records"] = RecordsByName(plant.recipes)
         total = len(plant.recipes)
-        with _Counting(total, self.shown) as done:
-            return scan(plant, self.options, jobs=self.jobs, progress=done)
+        self._tell(inputs, [recipe.key for recipe in plant.recipes])
+        with _Counting(total, self.shown, self.keep is not None) as done:
+            return scan(plant, self.options, jobs=self.jobs, progress=done, keep=self.keep)
 
     def _open(self, inputs: Sequence[Path | Remote]) -> OpenPlant:
         from ..api import open_files
-        from ..loaders.sources import size_of
+        from ..loaders.identity import keyed, marks_of
+        from ..loaders.sources import find_sources, size_of
 
+        marks = {} if self.keep is None else marks_of(find_sources(list(inputs)))
         with progress("reading", size_of(inputs), shown=self.shown, of_bytes=True) as taken:
-            return open_files(list(inputs), loops=self.loops, reading=self.reading, jobs=self.jobs, taken=taken)
+            plant = open_files(list(inputs), loops=self.loops, reading=self.reading, jobs=self.jobs, taken=taken)
+        if self.keep is None:
+            return plant
+        return replace(plant, recipes=keyed(plant.recipes, marks, plant.moment, repr(self.options)))
 
     def _on_cluster(self, client: Client, inputs: Sequence[Path | Remote]) -> ScanResult:
         from ..api import scan_part
@@ -72,15 +84,46 @@ class Job:
 
         with progress("looking at the files", None, shown=self.shown):
             plant = DaskPlant(client, inputs, loops=self.loops, reading=self.reading, absolute=self.absolute)
-        with _Counting(len(plant.plan.loops), self.shown) as done:
-            return plant.scan(partial(scan_part, options=self.options), progress=done)
+        salt = repr(self.options)
+        if self.keep is not None and self.keep.resumed:
+            self._tell(inputs, list(plant.keys(salt).values()))
+        with _Counting(len(plant.plan.loops), self.shown, self.keep is not None) as done:
+            return plant.scan(partial(scan_part, options=self.options), keep=self.keep, salt=salt, progress=done)
+
+    def _tell(self, inputs: Sequence[Path | Remote], keys: Sequence[str]) -> None:
+        """Say how many loops are taken over from the scan that was stopped."""
+        if self.keep is None or inputs is not self.inputs:
+            return
+        self.taken_over = sum(key in self.keep.known for key in keys)
+        if self.keep.resumed and self.shown:
+            say(f"{self.taken_over} of {len(keys)} loops were finished before and are taken over" if self.taken_over
+                else "no finished loop of this scan is left to take over; it begins anew")
+
+
+@contextlib.contextmanager
+def kept(history: Path | None, scan: Iterable[object], *, resume: bool) -> Iterator[Unfinished | None]:
+    """Keep what a scan into a history has finished, until the block has ended well. scan: what makes it the same."""
+    if resume and history is None:
+        raise UsageError("--resume goes on with a scan into a history", where="--resume",
+                         remedy="name the file with --history, as the scan that was stopped did")
+    if history is None:
+        yield None
+        return
+    from ..history.unfinished import Unfinished
+
+    keep = Unfinished(history, scan, resume=resume)
+    try:
+        yield keep
+        keep.remove()
+    finally:
+        keep.close()
 
 
 class _Counting:
     """Counts finished loops, on a bar and for the message when the work is stopped."""
 
-    def __init__(self, total: int, shown: bool) -> None:
-        self.total, self.done = total, 0
+    def __init__(self, total: int, shown: bool, kept: bool) -> None:
+        self.total, self.done, self.kept = total, 0, kept
         self._bar = progress("scanning", total, shown=shown)
 
     def __enter__(self) -> _Counting:
@@ -95,3 +138,5 @@ class _Counting:
         self._bar.__exit__(None, None, None)
         if isinstance(stop, KeyboardInterrupt):
             stop.add_note(f"{self.done} of {self.total} loops were analysed; no report was written")
+            if self.kept:
+                stop.add_note("the same command with --resume goes on from there")

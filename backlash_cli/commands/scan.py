@@ -39,6 +39,9 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
 @click.option("--history", metavar="DB", type=click.Path(path_type=Path),
               help="Also add the result to this history (one SQLite file), made where it does not exist. Scanning the "
               "same data again changes nothing.")
+@click.option("--resume", is_flag=True,
+              help="With --history: go on with the same scan where it was stopped, killed or cut off. Loops that it "
+              "had finished are taken over unless their files, settings or options have changed.")
 @click.option("--fail-on", metavar="RULE", multiple=True,
               help="Exit status 1 when a loop meets the rule: backlash, suspected (or worse), oscillating, "
               "cannot_tell, insufficient_data, error, any (of the first three), or a size such as d>0.03 or d>3%. "
@@ -53,7 +56,7 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
 @reading_options
 @selection_options
 def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], form: str | None, output: Path | None,
-         table: str, plot: Path | None, history: Path | None, fail_on: tuple[str, ...], no_confirm: bool,
+         table: str, plot: Path | None, history: Path | None, resume: bool, fail_on: tuple[str, ...], no_confirm: bool,
          jobs: int | None, verbose: bool, quiet: bool, engine: str, scheduler: str | None,
          reading: ReadOptions) -> int:
     """Find dead band in every loop of an export and say how much, how sure, and what to do.
@@ -66,21 +69,23 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], fo
     from ..reporter.delivery import check_delivery
     from ..reporter.rules import met, parse_rules
     from ..scan import ScanOptions
-    from .run_scan import Job
+    from .run_scan import Job, kept
 
     rules = parse_rules(fail_on)
     form = check_delivery(form, output, table)
     options = ScanOptions(confirm=not no_confirm, carry=history is not None)
-    with working(engine, scheduler, jobs) as client:
-        job = Job(inputs, loops, replace(reading, only_loops=only), options, jobs, client, scheduler is not None,
-                  not quiet, pictures=form == "html" or plot is not None)
-        result = job.scan()
-        if history is not None:
-            _remember(result, history, job)
-    if not (quiet and form is None):
-        _deliver(result, job, form or "table", output, table, verbose=verbose)
-    if plot is not None:
-        _draw(result, job, plot)
+    reading = replace(reading, only_loops=only)
+    with kept(history, (inputs, loops, reading, options), resume=resume) as keep:
+        with working(engine, scheduler, jobs) as client:
+            job = Job(inputs, loops, reading, options, jobs, client, scheduler is not None, not quiet,
+                      pictures=form == "html" or plot is not None, keep=keep)
+            result = job.scan()
+            if history is not None:
+                _remember(result, history, job)
+        if not (quiet and form is None):
+            _deliver(result, job, form or "table", output, table, verbose=verbose)
+        if plot is not None:
+            _draw(result, job, plot)
     wrong = _wrong(result)
     if quiet or output is not None or form not in (None, "table"):
         for message in wrong:

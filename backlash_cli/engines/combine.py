@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from ..errors import InputError, LoopError
 from ..loaders.plant import SOURCE, nothing_read
@@ -12,10 +12,8 @@ from ..record import Note
 from ..results import LoopReport, ScanResult, Verdict
 
 
-def combine(
-    plan: PlantPlan, results: Iterable[ScanResult], known: Mapping[str, LoopReport] | None = None
-) -> ScanResult:
-    """Return the result of the whole. known: reports of loops that were not computed again.
+def combine(plan: PlantPlan, results: Iterable[ScanResult]) -> ScanResult:
+    """Return the result of the whole.
 
     Raises BacklashError where reading the whole would: no loop, or no file, could be read.
     """
@@ -24,7 +22,6 @@ def combine(
     without = [name for name, report in found.items() if _code(report) == "nothing_since"]
     for name in without:
         del found[name]
-    found.update(known or {})
     failures = _files_in_order(plan, [note for result in results for note in result.failures])
     broken = {str(note.values["file"]) for note in failures if "file" in note.values}
     for name, files in plan.loops.items():

@@ -9,6 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -17,6 +18,7 @@ from functools import partial
 from typing import TypeVar
 
 from ..errors import BacklashError
+from ..history.unfinished import Unfinished
 from ..loaders.heap import keep_freed_memory
 from ..loaders.join import Joiner
 from ..loaders.plant import failure
@@ -67,32 +69,55 @@ def analyse_loop(record: Record, options: ScanOptions) -> LoopReport:
 
 
 def analyse_recipes(
-    recipes: list[Recipe], options: ScanOptions | None = None, *, jobs: int | None = None
+    recipes: list[Recipe], options: ScanOptions | None = None, *, jobs: int | None = None,
+    keep: Unfinished | None = None,
 ) -> Iterator[LoopReport | Note]:
     """Yield for every recipe, in order, the report of its loop, or a note where it could not be read.
 
     Each loop is read when its turn comes, in the process that analyses it, and forgotten afterwards; `recipes` is
-    emptied on the way.
+    emptied on the way. keep: takes in each report as soon as it is finished; loops that it knows are not read.
     """
     options = options or ScanOptions()
+    if keep is not None and any(recipe.key in keep.known for recipe in recipes):
+        return _going_on(recipes, options, jobs, keep)
     count = processes(recipes, jobs)
     if count == 1:
-        return _in_turn(recipes, options)
+        return _in_turn(recipes, options, keep)
     size = max(1, min(PER_TASK, len(recipes) // (4 * count)))
     groups = [tuple(recipes[i : i + size]) for i in range(0, len(recipes), size)]
     recipes.clear()
-    work = partial(analyse_group, options=options)
+    work = partial(analyse_group, options=options, keep=keep)
     return (one for group in in_processes(groups, work, partial(_one_by_one, work=work), count) for one in group)
 
 
-def _in_turn(recipes: list[Recipe], options: ScanOptions) -> Iterator[LoopReport | Note]:
+def _going_on(
+    recipes: list[Recipe], options: ScanOptions, jobs: int | None, keep: Unfinished
+) -> Iterator[LoopReport | Note]:
+    """The loops that are not known are analysed, and the others put in between, in order."""
+    kept = [keep.known.get(recipe.key) for recipe in recipes]
+    missing = [recipe for recipe, known in zip(recipes, kept, strict=True) if known is None]
+    recipes.clear()
+    if not missing:
+        yield from (known.report for known in kept if known is not None)
+        return
+    read_in_order(missing)
+    fresh = analyse_recipes(missing, options, jobs=jobs, keep=keep)
+    for known in kept:
+        yield next(fresh) if known is None else known.report
+
+
+def _in_turn(
+    recipes: list[Recipe], options: ScanOptions, keep: Unfinished | None
+) -> Iterator[LoopReport | Note]:
     joiner = Joiner(recipes[0].options.good_quality) if recipes else None
     recipes.reverse()
     while recipes:
-        yield analyse_recipe(recipes.pop(), options, joiner)
+        yield analyse_recipe(recipes.pop(), options, joiner, keep)
 
 
-def analyse_recipe(recipe: Recipe, options: ScanOptions, joiner: Joiner | None = None) -> LoopReport | Note:
+def analyse_recipe(
+    recipe: Recipe, options: ScanOptions, joiner: Joiner | None = None, keep: Unfinished | None = None
+) -> LoopReport | Note:
     """Read and analyse one loop; a note says why it could not be read."""
     try:
         record = recipe.record(joiner)
@@ -100,15 +125,20 @@ def analyse_recipe(recipe: Recipe, options: ScanOptions, joiner: Joiner | None =
         return failure(error, loop=recipe.loop)
     except Exception as error:  # one loop's failure must not cost the others their report
         return _lost(recipe, Note("internal_error", f"reading failed: {type(error).__name__}: {error}"))
-    return analyse_loop(record, options)
+    report = analyse_loop(record, options)
+    if keep is not None:
+        keep.add(recipe.key, report)
+    return report
 
 
-def analyse_group(group: Sequence[Recipe], options: ScanOptions) -> list[LoopReport | Note]:
+def analyse_group(
+    group: Sequence[Recipe], options: ScanOptions, keep: Unfinished | None = None
+) -> list[LoopReport | Note]:
     """Read and analyse some loops, one after the other."""
     keep_freed_memory()
     joiner = Joiner(group[0].options.good_quality)
     read_in_order(group)
-    return [analyse_recipe(recipe, options, joiner) for recipe in group]
+    return [analyse_recipe(recipe, options, joiner, keep) for recipe in group]
 
 
 def _one_by_one(
@@ -144,7 +174,7 @@ def in_processes(
     # spawn: a fork would copy the threads of numba and pyarrow in an unknown state
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_ignore_interrupt)
+    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
     try:
         waiting: list[Future[Result]] = []
         ahead = 2 * count  # records on their way to the processes; more would only fill memory
@@ -157,7 +187,7 @@ def in_processes(
                 # A process died (killed, out of memory). Nobody knows whose loop it was: try this one alone.
                 report = _alone(record, work, lost, context)
                 pool.shutdown(wait=False)
-                pool = ProcessPoolExecutor(count, mp_context=context, initializer=_ignore_interrupt)
+                pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
                 waiting.clear()
             yield report
     finally:
@@ -173,7 +203,7 @@ def _alone(
     record: Item, work: Callable[[Item], Result], lost: Callable[[Item, Note], Result],
     context: multiprocessing.context.SpawnContext,
 ) -> Result:
-    with ProcessPoolExecutor(1, mp_context=context, initializer=_ignore_interrupt) as pool:
+    with ProcessPoolExecutor(1, mp_context=context, initializer=_begin) as pool:
         try:
             return pool.submit(work, _portable(record)).result()
         except BrokenProcessPool:
@@ -187,6 +217,15 @@ def _portable(record: Item) -> Item:
     return replace(record, settings=replace(record.settings, source=dict(record.settings.source)))
 
 
-def _ignore_interrupt() -> None:
+def _begin() -> None:
     # Ctrl-C reaches every process of the terminal; only the first one answers it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_the_first, daemon=True).start()
+
+
+def _end_with_the_first() -> None:
+    """A first process that was killed could not end the others: they would wait for work for ever."""
+    first = multiprocessing.parent_process()
+    if first is not None:
+        first.join()
+        os._exit(1)

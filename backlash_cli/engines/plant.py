@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from ..errors import BacklashError
+from ..history.unfinished import Unfinished
 from ..loaders.cut_parts import cut_parts
+from ..loaders.identity import keyed
 from ..loaders.metadata import Metadata
 from ..loaders.options import ReadOptions
+from ..loaders.plant import SOURCE
+from ..loaders.recipes import recipes_of
 from ..loaders.shares import Part, PlantPlan, alone, make_plan, sources_of
 from ..loaders.since import is_age
 from ..loaders.sources import Source
@@ -67,17 +71,38 @@ class DaskPlant:
         workers = sum(self.client.nthreads().values())
         return on_cluster(self.client, cut_parts(self.plan, workers, loops), work, lost)
 
-    def scan(self, work: Callable[[Part], ScanResult], *, known: Mapping[str, LoopReport] | None = None,
+    def scan(self, work: Callable[[Part], ScanResult], *, keep: Unfinished | None = None, salt: str = "",
              progress: Callable[[LoopReport], None] | None = None) -> ScanResult:
-        """Return the result of the whole plant. known: reports of loops that need not be computed again."""
-        known = known or {}
-        results = []
-        missing = [name for name in self.plan.loops if name not in known]
+        """Return the result of the whole plant. keep: takes in the report of each loop as it comes; loops that it knows
+        are not computed again. salt: what a report depends on beside the data and how they are read."""
+        keys = {} if keep is None else self.keys(salt)
+        kept = {name: keep.known[key] for name, key in keys.items() if key in keep.known} if keep is not None else {}
+        kept = {name: one for name, one in kept.items() if one.notes is not None}
+        results = [ScanResult((one.report,), warnings=one.notes or (), failures=one.failures) for one in kept.values()]
+        for one in kept.values() if progress is not None else ():
+            progress(one.report)  # type: ignore[misc]
+        missing = [name for name in self.plan.loops if name not in kept]
         for result in self.each(work, _lost, missing):
             results.append(result)
-            for report in result.loops if progress is not None else ():
-                progress(report)  # type: ignore[misc]
-        return combine(self.plan, results, known)
+            for report in result.loops:
+                if keep is not None and report.loop in keys:
+                    keep.add(keys[report.loop], report, *self._said(report.loop, result))
+                if progress is not None:
+                    progress(report)
+        return combine(self.plan, results)
+
+    def keys(self, salt: str) -> dict[str, str]:
+        """Return the keys of all loops, by which finished reports are known again."""
+        plan = self.plan
+        recipes = recipes_of(plan.series, plan.metadata, plan.reading)
+        marks = {str(s.source.path): s.mark for s in plan.surveys}
+        return {recipe.loop: recipe.key for recipe in keyed(recipes, marks, plan.moment, salt)}
+
+    def _said(self, loop: str, result: ScanResult) -> tuple[tuple[Note, ...], tuple[Note, ...]]:
+        """What was said of the files of a loop when its part was read: remarks, and those that could not be read."""
+        files = {str(self.plan.sources[number].path) for number in self.plan.loops[loop]}
+        return (tuple(note for note in result.warnings if note.values.get(SOURCE) in files),
+                tuple(note for note in result.failures if note.values.get("file") in files))
 
 
 def _lost(loop: str, reason: Note) -> ScanResult:

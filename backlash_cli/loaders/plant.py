@@ -99,8 +99,8 @@ def no_loop_read(lost: Sequence[Note]) -> LoopError:
 class OpenPlant:
     """One or several exports whose loops are known and not yet read: one recipe per loop, by name.
 
-    failures: files that could not be read. lost: loops that cannot be. whole: False for a share of a plant. The rest as
-    in Plant.
+    failures: files that could not be read. lost: loops that cannot be. whole: False for a share of a plant. moment: of
+    --since [microseconds since 1970 UTC]. The rest as in Plant.
     """
 
     recipes: tuple[Recipe, ...]
@@ -109,6 +109,7 @@ class OpenPlant:
     inputs: tuple[str, ...] = ()
     lost: tuple[Note, ...] = ()
     whole: bool = True
+    moment: int | None = None
 
     def with_lost(self, more: Sequence[Note]) -> tuple[Note, ...]:
         """Return the loops that could not be read, with those found out when they were read, by name."""
@@ -139,6 +140,7 @@ def open_plant(
     warnings += settled.notes
     wanted = settled.loops
     lost: list[Note] = []
+    moment = None
     if options.since is not None:
         last = last_stamp(found)
         moment = moment_of(options.since, options.timezone, last)
@@ -149,7 +151,7 @@ def open_plant(
     warnings += settled.unmatched
     named = tuple(str(item) for item in given)
     recipes = recipes_of(wanted, metadata, options)
-    return OpenPlant(recipes, tuple(warnings), tuple(failures), named, tuple(lost))
+    return OpenPlant(recipes, tuple(warnings), tuple(failures), named, tuple(lost), moment=moment)
 
 
 def metadata_of(

@@ -25,7 +25,8 @@ _ASKED = ("pv", "sp", "op", "mode")
 class Recipe:
     """All that makes the record of one loop; samples that were left where they are, are read when it is made.
 
-    It can be sent to another process of this machine.
+    It can be sent to another process of this machine. key: by which a finished report of the loop is known again, where
+    such are kept (`identity.keyed`).
     """
 
     loop: str
@@ -33,6 +34,7 @@ class Recipe:
     values: LoopValues | None
     options: ReadOptions
     notes: tuple[Note, ...] = ()
+    key: str = ""
 
     def record(self, joiner: Joiner | None = None) -> Record:
         """Read the loop. Raises BacklashError when it cannot be read. joiner: shared by loops of the same files."""

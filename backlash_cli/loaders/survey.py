@@ -13,6 +13,7 @@ import pyarrow.parquet as pa_parquet
 
 from ..errors import BacklashError
 from .files import Content, first_part, open_content
+from .identity import mark_of
 from .layouts import layout_of, series_of
 from .long_layouts import GROUPS, name_columns
 from .names import IGNORED, QUALITY, TAG, plain, signal_role, split_tag
@@ -32,7 +33,8 @@ HEAD_ROWS = 4000
 @dataclass(frozen=True)
 class Survey:
     """What one file holds. series: its signals without samples. size: bytes. last: its last stamp [microseconds], if
-    that was asked for. text: it is no Parquet file, and so can only be read as a whole. failure: why it cannot be read.
+    that was asked for. text: it is no Parquet file, and so can only be read as a whole. mark: what changes when its
+    content does. failure: why it cannot be read.
     """
 
     source: Source
@@ -40,6 +42,7 @@ class Survey:
     size: int = 0
     last: int | None = None
     text: bool = False
+    mark: str | None = None
     failure: BacklashError | None = None
 
 
@@ -60,7 +63,7 @@ def survey(source: Source, options: ReadOptions, *, end: bool = False) -> Survey
 
 def _survey(source: Source, options: ReadOptions, end: bool) -> Survey:
     path = source.path
-    size = path.stat().st_size
+    size, mark = path.stat().st_size, mark_of(path)
     content = first_part(path, options)
     if content.kind == "parquet":
         file = pa_parquet.ParquetFile(open_place(path) if isinstance(path, Remote) else path)
@@ -75,7 +78,8 @@ def _survey(source: Source, options: ReadOptions, end: bool) -> Survey:
         reader = _TextColumns(path, content, options)
     layout = layout_of(head, options)
     found = {"long": _long, "tall": _tall}.get(layout, _whole)(head, reader, options)
-    return Survey(source, tuple(found), size, _last_stamp(head, reader, options) if end else None, reader.text)
+    return Survey(source, tuple(found), size, _last_stamp(head, reader, options) if end else None, reader.text,
+                  mark)
 
 
 class _Columns:

@@ -11,6 +11,7 @@ import pytest
 from backlash_cli.api import scan_files, scan_part
 from backlash_cli.engines.cluster import connected
 from backlash_cli.errors import BacklashError, UsageError
+from backlash_cli.history.unfinished import Unfinished
 from backlash_cli.loaders import ReadOptions
 from backlash_cli.reporter.json_report import to_json
 from backlash_cli.results import Verdict
@@ -52,11 +53,11 @@ def many_small_parts(monkeypatch):
     monkeypatch.setattr("backlash_cli.loaders.cut_parts.MOST_LOOPS", 3)
 
 
-def on(client, plant, work, reading=None, progress=None):
+def on(client, plant, work, reading=None, **more):
     from backlash_cli.engines.plant import DaskPlant
 
     found = DaskPlant(client, [plant / "set"], loops=None, reading=reading or ReadOptions(), absolute=False)
-    return found.scan(work, progress=progress)
+    return found.scan(work, **more)
 
 
 def quick(part):
@@ -70,6 +71,12 @@ def slow(part):
 
 def deadly(part):
     if "PIC303-2" in part.loops:
+        os._exit(1)
+    return scan_part(part, QUICK)
+
+
+def deadly_for_a(part):
+    if "A" in part.loops:
         os._exit(1)
     return scan_part(part, QUICK)
 
@@ -99,6 +106,33 @@ def test_a_worker_killed_during_the_run_costs_nothing_but_time(client, plant, lo
 
     assert to_json(on(client, plant, slow, progress=kill_one)) == local
     assert killed
+
+
+def test_a_stopped_scan_goes_on_where_it_was_stopped(client, plant, tmp_path):
+    """With what was said of the files of loops that are not read again: a row that is no row, a file that is none."""
+    folder = tmp_path / "set"
+    rows = "\n".join(f"2026-03-01T00:{s // 60:02}:{s % 60:02},50,{50 + s % 7},{40 + s % 5}" for s in range(300))
+    write(folder, {f"loop={x}/part-0.parquet": single(pyarrow.csv.read_csv(plant / "plant.csv"), x.split("-")[0])
+                   for x in LOOPS[:6]})
+    (folder / "A.csv").write_text(f"time,A.SP,A.PV,A.OP\nx,y\n{rows}\n")
+    (folder / "loops.toml").write_bytes((plant / "set" / "loops.toml").read_bytes())
+    want = to_json(scan_files([folder], options=QUICK, jobs=1))
+
+    class Stop(Exception):
+        pass
+
+    def stop(report):
+        if report.loop == "A":
+            raise Stop
+
+    before = Unfinished(tmp_path / "h.db", (), resume=False)
+    with pytest.raises(Stop):
+        on(client, tmp_path, quick, progress=stop, keep=before)
+    again, seen = Unfinished(tmp_path / "h.db", (), resume=True), []
+    assert "A" in {kept.report.loop for kept in again.known.values()}
+    assert to_json(on(client, tmp_path, deadly_for_a, progress=seen.append, keep=again)) == want
+    assert sorted(report.loop for report in seen) == sorted(["A", *LOOPS[:6]])
+    assert to_json(on(client, tmp_path, quick, keep=Unfinished(tmp_path / "h.db", (), resume=True))) == want
 
 
 @pytest.mark.parametrize(("work", "code", "words"), [

@@ -1,0 +1,84 @@
+"""A loop's report as one line of JSON and back, exactly: every number with all its digits, tuples as tuples."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from operator import attrgetter
+from typing import Any
+
+from ..record import LoopSettings, Note
+from ..results import Cluster, Compensator, Confirmation, Estimate, LoopReport, Verdict
+
+_KNOWN: dict[str, Any] = {
+    kind.__name__: kind for kind in (LoopReport, LoopSettings, Note, Estimate, Cluster, Confirmation, Compensator)
+}
+_KIND = "~"  # the key that says what a JSON object stands for; a mapping that has it itself is written as pairs
+
+
+def to_text(value: object) -> str:
+    """Return a report, or a tuple or mapping of such, as JSON on one line.
+
+    Raises TypeError for what cannot be brought back as it was.
+    """
+    return json.dumps(_plain(value), separators=(",", ":"), default=_number)
+
+
+def from_text(text: str | bytes) -> Any:
+    """Return what `to_text` was given. Raises ValueError, KeyError or TypeError for any other text."""
+    return _value(json.loads(text))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Verdict):
+        return {_KIND: "Verdict", "is": str(value)}
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    if is_dataclass(value):
+        name = type(value).__name__
+        if _KNOWN.get(name) is not type(value):
+            raise TypeError(f"{name} cannot be kept")
+        return {_KIND: name, **{f.name: _plain(getattr(value, f.name)) for f in fields(value)}}
+    if isinstance(value, tuple):
+        if value and all(type(item) is Estimate for item in value):  # a day has hundreds: column by column
+            return {_KIND: "estimates", **{f.name: list(map(attrgetter(f.name), value)) for f in fields(Estimate)}}
+        return {_KIND: "tuple", "of": list(map(_plain, value))}
+    if isinstance(value, list):
+        return list(map(_plain, value))
+    if isinstance(value, bytes):
+        return {_KIND: "bytes", "is": base64.b85encode(value).decode()}
+    if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
+        if _KIND in value:
+            return {_KIND: "mapping", "of": [[key, _plain(item)] for key, item in value.items()]}
+        return {key: _plain(item) for key, item in value.items()}
+    return _number(value)
+
+
+def _number(value: Any) -> Any:
+    """Return a number of an array as a plain one."""
+    if hasattr(value, "dtype") and not getattr(value, "shape", None):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} cannot be kept")
+
+
+def _value(plain: Any) -> Any:
+    if isinstance(plain, list):
+        return list(map(_value, plain))
+    if not isinstance(plain, dict):
+        return plain
+    kind = plain.pop(_KIND, None)
+    if kind is None:
+        return {key: _value(item) for key, item in plain.items()}
+    if kind == "tuple":
+        return tuple(map(_value, plain["of"]))
+    if kind == "bytes":
+        return base64.b85decode(plain["is"])
+    if kind == "mapping":
+        return {key: _value(item) for key, item in plain["of"]}
+    if kind == "Verdict":
+        return Verdict(plain["is"])
+    if kind == "estimates":
+        return tuple(Estimate(*row) for row in zip(*(plain[f.name] for f in fields(Estimate)), strict=True))
+    return _KNOWN[kind](**{name: _value(item) for name, item in plain.items()})

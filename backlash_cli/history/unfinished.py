@@ -1,0 +1,127 @@
+"""What a scan has finished so far, beside the history: a scan that was stopped goes on from there.
+
+One file per scan (the same inputs and options), `HISTORY.unfinished-...`, gone when the scan has ended well. Every
+process adds a line to its end as soon as it has finished a loop, in one write: what it finished before it was killed is
+there, and a line that was cut short is told by its checksum and left out. A report is taken over only where its key
+fits, which stands for all that the report is made from.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .._version import __version__
+from ..errors import BacklashError
+from ..record import Note
+from ..results import LoopReport, Verdict
+from .report_text import from_text, to_text
+
+KEPT = 30 * 86400.0  # seconds; what a stopped scan left is no use any more
+_CHECKSUM = 16
+
+
+@dataclass(frozen=True)
+class Kept:
+    """The report of a finished loop. notes, failures: what was said of its files, None where that is said elsewhere."""
+
+    report: LoopReport
+    notes: tuple[Note, ...] | None = None
+    failures: tuple[Note, ...] = ()
+
+
+class Unfinished:
+    """The finished loops of one scan. history: its database. scan: all that makes two scans the same one. resume: take
+    over what is there; else it begins anew. Can be sent to other processes, which only add to it.
+
+    Raises BacklashError when the file cannot be made.
+    """
+
+    def __init__(self, history: str | Path, scan: Iterable[object], *, resume: bool) -> None:
+        history = Path(history)
+        name = hashlib.sha256(repr((__version__, *scan)).encode("utf-8", "backslashreplace")).hexdigest()[:12]
+        self.path = history.with_name(f"{history.name}.unfinished-{name}")
+        self.known: dict[str, Kept] = {}
+        self.resumed = resume
+        self._handle: int | None = None
+        if not history.parent.is_dir():
+            raise BacklashError("the folder of the history does not exist", where=str(history.parent),
+                                code="no_history", remedy="make the folder first")
+        try:
+            if resume:
+                self._load()
+            else:
+                self.path.write_bytes(b"")
+            self._open()
+            _sweep(history)
+        except OSError as error:
+            raise BacklashError(f"the history may not be written: {error.strerror}", where=str(history),
+                                code="history_unusable", remedy="check the rights of its folder") from None
+
+    def add(self, key: str, report: LoopReport, notes: tuple[Note, ...] | None = None,
+            failures: tuple[Note, ...] = ()) -> None:
+        """Keep the report of a finished loop; one that failed is tried again next time. key: empty, nothing is kept.
+
+        A full disk costs no more than the resuming.
+        """
+        if not key or report.verdict is Verdict.ERROR:
+            return
+        with contextlib.suppress(OSError, TypeError):
+            text = f"{key} {to_text((report, notes, failures))}".encode()
+            line = b"\n" + _checksum(text) + b" " + text + b"\n"
+            if self._handle is None:
+                self._open()
+            assert self._handle is not None
+            while line:
+                line = line[os.write(self._handle, line) :]
+
+    def remove(self) -> None:
+        """The scan has ended well: nothing is left to go on with."""
+        self.close()
+        with contextlib.suppress(OSError):
+            self.path.unlink()
+
+    def close(self) -> None:
+        """Close the file; it stays where it holds anything."""
+        if self._handle is not None:
+            if not os.fstat(self._handle).st_size:
+                self.path.unlink(missing_ok=True)
+            os.close(self._handle)
+            self._handle = None
+
+    def _open(self) -> None:
+        self._handle = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+
+    def _load(self) -> None:
+        with contextlib.suppress(FileNotFoundError), open(self.path, "rb") as file:
+            for line in file:
+                checksum, _, text = line.rstrip(b"\n").partition(b" ")
+                if text and checksum == _checksum(text):
+                    key, _, kept = text.partition(b" ")
+                    with contextlib.suppress(ValueError, KeyError, TypeError):
+                        self.known[key.decode()] = Kept(*from_text(kept))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"path": self.path, "known": {}, "resumed": self.resumed, "_handle": None}
+
+    def __del__(self) -> None:
+        with contextlib.suppress(AttributeError, OSError):
+            self.close()
+
+
+def _checksum(text: bytes) -> bytes:
+    return hashlib.sha256(text).hexdigest()[:_CHECKSUM].encode()
+
+
+def _sweep(history: Path) -> None:
+    """Remove what scans left that were stopped long ago and never resumed."""
+    for path in history.parent.glob(f"{history.name}.unfinished-????????????"):
+        with contextlib.suppress(OSError):
+            if path.stat().st_mtime < time.time() - KEPT:
+                path.unlink()
