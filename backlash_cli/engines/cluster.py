@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 ANSWER = 5.0  # seconds in which a scheduler has to answer
 WORKERS = 60.0  # seconds in which an empty cluster has to get its first worker
+PAUSE = 3.0  # seconds between two looks at the workers
+MISSED = 5  # looks at which a worker may be missing: one that died is mostly there again after two
 _INSTALL = "pip install 'backlash[dask]', or leave --engine dask out: the local engine uses all cores of this machine"
 
 
@@ -46,7 +49,8 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
         client = _client_of(scheduler)
         try:
             _check_workers(client, scheduler, say)
-            yield client
+            with _watched(client, None, 1, say):
+                yield client
         finally:
             client.close(timeout=5)
         return
@@ -59,7 +63,7 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
         except Exception as error:
             raise BacklashError(f"no local cluster could be started: {type(error).__name__}: {error}",
                                 where="--engine dask", remedy="leave --engine dask out", code="no_cluster") from error
-        with contextlib.closing(cluster), Client(cluster) as client:
+        with contextlib.closing(cluster), Client(cluster) as client, _watched(client, cluster, jobs or cores(), say):
             yield client
 
 
@@ -114,6 +118,38 @@ def _check_workers(client: Client, scheduler: str, say: Callable[[str], None]) -
 def version_here() -> str:
     """The version of backlash, as a worker sees it."""
     return __version__
+
+
+@contextlib.contextmanager
+def _watched(client: Client, cluster: Any, wanted: int, say: Callable[[str], None]) -> Iterator[None]:
+    """Look after the workers while the block runs."""
+    ended = threading.Event()
+    guard = threading.Thread(target=watch, args=(client, cluster, wanted, say, ended), daemon=True)
+    guard.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        guard.join(5)
+
+
+def watch(client: Any, cluster: Any, wanted: int, say: Callable[[str], None], ended: threading.Event,
+          pause: float = PAUSE) -> None:
+    """See that there are workers until `ended`. A process of ours that dies while it starts is not started again by
+    Dask: then there is a new one. cluster: ours, None for others', whose workers can only be waited for."""
+    missing, said = 0, False
+    while not ended.wait(pause):
+        try:
+            alive = len(client.scheduler_info(n_workers=-1)["workers"])
+            missing = missing + 1 if alive < wanted else 0
+            if missing >= MISSED and cluster is not None:
+                cluster.scale(len(cluster.worker_spec) + wanted - alive)
+                missing = 0
+            elif missing >= MISSED and not said:
+                say("the scheduler has no workers any more; waiting for new ones")
+            said = missing >= MISSED
+        except Exception:  # the connection is lost, or about to be closed; those who wait for results are told
+            continue
 
 
 def _quiet() -> None:

@@ -3,13 +3,14 @@
 import os
 import signal
 import sys
+import threading
 import time
 
 import pyarrow.csv
 import pytest
 
 from backlash_cli.api import scan_files, scan_part
-from backlash_cli.engines.cluster import connected
+from backlash_cli.engines.cluster import connected, watch
 from backlash_cli.errors import BacklashError, UsageError
 from backlash_cli.history.unfinished import Unfinished
 from backlash_cli.loaders import ReadOptions
@@ -177,6 +178,30 @@ def test_without_dask_the_message_says_how_to_install_it(capfd, plant, monkeypat
     monkeypatch.setitem(sys.modules, "distributed", None)
     done = run(capfd, "scan", plant / "set", "--engine", "dask")
     assert done.status == 2 and "pip install 'backlash[dask]'" in done.err
+
+
+def test_workers_that_do_not_come_back_are_replaced_or_waited_for():
+    class Few:
+        """A cluster, and its client, of which one worker is left; what is added comes at once."""
+
+        worker_spec, alive = {0: {}, 1: {}}, 1
+
+        def scheduler_info(self, n_workers):
+            self.looks = getattr(self, "looks", 0) + 1
+            if self.looks == 3:
+                raise OSError("for a moment")
+            if self.looks > 40:
+                ended.set()
+            return {"workers": dict.fromkeys(range(self.alive))}
+
+        def scale(self, count):
+            self.alive += count - 2
+
+    for ours, want in ((True, []), (False, ["the scheduler has no workers any more; waiting for new ones"])):
+        ended, said, few = threading.Event(), [], Few()
+        few.alive = 1 if ours else 0
+        watch(few, few if ours else None, 2 if ours else 1, said.append, ended, pause=0.0)
+        assert few.alive == (2 if ours else 0) and said == want
 
 
 def test_workers_that_do_not_see_the_files_are_named(client, plant, monkeypatch):
