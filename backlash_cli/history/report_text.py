@@ -1,4 +1,4 @@
-"""A loop's report as one line of JSON and back, exactly: every number with all its digits, tuples as tuples."""
+"""A loop's report as one line of JSON and back exactly: numbers with all their digits, tuples and arrays as such."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import base64
 import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from operator import attrgetter
 from typing import Any
 
+import numpy as np
+
 from ..record import LoopSettings, Note
-from ..results import Cluster, Compensator, Confirmation, Estimate, LoopReport, Verdict
+from ..results import Cluster, Compensator, Confirmation, Estimate, Estimates, LoopReport, Verdict
 
 _KNOWN: dict[str, Any] = {
-    kind.__name__: kind for kind in (LoopReport, LoopSettings, Note, Estimate, Cluster, Confirmation, Compensator)
+    kind.__name__: kind
+    for kind in (LoopReport, LoopSettings, Note, Estimate, Estimates, Cluster, Confirmation, Compensator)
 }
 _KIND = "~"  # the key that says what a JSON object stands for; a mapping that has it itself is written as pairs
 
@@ -23,7 +25,7 @@ def to_text(value: object) -> str:
 
     Raises TypeError for what cannot be brought back as it was.
     """
-    return json.dumps(_plain(value), separators=(",", ":"), default=_number)
+    return json.dumps(_plain(value), separators=(",", ":"))
 
 
 def from_text(text: str | bytes) -> Any:
@@ -42,24 +44,19 @@ def _plain(value: Any) -> Any:
             raise TypeError(f"{name} cannot be kept")
         return {_KIND: name, **{f.name: _plain(getattr(value, f.name)) for f in fields(value)}}
     if isinstance(value, tuple):
-        if value and all(type(item) is Estimate for item in value):  # a day has hundreds: column by column
-            return {_KIND: "estimates", **{f.name: list(map(attrgetter(f.name), value)) for f in fields(Estimate)}}
         return {_KIND: "tuple", "of": list(map(_plain, value))}
     if isinstance(value, list):
         return list(map(_plain, value))
     if isinstance(value, bytes):
-        return {_KIND: "bytes", "is": base64.b85encode(value).decode()}
+        return {_KIND: "bytes", "is": base64.b64encode(value).decode()}
+    if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiub":
+        return {_KIND: "array", "of": value.dtype.str, "is": base64.b64encode(value.tobytes()).decode()}
     if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
         if _KIND in value:
             return {_KIND: "mapping", "of": [[key, _plain(item)] for key, item in value.items()]}
         return {key: _plain(item) for key, item in value.items()}
-    return _number(value)
-
-
-def _number(value: Any) -> Any:
-    """Return a number of an array as a plain one."""
-    if hasattr(value, "dtype") and not getattr(value, "shape", None):
-        return value.item()
+    if isinstance(value, np.generic):
+        return _plain(value.item())
     raise TypeError(f"{type(value).__name__} cannot be kept")
 
 
@@ -74,11 +71,11 @@ def _value(plain: Any) -> Any:
     if kind == "tuple":
         return tuple(map(_value, plain["of"]))
     if kind == "bytes":
-        return base64.b85decode(plain["is"])
+        return base64.b64decode(plain["is"])
+    if kind == "array":
+        return np.frombuffer(base64.b64decode(plain["is"]), plain["of"])
     if kind == "mapping":
         return {key: _value(item) for key, item in plain["of"]}
     if kind == "Verdict":
         return Verdict(plain["is"])
-    if kind == "estimates":
-        return tuple(Estimate(*row) for row in zip(*(plain[f.name] for f in fields(Estimate)), strict=True))
     return _KNOWN[kind](**{name: _value(item) for name, item in plain.items()})
