@@ -14,9 +14,9 @@ from .estimator.confirm import ConfirmationScanner
 from .estimator.diagnosis import diagnose
 from .estimator.haegglund import DEFAULT_KP, ErrorScanner, HalfPeriods, error_scanner, estimate
 from .estimator.identify import settings_of
+from .estimator.law_check import check_quickly
 from .estimator.oscillation import detect_oscillation
 from .estimator.quality import quality_of
-from .estimator.settings_check import check_settings
 from .estimator.survey import FIRST, LAST, WITH_SETPOINT, Survey
 from .estimator.verdict import Findings, decide
 from .record import LoopSettings, Note, Record, SampleState
@@ -183,7 +183,7 @@ class LoopScanner:
         if not (self._check and self.used):
             return ()
         notes = []
-        for note in check_settings(self.settings, settings_of(self._survey)):
+        for note in check_quickly(self._survey, self.settings):
             if note.code != "settings_unchecked":
                 effect = "limits" if note.values.get("severity") == "contradict" else "info"
                 notes.append(replace(note, values={**note.values, "effect": effect}))

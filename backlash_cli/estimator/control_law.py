@@ -107,20 +107,29 @@ class LawRows:
 
 
 def fit_law(rows: LawRows, form: LawForm, filter_time: float = 0.0) -> LawFit | None:
-    """Fit the control law by least squares with robust window weights; None where the data do not determine it.
+    """Fit the control law by least squares with robust window weights; None where the data do not determine it."""
+    return fit_sums(law_sums(rows, form, filter_time), form, filter_time)
 
-    A window in which something else moved the output (a limit, feedforward, an operator) leaves much more than
-    the others and loses its weight (Cauchy weights on the window residuals).
-    """
+
+def law_sums(rows: LawRows, form: LawForm, filter_time: float) -> FloatArray:
+    """Return (windows, 5, 5) sums of products of all terms, of the windows in which the output moved."""
     from .law_sums import window_sums
 
     sums = window_sums(
         rows.signals, rows.index, rows.interval, float(filter_time), form.shift, form.phase, form.window, form.settle
     )[0]
-    output = sums[:, 0, 0]
-    sums, output = sums[output > 0], output[output > 0]
+    return np.asarray(sums[sums[:, 0, 0] > 0])
+
+
+def fit_sums(sums: FloatArray, form: LawForm, filter_time: float) -> LawFit | None:
+    """Fit the terms of `form` to window sums.
+
+    A window in which something else moved the output (a limit, feedforward, an operator) leaves much more than
+    the others and loses its weight (Cauchy weights on the window residuals).
+    """
     if len(sums) == 0:
         return None
+    output = sums[:, 0, 0]
     pick = np.array(form.terms)
     gram, right = sums[:, pick[:, None], pick], sums[:, pick, 0]
     scale = np.sqrt(np.maximum(np.einsum("wii->i", gram), 1e-300))

@@ -61,7 +61,7 @@ def find_settings(levels: list[LawRows], interval: float) -> Identification | No
     resolved = averaged or rows.interval < NOISE_UNSEEN * fits[0].reset_time
     if resolved and fits[0].unexplained > EXACT:
         pid = search_filter(rows, replace(fits[0].form, terms=(*form.terms, DERIVATIVE)), longest)
-        if pid and _derivative_is_real(pid[0], fits[0]):
+        if pid and derivative_is_real(pid[0], fits[0]):
             fits = pid
     if fits[0].one_frequency > ONE_FREQUENCY:
         fits = settle_filter(rows, replace(form, shift=0), FILTER_SHARE)
@@ -85,7 +85,7 @@ def _time_scale(levels: list[LawRows]) -> tuple[LawRows, LawForm, float] | Note:
     for _ in range(8):
         rows = levels[level]
         h = rows.interval
-        window = int(np.clip(WINDOW * Ti / h, MIN_WINDOW, max(min(ROWS, len(rows.index) // 6), MIN_WINDOW)))
+        window = window_of(WINDOW * Ti / h, len(rows.index))
         longest = min(LONGEST_FILTER * Ti, 0.1 * window * h)
         moves = bool(np.ptp(rows.signals[:, 0]) > 0)
         terms = (PROPORTIONAL, INTEGRAL, SETPOINT) if moves else (PROPORTIONAL, INTEGRAL)
@@ -110,6 +110,11 @@ def _time_scale(levels: list[LawRows]) -> tuple[LawRows, LawForm, float] | Note:
     return rows, form, longest
 
 
+def window_of(wanted: float, rows: int) -> int:
+    """Return the rows of a window, `wanted` where a record of so many rows holds six of them."""
+    return int(np.clip(wanted, MIN_WINDOW, max(min(ROWS, rows // 6), MIN_WINDOW)))
+
+
 def _most_plausible(searches: list[list[LawFit]]) -> list[LawFit]:
     """Fits of the first assumption in the list, unless another is better beyond chance; with all that fit as well.
 
@@ -124,7 +129,7 @@ def _most_plausible(searches: list[list[LawFit]]) -> list[LawFit]:
     return chosen + [fit for fits in others for fit in fits]
 
 
-def _derivative_is_real(pid: LawFit, pi: LawFit) -> bool:
+def derivative_is_real(pid: LawFit, pi: LawFit) -> bool:
     """A first-order filter looks like a D part with Td = Tf; a real one is longer, and clearly better."""
     Td = pid.values[pid.form.terms.index(DERIVATIVE)] / pid.gain
     return Td > max(2.0 * pid.filter_time, 0.02 * pid.reset_time) and pid.better_than(pi) > CLEARLY

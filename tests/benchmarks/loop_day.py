@@ -16,10 +16,9 @@ import numpy as np
 
 from backlash_cli.estimator.confirm import ConfirmationScanner
 from backlash_cli.estimator.haegglund import error_scanner, estimate
-from backlash_cli.estimator.identify import settings_of
+from backlash_cli.estimator.law_check import check_quickly
 from backlash_cli.estimator.oscillation import detect_oscillation
 from backlash_cli.estimator.quality import quality_of
-from backlash_cli.estimator.settings_check import check_settings
 from backlash_cli.estimator.survey import Survey
 from backlash_cli.record import Record
 
@@ -58,7 +57,7 @@ def settings_check(record: Record) -> object:
     """Do the settings given make the recorded output?"""
     survey = Survey(record.interval)
     survey.update(record)
-    return check_settings(record.settings, settings_of(survey))
+    return check_quickly(survey, record.settings)
 
 
 def confirmation(record: Record) -> object:
