@@ -45,6 +45,8 @@ LEAST_HEIGHT = 0.5  # autocorrelation one period on: below, nothing repeats (Mia
 REGULAR_HEIGHT = 0.25  # or this, when the autocorrelation crosses zero at regular intervals (Thornhill et al. 2003)
 LEAST_PERIOD = 8.0  # samples
 FINEST = 128.0  # samples per period that are enough
+FIRST_TRY = 1 << 14  # samples
+ENOUGH_PERIODS = 40.0  # in the part that is looked at
 EVIDENCE = 10.0  # likelihood ratio 2 ln L of a gap; simulated sines from outside stay below 8
 EXPLAINED = 4.0  # squared error of the harmonics in units of their scatter that counts as explained
 ROUGHLY = 15.0  # allowed where OP is triangular besides, or the gap leaves next to nothing
@@ -101,13 +103,17 @@ class Diagnosis:
 
 
 def diagnose(record: Record) -> Diagnosis:
-    """Say what the oscillation of a loop looks like, from its longest stretch without gaps."""
+    """Say what the oscillation of a loop looks like, from its longest stretch without gaps.
+
+    Of that stretch the end, as much as holds enough periods.
+    """
     setpoint, measurement, output = _longest_stretch(record)
-    error = setpoint - measurement
-    period, height = find_period(moving_mean(error - error.mean(), 3)) if len(error) > 3 * LEAST_PERIOD else (0.0, 0.0)
-    repeats = height >= LEAST_HEIGHT or (height >= REGULAR_HEIGHT and regularity(detrended(error, period)) > 1.0)
-    if period < LEAST_PERIOD or not repeats:
+    period, height, last = _oscillation(setpoint - measurement)
+    if not period:
         return Diagnosis("none", None, (), WORDS["none"])
+    setpoint, measurement = setpoint[last], measurement[last]
+    output = None if output is None else output[last]
+    error = setpoint - measurement
     size = max(int(period / FINEST), 1)
     setpoint, measurement, error = (_means(x, size) for x in (setpoint, measurement, error))
     output = None if output is None else _means(output, size)
@@ -129,6 +135,23 @@ def diagnose(record: Record) -> Diagnosis:
         statement = f"{statement}; {SUM_OF_BOTH}"
     gap = cycle.d if cycle is not None and kind in ("stiction", "backlash_integrating") and cycle.left < 1.0 else None
     return Diagnosis(kind, period * record.interval, tuple(votes), statement, gap)
+
+
+def _oscillation(error: FloatArray) -> tuple[float, float, slice]:
+    """Period [samples] and height of the autocorrelation there, and the samples they are from; 0 where nothing repeats.
+
+    Ever longer parts from the end are tried until one holds enough periods.
+    """
+    length, n = FIRST_TRY, len(error)
+    while n > 3 * LEAST_PERIOD:
+        last = slice(max(n - length, 0), n)
+        part = error[last]
+        period, height = find_period(moving_mean(part - part.mean(), 3))
+        repeats = height >= LEAST_HEIGHT or (height >= REGULAR_HEIGHT and regularity(detrended(part, period)) > 1.0)
+        if length >= n or (repeats and LEAST_PERIOD <= period <= length / ENOUGH_PERIODS):
+            return (period, height, last) if repeats and period >= LEAST_PERIOD else (0.0, 0.0, last)
+        length *= 8
+    return 0.0, 0.0, slice(0, n)
 
 
 def _decide(says: dict[str, str], error: Wave, cycle: CycleTest | None) -> str:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels import play
 from ..record import FloatArray
 from .wave import crossings, detrended
 
@@ -94,14 +95,14 @@ def compare_mean_cycle(
     sign = np.sign(action) or _action(target[0], np.fft.rfft(mean_output)[1])
     gaps = np.concatenate([[0.0], GAPS]) * np.ptp(mean_output)
     through = np.array([np.fft.rfft(_played(mean_output, d))[HARMONICS] / POINTS for d in gaps])
-    fits = [_best_process(target, sign * part, weight) for part in through]
-    misfit = np.array([left for left, _ in fits]) / len(HARMONICS)
+    left, first_lags = _best_processes(target, sign * through, weight)
+    misfit = left / len(HARMONICS)
     best = int(misfit.argmin())
     share = float(misfit[best] / misfit[0]) if misfit[0] > 0 else 1.0
     size = np.abs(target) / max(float(np.abs(target[0])), 1e-300)
     even = float(np.mean((np.abs(target) ** 2 / np.maximum(scatter, 1e-300))[EVEN]))
     lopsided = even > EVEN_SURE and float(np.sqrt(np.sum(size[EVEN] ** 2))) > EVEN_LARGE
-    return CycleTest(float(misfit[0]), share, float(gaps[best]), fits[best][1][1], n,
+    return CycleTest(float(misfit[0]), share, float(gaps[best]), float(first_lags[best]), n,
                      float(np.sqrt(np.sum(size[1:] ** 2))), not lopsided)
 
 
@@ -124,33 +125,33 @@ def _cycles(pv: FloatArray, op: FloatArray, period: float) -> tuple[FloatArray, 
 
 def _played(cycle: FloatArray, d: float) -> FloatArray:
     """One period of a repeated cycle behind a gap d, after it has settled."""
-    if d == 0.0:
-        return cycle
-    half, out = 0.5 * d, np.empty_like(cycle)
-    x = float(cycle[0])
-    for _ in range(2):
-        for k, u in enumerate(cycle.tolist()):
-            x = max(u - half, min(x, u + half))
-            out[k] = x
-    return out
+    return np.asarray(play(np.concatenate([cycle, cycle]), d, float(cycle[0]))[len(cycle) :])
 
 
-def _best_process(
+def _best_processes(
     target: NDArray[np.complex128], through: NDArray[np.complex128], weight: FloatArray
-) -> tuple[float, tuple[float, float, float]]:
-    """Weighted squares that the best process leaves, and its dead time and lags [periods]; grid, then twice finer."""
-    delays, first, second = DELAYS, FIRST_LAGS, SECOND_LAGS
+) -> tuple[FloatArray, FloatArray]:
+    """For each gap the weighted squares that the best process leaves, and its first lag [periods].
+
+    through: (gaps, harmonics) of the output behind each gap. Dead time and lags from a grid, then twice finer.
+    """
+    gaps = len(through)
+    delays, first, second = (np.tile(grid, (gaps, 1)) for grid in (DELAYS, FIRST_LAGS, SECOND_LAGS))
+    w = 2j * np.pi * HARMONICS
+    every = np.arange(gaps)
     for finer in (0.5, 0.2, 0.0):
-        w = 2j * np.pi * HARMONICS
-        shape = np.exp(-w * delays[:, None, None, None]) / (1.0 + w * first[:, None, None])
-        model = through * (shape / (1.0 + w * second[:, None]))
+        lags = (1.0 / (1.0 + w * first[:, :, None]))[:, :, None] / (1.0 + w * second[:, None, :, None])
+        lags = lags.reshape(gaps, -1, len(HARMONICS))
+        delayed = np.conj(through[:, None, :] * np.exp(-w * delays[:, :, None])) * (target * weight)
         # a gain of the wrong sign is no process
-        along = np.maximum(np.sum((np.conj(model) * (target * weight)).real, axis=-1), 0.0)
-        own = np.sum(np.abs(model) ** 2 * weight, axis=-1)
-        left = np.sum(np.abs(target) ** 2 * weight) - along**2 / np.maximum(own, 1e-300)
-        i, j, k = np.unravel_index(int(left.argmin()), left.shape)
-        best = float(left[i, j, k]), (float(delays[i]), float(first[j]), float(second[k]))
+        along = np.maximum((delayed @ np.conj(lags).transpose(0, 2, 1)).real, 0.0)
+        own = (np.abs(lags) ** 2 @ (np.abs(through) ** 2 * weight)[:, :, None])[..., 0]
+        left = np.sum(np.abs(target) ** 2 * weight) - along**2 / np.maximum(own, 1e-300)[:, None, :]
+        at = left.reshape(gaps, -1).argmin(1)
+        smallest = left.reshape(gaps, -1)[every, at]
+        i, j, k = np.unravel_index(at, (delays.shape[1], first.shape[1], second.shape[1]))
+        delay, one, two = delays[every, i, None], first[every, j, None], second[every, k, None]
         near = np.linspace(-finer, finer, 7)
-        delays = np.clip(best[1][0] + 0.02 * near, 0.0, None)
-        first, second = best[1][1] * 2.0**near, np.clip(best[1][2] * 2.0**near, 0.005 * finer, None)
-    return best
+        delays = np.clip(delay + 0.02 * near, 0.0, None)
+        first, second = one * 2.0**near, np.clip(two * 2.0**near, 0.005 * finer, None)
+    return smallest, one[:, 0]

@@ -30,11 +30,12 @@ class Wave:
 
 def autocorrelation(values: FloatArray, other: FloatArray | None = None) -> FloatArray:
     """Correlation of `values` now with `other` at lags 0 .. n-1 later, unbiased, divided by the standard deviations."""
-    other = values if other is None else other
     n = len(values)
     size = 1 << int(np.ceil(np.log2(2 * n)))
-    a, b = values - values.mean(), other - other.mean()
-    raw = np.fft.irfft(np.conj(np.fft.rfft(a, size)) * np.fft.rfft(b, size), size)[:n]
+    a = values - values.mean()
+    b = a if other is None else other - other.mean()
+    spectrum = np.fft.rfft(a, size)
+    raw = np.fft.irfft(np.conj(spectrum) * (spectrum if other is None else np.fft.rfft(b, size)), size)[:n]
     norm = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
     return np.asarray(raw / norm * (n / (n - np.arange(n)))) if norm > 0 else np.zeros(n)
 
@@ -48,10 +49,16 @@ def moving_mean(values: FloatArray, width: int) -> FloatArray:
     """Centred mean over `width` samples, over fewer at the ends."""
     width = max(width, 1)
     total = np.concatenate([[0.0], np.cumsum(values)])
-    at = np.arange(len(values))
-    low = np.maximum(at - width // 2, 0)
-    high = np.minimum(at - width // 2 + width, len(values))
-    return np.asarray((total[high] - total[low]) / (high - low))
+    n, back, on = len(values), width // 2, width - width // 2
+    if n < width:
+        at = np.arange(n)
+        low, high = np.maximum(at - back, 0), np.minimum(at + on, n)
+        return np.asarray((total[high] - total[low]) / (high - low))
+    out = np.empty(n)
+    out[back : n - on + 1] = (total[width:] - total[: n - width + 1]) / width
+    out[:back] = total[on : on + back] / np.arange(on, width)
+    out[n - on + 1 :] = (total[n] - total[n - width + 1 : n - back]) / np.arange(width - 1, back, -1)
+    return out
 
 
 def find_period(values: FloatArray) -> tuple[float, float]:
@@ -103,9 +110,12 @@ def wave(values: FloatArray, period: float, height: float) -> Wave | None:
     shapes = np.interp(begin + grid * lasts, np.arange(len(flat), dtype=np.float64), flat)
     mean = shapes.mean(1, keepdims=True)
     shapes /= np.where(mean == 0.0, 1.0, mean)
-    r = autocorrelation(values)
     far, near = round(5.0 * period), max(round(period / 8.0), 2)  # the period is not known to the sample
-    sustained = float(r[far - near : far + near + 1].max()) if far + near < len(r) // 2 else height**5
+    sustained = height**5
+    if far + near < len(values) // 2:
+        n, flat = len(values), values - values.mean()
+        sustained = max(float(flat[:-k] @ flat[k:]) * n / (n - k) for k in range(far - near, far + near + 1))
+        sustained /= float(flat @ flat)
     return Wave(period, height, sustained, np.median(shapes, axis=0), int(typical.sum()))
 
 
