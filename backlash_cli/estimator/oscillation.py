@@ -6,6 +6,7 @@ T. Haegglund, A control-loop performance monitor, Control Engineering Practice 3
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
@@ -43,21 +44,18 @@ def detect_oscillation(segments: Segments, interval: float, Ti: float) -> Oscill
     if not large.any():
         return Oscillation(False, 0.0, 0.0)
     ends = segments.end[large] * interval
-    counts = np.empty(len(ends))
-    x = 0.0
     forget = np.exp(-np.diff(ends, prepend=ends[0]) / (SUPERVISION * Ti))
-    for i, keep in enumerate(forget):
-        x = keep * x + 1.0
-        counts[i] = x
+    counts = np.array(list(accumulate(forget.tolist(), lambda x, keep: keep * x + 1.0, initial=0.0))[1:])
     inside = counts >= ENOUGH
     if not inside.any():
         return Oscillation(False, 0.0, float(counts.max()))
     span = float(segments.end[-1] - segments.begin[0]) * interval
     # the half periods that filled the counter belong to the oscillation as well
-    first = np.maximum(np.flatnonzero(inside) - int(ENOUGH) + 1, 0)
-    member = np.zeros(len(counts), bool)
-    for i, j in zip(first, np.flatnonzero(inside), strict=True):
-        member[i : j + 1] = True
+    full = np.flatnonzero(inside)
+    edges = np.zeros(len(counts) + 1, dtype=np.int64)
+    np.add.at(edges, np.maximum(full - int(ENOUGH) + 1, 0), 1)
+    np.add.at(edges, full + 1, -1)
+    member = np.cumsum(edges[:-1]) > 0
     of_large = np.flatnonzero(large)[member]
     dt = duration[of_large]
     amplitude = 0.5 * np.pi * np.median(segments.area[of_large] * interval / dt)

@@ -1,0 +1,89 @@
+"""Loops over the rows of one signal that tell what the recorder did to it, compiled by numba.
+
+Rows come with the grid number of each sample; only neighbours on the grid are compared. index: (rows,) strictly
+increasing, values: (rows,).
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from ..record import FloatArray, IntArray
+
+
+@numba.njit(cache=True, nogil=True)
+def bends(index: IntArray, values: FloatArray) -> FloatArray:
+    """Sizes of the second differences of three neighbours in a row."""
+    out = np.empty(max(len(index) - 2, 0))
+    n = 0
+    for k in range(len(index) - 2):
+        if index[k + 2] - index[k] == 2:
+            out[n] = abs(values[k + 2] - 2.0 * values[k + 1] + values[k])
+            n += 1
+    return out[:n]
+
+
+@numba.njit(cache=True, nogil=True)
+def changes(index: IntArray, values: FloatArray, least: float) -> tuple[int, FloatArray]:
+    """Number of neighbours, and the sizes of the differences between them that are above `least`."""
+    out = np.empty(max(len(index) - 1, 0))
+    n = pairs = 0
+    for k in range(len(index) - 1):
+        if index[k + 1] - index[k] == 1:
+            pairs += 1
+            change = abs(values[k + 1] - values[k])
+            if change > least:
+                out[n] = change
+                n += 1
+    return pairs, out[:n]
+
+
+@numba.njit(cache=True, nogil=True)
+def straight_runs(index: IntArray, values: FloatArray, tolerance: float, shortest: int,
+                  least_rise: float) -> tuple[int, int, int, FloatArray, IntArray]:
+    """Lines that rise or fall and are straight to `tolerance`.
+
+    Returns the number of samples inside such lines, of kinks five times the tolerance, and of bends between the two;
+    then the rise and the number of inner samples of every line of at least `shortest` of these that rises by more than
+    `least_rise`.
+    """
+    rises, lengths = np.empty(len(index)), np.empty(len(index), np.int64)
+    straight = kinks = between = runs = first = length = 0
+    for k in range(len(index) - 1):
+        inside = False
+        if k + 2 < len(index) and index[k + 2] - index[k] == 2:
+            bend = abs(values[k + 2] - 2.0 * values[k + 1] + values[k])
+            inside = bend <= tolerance and abs(values[k + 2] - values[k]) > 0.0
+            kinks += bend > 5.0 * tolerance
+            between += bend > tolerance and bend <= 5.0 * tolerance
+        if inside:
+            straight += 1
+            first = k if length == 0 else first
+            length += 1
+        elif length:
+            rise = abs(values[min(k + 1, len(values) - 1)] - values[first])
+            if length >= shortest and rise > least_rise:
+                rises[runs], lengths[runs] = rise, length
+                runs += 1
+            length = 0
+    return straight, kinks, between, rises[:runs], lengths[:runs]
+
+
+@numba.njit(cache=True, nogil=True)
+def reversals(values: FloatArray, threshold: float) -> int:
+    """Return how often the signal turned round by more than `threshold` (zigzag count)."""
+    count, direction = 0, 0
+    high = low = values[0] if len(values) else 0.0
+    for value in values:
+        if direction >= 0 and value > high:
+            high = value
+        if direction <= 0 and value < low:
+            low = value
+        if direction >= 0 and high - value > threshold:
+            count += direction > 0
+            direction, low = -1, value
+        elif direction <= 0 and value - low > threshold:
+            count += direction < 0
+            direction, high = 1, value
+    return count
