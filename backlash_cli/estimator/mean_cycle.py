@@ -95,7 +95,7 @@ def compare_mean_cycle(
     sign = np.sign(action) or _action(target[0], np.fft.rfft(mean_output)[1])
     gaps = np.concatenate([[0.0], GAPS]) * np.ptp(mean_output)
     through = np.array([np.fft.rfft(_played(mean_output, d))[HARMONICS] / POINTS for d in gaps])
-    left, first_lags = _best_processes(target, sign * through, weight)
+    left, first_lags = _best_processes(target, np.asarray(sign * through, dtype=np.complex128), weight)
     misfit = left / len(HARMONICS)
     best = int(misfit.argmin())
     share = float(misfit[best] / misfit[0]) if misfit[0] > 0 else 1.0
