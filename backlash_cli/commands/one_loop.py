@@ -107,7 +107,8 @@ def model_for(path: Path, record: Record, *, other_loop: bool) -> Model:
         )
     s = record.settings
     for key, kept, now in (("pv_range", model.pv_range, s.pv_range), ("op_range", model.op_range, s.op_range)):
-        if kept is not None and tuple(kept) != tuple(now):
+        # a range guessed from the data gives way to the model's
+        if kept is not None and tuple(kept) != tuple(now) and s.source.get(key) != "data":
             raise UsageError(
                 f"the model's numbers belong to {key} = [{kept[0]:g}, {kept[1]:g}], this record is read with "
                 f"[{now[0]:g}, {now[1]:g}]", where=str(path),

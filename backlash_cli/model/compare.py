@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 from ..record import FloatArray, Note, Record
 from ..results import Comparison, Fitness, FittedEffect, FittedParameter, Model, Region, Series
 from .holdout import better, folds, predicted_by, with_load
+from .holds import why_not
 from .intervals import process_parameters
-from .kept import coefficients_of, kept_model, parts_of, shape_of
+from .kept import apart, coefficients_of, in_ranges_of, kept_model, loads_left_out, parts_of, shape_of
 from .locate import regions
-from .pipeline import Part, Shape, moved_output, regressors
+from .pipeline import Part, Shape, as_tuple, moved_output, regressors
 from .problem import FEWEST_SAMPLES, Problem, problem_from_record
 from .recorder import distance
 from .search import baseline
@@ -27,6 +28,7 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
     is all hold-out; for its own record the hold-out error is the one that the model keeps.
     Raises LoopError when there is nothing to compare (no OP, constant signals, too few samples).
     """
+    record = record if model is None else in_ranges_of(record, model)
     problem = problem_from_record(record)
     plain = better(problem, baseline(problem))
     base = Fitness(plain.rmse, plain.rmse_holdout, process_parameters(problem, plain.fit))
@@ -36,20 +38,25 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
         error = distance(problem, (), predicted)
         return Comparison(
             record.loop, base, base, floor, where_it_fails(record, problem, error, plain.fit.shape), (), 1.0,
-            series_of(record, problem, predicted, plain.fit.shape), notes(problem), record.settings,
+            series_of(record, problem, predicted, plain.fit.shape), notes(problem, record), record.settings,
             kept_model(record, problem, plain.fit, (), plain.rmse_holdout), True,
         )  # fmt: skip
     parts = parts_of(model, problem, float(record.time[0]))
     recorders = tuple(p for p in parts if p.is_recorder)
-    shape, predicted = matched(problem, model, shape_of(model, parts))
+    elsewhere = apart(model, problem, float(record.time[0]))
+    shape, predicted = matched(problem, model, shape_of(model, parts), elsewhere)
     predicted = with_load(problem, problem.measurement, problem.used, predicted, None)
     error = distance(problem, recorders, predicted)
     rmse = float(np.sqrt(np.mean(error[problem.used] ** 2)))
     known = seen_by(model, problem, float(record.time[0]))
-    holdout = error_unseen(problem, model, shape, recorders, known)
+    holdout = error_unseen(problem, model, shape, recorders, known, elsewhere)
     if holdout is None:
         # numbers fitted to these very samples: what the file says, unless numbers were changed for the worse since
         holdout = max(rmse, model.rmse_holdout or 0.0)
+    reasons = () if not np.any(problem.used & ~known) else why_not(
+        problem, model, shape, recorders, plain, holdout,
+        lambda less, of: error_unseen(problem, less, of, recorders, known, elsewhere),
+    )  # fmt: skip
     first = {
         "Kp": FittedParameter(model.Kp, "1"), "tau": FittedParameter(model.tau, "s"),
         "theta": FittedParameter(model.theta, "s"), "offset": FittedParameter(model.offset, "PV span"),
@@ -57,8 +64,8 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
     return Comparison(
         record.loop, base, Fitness(rmse, holdout, first), floor, where_it_fails(record, problem, error, shape),
         tuple(as_given(p) for p in parts), unexplained(holdout, base.rmse_holdout, floor),
-        series_of(record, problem, predicted, shape), notes(problem), record.settings, model, False,
-        float(np.mean(known[problem.used])),
+        series_of(record, problem, predicted, shape), notes(problem, record, model), record.settings, model, False,
+        float(np.mean(known[problem.used])), reasons,
     )  # fmt: skip
 
 
@@ -71,7 +78,7 @@ def seen_by(model: Model, problem: Problem, start: float) -> Mask:
 
 
 def error_unseen(
-    problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], known: Mask
+    problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], known: Mask, other_day: bool = False
 ) -> float | None:
     """Return the error of a kept model on samples that neither its fit nor the matching of offset and start saw.
 
@@ -81,18 +88,23 @@ def error_unseen(
         return None
     squares, count = 0.0, 0
     for left_out in folds(problem, problem.settings.Ti or model.tau):
-        predicted = matched(problem.masked(~left_out), model, shape)[1]
+        predicted = matched(problem.masked(~left_out), model, shape, other_day)[1]
         predicted = with_load(problem, problem.measurement, problem.used, predicted, None)
         error = distance(problem, recorders, predicted)[left_out & problem.used & ~known]
         squares, count = squares + float(error @ error), count + error.size
     return float(np.sqrt(squares / count)) if count else None
 
 
-def matched(problem: Problem, model: Model, shape: Shape) -> tuple[Shape, FloatArray]:
-    """Return the shape with the stem placed as this record begins, and PV predicted with offset and start matched."""
-    c = coefficients_of(model, problem, shape)
+def matched(
+    problem: Problem, model: Model, shape: Shape, other_day: bool = False
+) -> tuple[Shape, FloatArray]:
+    """Return the shape with the stem placed as this record begins, and PV predicted with offset and start matched.
+
+    other_day: the phase of a swing from outside is matched, too.
+    """
 
     def predict(s: Shape) -> tuple[FloatArray, float]:
+        c = coefficients_of(model, problem, s)
         X = regressors(problem, s)
         known = np.concatenate([c, np.zeros(X.shape[1] - len(c))])
         rest = problem.measurement - X @ known
@@ -104,11 +116,19 @@ def matched(problem: Problem, model: Model, shape: Shape) -> tuple[Shape, FloatA
         predicted = X @ known + own @ more
         return predicted, float(np.sum((problem.measurement - predicted)[problem.used] ** 2))
 
+    def best(place: int, name: str, values: FloatArray) -> Shape:
+        tries = [shape.with_values(place, **{name: float(v)}) for v in values]
+        return min([shape, *tries], key=lambda s: predict(s)[1])
+
     for place, part in enumerate(shape.parts):
         for q in part.effect.parameters:
             if q.nuisance and not q.many and not part.is_linear and np.isfinite([q.low, q.high]).all():
-                tries = [shape.with_values(place, **{q.name: float(v)}) for v in np.linspace(q.low, q.high, 9)]
-                shape = min([shape, *tries], key=lambda s: predict(s)[1])
+                shape = best(place, q.name, np.linspace(q.low, q.high, 9))
+        if other_day and part.effect.fitting.phase:
+            # the period of a swing is not known well enough to tell its phase a day later
+            name, turn = part.effect.fitting.phase, np.linspace(-np.pi, np.pi, 16, endpoint=False)
+            shape = best(place, name, turn)
+            shape = best(place, name, as_tuple(shape.parts[place].values[name])[0] + turn / 16.0)
     return shape, predict(shape)[0]
 
 
@@ -143,9 +163,10 @@ def series_of(record: Record, problem: Problem, predicted: FloatArray, shape: Sh
     )  # fmt: skip
 
 
-def notes(problem: Problem) -> tuple[Note, ...]:
+def notes(problem: Problem, record: Record, model: Model | None = None) -> tuple[Note, ...]:
     """Return what a reader should know about the record before believing a model of it."""
-    out = []
+    out = [note for note in record.notes if note.code.startswith("guessed_")]
+    out += () if model is None else loads_left_out(model, problem, float(record.time[0]))
     missing = 1.0 - float(np.mean(problem.used))
     if missing > 0.1:
         out.append(Note("many_gaps", f"{100 * missing:.0f} % of the record is missing or bad", {"share": missing}))

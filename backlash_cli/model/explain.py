@@ -18,7 +18,7 @@ from .fit import Fit, fit
 from .holdout import Tested, better, least_squares, predicted_by, tested
 from .intervals import fitted_effects, process_parameters
 from .judge import judge_for
-from .kept import kept_model, parts_of, shape_of
+from .kept import in_ranges_of, kept_model, parts_of, shape_of
 from .pipeline import Part, moved_process
 from .problem import Problem, problem_from_record
 from .recorder import distance, fitted_problem, recorders
@@ -44,6 +44,7 @@ def explain(
     effects: further effects to try beside the project's own. seed: of the random trials; same seed, same answer.
     Raises LoopError when there is nothing to fit, UsageError for an effect that cannot be fitted.
     """
+    record = record if model is None else in_ranges_of(record, model)
     problem = problem_from_record(record)
     known = {effect.name: effect for effect in (*all_effects(), *map(as_effect, effects), *map(as_effect, add))}
     chosen = [as_effect(effect) for effect in add]
@@ -71,7 +72,7 @@ def explain(
     found = replace(found, final=through_rounding(seen, held, found.final))
     # a valve that sticks hides how PV follows OP, so motion is asked for only when nothing was found
     reason = None if found.final.shape.parts else too_little(seen, base)
-    return assemble(record, problem, seen, base, found, held, by_user, reason)
+    return assemble(record, problem, seen, base, found, held, by_user, reason, model)
 
 
 def as_effect(effect: Effect | str) -> Effect:
@@ -101,6 +102,7 @@ def assemble(
     held: tuple[Part, ...],
     by_user: Sequence[str],
     reason: Note | None,
+    model: Model | None = None,
 ) -> Explanation:
     """Put together all that is reported about a search."""
     plain = better(problem, base)
@@ -134,7 +136,7 @@ def assemble(
         margin=margin(found),
         verdict=reason.message if reason else "",
         reasons=(reason,) if reason else (),
-        warnings=notes(problem),
+        warnings=notes(problem, record, model),
         series=series_of(record, problem, predicted_by(problem, last.fit), last.fit.shape),
         settings=record.settings,
         final=Fitness(last.rmse, last.rmse_holdout, process_parameters(seen, last.fit)),

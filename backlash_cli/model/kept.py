@@ -8,12 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects import EFFECTS, Effect
+from ..effects import EFFECTS, Effect, Stage
 from ..effects.registry import load_effect
 from ..errors import LoopError
-from ..record import FloatArray, Record
+from ..record import FloatArray, Note, Record
 from ..results import Model, ModelEffect
 from .fit import Fit
+from .holds import usual_output
 from .linear import linear_values
 from .pipeline import Part, Shape, as_tuple, in_order
 from .problem import Problem
@@ -40,6 +41,7 @@ def kept_model(record: Record, problem: Problem, fitted: Fit, recorders: Sequenc
         pv_range=record.settings.pv_range,
         op_range=record.settings.op_range,
         rmse_holdout=rmse_holdout,
+        output=usual_output(problem),
     )
 
 
@@ -54,15 +56,49 @@ def reference(effect: Effect) -> str:
     return ""
 
 
+def apart(model: Model, problem: Problem, start: float) -> bool:
+    """True when a record that begins at `start` shares no time with the one that the model was fitted to."""
+    if model.start is None or model.end is None:
+        return False
+    return start > model.end or start + problem.duration <= model.start
+
+
+def of_its_day(effect: Effect) -> bool:
+    """True for a load that nobody measured and that does not come back: it says nothing about another day."""
+    return effect.stage == Stage.LOAD and bool(effect.fitting.linear) and not effect.column and not effect.fitting.phase
+
+
+def loads_left_out(model: Model, problem: Problem, start: float) -> tuple[Note, ...]:
+    """Return what a reader should know about loads of the model that belong to another day than this record."""
+    if not apart(model, problem, start):
+        return ()
+    effects = [load_effect(entry.reference) for entry in model.effects]
+    out = []
+    if gone := [e.name for e in effects if of_its_day(e)]:
+        names = " and ".join(name.replace("_", " ") for name in gone)
+        message = (f"{names} of the model belong{'s' * (len(gone) == 1)} to the time it was fitted to and cannot be "
+                   "foretold: left out here")
+        out.append(Note("loads_of_another_day", message, {"effects": ", ".join(gone)}))
+    if swings := [e.name for e in effects if e.fitting.phase]:
+        message = ("the swing from outside keeps its period and size; where it stood when this record began was "
+                   "matched to this record")
+        out.append(Note("swing_matched", message, {"effects": ", ".join(swings)}))
+    return tuple(out)
+
+
 def parts_of(model: Model, problem: Problem, start: float) -> tuple[Part, ...]:
     """Return the effects of a model as parts, with the times of events moved to a record that begins at `start`.
 
+    Loads that belong to another day are left out (see `loads_left_out`).
     Raises LoopError when a measured column that the model needs is not in the record.
     """
     out = []
     later = 0.0 if model.start is None else start - model.start
+    elsewhere = apart(model, problem, start)
     for entry in model.effects:
         effect = load_effect(entry.reference)
+        if elsewhere and of_its_day(effect):
+            continue
         if entry.column and entry.column not in problem.columns:
             known = ", ".join(problem.columns) or "none"
             raise LoopError(
@@ -88,6 +124,34 @@ def _moved(
         turn = 2.0 * np.pi * later / as_tuple(values["period"])[0] + as_tuple(values[effect.fitting.phase])[0]
         values[effect.fitting.phase] = float(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi)
     return values
+
+
+def in_ranges_of(record: Record, model: Model) -> Record:
+    """Return a record whose ranges were guessed from its data on the ranges of a model; others stay as they are.
+
+    A day on which PV went higher is guessed a longer range; the numbers of a model mean something on their own only.
+    """
+    s = record.settings
+    wanted = {"pv_range": model.pv_range, "op_range": model.op_range}
+    now = {"pv_range": s.pv_range, "op_range": s.op_range}
+    other = {k: (float(v[0]), float(v[1])) for k, v in wanted.items()
+             if v is not None and s.source.get(k) == "data" and tuple(v) != tuple(now[k])}
+    if not other:
+        return record
+    pv, op = (other.get(k, now[k]) for k in ("pv_range", "op_range"))
+    PV, OP = ((span[1] - span[0]) / (was[1] - was[0]) for span, was in ((pv, s.pv_range), (op, s.op_range)))
+
+    def moved(values: FloatArray, was: tuple[float, float], span: tuple[float, float]) -> FloatArray:
+        return (was[0] + (was[1] - was[0]) * values - span[0]) / (span[1] - span[0])
+
+    settings = replace(s, pv_range=pv, op_range=op, K=None if s.K is None else s.K * PV / OP,
+                       Kp=None if s.Kp is None else s.Kp * OP / PV)
+    told = tuple(note for note in record.notes if note.code not in {f"guessed_{key}" for key in other})
+    return replace(
+        record, settings=settings, notes=told, setpoint=moved(record.setpoint, s.pv_range, pv),
+        measurement=moved(record.measurement, s.pv_range, pv),
+        output=None if record.output is None else moved(record.output, s.op_range, op),
+    )
 
 
 def shape_of(model: Model, parts: Sequence[Part]) -> Shape:

@@ -24,7 +24,7 @@ from ..errors import MetadataError, nearest
 from ..results import Model, ModelEffect
 from .toml_page import TomlPage
 
-TIMES, NUMBERS, SPANS = ("start", "end"), ("interval", "rmse_holdout"), ("pv_range", "op_range")
+TIMES, NUMBERS, SPANS = ("start", "end"), ("interval", "rmse_holdout"), ("pv_range", "op_range", "output")
 TOP = ("loop", *TIMES, *NUMBERS, *SPANS, "baseline", "effects")
 BASELINE = {
     "Kp": "static gain [PV span / OP span]",
@@ -129,6 +129,8 @@ def model_text(model: Model) -> str:
     for key, span in (("pv_range", model.pv_range), ("op_range", model.op_range)):
         if span is not None:
             out.append(f"{key} = [{_number(span[0])}, {_number(span[1])}]")
+    if model.output is not None:
+        out.append(f"output = [{_number(model.output[0])}, {_number(model.output[1])}]  # where OP was then [span]")
     if model.rmse_holdout is not None:
         out.append(f"rmse_holdout = {_number(model.rmse_holdout)}  # error on samples the fit did not see")
     out += ["", "[baseline]"]

@@ -23,6 +23,7 @@ def compare_page(c: Comparison) -> str:
     rows.append(["noise floor", error(c.noise_floor), None])
     text = [] if not still_holds(c) else [
         still_holds(c),
+        *(f"Why: {note.message}." for note in c.reasons),
         "The numbers of the model file were kept; only what belongs to this record (offset, start) was matched.",
     ]
     if c.unexplained is not None:

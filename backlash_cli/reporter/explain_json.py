@@ -57,6 +57,7 @@ def comparison(c: Comparison) -> dict[str, Any]:
         "missing_effect": None,
         "where": [_region(r) for r in c.where],
         "unexplained": c.unexplained,
+        "reasons": [_note(n) for n in c.reasons],
         **_tail(c),
     }
 
@@ -130,7 +131,7 @@ def _model(m: Model) -> dict[str, Any]:
         "loop": m.loop, "Kp": m.Kp, "tau": m.tau, "theta": m.theta, "offset": m.offset,
         "effects": [{"effect": e.reference, "column": e.column or None, **e.parameters} for e in m.effects],
         "start": iso_time(m.start), "end": iso_time(m.end), "interval": m.interval,
-        "pv_range": m.pv_range, "op_range": m.op_range,
+        "pv_range": m.pv_range, "op_range": m.op_range, "output": m.output,
     }
 
 

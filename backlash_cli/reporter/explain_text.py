@@ -46,6 +46,8 @@ def comparison_text(c: Comparison, *, verbose: bool = False, colour: bool = Fals
     console.print(table)
     if still_holds(c):
         _say(console, "\n" + still_holds(c))
+        for note in c.reasons:
+            _say(console, "- " + terminal(note.message, 400), indent=2)
     if c.unexplained is not None:
         _say(console, f"\nOf the squared error above the noise, this model leaves {share(c.unexplained)} unexplained.")
     _regions(console, c.where, verbose)

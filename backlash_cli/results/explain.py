@@ -154,7 +154,7 @@ class Model:
     Kp: static gain [PV span / OP span]. tau, theta: seconds. offset: [PV span]. start: epoch seconds of the first
     sample it was fitted to; times within effects count from there. interval: seconds between its samples.
     pv_range, op_range: spans the normalised numbers belong to; None when not known.
-    rmse_holdout: error it had on the record it was fitted to.
+    rmse_holdout: error it had on the record it was fitted to. output: where OP was then, all but 2 % of the time.
     """
 
     loop: str
@@ -169,6 +169,7 @@ class Model:
     pv_range: Interval | None = None
     op_range: Interval | None = None
     rmse_holdout: float | None = None
+    output: Interval | None = None
 
     def without(self, name: str) -> Model:
         """Return the model without the effect called `name`."""
@@ -192,7 +193,8 @@ class Comparison:
     where: worst first. noise_floor: standard deviation of the measurement noise. unexplained: share of the squared
     error above the noise floor that this model leaves, 1 for the baseline. fitted: False when the numbers of the
     model file were kept and only offset and start were matched to the record. seen: share of the samples that the
-    model's numbers were fitted to: 1 for the record it was made from, 0 for another day.
+    model's numbers were fitted to: 1 for the record it was made from, 0 for another day. reasons: why a kept model does
+    no better here than the plain one fitted to this record, as far as that can be seen.
     """
 
     loop: str
@@ -208,6 +210,7 @@ class Comparison:
     model: Model | None = None
     fitted: bool = True
     seen: float = 1.0
+    reasons: tuple[Note, ...] = ()
     details: Mapping[str, object] = field(default_factory=dict)
 
 
