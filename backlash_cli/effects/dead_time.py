@@ -48,6 +48,13 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return newer + fraction * (older - newer)
 
 
+def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
+    """Return the delayed signal for all samples."""
+    from .fast import late
+
+    return values if p[0] == 0.0 else late(values, p[0] / interval)
+
+
 def propose(clues: Clues) -> list[Values]:
     """Return delays from a tenth of the process lag to twice the lag."""
     return [{"theta": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.8, 1.2, 2.0)]
@@ -62,6 +69,7 @@ EFFECT = Effect(
     start=start,
     step=step,
     fitting=Fitting(
+        whole=whole,
         propose=propose,
         siblings=("second_lag",),
         meaning="The process answers {theta} after the valve moves. Give the dead time in the loop's settings and "

@@ -42,7 +42,7 @@ class Clues(Protocol):
 
 
 Propose = Callable[[Clues], Sequence[Values]]
-Whole = Callable[[FloatArray, FloatArray], FloatArray]
+Whole = Callable[[FloatArray, FloatArray, float], FloatArray]
 Interval = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
 
@@ -61,7 +61,7 @@ class Fitting:
     siblings: names of effects that look much alike.
     bounds: (measurement, parameters) -> lowest and highest true value of each sample, for effects of the recorder.
     meaning: what it means in the plant, with {name} of parameters.
-    whole: (values, parameters) -> (samples,), a faster way to the same result as `step` over all samples.
+    whole: (values, parameters, interval) -> (samples,), a faster way to the same result as `step` over all samples.
     on_loads: what loads add goes through this effect as well, as it does through a lag of the process, but not
     through a delay on the way from the valve.
     plausible: False for fitted values that a search should not believe.

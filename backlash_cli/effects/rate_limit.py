@@ -36,6 +36,13 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return 0.5 * (position + end)
 
 
+def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
+    """Return the mean positions for all samples."""
+    from .fast import slew
+
+    return values if p[0] == np.inf else np.asarray(slew(values, p[0] * interval))
+
+
 def propose(clues: Clues) -> list[Values]:
     """Return speeds that cross the output's usual travel in a fraction of the process lag up to many lags."""
     low, high = np.quantile(clues.output, [0.05, 0.95])
@@ -54,6 +61,7 @@ EFFECT = Effect(
     start=start,
     step=step,
     fitting=Fitting(
+        whole=whole,
         propose=propose,
         meaning="The actuator moves no faster than {rate}: large moves of the output arrive late. Check the air "
         "supply, the volume booster and the travel time of the actuator.",

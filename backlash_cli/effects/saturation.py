@@ -30,6 +30,11 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return value
 
 
+def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
+    """Return the positions within the stops for all samples."""
+    return np.clip(values, p[0], p[1])
+
+
 def propose(clues: Clues) -> list[Values]:
     """Return stops at either side that the output passes for a small up to a large share of the time."""
     shares = (0.02, 0.06, 0.12, 0.2, 0.3, 0.45)
@@ -50,6 +55,7 @@ EFFECT = Effect(
     start=start,
     step=step,
     fitting=Fitting(
+        whole=whole,
         propose=propose,
         meaning="The valve meets a stop ({low} to {high}): beyond it the output has no effect. Check the mechanical "
         "stops, the positioner's calibration and the size of the valve.",

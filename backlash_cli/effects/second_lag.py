@@ -33,6 +33,13 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return value + away * state[2]
 
 
+def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
+    """Return the lagged signal for all samples."""
+    from .fast import mean_lag
+
+    return values if p[0] == 0.0 else np.asarray(mean_lag(values, interval / p[0]))
+
+
 def propose(clues: Clues) -> list[Values]:
     """Return further lags from a tenth of the process lag up to the same size."""
     return [{"tau2": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.9)]
@@ -47,6 +54,7 @@ EFFECT = Effect(
     start=start,
     step=step,
     fitting=Fitting(
+        whole=whole,
         propose=propose,
         on_loads=True,
         siblings=("dead_time",),

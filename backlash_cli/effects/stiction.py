@@ -45,7 +45,7 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return stem
 
 
-def whole(values: FloatArray, p: FloatArray) -> FloatArray:
+def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
     """Return the stem position for all command samples."""
     from ..kernels import stick_slip
 

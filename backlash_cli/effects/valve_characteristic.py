@@ -35,6 +35,12 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return flow / math.sqrt(p[1] + (1.0 - p[1]) * flow * flow)
 
 
+def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
+    """Return the flow for all samples."""
+    flow = values if p[0] == 0.0 else np.expm1(p[0] * values) / math.expm1(p[0])
+    return flow if p[1] == 1.0 else flow / np.sqrt(p[1] + (1.0 - p[1]) * flow * flow)
+
+
 def propose(clues: Clues) -> list[Values]:
     """Return gentle to strong curves, bent either way, and linear valves with little to much pipe in series."""
     curved = [{"curvature": c} for c in (-4.0, -2.0, -0.8, 0.8, 2.0, 4.0)]
@@ -53,6 +59,7 @@ EFFECT = Effect(
     start=start,
     step=step,
     fitting=Fitting(
+        whole=whole,
         propose=propose,
         meaning="The gain changes with the opening (curvature {curvature}): the loop is tuned right at one end only. "
         "Linearise it with a characteriser in the controller or positioner, or schedule the gain.",

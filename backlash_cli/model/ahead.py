@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray
-from .noise import Noise, fit_noise, whitener
+from .noise import Noise, whitener
+from .noise_fit import fit_noise
 
 
 def known_load(error: FloatArray, used: NDArray[np.bool_], h: float, noise: Noise, ahead: int) -> FloatArray:

@@ -10,7 +10,8 @@ import numpy as np
 from ..effects import Stage
 from ..record import FloatArray
 from .free import Free, free_numbers, get, put
-from .noise import Noise, Whitener, fit_noise, whitener
+from .noise import Noise, Whitener, whitener
+from .noise_fit import fit_noise
 from .pipeline import Part, Shape, load_regressors, moved_output, moved_process, regressors, spreads
 from .problem import Problem
 from .response import whitened_gains

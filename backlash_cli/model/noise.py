@@ -7,7 +7,6 @@ prediction error holds in closed loop too (Ljung, System Identification, chapter
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numba
@@ -15,9 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray
-
-# what wanders more slowly than this share of the record is no noise about a mean: it is a drift
-SLOWEST = 0.1
 
 
 @dataclass(frozen=True)
@@ -108,48 +104,54 @@ def _gains(used, a1, a2, ratio):
     return gain, weight, log_det
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath={"contract"})
 def _whiten(X, a1, a2, gain, weight):
+    # written for the shortest way from one sample to the next: l' = (a2 - c) l + (b w + c x), w' = a1 w + e (x - l)
     n, m = X.shape
-    out = np.empty((n, m))
+    out = np.empty((m, n)).T
     b = 1.0 - a2
     j = 0
     while j + 4 <= m:
         wa = wb = wc = wd = la = lb = lc = ld = 0.0
         for k in range(n):
-            va = X[k, j] - la
-            vb = X[k, j + 1] - lb
-            vc = X[k, j + 2] - lc
-            vd = X[k, j + 3] - ld
             g1 = gain[k, 0]
-            g2 = gain[k, 1]
+            c = a2 * gain[k, 1] + b * g1
+            rest = a2 - c
+            e = a1 * g1
             s = weight[k]
-            out[k, j] = va * s
-            out[k, j + 1] = vb * s
-            out[k, j + 2] = vc * s
-            out[k, j + 3] = vd * s
-            wa += g1 * va
-            wb += g1 * vb
-            wc += g1 * vc
-            wd += g1 * vd
-            la = a2 * (la + g2 * va) + b * wa
-            lb = a2 * (lb + g2 * vb) + b * wb
-            lc = a2 * (lc + g2 * vc) + b * wc
-            ld = a2 * (ld + g2 * vd) + b * wd
-            wa *= a1
-            wb *= a1
-            wc *= a1
-            wd *= a1
+            xa = X[k, j]
+            xb = X[k, j + 1]
+            xc = X[k, j + 2]
+            xd = X[k, j + 3]
+            out[k, j] = (xa - la) * s
+            out[k, j + 1] = (xb - lb) * s
+            out[k, j + 2] = (xc - lc) * s
+            out[k, j + 3] = (xd - ld) * s
+            na = rest * la + (b * wa + c * xa)
+            nb = rest * lb + (b * wb + c * xb)
+            nc = rest * lc + (b * wc + c * xc)
+            nd = rest * ld + (b * wd + c * xd)
+            wa = (a1 * wa + e * xa) - e * la
+            wb = (a1 * wb + e * xb) - e * lb
+            wc = (a1 * wc + e * xc) - e * lc
+            wd = (a1 * wd + e * xd) - e * ld
+            la = na
+            lb = nb
+            lc = nc
+            ld = nd
         j += 4
     while j < m:
         w = 0.0
         l = 0.0  # noqa: E741
         for k in range(n):
-            v = X[k, j] - l
-            out[k, j] = v * weight[k]
-            w += gain[k, 0] * v
-            l = a2 * (l + gain[k, 1] * v) + b * w  # noqa: E741
-            w *= a1
+            g1 = gain[k, 0]
+            c = a2 * gain[k, 1] + b * g1
+            e = a1 * g1
+            x = X[k, j]
+            out[k, j] = (x - l) * weight[k]
+            new = (a2 - c) * l + (b * w + c * x)
+            w = (a1 * w + e * x) - e * l
+            l = new  # noqa: E741
         j += 1
     return out
 
@@ -176,56 +178,3 @@ def whitener(noise: Noise, used: NDArray[np.bool_], h: float) -> Whitener:
     a1, a2 = float(np.exp(-h / noise.slow)), float(np.exp(-h / noise.fast))
     gain, weight, log_det = _gains(used, a1, a2, noise.ratio)
     return Whitener(a1, a2, gain, weight, float(log_det), int(np.count_nonzero(used)))
-
-
-def fit_noise(error: FloatArray, used: NDArray[np.bool_], h: float, first: Noise) -> Noise:
-    """Return the noise of greatest likelihood for an error (samples,), searched from `first` (Nelder and Mead 1965)."""
-    span = h * len(error)
-    low = np.log([1e-3, 0.5 * h, 0.1 * h])
-    high = np.log([1e3, SLOWEST * span, SLOWEST * span])
-
-    def cost(x: FloatArray) -> float:
-        y = np.clip(x, low, high)
-        white = whitener(Noise(*np.exp(y)), used, h)
-        z = white.one(error)
-        return white.deviance(float(z @ z)) + 100.0 * float(np.sum((x - y) ** 2))
-
-    x = nelder_mead(cost, np.log([first.ratio, first.slow, first.fast]), 0.4, 70)
-    ratio, slow, fast = np.exp(np.clip(x, low, high))
-    return Noise(float(ratio), float(max(slow, fast)), float(min(slow, fast)))
-
-
-def nelder_mead(cost: Callable[[FloatArray], float], x0: FloatArray, size: float, budget: int) -> FloatArray:
-    """Return the point of least cost found by a simplex of start size `size` within `budget` evaluations."""
-    m = len(x0)
-    X = np.vstack([x0, x0 + size * np.eye(m)])
-    f = np.array([cost(x) for x in X])
-    spent = m + 1
-    while spent < budget:
-        order = np.argsort(f, kind="stable")
-        X, f = X[order], f[order]
-        if f[-1] - f[0] < 0.02:
-            break
-        centre = X[:-1].mean(axis=0)
-        reflected = centre + (centre - X[-1])
-        fr = cost(reflected)
-        spent += 1
-        if fr < f[0]:
-            wide = centre + 2.0 * (centre - X[-1])
-            fw = cost(wide)
-            spent += 1
-            X[-1], f[-1] = (wide, fw) if fw < fr else (reflected, fr)
-        elif fr < f[-2]:
-            X[-1], f[-1] = reflected, fr
-        else:
-            near = centre + 0.5 * ((reflected if fr < f[-1] else X[-1]) - centre)
-            fn = cost(near)
-            spent += 1
-            if fn < min(fr, f[-1]):
-                X[-1], f[-1] = near, fn
-            else:
-                X[1:] = X[0] + 0.5 * (X[1:] - X[0])
-                f[1:] = [cost(x) for x in X[1:]]
-                spent += m
-    best: FloatArray = X[int(np.argmin(f))]
-    return best

@@ -16,7 +16,7 @@ from .response import delayed_lag
 ORDER = {stage: i for i, stage in enumerate(Stage)}
 # a load moves PV by less than this [span]
 USUAL_SPAN = 0.5
-MOST_REMEMBERED = 60
+MOST_REMEMBERED, FEW_REMEMBERED = 60, 8
 PLACE = {effect.name: i for i, effect in enumerate(EFFECTS)}
 
 
@@ -78,11 +78,19 @@ def in_order(parts: Sequence[Part]) -> tuple[Part, ...]:
 
 def moved_output(problem: Problem, parts: Sequence[Part]) -> FloatArray:
     """Return the output (samples,) after all effects that are not linear and not of the recorder."""
-    signal = problem.output
-    for part in parts:
-        if not part.is_linear and not part.is_recorder:
+    movers = [part for part in parts if not part.is_linear and not part.is_recorder]
+    if not movers:
+        return problem.output
+    # most trials of a fit change the process or the loads only
+    key = tuple([(part.effect.name, part.column, *part.values.items()) for part in movers])
+    if key not in problem.moved:
+        signal = problem.output
+        for part in movers:
             signal = after(problem, part, signal)
-    return signal
+        while len(problem.moved) >= FEW_REMEMBERED:
+            del problem.moved[next(iter(problem.moved))]
+        problem.moved[key] = signal
+    return problem.moved[key]
 
 
 def packed(part: Part) -> FloatArray:
@@ -97,7 +105,7 @@ def after(problem: Problem, part: Part, signal: FloatArray) -> FloatArray:
     """Return the signal (samples,) after one effect."""
     p = packed(part)
     if part.effect.fitting.whole is not None:
-        return part.effect.fitting.whole(signal, p)
+        return part.effect.fitting.whole(signal, p, problem.interval)
     series: FloatArray | tuple[float, ...] = problem.columns[part.column] if part.column else ()
     return part.effect.apply(signal, p, problem.interval, series=series)
 
@@ -144,6 +152,11 @@ def moved_process(problem: Problem, shape: Shape) -> FloatArray:
     return delayed_lag(moved_output(problem, shape.parts), problem.interval, shape.lag, shape.delay)
 
 
+def beside(columns: Sequence[FloatArray]) -> FloatArray:
+    """Return columns beside each other, (samples, columns), each in one piece of memory."""
+    return np.array(columns).T
+
+
 def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
     """Return the other columns of the prediction, (samples, columns): 1, the forgotten start, holes, and loads.
 
@@ -171,7 +184,7 @@ def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
         kick = np.zeros(n)
         kick[1 : 1 + max(int(shape.lag / h), 1)] = 1.0
         columns += [through([lag], kick, 0.0) for lag in lags]
-    return np.column_stack(columns)
+    return beside(columns)
 
 
 def spreads(problem: Problem, columns: FloatArray) -> FloatArray:
@@ -190,4 +203,4 @@ def spreads(problem: Problem, columns: FloatArray) -> FloatArray:
 
 def regressors(problem: Problem, shape: Shape) -> FloatArray:
     """Return all columns whose sum predicts PV, (samples, columns): moved process, then the others."""
-    return np.column_stack([moved_process(problem, shape), load_regressors(problem, shape)])
+    return beside([moved_process(problem, shape), *load_regressors(problem, shape).T])

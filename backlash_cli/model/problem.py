@@ -36,8 +36,8 @@ class Problem:
     output: OP, straight lines over holes. measurement: PV, 0 where `used` is False. recorded: PV with nan in holes.
     setpoint: SP, held over holes. columns: means of further measured columns up to the next sample, holes interpolated.
     delay: dead time [s] known from the settings, None when the settings give none. holes: where OP is not known.
-    floor: standard deviation of the measurement noise [span], from third differences. memory: load columns by part,
-    shared by problems that differ in their mask only. driven: share of OP's motion that comes from the setpoint or
+    floor: standard deviation of the measurement noise [span], from third differences. memory, moved: load columns and
+    moved outputs by part, shared by problems that differ in their mask only. driven: share of OP's motion that comes from the setpoint or
     the operator. ahead: samples that a loop driven by its load is predicted ahead (see `drive`).
     """
 
@@ -56,6 +56,7 @@ class Problem:
     driven: float = 1.0
     ahead: int = 1
     memory: dict[object, list[FloatArray]] = field(default_factory=dict, repr=False)
+    moved: dict[object, FloatArray] = field(default_factory=dict, repr=False)
 
     @property
     def samples(self) -> int:

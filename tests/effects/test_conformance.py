@@ -66,7 +66,7 @@ def test_a_faster_way_over_the_whole_array_equals_step(effect):
     if effect.fitting.whole is None:
         return
     u, p = signal(), effect.pack(ACTIVE[effect.name])
-    np.testing.assert_allclose(effect.fitting.whole(u, p), effect.apply(u, p, INTERVAL), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(effect.fitting.whole(u, p, INTERVAL), effect.apply(u, p, INTERVAL), rtol=0, atol=1e-13)
 
 
 @each_effect

@@ -151,5 +151,5 @@ def test_fast_valve_kernels_equal_the_steps() -> None:
     ):
         p = effect.pack(values)
         assert effect.fitting.whole is not None
-        assert effect.fitting.whole(u, p) == pytest.approx(effect.apply(u, p, 1.0), abs=1e-15)
+        assert effect.fitting.whole(u, p, 1.0) == pytest.approx(effect.apply(u, p, 1.0), abs=1e-15)
     assert backlash.EFFECT.apply(u, backlash.EFFECT.pack(d=0.05), 1.0) == pytest.approx(gap(u, 0.05))

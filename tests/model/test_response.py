@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.model.clues import lag_adjoint
-from backlash_cli.model.noise import Noise, fit_noise, whitener
+from backlash_cli.model.noise import Noise, whitener
+from backlash_cli.model.noise_fit import fit_noise
 from backlash_cli.model.response import delayed_lag, distinct, respond, whitened_gains
 
 from .loops import process, steps
