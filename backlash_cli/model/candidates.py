@@ -155,7 +155,7 @@ def wander(solver: Solver, shape: Shape, random: np.random.Generator, trials: in
     """Return the best of many random trials around a shape, with a reach that grows on success and shrinks else."""
     free = free_numbers(solver.problem, shape)
     numbers = get(shape, free)
-    own = np.array([f.place >= 0 for f in free])
+    own = np.array([f.place >= 0 and jumpy(shape.parts[f.place].effect) for f in free])
     both = zip(free, numbers, strict=True)
     reach = np.array([0.3 if f.nuisance else 0.08 * max(abs(x), 4.0 * f.step) for f, x in both])
     best = solver.rss(shape)

@@ -12,7 +12,7 @@ from ..record import FloatArray
 from .free import Free, free_numbers, get, put
 from .noise import Noise, Whitener, whitener
 from .noise_fit import fit_noise
-from .pipeline import Part, Shape, load_regressors, moved_output, moved_process, regressors, spreads
+from .pipeline import Part, Shape, beside, load_regressors, moved_output, moved_process, predict, spreads
 from .problem import Problem
 from .response import whitened_gains
 
@@ -57,6 +57,8 @@ class Solver:
         self._others = np.empty((0, 0))
         self._gram = np.empty((0, 0))
         self._cross = np.empty(0)
+        self._x = np.empty(0)
+        self._G = np.empty((0, 0))
 
     def _use(self, shape: Shape) -> None:
         own = [p for p in shape.parts if not on_output(p)]
@@ -85,7 +87,19 @@ class Solver:
         # a trace of damping, so that a column that does nothing gets the coefficient 0
         A[np.diag_indices(m)] += 1e-10
         c = np.linalg.solve(A, scale * b) * scale
+        self._x, self._G = x, G
         return c, max(self._yy - float(c @ (2.0 * b - G @ c)), 1e-300), x
+
+    def cross(self, Z: FloatArray) -> FloatArray:
+        """Return the columns of the shape solved last times those of Z (samples, numbers), (columns, numbers)."""
+        return np.vstack([self._x @ Z, self._others.T @ Z])
+
+    def inverse(self, B: FloatArray) -> FloatArray:
+        """Return (columns, numbers) that the shape solved last turns into B."""
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(self._G), 1e-300))
+        A = self._G * np.outer(scale, scale) + 1e-10 * np.eye(len(scale))
+        out: FloatArray = np.linalg.solve(A, scale[:, None] * B) * scale[:, None]
+        return out
 
     def columns(self, shape: Shape) -> FloatArray:
         """Return the whitened columns of a shape, the moved process first, (samples, columns)."""
@@ -134,12 +148,11 @@ def descend(
     hold: a number that stays as it is.
     """
     held = None if hold is None else (hold.place, hold.name, hold.item)
-    _, rss, rest = solver.rest(shape)
+    rss = solver.rss(shape)
     damping = 1e-2
     for _ in range(rounds):
         free = [f for f in free_numbers(solver.problem, shape) if (f.place, f.name, f.item) != held]
-        J = slopes(solver, shape, rest, free)
-        A, g = J.T @ J, J.T @ rest
+        A, g = curvature(solver, shape, free)
         diagonal = np.maximum(np.diag(A), 1e-12 * max(float(np.max(np.diag(A))), 1e-300))
         numbers = get(shape, free)
         gained = 0.0
@@ -154,8 +167,28 @@ def descend(
             damping = min(damping * 8.0, 1e6)
         if gained < tolerance:
             break
-        _, rss, rest = solver.rest(shape)
+        rss = trial_rss
     return shape
+
+
+def curvature(solver: Solver, shape: Shape, free: list[Free]) -> tuple[FloatArray, FloatArray]:
+    """Return half the Hessian (numbers, numbers) and gradient (numbers,) of the whitened sum of squares.
+
+    The linear numbers follow the searched ones, but what their following does to the slopes in second order is left
+    out (Kaufman, BIT 15, 1975): one column per number instead of a new solution.
+    """
+    c, _, rest = solver.rest(shape)
+    here = predict(solver.problem, shape, c)
+    numbers = get(shape, free)
+    D = []
+    for j, f in enumerate(free):
+        step = f.step if numbers[j] + f.step <= f.high else -f.step
+        moved = numbers.copy()
+        moved[j] += step
+        D.append((predict(solver.problem, put(shape, free, moved), c) - here) / step)
+    Z = solver.white.columns(beside(D))
+    B = solver.cross(Z)
+    return Z.T @ Z - B.T @ solver.inverse(B), -Z.T @ rest
 
 
 def slopes(solver: Solver, shape: Shape, rest: FloatArray, free: list[Free]) -> FloatArray:
@@ -202,5 +235,5 @@ def finished(problem: Problem, shape: Shape, noise: Noise) -> Fit:
 
 def raw_error(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatArray:
     """Return measured minus predicted PV (samples,), 0 where nothing was measured."""
-    error: FloatArray = np.where(problem.used, problem.measurement - regressors(problem, shape) @ coefficients, 0.0)
+    error: FloatArray = np.where(problem.used, problem.measurement - predict(problem, shape, coefficients), 0.0)
     return error

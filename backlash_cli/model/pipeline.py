@@ -10,13 +10,13 @@ import numpy as np
 from ..effects import EFFECTS, Effect, Stage
 from ..effects.fitting import Values
 from ..record import FloatArray
-from .problem import Problem
-from .response import delayed_lag
+from .problem import Hole, Problem
+from .response import delayed_lag, forgotten
 
 ORDER = {stage: i for i, stage in enumerate(Stage)}
 # a load moves PV by less than this [span]
 USUAL_SPAN = 0.5
-MOST_REMEMBERED, FEW_REMEMBERED = 60, 8
+MOST_REMEMBERED, FEW_REMEMBERED = 60, 16
 PLACE = {effect.name: i for i, effect in enumerate(EFFECTS)}
 
 
@@ -163,28 +163,68 @@ def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
     The first 2 + holes columns are the same for every shape; load columns follow in the order of the parts, and
     last, for each further lag of the process, what it has to forget of its start.
     """
+    h, n, tau = problem.interval, problem.samples, shape.lag
+    process = [part for part in shape.parts if part.effect.stage == Stage.PROCESS]
+    lags = [part for part in process if part.effect.fitting.on_loads]
+    columns = [np.ones(n), forgotten(n, h, tau)]
+    for hole in problem.holes:
+        columns.append(delayed_lag(through(problem, process, pulse(problem, hole)), h, tau, shape.delay))
+    for part in shape.parts:
+        if part.is_linear:
+            columns += [delayed_lag(through(problem, lags, c), h, tau, 0.0) for c in load_columns(problem, part)]
+    columns += [delayed_lag(after(problem, lag, kick(problem, tau)), h, tau, 0.0) for lag in lags]
+    return beside(columns)
+
+
+def through(problem: Problem, parts: Sequence[Part], signal: FloatArray) -> FloatArray:
+    """Return the signal (samples,) after some effects."""
+    for part in parts:
+        signal = after(problem, part, signal)
+    return signal
+
+
+def pulse(problem: Problem, hole: Hole) -> FloatArray:
+    """Return 1 within a hole of OP and 0 elsewhere, (samples,)."""
+    out = np.zeros(problem.samples)
+    out[hole.first : hole.last] = 1.0
+    return out
+
+
+def kick(problem: Problem, lag: float) -> FloatArray:
+    """Return a push of about one time constant at the start, (samples,): what a further lag has to forget."""
+    out = np.zeros(problem.samples)
+    out[1 : 1 + max(int(lag / problem.interval), 1)] = 1.0
+    return out
+
+
+def predict(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatArray:
+    """Return predicted PV (samples,): `regressors` times coefficients, with one lag for all that goes through it."""
     h, n = problem.interval, problem.samples
     process = [part for part in shape.parts if part.effect.stage == Stage.PROCESS]
     lags = [part for part in process if part.effect.fitting.on_loads]
-
-    def through(parts: Sequence[Part], signal: FloatArray, delay: float) -> FloatArray:
-        for part in parts:
-            signal = after(problem, part, signal)
-        return delayed_lag(signal, h, shape.lag, delay)
-
-    columns = [np.ones(n), np.exp(-h / shape.lag * np.arange(n))]
-    for hole in problem.holes:
-        pulse = np.zeros(n)
-        pulse[hole.first : hole.last] = 1.0
-        columns.append(through(process, pulse, shape.delay))
+    first_load = 3 + len(problem.holes)
+    place = first_load
+    direct: FloatArray = np.zeros(n)
     for part in shape.parts:
         if part.is_linear:
-            columns += [through(lags, c, 0.0) for c in load_columns(problem, part)]
-    if lags:
-        kick = np.zeros(n)
-        kick[1 : 1 + max(int(shape.lag / h), 1)] = 1.0
-        columns += [through([lag], kick, 0.0) for lag in lags]
-    return beside(columns)
+            for column in load_columns(problem, part):
+                direct += coefficients[place] * column
+                place += 1
+    for lag in lags:
+        direct = after(problem, lag, direct)
+    for lag, size in zip(lags, coefficients[place:], strict=True):
+        direct = direct + size * after(problem, lag, kick(problem, shape.lag))
+    late = coefficients[0] * moved_output(problem, shape.parts)
+    for hole, size in zip(problem.holes, coefficients[3:first_load], strict=True):
+        late += size * through(problem, process, pulse(problem, hole))
+    if shape.delay == 0.0:
+        out = delayed_lag(late + direct, h, shape.lag, 0.0)
+    else:
+        out = delayed_lag(late, h, shape.lag, shape.delay)
+        if place > first_load or lags:
+            out += delayed_lag(direct, h, shape.lag, 0.0)
+    predicted: FloatArray = out + coefficients[1] + coefficients[2] * forgotten(n, h, shape.lag)
+    return predicted
 
 
 def spreads(problem: Problem, columns: FloatArray) -> FloatArray:

@@ -35,6 +35,22 @@ def delayed_lag(u: FloatArray, h: float, tau: float, delay: float) -> FloatArray
     return out
 
 
+@numba.njit(cache=True)
+def forgotten(samples: int, h: float, tau: float) -> FloatArray:
+    """Return exp(-t/tau) at t = 0, h, 2 h ..., (samples,): how a lag forgets its start."""
+    out = np.zeros(samples)
+    decay = np.exp(-h / tau)
+    for first in range(0, samples, 256):
+        # exact again at every block, so that rounding does not add up
+        now = np.exp(-h * first / tau)
+        if now < 1e-300:
+            break
+        for k in range(first, min(first + 256, samples)):
+            out[k] = now
+            now *= decay
+    return out
+
+
 def distinct(taus: FloatArray) -> FloatArray:
     """Return the time constants pushed apart by at least 0.01 %, so that partial fractions exist.
 
