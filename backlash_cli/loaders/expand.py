@@ -36,11 +36,12 @@ def linear(signal: Signal, grid: Grid, limit: float) -> NDArray[np.float64]:
     return out
 
 
-def held(signal: Signal, grid: Grid, limit: float | None, bridge: int) -> NDArray[np.float64]:
+def held(signal: Signal, grid: Grid, limit: float | None, bridge: int, late: int = 0) -> NDArray[np.float64]:
     """The last good record at or before each grid point; nan before the first, after `limit` microseconds, and from
-    a bad record on when no good one follows within `bridge` samples or a few records."""
+    a bad record on when no good one follows within `bridge` samples or a few records. late: microseconds by which a
+    record may be stamped late and still belong to its grid point."""
     stamps, values, good = _records(signal)
-    times = grid.times
+    times = grid.times + late
     if not good.any():
         return np.full(len(times), np.nan)
     known, heights = stamps[good], values[good]

@@ -108,7 +108,9 @@ class Frame:
             limit = max(hold_limit(signal), (self.bridge + 1.5) * self.grid.step)
         if self.options.interpolation == "linear" and role != "mode":
             return linear(signal, self.grid, float("inf") if limit is None else limit)
-        return held(signal, self.grid, limit, self.bridge)
+        # rows stamped now early, now late are still one scan each: PV and OP of a row belong together
+        late = self.grid.step // 2 if self.grid.kind == "jitter" and signal.axis is self.axis else 0
+        return held(signal, self.grid, limit, self.bridge, late)
 
     def _bridged(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Hold a few blank cells, but not across a gap."""

@@ -37,8 +37,8 @@ class Problem:
     setpoint: SP, held over holes. columns: means of further measured columns up to the next sample, holes interpolated.
     delay: dead time [s] known from the settings, None when the settings give none. holes: where OP is not known.
     floor: standard deviation of the measurement noise [span], from third differences. memory, moved: load columns and
-    moved outputs by part, shared by problems that differ in their mask only. driven: share of OP's motion that comes from the setpoint or
-    the operator. ahead: samples that a loop driven by its load is predicted ahead (see `drive`).
+    moved outputs by part, shared by problems that differ in their mask only. driven: share of OP's motion that comes
+    from the setpoint or the operator. ahead: samples that a loop driven by its load is predicted ahead (see `drive`).
     """
 
     loop: str

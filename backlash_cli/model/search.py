@@ -13,7 +13,7 @@ from .fit import Fit, Solver, descend, fit, refit_noise
 from .holdout import better
 from .judge import Judge, judge_for, jumpy
 from .noise import Noise, whitener
-from .pipeline import Part, Shape, as_tuple
+from .pipeline import Part, Shape, moved_process
 from .problem import Problem
 
 # gain in score that an effect must bring, price paid: about what one more value costs twice. Loops with nothing hidden
@@ -24,6 +24,8 @@ MOST_EFFECTS = 4
 WORTH_TELLING = 1.08
 # a short way ahead most of the error is load that nobody can know and noise: there it must be larger at all
 WORTH_AHEAD = 1.002
+# an effect that moves PV by less than this share of its noise does nothing
+NOTHING = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,16 +68,19 @@ def search(problem: Problem, effects: Sequence[Effect], start: Fit, *, seed: int
     judge = judge_for(problem, min(start.shape.lag, problem.settings.Ti or start.shape.lag))
     now = start
     first: dict[str, Fit] = {}
+    known: list[Fit] = []
     while len(now.shape.parts) < MOST_EFFECTS:
         trials = table(problem, judge, now, effects, seed)
         first = first or trials
+        known += trials.values()
         if not trials:
             break
         best = judge.best(list(trials.values()))
         if judge.score(now) - judge.score(best) < ENOUGH:
             break
         now = improve(problem, judge, best, effects, seed) if now.shape.parts else best
-    now, without = prune(problem, judge, now, start)
+        known.append(now)
+    now, without = prune(problem, judge, now, start, known)
     if problem.by_load and without and better(problem, now).rmse_holdout > better(problem, start).rmse_holdout:
         # the likeliest model of a load need not be the one that knows what comes
         now, without = start, {}
@@ -101,28 +106,32 @@ def improve(problem: Problem, judge: Judge, now: Fit, effects: Sequence[Effect],
     return now
 
 
-def idle(part: Part) -> bool:
-    """True when every searched number of an effect has gone back to where the effect does nothing."""
-    numbers = [
-        (np.abs(np.asarray(as_tuple(part.values[q.name])) - q.neutral), q)
-        for q in part.effect.parameters
-        if q.name in part.values and q.name not in part.effect.fitting.linear
-        and not q.many and not q.nuisance and not q.choices and np.isfinite(q.neutral)
-    ]
-    return bool(numbers) and all(np.all(away <= 1e-9 + 1e-6 * abs(q.neutral)) for away, q in numbers)
+def idle(problem: Problem, fitted: Fit, part: Part) -> bool:
+    """True when an effect that is not linear ended where it does nothing: PV is predicted the same without it."""
+    if part.is_linear or part.is_recorder:
+        return False
+    there = Shape(fitted.shape.lag, fitted.shape.delay, tuple(p for p in fitted.shape.parts if not p.is_linear))
+    moved = moved_process(problem, there) - moved_process(problem, there.without(part.effect.name))
+    return float(np.std(moved[problem.used])) * abs(fitted.gain) < NOTHING * problem.floor
 
 
-def prune(problem: Problem, judge: Judge, now: Fit, start: Fit) -> tuple[Fit, dict[str, Fit]]:
+def best_known(judge: Judge, fitted: Fit, known: Sequence[Fit]) -> Fit:
+    """Return the best of a fit and those known with the same effects: slopes alone may end in a poorer valley."""
+    return judge.best([fitted, *(k for k in known if k.shape.names == fitted.shape.names)])
+
+
+def prune(problem: Problem, judge: Judge, now: Fit, start: Fit, known: Sequence[Fit]) -> tuple[Fit, dict[str, Fit]]:
     """Take out effects that are not worth their price, the least worthy first; return also the fits without each."""
     kept = {part.effect.name for part in start.shape.parts}
     while True:
         without = {
-            name: fit(problem, now.shape.without(name), now.noise) for name in now.shape.names if name not in kept
+            name: best_known(judge, fit(problem, now.shape.without(name), now.noise), known)
+            for name in now.shape.names if name not in kept
         }
         worth = {name: judge.score(less) - judge.score(now) for name, less in without.items()}
         # an effect whose numbers ended where it does nothing is no effect, whatever the fit around it gained
         parts = [part for part in now.shape.parts if part.effect.name in worth]
-        worth.update({part.effect.name: -np.inf for part in parts if idle(part)})
+        worth.update({part.effect.name: -np.inf for part in parts if idle(problem, now, part)})
         if worth and min(worth.values()) < ENOUGH:
             now = without[min(worth, key=lambda name: worth[name])]
             continue

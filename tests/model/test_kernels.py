@@ -1,0 +1,88 @@
+"""The fast ways of a fit give what the plain ways give."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backlash_cli.effects.registry import load_effect
+from backlash_cli.model.fit import Solver, curvature, slopes
+from backlash_cli.model.free import free_numbers
+from backlash_cli.model.noise import Noise, whitener
+from backlash_cli.model.noise_fit import deviance, fit_noise
+from backlash_cli.model.pipeline import Part, Shape, predict, regressors
+from backlash_cli.model.problem import problem_from_record
+
+from .loops import loop
+
+STEP = Part(load_effect("load_step"), {"times": (400.0, 900.0), "sizes": (0.0, 0.0)})
+GAP = Part(load_effect("backlash"), {"d": 0.02, "position": 0.3})
+LAG = Part(load_effect("second_lag"), {"tau2": 7.0})
+LATE = Part(load_effect("dead_time"), {"theta": 5.0})
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """Return a loop with a hole of OP and PV."""
+    record = loop(d=0.03, load=0.01)
+    output = record.output.copy()
+    output[300:320] = np.nan
+    found = problem_from_record(replace(record, output=output))
+    assert len(found.holes) == 1
+    return found
+
+
+@pytest.mark.parametrize("parts", [(), (GAP,), (STEP,), (GAP, LAG, STEP), (LATE, STEP)])
+@pytest.mark.parametrize("delay", [0.0, 3.3])
+def test_predicted_pv_is_regressors_times_coefficients(problem, parts, delay):
+    shape = Shape(21.0, delay)
+    for part in parts:
+        shape = shape.with_part(part)
+    X = regressors(problem, shape)
+    c = np.random.default_rng(1).normal(size=X.shape[1])
+    np.testing.assert_allclose(predict(problem, shape, c), X @ c, atol=1e-11)
+
+
+def test_likelihood_in_one_piece_equals_whitening_and_summing(problem):
+    random = np.random.default_rng(2)
+    error = random.standard_normal(problem.samples)
+    used = random.random(problem.samples) > 0.2
+    for ratio, slow, fast in ((1.0, 60.0, 20.0), (0.01, 10.0, 5.0), (30.0, 200.0, 1.0)):
+        white = whitener(Noise(ratio, slow, fast), used, 2.0)
+        z = white.one(error)
+        a1, a2 = np.exp(-2.0 / slow), np.exp(-2.0 / fast)
+        fused = deviance(error, used, int(np.count_nonzero(used)), a1, a2, ratio)
+        assert fused == pytest.approx(white.deviance(float(z @ z)), rel=1e-9)
+
+
+def test_the_noise_found_is_no_worse_than_any_near_it(problem):
+    random = np.random.default_rng(3)
+    n, h = 3000, 2.0
+    load = np.zeros(n)
+    for k in range(1, n):
+        load[k] = 0.98 * load[k - 1] + random.standard_normal()
+    error, used = load + random.standard_normal(n), np.ones(n, dtype=bool)
+    found = fit_noise(error, used, h, Noise(1.0, 30.0, 10.0))
+
+    def cost(noise: Noise) -> float:
+        return deviance(error, used, n, np.exp(-h / noise.slow), np.exp(-h / noise.fast), noise.ratio)
+
+    for factor in (0.7, 1.4):
+        assert cost(found) < cost(Noise(factor * found.ratio, found.slow, found.fast)) + 0.1
+        assert cost(found) < cost(Noise(found.ratio, factor * found.slow, found.fast)) + 0.1
+
+
+@pytest.mark.parametrize("parts", [(), (GAP,), (LAG, STEP)])
+def test_one_column_per_number_points_where_full_slopes_point(problem, parts):
+    shape = Shape(30.0, 0.0)
+    for part in parts:
+        shape = shape.with_part(part)
+    solver = Solver(problem, whitener(Noise(0.5, 60.0, 20.0), problem.used, problem.interval))
+    free = free_numbers(problem, shape)
+    _, _, rest = solver.rest(shape)
+    J = slopes(solver, shape, rest, free)
+    A, g = curvature(solver, shape, free)
+    # the gradient is exact up to the finite steps; the curvature leaves out terms of second order
+    np.testing.assert_allclose(g, J.T @ rest, rtol=0.05, atol=0.02 * np.max(np.abs(J.T @ rest)))
+    assert np.all(np.linalg.eigvalsh(A) > -1e-9 * np.max(np.diag(A)))
+    assert np.all(np.diag(A) < 1.5 * np.diag(J.T @ J)) and np.all(np.diag(A) > 0.3 * np.diag(J.T @ J))
