@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -106,6 +107,11 @@ class ParquetFileColumns:
         self._uses[index] -= 1
         return self._read_ahead[index] if self._uses[index] > 0 else self._read_ahead.pop(index)
 
+    def pieces(self, index: int) -> Iterator[pa.ChunkedArray]:
+        """Yield one column row group by row group."""
+        for group in range(self.file.metadata.num_row_groups):
+            yield self.file.reader.read_row_groups([group], column_indices=[index], use_threads=False).column(0)
+
     def nulls(self, index: int) -> int:
         """Return how many cells of a column are empty, from the statistics in the file where it has them."""
         about = self.file.metadata
@@ -138,6 +144,10 @@ class ParquetColumn(LazyColumn):
     def arrow(self) -> pa.ChunkedArray:
         return self.file.column(self.index)
 
+    def number_parts(self) -> Iterator[NDArray[np.float64]]:
+        """Yield the cells as numbers, some rows at a time."""
+        return (to_numbers(piece).values for piece in self.file.pieces(self.index))
+
 
 class StoredColumn(LazyColumn):
     """One column of a CSV in the store. words: what stood where no plain number stood, in the order of its codes.
@@ -166,6 +176,10 @@ class StoredColumn(LazyColumn):
         flags = np.append(bad, False)[codes]
         tally = Counter({self.words[i].strip()[:40]: int(counts[i]) for i in np.flatnonzero(bad) if counts[i]})
         return Numbers(values, flags if flags.any() else None, tally, unit)
+
+    def number_parts(self) -> Iterator[NDArray[np.float64]]:
+        """Yield the cells as numbers, some rows at a time; only of a column without words."""
+        return self.store.parts(self.slot)
 
     def texts(self) -> tuple[NDArray[np.int64], list[str]]:
         values = self.store.column(self.slot)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from .columns import LazyColumn, StoredColumn
 from .csv_signal import ForeignText, Signal
 from .dialect import Dialect
+from .even import EvenStamps
 from .files import valid_utf8
 from .plain_csv import PlainBlock, PlainLines
 from .store import ColumnStore, Room
@@ -117,20 +118,21 @@ def read_blocks(
     """
     signals = [Signal() for _ in layout.stored]
     store = ColumnStore(room)
-    stamps: list[list[pa.ChunkedArray]] = [[] for _ in layout.stamps]
+    stamps = [EvenStamps() for _ in layout.stamps]
     bad: list[tuple[int, int, int]] = []
     rows = 0
     try:
         for block in _parsed(pieces, layout, threads):
             piece = _piece(block, signals, layout)
             for parts, column in zip(stamps, layout.stamps, strict=True):
-                parts.append(block.columns[column])
+                parts.add(block.columns[column])
             store.add(piece)
             bad += [(rows + number, expected, found) for number, expected, found in block.bad]
             rows += block.rows + len(block.bad)
             if progress is not None:
                 progress(block.size)
-        times = {column: _unified(parts) for column, parts in zip(layout.stamps, stamps, strict=True)}
+        times = {column: parts.column or _unified(parts.parts)
+                 for column, parts in zip(layout.stamps, stamps, strict=True)}
     except ForeignText:
         return None
     place = {column: slot for slot, column in enumerate(layout.stored)}

@@ -9,9 +9,10 @@ import pyarrow as pa
 
 from ..errors import InputError
 from .columns import LazyColumn
+from .even import even_stamps
 from .names import is_time_name, plain, split_tag
 from .options import ReadOptions
-from .series import Axis, LazyAxis
+from .series import Axis, EvenAxis, LazyAxis
 from .tables import Table
 from .times import DAY, NAT, Times, to_times
 
@@ -87,6 +88,9 @@ def _axis(table: Table, column: int, options: ReadOptions) -> Axis:
     if isinstance(cells, LazyColumn):
         kind = cells.type
         if pa.types.is_timestamp(kind) and (kind.tz is not None or not options.timezone):
+            even = even_stamps(cells)
+            if even is not None and even.micros[1]:
+                return EvenAxis(*even.micros, len(even), kind.tz is not None, table.where, table.first_line)
             return LazyAxis(partial(_stamps, cells, options, table.where), kind.tz is not None, table.where)
         cells = cells.arrow()
     return Axis(to_times(cells, table.names[column], options, table.where), table.where, table.first_line)
