@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +26,7 @@ from .results import Confirmation, Estimates, LoopReport, Verdict
 
 OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
 PIECE = 1 << 18  # samples taken at once: what is worked out in between stays small
+DIAGNOSED = 1 << 20  # samples of an oscillation that are looked at, the last ones
 COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
 
 
@@ -37,25 +40,53 @@ class ScanOptions:
 
 
 def scan(record: Record, options: ScanOptions | None = None) -> LoopReport:
-    """Analyse one loop's record and return its report: one LoopScanner update, and what an oscillation looks like.
+    """Analyse one loop's record and return its report."""
+    return scan_blocks(lambda: _pieces(record), options)
 
-    The latter needs the samples themselves, so a LoopScanner alone does not say it.
+
+def scan_blocks(blocks: Callable[[], Iterable[Record]], options: ScanOptions | None = None) -> LoopReport:
+    """Analyse one loop and return its report: LoopScanner updates, and what an oscillation looks like.
+
+    blocks: gives the blocks of its record in time order, each time it is called, of at most PIECE samples. What an
+    oscillation looks like needs the samples themselves, so a LoopScanner alone does not say it; the last DIAGNOSED
+    are looked at.
     """
-    scanner = LoopScanner(record.loop, record.settings, record.start, record.interval, options, keep=False)
-    _feed(scanner, record)
+    scanner: LoopScanner | None = None
+    for block in blocks():
+        if scanner is None:
+            scanner = LoopScanner(block.loop, block.settings, block.start, block.interval, options, keep=False)
+        scanner.update(block)
+    assert scanner is not None, "a record has one block at least"
     second = scanner.second_pass()
     if second is not None:
-        _feed(second, record)
+        for block in blocks():
+            second.update(block)
         scanner = second
     report = scanner.finish()
     if any(reason.code == "oscillation" for reason in report.reasons):
-        return replace(report, reasons=(*report.reasons, diagnose(record).note))
+        return replace(report, reasons=(*report.reasons, diagnose(_last_samples(blocks())).note))
     return report
 
 
-def _feed(scanner: LoopScanner, record: Record) -> None:
-    for first in range(0, max(len(record), 1), PIECE):
-        scanner.update(record.slice(first, first + PIECE) if len(record) > PIECE else record)
+def _pieces(record: Record) -> Iterator[Record]:
+    if len(record) <= PIECE:
+        yield record
+        return
+    for first in range(0, len(record), PIECE):
+        yield record.slice(first, first + PIECE)
+
+
+def _last_samples(blocks: Iterable[Record]) -> Record:
+    """Join the last DIAGNOSED samples of a record."""
+    kept = list(deque(blocks, DIAGNOSED // PIECE))
+    if len(kept) == 1:
+        return kept[0]
+    output = None if kept[0].output is None else np.concatenate([x for b in kept if (x := b.output) is not None])
+    return replace(
+        kept[0], index=np.concatenate([b.index for b in kept]), setpoint=np.concatenate([b.setpoint for b in kept]),
+        measurement=np.concatenate([b.measurement for b in kept]), output=output,
+        state=np.concatenate([b.state for b in kept]), disturbances={},
+    )
 
 
 class LoopScanner:

@@ -21,11 +21,12 @@ from ..errors import BacklashError
 from ..history.unfinished import Unfinished
 from ..loaders.heap import keep_freed_memory
 from ..loaders.join import Joiner
+from ..loaders.long_records import long_record
 from ..loaders.plant import failure
 from ..loaders.recipes import Recipe, read_in_order
 from ..record import Note, Record
 from ..results import LoopReport, Verdict
-from ..scan import ScanOptions, scan
+from ..scan import PIECE, ScanOptions, scan, scan_blocks
 
 Result = TypeVar("Result")
 Item = TypeVar("Item")
@@ -60,8 +61,12 @@ def analyse(
 
 def analyse_loop(record: Record, options: ScanOptions) -> LoopReport:
     """Return the report of one loop; whatever goes wrong in it becomes its reason."""
+    return _analyse(lambda: scan(record, options), record)
+
+
+def _analyse(work: Callable[[], LoopReport], record: Record) -> LoopReport:
     try:
-        return scan(record, options)
+        return work()
     except BacklashError as error:
         return failed(record, Note(error.code, str(error)))
     except Exception as error:  # one loop's failure must not cost the others their report
@@ -120,12 +125,17 @@ def analyse_recipe(
 ) -> LoopReport | Note:
     """Read and analyse one loop; a note says why it could not be read."""
     try:
-        record = recipe.record(joiner)
+        long = long_record(recipe)
+        record = None if long is not None else recipe.record(joiner)
     except BacklashError as error:
         return failure(error, loop=recipe.loop)
     except Exception as error:  # one loop's failure must not cost the others their report
         return _lost(recipe, Note("internal_error", f"reading failed: {type(error).__name__}: {error}"))
-    report = analyse_loop(record, options)
+    if long is not None:
+        report = _analyse(lambda: scan_blocks(partial(long.blocks, PIECE), options), next(long.blocks(2)))
+    else:
+        assert record is not None
+        report = analyse_loop(record, options)
     if keep is not None:
         keep.add(recipe.key, report)
     return report

@@ -133,7 +133,8 @@ def _states(
     if u is not None:
         limit = saturated(u)
         if limit is not None:
-            _mark(state, limit, SampleState.SATURATED, "saturated", "have the output at its limit", notes)
+            state[limit] = SampleState.SATURATED
+            notes.append(marked(SampleState.SATURATED, int(np.count_nonzero(limit)), len(state)))
     if lost:
         missing = ~np.isfinite(y)
         if wild is not None:
@@ -141,6 +142,15 @@ def _states(
             missing &= ~wild
         _mark(state, missing, SampleState.MISSING, "missing", "have no measurement", notes)
     return state, y
+
+
+def marked(value: SampleState, count: int, samples: int) -> Note:
+    """The note of samples that are not used."""
+    code, what = _MARKED[value]
+    return Note(code, f"{count} of {samples} samples {what}; not used", {"samples": float(count)})
+
+
+_MARKED = {SampleState.SATURATED: ("saturated", "have the output at its limit")}
 
 
 def _mark(

@@ -112,10 +112,7 @@ def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
     equal = values[1:] == values[:-1]
     starts, ends = runs(equal)
     lengths = ends - starts
-    # of all new values, how many are repeated at once: a long run counts once, so it does not hide itself
-    fresh = len(values) - int(lengths.sum())
-    p = min(max((len(lengths) + 1.0) / (fresh + 2.0), 1e-4), 1.0 - LEAST_CHANGES / len(equal))
-    limit = max(float(FROZEN_RUN - 1), np.log(FROZEN_CHANCE / len(values)) / np.log(p))
+    limit = _longest_by_chance(len(values), len(lengths), int(lengths.sum()))
     kept = lengths < limit
     if kept.all():
         return None
@@ -127,6 +124,41 @@ def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
     for start, end in zip(starts[~kept], ends[~kept], strict=True):
         out[start : end + 1] = True
     return out
+
+
+def _longest_by_chance(samples: int, stretches: int, repeats: int) -> float:
+    """Repeats in a row that noise still explains. stretches: of repeats; repeats: in all of them."""
+    # of all new values, how many are repeated at once: a long run counts once, so it does not hide itself
+    p = min(max((stretches + 1.0) / (samples - repeats + 2.0), 1e-4), 1.0 - LEAST_CHANGES / (samples - 1))
+    return max(float(FROZEN_RUN - 1), float(np.log(FROZEN_CHANCE / samples) / np.log(p)))
+
+
+class Repeats:
+    """Counts the repeats of a long signal piece by piece, to know whether `frozen` could find anything in it."""
+
+    def __init__(self) -> None:
+        self.samples = self.stretches = self.total = self.longest = self._open = 0
+        self._last = np.empty(0)
+
+    def add(self, values: NDArray[np.float64]) -> None:
+        """Take the next samples."""
+        joined = np.concatenate([self._last, values])
+        starts, ends = runs(joined[1:] == joined[:-1])
+        lengths = ends - starts
+        self.samples += len(values)
+        self.total += int(lengths.sum())
+        goes_on = len(starts) > 0 and starts[0] == 0 and self._open > 0
+        self.stretches += len(starts) - goes_on
+        if goes_on:
+            lengths[0] += self._open
+        self.longest = max(self.longest, int(lengths.max(initial=0)))
+        self._open = int(lengths[-1]) if len(ends) and ends[-1] == len(joined) - 1 else 0
+        self._last = values[-1:]
+
+    def may_be_frozen(self) -> bool:
+        """Is there a stretch that noise does not explain?"""
+        return self.samples >= 2 * LEAST_CHANGES and self.longest >= _longest_by_chance(
+            self.samples, self.stretches, self.total)
 
 
 def _stands_still(values: NDArray[np.float64]) -> bool:

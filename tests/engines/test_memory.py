@@ -12,3 +12,8 @@ def test_a_file_three_times_as_long_takes_hardly_more_memory(tmp_path):
     more = (long.stat().st_size - short.stat().st_size) / (1 << 20)
     assert loops == same == 120
     assert more > 80.0 and after - before < 0.3 * more  # kept whole, it would be three times the difference
+
+
+def test_a_record_three_times_as_long_takes_hardly_more_memory(tmp_path):
+    (_, before, _), (_, after, _) = (peak_of(write(tmp_path / "plant.csv", 1, days, kinds=1)) for days in (13.0, 39.0))
+    assert after - before < 60.0  # [MB]; kept whole, its 2.2 million samples more would take 250
