@@ -9,7 +9,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from .errors import BacklashError
+from .estimator.assumed_setpoint import at_mean, with_constant_setpoint
 from .estimator.diagnosis import WORDS, Diagnosis, diagnose
 from .estimator.identify import identify
 from .estimator.quality import Quality, data_quality
@@ -91,13 +94,14 @@ class CheckResult:
 
 def check_loop(record: Record) -> LoopCheck:
     """Judge one loop's data and compare its settings with those that the data show."""
+    record = with_constant_setpoint(record)
     identified = identify(record)
     settings = record.settings
     Ti = settings.Ti
     notes = check_settings(settings, identified)
     if not isinstance(identified, Note) and (Ti is None or any(n.code in _OF_TI for n in notes)):
         Ti = identified.Ti.value
-    diagnosis = diagnose(record)
+    diagnosis = diagnose(record if np.isfinite(record.setpoint).any() else at_mean(record) or record)
     first, last = record.time[[0, -1]].tolist() if len(record) else (None, None)
     return LoopCheck(
         record.loop,

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .estimator.assumed_setpoint import like, with_constant_setpoint
 from .estimator.carry import CarryRecorder
 from .estimator.carry_bytes import pack
 from .estimator.clusters import densest
 from .estimator.compensator import recommend
 from .estimator.confirm import ConfirmationScanner
-from .estimator.diagnosis import diagnose
+from .estimator.cycle_verdict import says_of_cycles, with_oscillation
 from .estimator.haegglund import DEFAULT_KP, ErrorScanner, HalfPeriods, error_scanner, estimate
 from .estimator.identify import settings_of
 from .estimator.law_check import check_quickly
@@ -49,23 +50,31 @@ def scan_blocks(blocks: Callable[[], Iterable[Record]], options: ScanOptions | N
 
     blocks: gives the blocks of its record in time order, each time it is called, of at most PIECE samples. What an
     oscillation looks like needs the samples themselves, so a LoopScanner alone does not say it; the last DIAGNOSED
-    are looked at.
+    are looked at. Where no setpoint was recorded and the output shows that it stood still, it is taken as constant.
     """
-    scanner: LoopScanner | None = None
-    for block in blocks():
-        if scanner is None:
-            scanner = LoopScanner(block.loop, block.settings, block.start, block.interval, options, keep=False)
-        scanner.update(block)
-    assert scanner is not None, "a record has one block at least"
+    scanner = _fed(blocks, options)
+    if not scanner.has_setpoint:
+        held = with_constant_setpoint(_last_samples(blocks()))
+        if np.isfinite(held.setpoint).any():
+            recorded, blocks = blocks, lambda: (like(held, block) for block in recorded())
+            scanner = _fed(blocks, options)
     second = scanner.second_pass()
     if second is not None:
         for block in blocks():
             second.update(block)
         scanner = second
     report = scanner.finish()
-    if any(reason.code == "oscillation" for reason in report.reasons):
-        return replace(report, reasons=(*report.reasons, diagnose(_last_samples(blocks())).note))
-    return report
+    return with_oscillation(report, _last_samples(blocks())) if says_of_cycles(report) else report
+
+
+def _fed(blocks: Callable[[], Iterable[Record]], options: ScanOptions | None) -> LoopScanner:
+    scanner: LoopScanner | None = None
+    for block in blocks():
+        if scanner is None:
+            scanner = LoopScanner(block.loop, block.settings, block.start, block.interval, options, keep=False)
+        scanner.update(block)
+    assert scanner is not None, "a record has one block at least"
+    return scanner
 
 
 def _pieces(record: Record) -> Iterator[Record]:
@@ -135,6 +144,11 @@ class LoopScanner:
             self._carry.update(block)
         if self._confirm is not None:
             self._confirm.update(block)
+
+    @property
+    def has_setpoint(self) -> bool:
+        """Whether a setpoint was recorded with any sample taken so far."""
+        return bool(self._survey.numbers[WITH_SETPOINT])
 
     @property
     def used(self) -> int:
@@ -230,7 +244,7 @@ class LoopScanner:
                         f"{self.settings.Ti:g} s; at most {COARSEST * self.settings.Ti:g} s are needed")
         if self.used < 2:
             return Note("insufficient_data", f"only {self.used} usable samples")
-        if not self._survey.numbers[WITH_SETPOINT]:
+        if not self.has_setpoint:
             return Note("no_setpoint", "no setpoint (SP) in the data: without it there is no control error to judge")
         return None
 

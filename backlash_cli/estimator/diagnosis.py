@@ -58,6 +58,7 @@ CLOCKWORK = 0.9  # the same for a cycle that is no sine
 FORGETS = 0.6  # share of the first peak of the autocorrelation that is left five periods on, near a stability limit
 NEARLY_SINE = 0.04  # harmonics over the fundamental; noise through a resonance makes no more in ten cycles
 ENOUGH_CYCLES = 10
+PROPORTIONAL = 20.0  # degrees of lag by integral action in a cycle that does not need it; stick-slip has above 27
 SUM_OF_BOTH = (
     "the size given by eq. (15) is backlash plus stiction band: both stop the valve until OP has moved that far, and "
     "this estimate cannot tell one from the other"
@@ -66,6 +67,8 @@ WORDS = {
     "none": "the loop does not oscillate regularly",
     "stiction": "looks like stiction: the valve sticks and slips",
     "backlash_integrating": "looks like backlash or sticking in an integrating loop, which cycles with integral action",
+    "tight_nonlinear": "looks like a loop that proportional action alone keeps cycling, tuned too hard, with a cycle "
+    "that no linear loop makes: a dead zone or sticking in the valve, or the process itself, bends it",
     "aggressive_tuning": "looks like a loop close to its stability limit: the controller is tuned too hard",
     "external": "looks like an oscillation from outside the loop (or a controller exactly at its stability limit)",
     "setpoint": "follows an oscillating setpoint: the source is the master loop or further up",
@@ -162,16 +165,18 @@ def _decide(says: dict[str, str], error: Wave, cycle: CycleTest | None) -> str:
         return _by_shape(says, error)
     if says["mean_cycle"] == "gap" and says["symmetry"] != "not stiction":
         return "backlash_integrating" if cycle.integrating else "stiction" if cycle.levels_off else "unclear"
+    if _smooth(says):
+        if says["persistence"] == "external":
+            return "external"
+        resonance = error.sustained < FORGETS * error.height and error.height > LEAST_HEIGHT
+        sine = cycle.harmonics < NEARLY_SINE and cycle.cycles >= ENOUGH_CYCLES
+        return "aggressive_tuning" if resonance and sine else "unclear"
     if says["mean_cycle"] == "neither":
+        if cycle.integral_phase < PROPORTIONAL and error.sustained > LASTING:
+            return "tight_nonlinear"
         clockwork = error.sustained > CLOCKWORK and error.height > CLOCKWORK
         return "external" if clockwork else "unclear"
-    if cycle.misfit > EXPLAINED or not _smooth(says):
-        return "unclear"
-    if says["persistence"] == "external":
-        return "external"
-    resonance = error.sustained < FORGETS * error.height and error.height > LEAST_HEIGHT
-    sine = cycle.harmonics < NEARLY_SINE and cycle.cycles >= ENOUGH_CYCLES
-    return "aggressive_tuning" if resonance and sine else "unclear"
+    return "unclear"
 
 
 def _smooth(says: dict[str, str]) -> bool:

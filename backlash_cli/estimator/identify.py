@@ -48,7 +48,8 @@ def settings_of(survey: Survey) -> Identification | Note:
     levels = [level for number in range(LEVELS) if (level := law_rows(survey, number)) is not None]
     if not levels:
         return Note(
-            "too_short", f"fewer than {LEAST_ROWS} usable samples with output: K and Ti cannot be read from them"
+            "too_short",
+            f"fewer than {LEAST_ROWS} usable samples with setpoint, PV and output: K and Ti cannot be read from them",
         )
     found = find_settings(levels, survey.interval)
     if isinstance(found, Note) or numbers[USED_FILLED] <= MOSTLY_OWN * numbers[USED]:

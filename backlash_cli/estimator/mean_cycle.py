@@ -42,6 +42,7 @@ class CycleTest:
 
     left: share of it that remains with the best gap. d: that gap [span of output]. first_lag: lag [periods] of the
     process that fits then. cycles: number averaged. harmonics: all above the first, over the first.
+    integral_phase: lag of OP behind proportional action [degrees]; 90 is integral action alone.
     symmetric: the second half of a cycle repeats the first upside down, as it does behind a gap or a sticking valve.
     """
 
@@ -52,6 +53,7 @@ class CycleTest:
     cycles: int
     harmonics: float
     symmetric: bool
+    integral_phase: float
 
     @property
     def evidence(self) -> float:
@@ -103,7 +105,13 @@ def compare_mean_cycle(
     even = float(np.mean((np.abs(target) ** 2 / np.maximum(scatter, 1e-300))[EVEN]))
     lopsided = even > EVEN_SURE and float(np.sqrt(np.sum(size[EVEN] ** 2))) > EVEN_LARGE
     return CycleTest(float(misfit[0]), share, float(gaps[best]), float(first_lags[best]), n,
-                     float(np.sqrt(np.sum(size[1:] ** 2))), not lopsided)
+                     float(np.sqrt(np.sum(size[1:] ** 2))), not lopsided,
+                     _integral_phase(target[0], sign * np.fft.rfft(mean_output)[1]))
+
+
+def _integral_phase(pv: complex, op: complex) -> float:
+    """Degrees by which OP, turned to a positive K, lags -PV."""
+    return float(-np.degrees(np.angle(-op * np.conj(pv))))
 
 
 def _action(pv: complex, op: complex) -> float:
