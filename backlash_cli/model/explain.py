@@ -24,6 +24,7 @@ from .problem import Problem, problem_from_record
 from .recorder import distance, fitted_problem, recorders
 from .rounding import rounded, through_rounding
 from .search import ENOUGH, Found, baseline, search
+from .why import marked, with_reasons
 
 # PV must move by this many times its noise before anything can be said about how it follows OP
 LEAST_MOTION = 3.0
@@ -117,7 +118,10 @@ def assemble(
     last = ladder[-1][1] if ladder else plain
     fitted = {e.effect: e for e in fitted_effects(seen, found.final, held, careful=not rounded(seen, held))}
     names = [*(p.effect.name for p in held), *order]
-    candidates = tried(problem, seen, found, plain, names)
+    gain, alikes = found.final.gain, alike(found)
+    siblings = {part.effect.name: part.effect.fitting.siblings for part in found.final.shape.parts}
+    candidates = with_reasons(problem, gain, tried(problem, seen, found, plain, names), names, alikes, siblings, reason,
+                              ENOUGH)
     before = distance(problem, (), predicted_by(problem, plain.fit))
     error = distance(problem, held, predicted_by(problem, last.fit))
     where = where_it_fails(record, problem, error, last.fit.shape)
@@ -127,12 +131,12 @@ def assemble(
         noise_floor=problem.floor,
         candidates=candidates,
         steps=tuple(steps),
-        effects=tuple(fitted[n] for n in names),
+        effects=marked(problem, gain, (fitted[n] for n in names)),
         missing_effect=names[0] if names else None,
         where=where,
         where_before=where_it_fails(record, problem, before, plain.fit.shape),
         unexplained=unexplained(last.rmse_holdout, plain.rmse_holdout, problem.floor),
-        look_alikes=alike(found),
+        look_alikes=alikes,
         margin=margin(found),
         verdict=reason.message if reason else "",
         reasons=(reason,) if reason else (),

@@ -75,7 +75,8 @@ def effect_sections(effects: Sequence[FittedEffect], settings: LoopSettings, ser
         return []
     start = None if series is None else float(series.time[0])
     parts = [
-        Section(plain_name(e.effect).capitalize(), text=[meaning(e, settings, start)],
+        Section(plain_name(e.effect).capitalize(),
+                text=[meaning(e, settings, start), *(f"Take care: {note.message}." for note in e.notes)],
                 table=Table(["Parameter", "What it is", "Value"],
                             [[name, e.parameters[name].meaning if name in e.parameters else "measured column", said]
                              for name, said in numbers(e, settings, start).items()]))

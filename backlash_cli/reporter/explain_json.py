@@ -111,12 +111,12 @@ def _numbers(found: FittedEffect | Candidate) -> dict[str, Any]:
 def _candidate(c: Candidate) -> dict[str, Any]:
     return {
         "effect": c.effect, "rmse_holdout": c.rmse_holdout, "error_reduction": c.error_reduction, **_numbers(c),
-        "evidence": c.evidence, "verdict": c.verdict,
+        "evidence": c.evidence, "verdict": c.verdict, "why": None if c.why is None else _note(c.why),
     }
 
 
 def _effect(f: FittedEffect) -> dict[str, Any]:
-    return {"effect": f.effect, **_numbers(f), "sentence": f.sentence}
+    return {"effect": f.effect, **_numbers(f), "sentence": f.sentence, "notes": [_note(n) for n in f.notes]}
 
 
 def _region(r: Region) -> dict[str, Any]:

@@ -132,6 +132,8 @@ def _effects(console: Console, found: Comparison | Explanation) -> None:
         said = ", ".join(f"{name} = {text}" for name, text in numbers(effect, found.settings, start).items())
         _say(console, f"{plain_name(effect.effect)}: {said}", indent=2)
         _say(console, terminal(meaning(effect, found.settings, start)), indent=4)
+        for note in effect.notes:
+            _say(console, terminal(f"Take care: {note.message}."), indent=4)
 
 
 def _candidates(console: Console, e: Explanation, verbose: bool) -> None:

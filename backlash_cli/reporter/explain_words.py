@@ -12,6 +12,22 @@ from .words import duration, moment
 ABOUT = 0.1  # errors closer than this share say the same
 MUCH = 2.0  # error over noise from which "nothing is missing" needs a word more
 
+NOT_TRIED, NOT_EXPLAINED = "not_tried", "not_explained"
+# why an effect that was tried is not in the model, by code
+WHY = {
+    "no_better_prediction": "unseen samples predicted no better",
+    "little_evidence": "better, but no more than chance may give",
+    "other_explains": "another effect explains the same error better",
+    "look_alike": "a look-alike was taken, cannot be told apart",
+    "look_alike_better": "a look-alike fits better",
+    "below_resolution": "smaller than the recording shows",
+    "fits_nothing": "fits best where it does nothing",
+    "op_never_turns": "OP never turns back",
+    "too_little_motion": "too little motion to tell",
+    NOT_TRIED: "nothing pointed to it",
+    NOT_EXPLAINED: "loop could not be explained",
+}
+
 
 def error_size(value: float | None) -> str:
     """An error in per cent of the measurement span with three digits, e.g. '0.812 %'."""
@@ -58,6 +74,8 @@ def candidate_verdict(explanation: Explanation, candidate: Candidate) -> str:
     for accepted, other in explanation.look_alikes:
         if candidate.effect == other:
             return f"looks like {plain_name(accepted)}"
+    if candidate.why is not None:
+        return WHY.get(candidate.why.code, candidate.verdict)
     return candidate.verdict
 
 

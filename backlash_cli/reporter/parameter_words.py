@@ -13,6 +13,7 @@ from .safe import terminal
 
 SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
 A_DATE = 1e8  # epoch seconds (1973); a record that counts its seconds from zero stays below
+UNKNOWN = 1e4  # an interval this many times wider than its value says nothing
 SWITCH = "0 or 1"  # unit of a parameter that is on or off
 
 
@@ -40,7 +41,9 @@ def quantity(
     if brief:
         return said + short
     said += unit
-    if math.isfinite(low) and math.isfinite(high):
+    if math.isfinite(low) and math.isfinite(high) and high - low > UNKNOWN * max(abs(p.value), 1e-9):
+        said += " (95 %: not known from this record)"
+    elif math.isfinite(low) and math.isfinite(high):
         digits = _digits(0.0, (high - low) * scale)
         said += f" (95 %: {low * scale:.{digits}f} to {high * scale:.{digits}f}{short.partition(' per ')[0]})"
     return said + _engineering(p, stage, settings)
@@ -126,9 +129,27 @@ def numbers(
     """What to show of an effect: parameter name -> value with unit and interval; the start of the record left out."""
     shown = {"column": terminal(effect.column, 60)} if effect.column else {}
     for name, p in effect.parameters.items():
-        if not p.nuisance and not (isinstance(p.value, float) and math.isinf(p.value)):
+        off = p.unit == SWITCH and not p.value
+        if not p.nuisance and not off and not (isinstance(p.value, float) and math.isinf(p.value)):
             shown[name] = quantity(p, effect.stage, settings, start, brief=brief)
     return shown
+
+
+def several(effect: FittedEffect, settings: LoopSettings) -> str:
+    """An effect of several events in few words: how many, and the largest; empty for any other.
+
+    >>> times, sizes = FittedParameter((60.0, 90.0), "s"), FittedParameter((0.02, -0.031), "OP span")
+    >>> several(FittedEffect("load_step", {"times": times, "sizes": sizes}), LoopSettings())
+    'at 2 times, up to -3.10 %'
+    """
+    lists = [p for p in effect.parameters.values() if isinstance(p.value, tuple) and not p.nuisance]
+    amounts = [(v, p) for p in lists if p.unit != "s" and isinstance(p.value, tuple) for v in p.value]
+    if len(lists) < 2 or not amounts:
+        return ""
+    value, p = max(amounts, key=lambda one: abs(one[0]))
+    count = len(amounts)
+    largest = quantity(FittedParameter(value, p.unit), effect.stage, settings, brief=True)
+    return f"at {count} time{'s' * (count != 1)}, {'up to' if count != 1 else 'by'} {largest}"
 
 
 def meaning(effect: FittedEffect, settings: LoopSettings, start: float | None = None) -> str:

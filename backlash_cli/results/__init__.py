@@ -13,6 +13,7 @@ from .explain import (
     Region,
     Series,
     Step,
+    gap_size,
 )
 from .scan import Cluster, Compensator, Confirmation, Estimate, Estimates, LoopReport, ScanResult, Verdict
 
@@ -37,4 +38,5 @@ __all__ = [
     "Series",
     "Step",
     "Verdict",
+    "gap_size",
 ]

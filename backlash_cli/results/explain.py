@@ -38,7 +38,7 @@ class FittedEffect:
     """One accepted effect with its numbers, as fitted together with the others.
 
     column: measured column it uses, if any. sentence: what the effect is. meaning: what it says about this plant, with
-    {name} where a parameter belongs. stage: command, valve, process, load or sensor.
+    {name} where a parameter belongs. stage: command, valve, process, load or sensor. notes: where its size is small.
     """
 
     effect: str
@@ -47,6 +47,7 @@ class FittedEffect:
     sentence: str = ""
     meaning: str = ""
     stage: str = ""
+    notes: tuple[Note, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Candidate:
     """One effect tried at the first step: how far it alone lowers the error on samples the fit did not see.
 
     error_reduction: share of the squared hold-out error of the baseline that goes, 0..1. evidence: difference of the
-    information criterion, positive in favour of the effect. verdict: "accepted", "look-alike", "not needed" ...
+    information criterion, positive in favour of the effect. verdict: "accepted", "not needed". why: why not.
     """
 
     effect: str
@@ -67,6 +68,15 @@ class Candidate:
     sentence: str = ""
     meaning: str = ""
     stage: str = ""
+    why: Note | None = None
+
+
+def gap_size(effect: Candidate | FittedEffect) -> float | None:
+    """Return the size of a gap that OP must cross in the valve [span], None for an effect that is no gap."""
+    if effect.stage != "valve":
+        return None
+    sizes = [p.value for p in effect.parameters.values() if p.unit == "span" and not p.nuisance and not p.level]
+    return sizes[0] if sizes and isinstance(sizes[0], float) else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,67 @@
+"""In how many loops each effect was found, and why not in the others: counted, told once, the same in all forms."""
+
+import csv
+import io
+import json
+from dataclasses import replace
+
+from backlash_cli.record import LoopSettings, Note
+from backlash_cli.reporter.explain_summary import to_csv, to_json, to_page, to_text
+from backlash_cli.reporter.explain_tally import reason, silent_words, tallies, valve_reason
+from backlash_cli.reporter.parameter_words import quantity
+from backlash_cli.results import Candidate, FittedParameter, PlantExplanation
+from tests.reporter.explanations import backlash, explanation, nothing
+
+SMALL = Note("small_gap", "0.6 % of span is less than a good valve may have")
+STILL = Note("too_little_motion", "PV follows OP by only 1.2 times its noise")
+
+
+def tried(name, code, evidence, *, size=0.02):
+    found = Candidate(name, 0.03, 0.0, {"d": FittedParameter(size, "span")}, evidence=evidence, stage="valve")
+    return replace(found, why=Note(code, f"because {code}"))
+
+
+def plant():
+    found = explanation("FIC1")
+    found = replace(found, effects=(replace(backlash(), notes=(SMALL,)),),
+                    candidates=(*found.candidates[:1], tried("stiction", "look_alike", 300.0)))
+    none = replace(nothing("FIC2"), candidates=(tried("backlash", "no_better_prediction", -5.0),
+                                                tried("stiction", "below_resolution", -1.0)))
+    still = replace(nothing("FIC3"), reasons=(STILL,), candidates=(tried("backlash", "too_little_motion", 1.0),))
+    lost = Note("constant_signal", "FIC4: OP is constant", {"loop": "FIC4"})
+    return PlantExplanation((found, none, still), (lost,), ("plant.csv",))
+
+
+def test_gaps_are_counted_together_and_each_alone():
+    together, one, other = tallies(plant())
+    assert together.name == "backlash or stiction" and together.loops == together.small == ("FIC1",)
+    # of two that were tried the likelier one gives the reason
+    assert together.why == {"below_resolution": 1, "too_little_motion": 1, "not_explained": 1}
+    assert one.name == "backlash" and one.why == {
+        "no_better_prediction": 1, "too_little_motion": 1, "not_explained": 1}
+    assert other.name == "stiction" and other.loops == () and other.total == 4
+    said = "Of 4 loops, in 1 PV moves too little to tell and 1 could not be explained."
+    assert silent_words(plant()).startswith(said)
+    assert silent_words(PlantExplanation(plant().loops[:2])) == ""
+    assert reason(plant().loops[1], ["dead_time"])[0] == "not_tried"
+    assert valve_reason(plant().loops[0]) is None and valve_reason(plant().loops[1])[0] == "below_resolution"
+
+
+def test_all_forms_say_the_same():
+    text = " ".join(to_text(plant()).split())
+    assert "backlash or stiction 1 1 smaller than the recording shows" in text
+    assert f"Found, but small: FIC1: {SMALL.message}" in text and "(small)" in text
+    assert max(map(len, to_text(plant()).splitlines())) <= 100
+    told = json.loads(to_json(plant()))["effects"][0]
+    assert told["accepted"] == 1 and told["of"] == 4 and told["small"] == ["FIC1"] and told["not_accepted"]
+    one, two, three, four = csv.DictReader(io.StringIO(to_csv(plant())))
+    assert one["gap_small"] == SMALL.message and one["no_gap"] == ""
+    assert two["no_gap"] == "below_resolution" and two["no_gap_because"] == "because below_resolution"
+    assert three["no_gap"] == "too_little_motion" and four["failure"] == "FIC4: OP is constant"
+    page = to_page(plant())
+    assert "Why found, why not" in page and "smaller than the recording shows" in page
+
+
+def test_an_interval_that_says_nothing_is_not_a_number():
+    endless = FittedParameter(0.25, "span", (-8e16, 8e16))
+    assert quantity(endless, "valve", LoopSettings()) == "25 % of OP span (95 %: not known from this record)"
