@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from statistics import NormalDist
 
 import numpy as np
@@ -26,10 +27,16 @@ def densest(d: FloatArray) -> Cluster | None:
     high = np.searchsorted(values, values * (1 + CLOSE), "right")
     best = int(np.argmax(high - low))
     members = values[low[best] : high[best]]
-    centre = float(np.median(members))
-    q1, q3 = np.percentile(members, [25, 75])
-    return Cluster(centre, median_interval(members), float((q3 - q1) / centre), len(members),
+    q1, centre, q3 = (_quantile(members, q) for q in (0.25, 0.5, 0.75))
+    return Cluster(centre, median_interval(members), (q3 - q1) / centre, len(members),
                    len(members) / len(values))
+
+
+def _quantile(ordered: FloatArray, q: float) -> float:
+    """Quantile of values in order, straight between neighbours: what numpy gives, in a tenth of the time."""
+    at = q * (len(ordered) - 1)
+    low = int(at)
+    return float(ordered[low] + (at - low) * (ordered[min(low + 1, len(ordered) - 1)] - ordered[low]))
 
 
 def median_interval(values: FloatArray, level: float = 0.95) -> tuple[float, float]:
@@ -40,6 +47,7 @@ def median_interval(values: FloatArray, level: float = 0.95) -> tuple[float, flo
     return float(values[low]), float(values[n - 1 - low])
 
 
+@lru_cache
 def _binomial_quantile(n: int, probability: float) -> int:
     """Return the smallest k with P(X <= k) >= probability, X binomial (n, 1/2); normal beyond n = 1000."""
     if n > 1000:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..record import FloatArray, IntArray, Note, Record, SampleState
+from .quality_notes import quality_notes
 from .recording import Storage, fast_noise, reversals, stored_as
 from .survey import (
     FIRST,
@@ -38,7 +39,7 @@ class Quality:
     samples_per_Ti: None when Ti is not known. gaps: holes in time of more than one sample, longest_gap [s].
     pv, op: how the recorder stored the signals (op None without output). setpoint_moves: share of samples at which
     the setpoint differs from the one before. setpoint_range, output_range: largest less smallest usable value.
-    output_reversals_per_hour: turns by more than noise and rounding.
+    output_reversals_per_hour: turns by more than noise and rounding, None where they were not counted.
     """
 
     samples: int
@@ -74,17 +75,19 @@ def data_quality(record: Record, Ti: float | None = None) -> Quality:
     """Judge the record of one loop; `Ti` [s] is the controller's integral time, when known."""
     survey = Survey(record.interval, slower=False)
     survey.update(record)
-    return quality_of(survey, Ti if Ti is not None else record.settings.Ti)
+    Ti = Ti if Ti is not None else record.settings.Ti
+    quality = quality_of(survey, Ti)
+    if quality.op is None:
+        return quality
+    return replace(quality, output_reversals_per_hour=_turns(*survey.samples(OUTPUT), quality.op, record.interval, Ti))
 
 
 def quality_of(survey: Survey, Ti: float | None = None) -> Quality:
-    """Return what a survey of the whole record shows; `Ti` [s] sets the time scale for sampling and compression.
+    """Return what a survey of the whole record shows, reversals apart; `Ti` [s] is the time scale for sampling.
 
-    Shares, ranges and gaps count every sample; storage, noise and reversals come from an even sample of stretches.
-    Values that the reader put in are not the recorder's, and say nothing about it.
+    Shares, ranges and gaps count every sample; storage and noise come from an even sample of stretches. Values that
+    the reader put in are not the recorder's, and say nothing about it.
     """
-    from .quality_notes import quality_notes
-
     numbers, interval = survey.numbers.tolist(), survey.interval
     samples = sum(numbers[:STATES])
     points = numbers[LAST] - numbers[FIRST] + 1 if samples else 0
@@ -113,7 +116,7 @@ def quality_of(survey: Survey, Ti: float | None = None) -> Quality:
         setpoint_range=survey.spread(SETPOINT),
         measurement_range=survey.spread(MEASUREMENT),
         output_range=survey.spread(OUTPUT) if op is not None else None,
-        output_reversals_per_hour=_turns(output_index, outputs, op, interval, Ti) if op is not None else None,
+        output_reversals_per_hour=None,
     )
     return replace(quality, notes=quality_notes(quality))
 

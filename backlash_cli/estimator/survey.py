@@ -217,8 +217,11 @@ class Survey:
         return max(high - low, 0.0)
 
     def samples(self, column: int) -> tuple[IntArray, FloatArray]:
-        """Grid numbers (rows,) and values (rows,) of the samples that were measured, not filled in."""
-        index, rows, kinds = self._rows(0)
+        """Grid numbers (rows,) and values (rows,) of samples that were measured, not filled in: half of what is kept.
+
+        More would not show better what a recorder did to them.
+        """
+        index, rows, kinds = self._rows(0, most=SLOTS // 2)
         mine = (kinds == GOOD) & np.isfinite(rows[:, column])
         return (index, rows[:, column]) if mine.all() else (index[mine], rows[mine, column])
 
@@ -228,10 +231,11 @@ class Survey:
         mine = np.isfinite(rows[:, 2])
         return (index, rows) if mine.all() else (index[mine], rows[mine])
 
-    def _rows(self, level: int) -> tuple[IntArray, FloatArray, NDArray[np.uint8]]:
-        """What is kept of one picture, in time order."""
+    def _rows(self, level: int, most: int = SLOTS) -> tuple[IntArray, FloatArray, NDArray[np.uint8]]:
+        """What is kept of one picture, in time order; every second stretch where it is more than `most`."""
         slots = self._held[level, IN_SLOTS:]
         order = np.argsort(slots)[np.count_nonzero(slots == NOWHERE) :]
+        order = order[::2] if len(order) > most else order
         held = self._slower[level - 1] if level else self._raw
         rows = held[order].reshape(-1, 3)
         index = (slots[order, None] * ROWS + np.arange(ROWS)).ravel()
