@@ -10,15 +10,25 @@ DROP = 3.0  # nats from the top to the ends of the likelihood interval
 
 
 def between(x: FloatArray, widths: FloatArray, d: float) -> FloatArray:
-    """Valve position (rows,) for a width d between two of `widths`, by linear interpolation.
+    """Valve position (rows,) for a width d between two of `widths`.
 
     x (1 + widths, rows): OP, and OP through each dead band of `widths` (ascending).
+
+    At any moment the position behind a gap is a chain of straight lines over the width: half a width above OP or
+    below, or half a width from where OP turned last, with bends at the widths that OP just crosses. The lines through
+    the neighbours on either side meet at such a bend; the chord would cut it off and pull the fit to the grid.
     """
     i = int(np.clip(np.searchsorted(widths, d), 1, len(widths) - 1))
     low, high = widths[i - 1], widths[i]
-    share = (d - low) / (high - low)
-    mixed: FloatArray = (1.0 - share) * x[i] + share * x[i + 1]
-    return mixed
+    below, above = x[i], x[i + 1]
+    slope = (above - below) / (high - low)
+    chord = below + slope * (d - low)
+    rise = (below - x[i - 1]) / (low - (widths[i - 2] if i > 1 else 0.0))
+    fall = (x[i + 2] - above) / (widths[i + 1] - high) if i + 1 < len(widths) else slope
+    left, right = below + rise * (d - low), above - fall * (high - d)
+    bent: FloatArray = np.where(rise > fall, np.maximum(np.minimum(left, right), chord),
+                                np.minimum(np.maximum(left, right), chord))
+    return bent
 
 
 def peak(d: FloatArray, values: FloatArray) -> tuple[float, float]:
