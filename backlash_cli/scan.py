@@ -18,7 +18,7 @@ from .estimator.cycle_verdict import says_of_cycles, with_oscillation
 from .estimator.haegglund import DEFAULT_KP, ErrorScanner, HalfPeriods, error_scanner, estimate
 from .estimator.identify import settings_of
 from .estimator.law_check import check_quickly
-from .estimator.oscillation import detect_oscillation
+from .estimator.oscillation import detect_oscillation, follows_setpoint
 from .estimator.quality import quality_of
 from .estimator.survey import FIRST, LAST, WITH_SETPOINT, Survey
 from .estimator.verdict import Findings, decide
@@ -205,10 +205,11 @@ class LoopScanner:
         confirmation = self._confirm.finish() if self._confirm else None
         quality = quality_of(self._survey, self.settings.Ti)
         rounding = quality.op.step if quality.op else 0.0
+        driven = follows_setpoint(oscillation, quality.setpoint_moves, quality.setpoint_range, self.interval)
         on_settings = self._settings_notes()
         warnings += on_settings
         decision = decide(Findings(cluster, int(accepted.sum()), int(long.sum()), oscillation, confirmation,
-                                   (*quality.notes, *on_settings), self.settings.Ti / self.interval, rounding))
+                                   (*quality.notes, *on_settings), self.settings.Ti / self.interval, rounding, driven))
         if decision.verdict is Verdict.CANNOT_TELL:
             decision = replace(decision, reasons=(*_contradictions(on_settings), *decision.reasons))
         confirmed = confirmation if isinstance(confirmation, Confirmation) else None

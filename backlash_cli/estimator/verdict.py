@@ -24,7 +24,8 @@ BLOCKED, LIMITED = "blocks", "limits"
 class Findings:
     """All that the verdict is made of. confirmation: a Note says why PV could not be tested against OP, None that it
     was not asked for. quality: notes whose values["effect"] says what they mean for the verdict. samples_per_Ti:
-    sampling. output_step: rounding step of OP [span], 0 when not rounded or rebuilt."""
+    sampling. output_step: rounding step of OP [span], 0 when not rounded or rebuilt. driven: an oscillation is that of
+    the setpoint."""
 
     cluster: Cluster | None
     detections: int
@@ -34,6 +35,7 @@ class Findings:
     quality: tuple[Note, ...] = ()
     samples_per_Ti: float = 20.0
     output_step: float = 0.0
+    driven: bool = False
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     cluster = _final(f, c)
     agrees = _agreement(f, c)
     reasons = [_explained(c), *_switching(c), *_side_by_side(f, c)]
-    if reading.clear and _swings(f) and not f.detections:
+    if reading.clear and _swings(f) and not f.detections and not f.driven:
         limit_cycle = Note("size_in_cycle", "in a loop that only swings, and never rests long enough for the published "
                            "rule, the size is not reliable: integrating processes cycle with any dead band")
         return Decision(Verdict.OSCILLATING, (_swinging(f), *reasons, limit_cycle, *limits), 0.7, cluster)
