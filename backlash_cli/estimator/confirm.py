@@ -29,7 +29,7 @@ SPREAD_FLOOR = 0.06  # of d: what the model of the process costs, whatever the n
 SPREAD_PER_STEP = 0.005  # of d: what each load step found adds to that
 SPREAD_OF_LINE = 0.06  # of d: the same for a load that swings with one period
 SPREAD_OF_SWITCHING = 0.2  # of d: the same for a load that switches to and fro
-WIDENING = 2.2  # half intervals of the likelihood come out this much too short on simulated loops
+WIDENING = 1.6  # half intervals of the likelihood come out this much too short on simulated loops
 LEAST_TURN = 1.02  # the range of OP over the largest dead band that is tried
 
 
