@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -58,6 +59,7 @@ class Job:
         from ..api import scan
         from ..loaders.recipes import RecordsByName
 
+        gc.freeze()  # the program itself holds no garbage: looking it through took a tenth of a scan
         plant = self._open(inputs)
         if self.pictures and inputs is self.inputs:
             self.__dict__["records"] = RecordsByName(plant.recipes)

@@ -7,7 +7,7 @@ encodings, text that only a full CSV reader understands. It raises nothing about
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pyarrow as pa
@@ -60,9 +60,13 @@ def lazy_table(path: Path | Remote, options: ReadOptions, partition: dict[str, s
     try:
         with open_place(path) as file:
             magic = file.read(16)
-        if magic[:4] == b"PAR1":
-            return _parquet(path, options, partition)
-        return _csv(path, magic, options, partition, lazily)
+        parquet = magic[:4] == b"PAR1"
+        packed = parquet or bool(codec_of(magic))  # then its bytes are not those of the text
+        told = replace(lazily, progress=None) if packed else lazily
+        table = _parquet(path, options, partition) if parquet else _csv(path, magic, options, partition, told)
+        if packed and table is not None and lazily.progress is not None:
+            lazily.progress(path.stat().st_size)
+        return table
     except (InputError, pa.ArrowException, OSError, ValueError, OverflowError, EOFError):
         return None
 
