@@ -132,7 +132,7 @@ def _shares(quality: Quality) -> Iterator[Note]:
         yield _note("filled", message, "info", share=quality.filled_share)
     if quality.gaps:
         holes = "1 gap" if quality.gaps == 1 else f"{quality.gaps} gaps"
-        message = f"{holes} in time, the longest {quality.longest_gap:.4g} s; no half period crosses one"
+        message = f"{holes} in time, the longest {_length(quality.longest_gap)}; no half period crosses one"
         yield _note("gaps", message, "info", gaps=quality.gaps, longest_s=quality.longest_gap)
 
 
@@ -155,3 +155,17 @@ def _motion(quality: Quality) -> Iterator[Note]:
 
 def _percent(share: float) -> str:
     return f"{100.0 * share:.3g} %"
+
+
+def _length(seconds: float) -> str:
+    """A length of time in its two largest units.
+
+    >>> [_length(x) for x in (45.5, 300.0, 12_000.0, 187_200.0)]
+    ['45.5 s', '5 min', '3 h 20 min', '2 d 4 h']
+    """
+    if seconds < 60.0:
+        return f"{seconds:.3g} s"
+    units = ((86_400, "d", 3600, "h"), (3600, "h", 60, "min"), (60, "min", 1, "s"))
+    size, name, smaller, its_name = next(unit for unit in units if seconds >= unit[0])
+    whole, rest = divmod(round(seconds / smaller), size // smaller)
+    return f"{whole} {name} {rest} {its_name}" if rest else f"{whole} {name}"

@@ -164,7 +164,8 @@ def test_gaps_are_counted_with_the_longest() -> None:
     quality = data_quality(record, 20.0)
     assert (quality.gaps, quality.longest_gap) == (2, 300.0)
     assert quality.missing_share == pytest.approx(400 / 6000)
-    assert "gaps" in {note.code for note in quality.notes}
+    (note,) = (note for note in quality.notes if note.code == "gaps")
+    assert note.message.startswith("2 gaps in time, the longest 5 min;")
 
 
 def test_nothing_usable_blocks() -> None:
