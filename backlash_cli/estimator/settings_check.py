@@ -35,6 +35,7 @@ WELL_EXPLAINED = 0.9  # share of OP below which noise that the record did not se
 WELL_KNOWN = 0.08  # and half width of the interval of K/Ti above which only gross differences count
 CONTRADICTS = log(1.5)
 EXPLAINED = log(1.3)  # how well a mix-up has to explain the factor
+CLOSE = log(1.1)  # a difference that is that of the spans is believed where K/Ti is known less well
 COARSE = 1.5  # Ti in samples below which only a plain mix-up of units can be seen
 LARGE = log(3.0)  # a smaller factor that comes out of the values by accident is not a mix-up
 GAIN_APART = log(1.6)  # K alone is known less well than K/Ti
@@ -115,7 +116,10 @@ def _both(K: float, Ti: float, settings: LoopSettings, found: Identification) ->
     apart, sure_apart = _distance(K, gain)
     width = (ratio.ci95[1] - ratio.ci95[0]) / (2.0 * ratio.value)
     clear = width < WELL_KNOWN and found.r2 > WELL_EXPLAINED
-    if abs(offset) <= AGREES or sure <= (SURE if clear else CONTRADICTS):
+    coarse = Ti < COARSE * found.interval
+    mix_up = _best(K, Ti, settings, gain, ratio, coarse) if abs(offset) > AGREES and sure > SURE else None
+    of_spans = mix_up is not None and mix_up.known and abs(offset - log(mix_up.gain / mix_up.reset)) < CLOSE
+    if abs(offset) <= AGREES or sure <= (SURE if clear or of_spans else CONTRADICTS):
         if found.separate and abs(apart) > GAIN_APART and sure_apart > AGREES:
             message = (
                 f"K = {K:g} and Ti = {Ti:g} s are both {_times(apart)} what the data show "
@@ -123,8 +127,6 @@ def _both(K: float, Ti: float, settings: LoopSettings, found: Identification) ->
             )
             return [Note("settings_gain", message, _values(found, K / Ti / ratio.value, "warn"))]
         return []
-    coarse = Ti < COARSE * found.interval
-    mix_up = _best(K, Ti, settings, gain, ratio, coarse)
     if mix_up is not None:
         return [_note(mix_up, offset, found)]
     if coarse:

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from backlash_cli.estimator.identify import identify
 from backlash_cli.estimator.settings_check import check_settings
-from backlash_cli.record import LoopSettings, Note
+from backlash_cli.record import LoopSettings, Note, record_from_arrays
 
 from .closed_loop import Loop, load_steps, run
 
@@ -46,6 +48,21 @@ def test_wrong_settings_are_named(K: float | None, Ti: float, code: str) -> None
 @pytest.mark.parametrize("span", [16.0, 60.0, 150.0, 900.0])
 def test_a_gain_in_engineering_units_is_named_when_the_spans_are_known(span: float) -> None:
     assert codes(0.6 * 100 / span, 28.0, pv_range=(0.0, span), op_range=(0.0, 100.0)) == ["settings_engineering_gain"]
+
+
+@pytest.mark.parametrize("span", [60.0, 150.0])
+def test_the_factor_of_the_spans_is_believed_where_the_data_say_less(span: float) -> None:
+    """Sampled at Ti/2 K/Ti is known to 9 %: enough to see 1.5 where the spans say 1.5, not enough for any 1.5."""
+    record = run(LOOP, 9000, load=load_steps(9000))
+    assert record.output is not None
+    signals = (record.setpoint[::14], record.measurement[::14], record.output[::14])
+    found = identify(record_from_arrays(*signals, interval=14.0))
+    assert not isinstance(found, Note) and found.ratio.ci95[1] > 1.07 * found.ratio.value
+    source = {"K": "metadata", "Ti": "metadata"}
+    given = LoopSettings(K=0.6 * 100 / span, Ti=28.0, pv_range=(0.0, span), op_range=(0.0, 100.0), source=source)
+    assert [note.code for note in check_settings(given, found)] == ["settings_engineering_gain"]
+    unknown = replace(given, pv_range=(0.0, 1.0), op_range=(0.0, 1.0), K=0.6 / 1.45)
+    assert check_settings(unknown, found) == ()
 
 
 def test_what_was_identified_is_not_compared_with_itself() -> None:
