@@ -35,7 +35,7 @@ ALLOWED = {
     "reporter": set(),
     "history": {"estimator", "filters", "segmenter", "scan"},
     "compensate": {"estimator", "scan", "simulator"},
-    "engines": {"loaders", "scan", "model", "simulator", "history", "reporter"},
+    "engines": {"compensate", "loaders", "scan", "model", "simulator", "history", "reporter"},
     "api": {"engines", "loaders", "scan", "model", "simulator", "history", "reporter"},
     "commands": {
         "api", "check", "compensate", "engines", "loaders", "scan", "estimator", "model", "simulator", "effects",

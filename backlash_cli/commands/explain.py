@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .engine import engine_options
 from .options import inputs_argument, loops_option, reading_options, selection_options
 from .terminal import say
 
@@ -42,12 +43,13 @@ if TYPE_CHECKING:
               help="Draw one still picture, .png or .svg, for a document or mail.")
 @loops_option
 @click.option("--verbose", "-v", is_flag=True, help="List every candidate with its numbers, and every region.")
+@engine_options
 @reading_options
 @selection_options
 def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], outside: tuple[str, ...],
             model_file: Path | None, other_loop: bool, save_model: Path | None, json_file: Path | None,
             html: Path | None, picture: Path | None, every: bool, output: Path | None, jobs: int | None,
-            loops: Path | None, verbose: bool, reading: ReadOptions) -> int:
+            loops: Path | None, verbose: bool, engine: str, scheduler: str | None, reading: ReadOptions) -> int:
     """Find the physical effects that are missing in a loop's model, add them, and watch the error fall.
 
     Starts from gain, one lag and offset; tries every effect at its place in the loop; keeps one only when it also
@@ -59,7 +61,9 @@ def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], ou
     from .one_loop import check_places, check_together, deliver, model_for, one_loop
 
     check_together(every=every, plant={"--output": output, "--jobs": jobs, "--sample": reading.sample,
-                                       "--loops-matching": reading.loops_matching}, single={
+                                       "--loops-matching": reading.loops_matching,
+                                       "--engine": None if engine == "local" else engine,
+                                       "--scheduler": scheduler}, single={
         "--loop": loop, "--add": add, "--model": model_file, "--save-model": save_model, "--json": json_file,
         "--html": html, "--picture": picture,
     })
@@ -69,7 +73,7 @@ def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], ou
     if every:
         from .explain_all import explain_plant
 
-        return explain_plant(inputs, loops, reading, outside, output, jobs)
+        return explain_plant(inputs, loops, reading, outside, output, jobs, engine, scheduler)
     from ..api import load_model
     from ..api import save_model as keep
     from ..model import explain as explain_record

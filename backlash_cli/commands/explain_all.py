@@ -8,11 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import UsageError
+from .engine import working
 from .one_loop import put
 from .terminal import progress, say
 
 if TYPE_CHECKING:
-    from ..loaders import Plant, ReadOptions
+    from distributed import Client
+
+    from ..engines.explain_all import Explaining
+    from ..loaders import ReadOptions
     from ..record import Note
     from ..results import Explanation, PlantExplanation
 
@@ -20,57 +24,72 @@ SUFFIXES = (".csv", ".json", ".html", ".htm", ".txt")
 
 
 def explain_plant(inputs: tuple[Path, ...], loops: Path | None, reading: ReadOptions, effects: tuple[str, ...],
-                  output: Path | None, jobs: int | None) -> int:
+                  output: Path | None, jobs: int | None, engine: str, scheduler: str | None) -> int:
     """Explain every loop and write the summary to a file or folder, or show it; 3 when a loop could not be."""
-    from ..loaders import read
-
     folder = output is not None and output.suffix.lower() not in SUFFIXES
     if output is not None and output.exists() and output.is_dir() != folder:
         kind = "a file" if folder else "a folder"
         raise UsageError(f"this is {kind}", where=f"--output {output}",
                          remedy=f"give a file ending in {', '.join(SUFFIXES[:3])}, or a folder")
-    plant = read(list(inputs), loops=loops, options=reading)
-    kept: list[Explanation] = []
-    lost: list[Note] = list(plant.failures)
-    try:
-        with progress("explaining", len(plant.records), shown=True) as step:
-            found = _each(plant, effects, jobs, kept, lost, step)
-            if folder and output is not None:
-                _write_folder(output, plant, found, kept, lost)
-            else:
-                for _ in found:
-                    continue
-    except KeyboardInterrupt as stop:
-        stop.add_note(f"{len(kept)} of {len(plant.records)} loops were explained; no summary was written")
-        raise
-    _deliver(_summary(plant, kept, lost), output, folder)
-    return 3 if lost else 0
+    with working(engine, scheduler, jobs) as client:
+        work = _begun(client, inputs, loops, reading, effects, jobs, light=not folder, absolute=scheduler is not None)
+        kept: list[Explanation] = []
+        lost: list[Note] = []
+        try:
+            with progress("explaining", len(work.names), shown=True) as step:
+                found = _each(work, kept, lost, step)
+                if folder and output is not None:
+                    _write_folder(output, work, found, kept, lost, repr((work.inputs, reading)))
+                else:
+                    for _ in found:
+                        continue
+        except KeyboardInterrupt as stop:
+            stop.add_note(f"{len(kept)} of {len(work.names)} loops were explained; no summary was written")
+            raise
+    summary = _summary(work, kept, lost)
+    _deliver(summary, output, folder)
+    return 3 if summary.failures else 0
 
 
-def _each(plant: Plant, effects: tuple[str, ...], jobs: int | None, kept: list[Explanation], lost: list[Note],
+def _begun(client: Client | None, inputs: tuple[Path, ...], loops: Path | None, reading: ReadOptions,
+           effects: tuple[str, ...], jobs: int | None, *, light: bool, absolute: bool) -> Explaining:
+    from ..engines.explain_all import explaining_here, explaining_on_cluster
+
+    if client is None:
+        from ..loaders import read
+
+        return explaining_here(read(list(inputs), loops=loops, options=reading), effects, jobs=jobs)
+    from ..engines.plant import DaskPlant
+
+    plant = DaskPlant(client, inputs, loops=loops, reading=reading, absolute=absolute)
+    return explaining_on_cluster(plant, effects, light=light)
+
+
+def _each(work: Explaining, kept: list[Explanation], lost: list[Note],
           step: Callable[[], None]) -> Iterator[Explanation]:
-    """Yield each explanation whole, and keep it without its series."""
-    from ..engines.explain_all import explain_all
+    """Yield each explanation whole, and keep it without its series; in the end both lists are in order."""
     from ..record import Note
 
-    for result in explain_all(plant.records, effects, jobs=jobs):
+    for result in work.found:
         if isinstance(result, Note):
             lost.append(result)
         else:
             kept.append(result.light())
             yield result
         step()
+    kept.sort(key=lambda one: one.loop)
+    lost.sort(key=lambda note: str(note.values["loop"]))
 
 
-def _summary(plant: Plant, kept: list[Explanation], lost: list[Note]) -> PlantExplanation:
+def _summary(work: Explaining, kept: list[Explanation], lost: list[Note]) -> PlantExplanation:
     from ..results import PlantExplanation
 
-    return PlantExplanation(tuple(kept), tuple(lost), plant.inputs, plant.warnings)
+    return PlantExplanation(tuple(kept), (*work.failures, *lost), work.inputs, work.warnings)
 
 
-def _write_folder(folder: Path, plant: Plant, found: Iterator[Explanation], kept: list[Explanation],
-                  lost: list[Note]) -> None:
-    """Write a page per loop as it comes, then the index, the table and the numbers."""
+def _write_folder(folder: Path, work: Explaining, found: Iterator[Explanation], kept: list[Explanation],
+                  lost: list[Note], told: str) -> None:
+    """Write a page per loop as it comes, then the index, the table and the numbers. told: what the report is about."""
     import hashlib
 
     from ..reporter.explain_json import to_json
@@ -80,8 +99,8 @@ def _write_folder(folder: Path, plant: Plant, found: Iterator[Explanation], kept
     from ..reporter.folder import links_to, write_pages
     from ..reporter.safe import file_names
 
-    names = file_names(record.loop for record in plant)
-    mark = hashlib.sha256(repr((plant.inputs, sorted(names))).encode("utf-8", "backslashreplace")).hexdigest()[:12]
+    names = file_names(work.names)
+    mark = hashlib.sha256(told.encode("utf-8", "backslashreplace")).hexdigest()[:12]
     back = ("../index.html", "All loops")
     pages = ((names[x.loop], explain_page(x, plotly_file="plotly.js", back=back)) for x in found)
 
@@ -89,7 +108,7 @@ def _write_folder(folder: Path, plant: Plant, found: Iterator[Explanation], kept
         for x in kept:
             write_text(folder / subfolder / f"{names[x.loop]}.json", to_json(x))
         links = links_to({x.loop: names[x.loop] for x in kept}, subfolder)
-        return to_page(_summary(plant, kept, lost), links, plotly_file=f"{subfolder}/plotly.js")
+        return to_page(_summary(work, kept, lost), links, plotly_file=f"{subfolder}/plotly.js")
 
     write_pages(folder, mark, pages, index)
 

@@ -71,6 +71,8 @@ _LOCAL = {
     # a loop that ends its process does so every time: two deaths are proof enough
     "distributed.scheduler.allowed-failures": 1,
     "distributed.scheduler.worker-saturation": 1.0,
+    # a busy machine takes long to start a process again; given up, its work would wait for ever
+    "distributed.deploy.lost-worker-timeout": "1 hour",
     "distributed.worker.multiprocessing-method": "spawn",
     "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": 1,
 }
@@ -106,6 +108,8 @@ def _check_workers(client: Client, scheduler: str, say: Callable[[str], None]) -
         nudge.release()
     found: dict[str, Any] = client.run(version_here, on_error="return")
     for worker, version in found.items():
+        if isinstance(version, OSError):
+            continue  # this one is just going
         if isinstance(version, BaseException):
             said = str(version).strip().split("\n")[0][:200]
             raise BacklashError(f"worker {worker} cannot run backlash: {type(version).__name__}: {said}", where=where,
@@ -135,7 +139,7 @@ def _watched(client: Client, cluster: Any, wanted: int, say: Callable[[str], Non
 
 def watch(client: Any, cluster: Any, wanted: int, say: Callable[[str], None], ended: threading.Event,
           pause: float = PAUSE) -> None:
-    """See that there are workers until `ended`. A process of ours that dies while it starts is not started again by
+    """See that there are workers until `ended`. A process of ours that dies while it starts may not be started again by
     Dask: then there is a new one. cluster: ours, None for others', whose workers can only be waited for."""
     missing, said = 0, False
     while not ended.wait(pause):
@@ -143,7 +147,7 @@ def watch(client: Any, cluster: Any, wanted: int, say: Callable[[str], None], en
             alive = len(client.scheduler_info(n_workers=-1)["workers"])
             missing = missing + 1 if alive < wanted else 0
             if missing >= MISSED and cluster is not None:
-                cluster.scale(len(cluster.worker_spec) + wanted - alive)
+                cluster.scale(wanted)
                 missing = 0
             elif missing >= MISSED and not said:
                 say("the scheduler has no workers any more; waiting for new ones")

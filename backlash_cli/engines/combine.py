@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
 
 from ..errors import InputError, LoopError
 from ..loaders.plant import SOURCE, nothing_read
@@ -12,6 +13,15 @@ from ..record import Note
 from ..results import LoopReport, ScanResult, Verdict
 
 
+@dataclass(frozen=True)
+class Whole:
+    """What is to be said of a plant. refused: loops that could not be read. failures: files that could not."""
+
+    refused: dict[str, Note]
+    warnings: tuple[Note, ...]
+    failures: tuple[Note, ...]
+
+
 def combine(plan: PlantPlan, results: Iterable[ScanResult]) -> ScanResult:
     """Return the result of the whole.
 
@@ -19,42 +29,46 @@ def combine(plan: PlantPlan, results: Iterable[ScanResult]) -> ScanResult:
     """
     results = list(results)
     found = {report.loop: report for result in results for report in result.loops}
-    without = [name for name, report in found.items() if _code(report) == "nothing_since"]
-    for name in without:
-        del found[name]
-    failures = _files_in_order(plan, [note for result in results for note in result.failures])
-    broken = {str(note.values["file"]) for note in failures if "file" in note.values}
-    for name, files in plan.loops.items():
-        if name not in found and name not in without and not {str(plan.sources[k].path) for k in files} <= broken:
-            note = Note("lost", f"{name}: its part of the scan gave no result", {"loop": name})
-            found[name] = LoopReport(name, Verdict.ERROR, (note,))
-    reports = [found[name] for name in sorted(found)]
-    refused = [report for report in reports if is_refused(report)]
-    if not found and without and plan.reading.since is not None and plan.moment is not None:
+    refused = {name: report.reasons[0] for name, report in found.items() if is_refused(report)}
+    whole = whole_of(plan, found.keys() - refused.keys(), refused, (n for r in results for n in r.warnings),
+                     (n for r in results for n in r.failures))
+    reports = [found[name] for name in sorted(found) if name not in refused]
+    unread = [LoopReport(name, Verdict.ERROR, (whole.refused[name],)) for name in sorted(whole.refused)]
+    return ScanResult((*reports, *unread), plan.given, whole.warnings, whole.failures)
+
+
+def whole_of(
+    plan: PlantPlan, done: Collection[str], refused: Mapping[str, Note], warnings: Iterable[Note],
+    failures: Iterable[Note],
+) -> Whole:
+    """Return what is to be said of a plant, from what its parts said. done: loops that could be read. refused: loops
+    that could not. Raises BacklashError where reading the whole would: no loop, or no file, could be read."""
+    without = [name for name, note in refused.items() if note.code == "nothing_since"]
+    unread = {name: note for name, note in refused.items() if name not in without}
+    files = _files_in_order(plan, failures)
+    broken = {str(note.values["file"]) for note in files if "file" in note.values}
+    for name, numbers in plan.loops.items():
+        known = name in done or name in refused
+        if not known and not {str(plan.sources[k].path) for k in numbers} <= broken:
+            unread[name] = Note("lost", f"{name}: its part of the work gave no result", {"loop": name})
+    if not done and not unread and without and plan.reading.since is not None and plan.moment is not None:
         raise nothing_since(plan.reading.since, plan.moment, plan.last)
-    if not found:
-        first = InputError(failures[0].message) if failures else None
-        raise nothing_read(len(plan.sources), first)
-    if len(refused) == len(reports):
-        first_note = refused[0].reasons[0]
-        many = f"no loop could be read; {first_note.message}"
-        raise LoopError(many if len(refused) > 1 else first_note.message, code=first_note.code)
+    if not done and not unread:
+        raise nothing_read(len(plan.sources), InputError(files[0].message) if files else None)
+    if not done:
+        first = unread[min(unread)]
+        many = f"no loop could be read; {first.message}"
+        raise LoopError(many if len(unread) > 1 else first.message, code=first.code)
     since: list[Note] = []
     if plan.reading.since is not None and plan.moment is not None:
         since = since_notes(plan.reading.since, plan.moment, without, len(plan.loops))
-    of_files = _warnings_in_order(plan, [note for result in results for note in result.warnings])
-    warnings = (*plan.notes, *of_files, *plan.chosen, *since, *plan.unmatched)
-    reports = [report for report in reports if not is_refused(report)]
-    return ScanResult((*reports, *refused), plan.given, warnings, tuple(failures))
+    of_files = _warnings_in_order(plan, warnings)
+    return Whole(unread, (*plan.notes, *of_files, *plan.chosen, *since, *plan.unmatched), tuple(files))
 
 
 def is_refused(report: LoopReport) -> bool:
     """Whether a loop could not even be read."""
     return report.verdict is Verdict.ERROR and any(note.values.get("loop") == report.loop for note in report.reasons)
-
-
-def _code(report: LoopReport) -> str:
-    return report.reasons[0].code if is_refused(report) else ""
 
 
 def _files_in_order(plan: PlantPlan, more: Iterable[Note]) -> list[Note]:

@@ -22,7 +22,7 @@ from ..loaders.sources import Source
 from ..loaders.survey import Survey, survey_all
 from ..record import Note
 from ..results import LoopReport, ScanResult, Verdict
-from .combine import combine
+from .combine import Whole, combine, whole_of
 from .dask import on_cluster
 
 if TYPE_CHECKING:
@@ -66,10 +66,17 @@ class DaskPlant:
         return found
 
     def each(self, work: Callable[[Part], Result], lost: Callable[[str, Note], Result],
-             loops: Iterable[str] | None = None) -> Iterator[Result]:
-        """Yield the result of `work` for every part, as they come; loops: only these."""
+             loops: Iterable[str] | None = None, most: int | None = None) -> Iterator[Result]:
+        """Yield the result of `work` for every part, as they come; loops: only these; most: loops of a part."""
         workers = sum(self.client.nthreads().values())
-        return on_cluster(self.client, cut_parts(self.plan, workers, loops), work, lost)
+        return on_cluster(self.client, cut_parts(self.plan, workers, loops, most), work, lost)
+
+    def whole(self, done: Iterable[str], warnings: Iterable[Note], failures: Iterable[Note]) -> Whole:
+        """Return what is to be said of the plant, from what the parts said. done: loops that could be read. failures:
+        files and loops that could not. Raises BacklashError where reading the plant here would."""
+        failures = list(failures)
+        refused = {str(note.values["loop"]): note for note in failures if "loop" in note.values}
+        return whole_of(self.plan, set(done), refused, warnings, [n for n in failures if "loop" not in n.values])
 
     def scan(self, work: Callable[[Part], ScanResult], *, keep: Unfinished | None = None, salt: str = "",
              progress: Callable[[LoopReport], None] | None = None) -> ScanResult:

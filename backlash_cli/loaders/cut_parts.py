@@ -12,12 +12,15 @@ SMALLEST = 8 << 20  # bytes of files in a part: below, sending it costs more tha
 MOST_LOOPS = 50  # of a part: what is lost when a worker dies, and how often the progress moves
 
 
-def cut_parts(plan: PlantPlan, workers: int, loops: Iterable[str] | None = None) -> list[Part]:
-    """Return the parts of a plan for so many workers; loops: only these.
+def cut_parts(
+    plan: PlantPlan, workers: int, loops: Iterable[str] | None = None, most: int | None = None
+) -> list[Part]:
+    """Return the parts of a plan for so many workers; loops: only these. most: loops of a part.
 
     Loops of the same files stay together. A Parquet file may be cut into many parts, as each reads its columns only;
     a CSV into no more than there are workers, as each has to go through all of it.
     """
+    most = min(most or MOST_LOOPS, MOST_LOOPS)
     wanted = sorted(plan.loops if loops is None else loops)
     cost = _costs(plan)
     total = sum(cost[name] for name in wanted)
@@ -30,11 +33,11 @@ def cut_parts(plan: PlantPlan, workers: int, loops: Iterable[str] | None = None)
     for files, names in sorted(groups.items()):
         work = sum(cost[name] for name in names)
         text = any(plan.surveys[number].text for number in files)
-        if len(names) > 1 and (work > target or len(names) > MOST_LOOPS):
-            count = max(round(work / target), -(-len(names) // MOST_LOOPS))
+        if len(names) > 1 and (work > target or len(names) > most):
+            count = max(round(work / target), -(-len(names) // most))
             parts += _evenly(names, min(count, workers) if text else count)
             continue
-        if small and (sum(cost[n] for n in small) + work > target or len(small) + len(names) > MOST_LOOPS):
+        if small and (sum(cost[n] for n in small) + work > target or len(small) + len(names) > most):
             parts.append(small)
             small = []
         small += names

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike
@@ -53,16 +53,21 @@ class Plant:
         for failure in self.failures:
             if failure.values.get("loop") == name:
                 raise LoopError(failure.message, code=failure.code)
-        same = [n for n in self._by_name if n.lower() == name.lower()]
-        if len(same) == 1:
-            return self._by_name[same[0]]
-        raise UsageError(f"no loop {name!r} in the data", where="--loop", remedy=nearest(name, self._by_name))
+        return self._by_name[find_loop(name, self._by_name)]
 
     def __len__(self) -> int:
         return len(self.records)
 
     def __iter__(self) -> Iterator[Record]:
         return iter(self.records)
+
+
+def find_loop(name: str, names: Collection[str]) -> str:
+    """Return the loop that is meant, in upper or lower case. Raises UsageError, with the nearest, if there is none."""
+    same = [name] if name in names else [n for n in names if n.lower() == name.lower()]
+    if len(same) == 1:
+        return same[0]
+    raise UsageError(f"no loop {name!r} in the data", where="--loop", remedy=nearest(name, names))
 
 
 def read(

@@ -1,0 +1,58 @@
+"""One cluster of two worker processes for the tests of this folder: starting it takes seconds."""
+
+import os
+import sys
+import time
+
+import pytest
+
+from backlash_cli.engines.cluster import connected
+
+
+@pytest.fixture(scope="session")
+def client():
+    """The cluster's client; when the tests are over no process of it may be left."""
+    import cloudpickle
+
+    for name in ("tests.engines.test_dask", "tests.engines.test_dask_workbench"):
+        if name in sys.modules:
+            cloudpickle.register_pickle_by_value(sys.modules[name])
+    with connected(None, 2) as found:
+        yield found
+        processes = processes_below()
+    until = time.monotonic() + 10.0
+    while (left := processes & processes_below()) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not left, f"processes of the cluster are still there: {left}"
+
+
+def processes_below(first=None):
+    """Numbers of the living processes that this one started, and that those started; where the system tells."""
+    first = os.getpid() if first is None else first
+    found = set()
+    for thread in _listed(f"/proc/{first}/task"):
+        try:
+            with open(f"/proc/{first}/task/{thread}/children") as file:
+                children = [int(word) for word in file.read().split()]
+        except OSError:
+            continue
+        for child in children:
+            if _lives(child):
+                found |= {child} | processes_below(child)
+    return found
+
+
+def _listed(folder):
+    try:
+        return os.listdir(folder)
+    except OSError:
+        return []
+
+
+def _lives(number):
+    try:
+        with open(f"/proc/{number}/stat") as file, open(f"/proc/{number}/cmdline") as command:
+            ended = file.read().rpartition(")")[2].split()[0] == "Z"
+            return not ended and "resource_tracker" not in command.read()  # Python's own, one for the whole run
+    except OSError:
+        return False

@@ -1,0 +1,78 @@
+"""explain --all and compensate on a cluster: what they say here, also when workers die. The cluster of test_dask."""
+
+import json
+import os
+import signal
+from functools import partial
+
+import pytest
+
+from backlash_cli.engines.explain_all import ExplainedPart, explaining_on_cluster, unexplained
+from backlash_cli.loaders import ReadOptions
+from backlash_cli.record import Note
+from tests.commands.run import files, run
+from tests.small_plant import write_plant
+
+pytest.importorskip("distributed", reason="dask is not installed: pip install 'backlash[dask]'")
+
+
+@pytest.fixture(scope="module")
+def export(tmp_path_factory):
+    """Three loops, a fourth without numbers, and a file that is none."""
+    folder = tmp_path_factory.mktemp("workbench") / "set"
+    folder.mkdir()
+    write_plant(folder, hours=0.3)
+    rows = "\n".join(f"2026-03-17T08:{12 + s // 60}:{s % 60:02},50,Bad,40" for s in range(300))
+    (folder / "e.csv").write_text(f"time,E.SP,E.PV,E.OP\nx,y\n{rows}\n")
+    (folder / "f.csv").write_text("")
+    return folder
+
+
+def there(client):
+    return "--engine", "dask", "--scheduler", client.cluster.scheduler_address
+
+
+def test_explain_all_says_the_same_on_a_cluster(capfd, client, export, tmp_path):
+    told = ("explain", export, "--all", "--since", "5min", "--loops-matching", "[TP]IC*", "--loops-matching", "E")
+    here = run(capfd, *told, "--jobs", 1, "--output", tmp_path / "here")
+    cluster = run(capfd, *told, *there(client), "--output", tmp_path / "there")
+    assert here.status == cluster.status == 3 and cluster.err.replace("there", "here") == here.err
+    assert "not explained: E:" in here.err and "f.csv" in here.err
+    assert len(json.loads((tmp_path / "here" / "summary.json").read_text())["loops"]) == 2
+    assert files(tmp_path / "there") == files(tmp_path / "here")
+
+
+def deadly_once(part, effects, light, mark):
+    try:
+        mark.touch(exist_ok=False)
+    except FileExistsError:
+        return ExplainedPart(tuple(Note("x", name, {"loop": name}) for name in part.loops))
+    os._exit(1)
+
+
+def test_a_worker_that_dies_costs_no_explanation(client, export, tmp_path, monkeypatch):
+    from backlash_cli.engines.plant import DaskPlant
+
+    monkeypatch.setattr("backlash_cli.engines.explain_all.explain_part", partial(deadly_once, mark=tmp_path / "mark"))
+    plant = DaskPlant(client, [export], loops=None, reading=ReadOptions(), absolute=False)
+    work = explaining_on_cluster(plant, (), light=True)
+    assert sorted(note.message for note in work.found) == list(work.names) == ["E", "FIC101", "PIC303", "TIC202"]
+    assert (tmp_path / "mark").exists() and "f.csv" in work.failures[0].message
+    assert unexplained("A", Note("process_died", "its worker was killed")).message == "A: its worker was killed"
+
+
+def test_a_compensator_is_studied_on_a_worker_also_when_one_is_killed(capfd, client, export):
+    told = ("compensate", export, "--loop", "pic303", "--json", "-")
+    here = run(capfd, *told)
+    client.wait_for_workers(2)
+    os.kill(client.run(os.getpid).popitem()[1], signal.SIGKILL)
+    cluster = run(capfd, *told, *there(client))
+    assert here.status == cluster.status == 0 and cluster.out == here.out
+    for wrong in (("--loop", "PIC9"), ("--loop", "E"), ("--loop", "TIC202")):
+        here, cluster = (run(capfd, "compensate", export, *wrong, *more) for more in ((), there(client)))
+        assert here.status == cluster.status == 2 and cluster.err == here.err
+
+
+def test_engine_goes_with_all(capfd, export):
+    done = run(capfd, "explain", export, "--loop", "PIC303", "--engine", "dask")
+    assert done.status == 2 and "--engine goes with --all" in done.err
