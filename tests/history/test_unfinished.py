@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.errors import BacklashError
@@ -45,6 +45,7 @@ plain = st.recursive(st.none() | st.booleans() | number | text | st.binary(max_s
 notes = st.builds(Note, text, text, st.dictionaries(text, number | text, max_size=3))
 
 
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow], max_examples=50)
 @given(st.builds(LoopReport, text, st.sampled_from(Verdict), st.tuples(notes), details=st.dictionaries(text, plain),
                  settings=st.builds(LoopSettings, number, source=st.dictionaries(text, text, max_size=2))))
 def test_any_report_comes_back_as_it_was(report):
