@@ -22,6 +22,8 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 
 from backlash_cli import ScanOptions, scan_files
+from backlash_cli.api import open_files
+from backlash_cli.loaders.join import Joiner
 from tests.benchmarks.made_plant import DAY, write
 
 
@@ -55,17 +57,29 @@ def plain_pandas(path: Path, K: float = 0.8, Ti: float = 20.0, Kp: float = 1.2) 
     return found
 
 
+def records_of(path: Path) -> int:
+    """Read all loops and do nothing with them; return the number of samples."""
+    opened = open_files(path, jobs=1)
+    joiner = Joiner(opened.recipes[0].options.good_quality)
+    return sum(len(recipe.record(joiner)) for recipe in opened.recipes)
+
+
 def ratios(path: Path, loops: int) -> None:
+    """Print the time of each stage, and the ratios."""
     samples = loops * DAY
     if path.suffix == ".csv":
         alone = cpu(lambda: pa_csv.read_csv(path, read_options=pa_csv.ReadOptions(use_threads=False)))
     else:
         alone = cpu(lambda: pa_parquet.read_table(path, use_threads=False))
+    opened = cpu(lambda: open_files(path, jobs=1))
+    read = cpu(lambda: records_of(path))
     quick = cpu(lambda: scan_files(path, options=ScanOptions(confirm=False), jobs=1))
     full = cpu(lambda: scan_files(path, jobs=1), 1)
-    print(f"{path.suffix[1:]}: pyarrow alone {1e9 * alone / samples:.0f} ns a loop-sample; --no-confirm "
-          f"{quick / alone:.2f} times that ({1e3 * quick / loops:.1f} ms a loop-day), full verdict {full / alone:.2f} "
-          f"times ({1e3 * full / loops:.1f} ms)")
+    steps = {"pyarrow alone": alone, "open": opened, "records": read - opened, "estimates": quick - read,
+             "confirmation": full - quick}
+    print(f"{path.suffix[1:]}: " + ", ".join(f"{name} {1e9 * t / samples:.0f}" for name, t in steps.items())
+          + f" ns a loop-sample; --no-confirm {quick / alone:.2f} times pyarrow alone ({1e3 * quick / loops:.1f} ms a "
+          f"loop-day), full verdict {full / alone:.2f} times ({1e3 * full / loops:.1f} ms)", flush=True)
     if path.suffix == ".csv":
         plain = cpu(lambda: plain_pandas(path), 1)
         print(f"plain pandas program: {plain / quick:.1f} times --no-confirm, {plain / full:.1f} times full verdict")
