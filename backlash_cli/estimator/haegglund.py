@@ -28,7 +28,7 @@ from ..error_walk import (
 )
 from ..filters import DoubleLag, double_lag
 from ..record import FloatArray, LoopSettings, Record
-from ..segmenter import OpenHalfPeriod, Segments, close, opened, put
+from ..segmenter import OpenHalfPeriod, Segments, opened, put
 from .oscillation import least_area
 
 DEFAULT_KP = 1.5  # section 4: errors below 20 % for 1 < Kp < 3.4
@@ -130,7 +130,13 @@ class ErrorTrack:
         self._carried[USED], self._carried[SETPOINT] = put(left, self._own)
 
     def finish(self) -> Segments:
-        return Segments.join([self.ended, close(self.open)])
+        """All half periods, the open one as incomplete."""
+        self.make_room()
+        ended, o = int(self._own[STORED]), self.open
+        if o is not None and o.sign:
+            self.table[ended] = o.begin, o.last_index, o.area, o.e_max, o.sign, o.move, 0.0
+            ended += 1
+        return Segments.of(self.table[:ended])
 
 
 class ErrorScanner:

@@ -79,7 +79,7 @@ def data_quality(record: Record, Ti: float | None = None) -> Quality:
     quality = quality_of(survey, Ti)
     if quality.op is None:
         return quality
-    return replace(quality, output_reversals_per_hour=_turns(*survey.samples(OUTPUT), quality.op, record.interval, Ti))
+    return replace(quality, output_reversals_per_hour=_turns(*survey.samples()[2:], quality.op, record.interval, Ti))
 
 
 def quality_of(survey: Survey, Ti: float | None = None) -> Quality:
@@ -92,8 +92,7 @@ def quality_of(survey: Survey, Ti: float | None = None) -> Quality:
     samples = sum(numbers[:STATES])
     points = numbers[LAST] - numbers[FIRST] + 1 if samples else 0
     share = [count / max(points, 1) for count in numbers[:STATES]]
-    index, measured = survey.samples(MEASUREMENT)
-    output_index, outputs = survey.samples(OUTPUT)
+    index, measured, output_index, outputs = survey.samples()
     op = stored_as(output_index, outputs) if len(output_index) else None
     usable = numbers[SampleState.GOOD] + numbers[SampleState.FILLED]
     quality = Quality(

@@ -10,14 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..record import FloatArray, IntArray
-from .recording_loops import bends, changes, reversals, straight_runs
+from .recording_loops import bends, changes, lattice, reversals, straight_runs
 
 LATTICE = 0.02  # how far from a whole number of steps a difference may lie
 EXACT = 1e-9  # of the signal's range: rounding of numbers, not of a recorder
 VISIBLE = 1e-4  # of the signal's range: smaller changes are those of a signal that has settled, not of a recorder
 LEAST_RUN = 4  # samples on one straight line that are no accident
 LEAST_KINKS = 5
-FEW = 100
 
 
 __all__ = ["Storage", "fast_noise", "reversals", "rounding_step", "stored_as"]
@@ -46,29 +45,19 @@ def rounding_step(values: FloatArray) -> float:
     >>> round(rounding_step(np.array([0.1, 0.3, 0.4, 0.2, 0.7, 0.2, 0.8, 0.5])), 9)
     0.1
     """
-    return _lattice(np.unique(values), len(values))
+    return _lattice(np.sort(values))
 
 
-def _lattice(levels: FloatArray, samples: int) -> float:
-    """The same from the (levels,) different values in order, of so many samples."""
-    if len(levels) < 2:
+def _lattice(ordered: FloatArray) -> float:
+    """The same from the values in order."""
+    if len(ordered) < 2 or ordered[0] == ordered[-1]:
         return 0.0
-    gaps = np.diff(levels)
-    gaps = gaps[gaps > EXACT * (levels[-1] - levels[0])]
-    smallest = float(gaps.min())
-    for parts in (1, 2, 3, 5):
-        # most signals lie on no lattice, and the first few values say so
-        if not (_whole(gaps[:FEW] * (parts / smallest)) and _whole(steps := gaps * (parts / smallest))):
-            continue
-        # A lattice is a finding only where levels recur: a few scattered values always fit some lattice.
-        recurring = len(levels) <= 0.7 * samples or _median(steps) <= 2.0
-        return float(smallest / parts) if recurring else 0.0
-    return 0.0
-
-
-def _whole(steps: FloatArray) -> bool:
-    """Whether all are whole numbers, within what rounding of the values allows."""
-    return bool(np.all(np.abs(steps - np.round(steps)) <= np.minimum(LATTICE * np.sqrt(np.maximum(steps, 1.0)), 0.2)))
+    step, levels = lattice(ordered, EXACT * float(ordered[-1] - ordered[0]), LATTICE)
+    # A lattice is a finding only where levels recur: a few scattered values always fit some lattice.
+    if step > 0.0 and levels > 0.7 * len(ordered):
+        gaps = np.diff(ordered)
+        step = step if _median(gaps[gaps > EXACT * float(ordered[-1] - ordered[0])]) <= 2.0 * step else 0.0
+    return step
 
 
 def fast_noise(index: IntArray, values: FloatArray) -> float:
@@ -86,9 +75,9 @@ def _median(values: FloatArray) -> float:
 
 def stored_as(index: IntArray, values: FloatArray) -> Storage:
     """Tell measurements from values that a historian held or interpolated between stored ones."""
-    levels = np.unique(values)
-    span = float(levels[-1] - levels[0])
-    step = _lattice(levels, len(values))
+    ordered = np.sort(values)
+    span = float(ordered[-1] - ordered[0])
+    step = _lattice(ordered)
     noise = fast_noise(index, values)
     plain = Storage("samples", 0.0, 1.0, 0.0, step, noise)
     if len(values) < 3 * LEAST_RUN or span == 0.0:

@@ -13,6 +13,33 @@ from ..record import FloatArray, IntArray
 
 
 @numba.njit(cache=True, nogil=True)
+def lattice(ordered: FloatArray, least: float, limit: float) -> tuple[float, int]:
+    """Step of the lattice that values in order lie on, 0 when they lie on none, and how many different ones there are.
+
+    least: differences up to it are none. limit: how far from a whole number of steps a difference may lie, growing with
+    the square root of the number, up to a fifth.
+    """
+    smallest, levels = np.inf, 1
+    for k in range(1, len(ordered)):
+        gap = ordered[k] - ordered[k - 1]
+        levels += gap > 0.0
+        if gap > least:
+            smallest = min(smallest, gap)
+    for parts in (1.0, 2.0, 3.0, 5.0):
+        fits = True
+        for k in range(1, len(ordered)):
+            gap = ordered[k] - ordered[k - 1]
+            if gap > least:
+                steps = gap * parts / smallest
+                if abs(steps - np.rint(steps)) > min(limit * np.sqrt(max(steps, 1.0)), 0.2):
+                    fits = False
+                    break
+        if fits:
+            return smallest / parts, levels
+    return 0.0, levels
+
+
+@numba.njit(cache=True, nogil=True)
 def bends(index: IntArray, values: FloatArray) -> FloatArray:
     """Sizes of the second differences of three neighbours in a row."""
     out = np.empty(max(len(index) - 2, 0))

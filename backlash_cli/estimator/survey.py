@@ -216,14 +216,18 @@ class Survey:
         low, high = self._signals[2 * column : 2 * column + 2].tolist()
         return max(high - low, 0.0)
 
-    def samples(self, column: int) -> tuple[IntArray, FloatArray]:
-        """Grid numbers (rows,) and values (rows,) of samples that were measured, not filled in: half of what is kept.
+    def samples(self) -> tuple[IntArray, FloatArray, IntArray, FloatArray]:
+        """Samples that were measured, not filled in, from half of what is kept: grid numbers (rows,) and values (rows,)
+        of the measurement, then of the output.
 
         More would not show better what a recorder did to them.
         """
         index, rows, kinds = self._rows(0, most=SLOTS // 2)
-        mine = (kinds == GOOD) & np.isfinite(rows[:, column])
-        return (index, rows[:, column]) if mine.all() else (index[mine], rows[mine, column])
+        if kinds.any():
+            index, rows = index[kinds == GOOD], rows[kinds == GOOD]
+        measured, outputs = np.ascontiguousarray(rows[:, 1:].T)
+        there = np.isfinite(outputs)
+        return (index, measured, index, outputs) if there.all() else (index, measured, index[there], outputs[there])
 
     def rows(self, level: int) -> tuple[IntArray, FloatArray]:
         """Grid numbers (rows,) in units of SLOWER**level samples, and means (rows, 3) of all three signals."""

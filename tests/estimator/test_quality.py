@@ -95,6 +95,7 @@ def turns_by_hand(values: list[float], threshold: float) -> int:
     return count
 
 
+@settings(deadline=None)  # compiles on the first call
 @given(st.lists(st.integers(-20, 20), min_size=1, max_size=60), st.integers(1, 10))
 def test_reversals_are_those_counted_by_hand(values: list[int], threshold: int) -> None:
     numbers = [float(v) for v in values]
