@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 from ..record import FloatArray, LoopSettings
 from ..results import Comparison, FittedEffect, FittedParameter, Region, Series
 from . import explain_figures as figures
-from .explain_words import error_size, plain_name, share, span_words, still_holds
+from .explain_words import error_size, fails, plain_name, predicted_name, share, span_words, still_holds
 from .loop_page import note_table
 from .page import Cell, Section, Table, page
 from .parameter_words import meaning, numbers, quantity
 from .residual_causes import causes
+
+REGIONS = 8  # in the table of where a model fails; all are in the folded one
 
 
 def compare_page(c: Comparison) -> str:
@@ -28,14 +30,16 @@ def compare_page(c: Comparison) -> str:
     ]
     if c.unexplained is not None:
         text.append(f"Of the squared error above the noise, this model leaves {share(c.unexplained)} unexplained.")
-    sections = [Section("How well it fits", text=text, table=Table(["Model", "Fit", "Hold-out"], rows), anchor="fit",
+    sections = [Section("How well it fits", text=text, table=Table(["Model", "Fit", "Hold-out"], rows, sortable=False),
+                        anchor="fit",
                         note="Root mean square error in % of the PV span. Hold-out: on samples the fit did not see. "
                              "No model can do better than the measurement noise.")]
     if c.series is not None:
         sections.append(Section(
-            "Measured and predicted", figure=figures.overlay(c.series, c.settings, c.where, c.noise_floor),
-            anchor="trend", note="Drag to zoom, double-click to return; one time axis for all. Shaded: regions where "
-            "the model fails, chosen in the legend. Dotted: twice the measurement noise.",
+            "Measured and predicted",
+            figure=figures.overlay(c.series, c.settings, c.where, c.noise_floor, predicted_name(c)), anchor="trend",
+            note="Drag to zoom, double-click to return; one time axis for all. Shaded: regions where the model fails, "
+                 "chosen in the legend. Dotted: twice the measurement noise.",
         ))
     sections += [where(c.where)] if c.where else []
     sections += effect_sections(c.effects, c.settings, c.series)
@@ -57,16 +61,22 @@ def error(value: float) -> Cell:
 def where(
     regions: Sequence[Region], title: str = "Where the model fails", anchor: str = "where", *, folded: bool = False
 ) -> Section:
-    """The table of regions, worst first."""
-    rows = [
-        [r.region, Cell(r.share, text=share(r.share)), Cell(r.expected, text=share(r.expected)), error(r.rmse),
-         r.samples, r.sentence]
-        for r in regions
-    ]
-    columns = ["Where", "Share of the error", "Share of the time", "Error", "Samples", "In words"]
-    return Section(title, table=Table(columns, rows), anchor=anchor, folded=folded,
-                   note="Regions overlap, so the shares do not add up to 100 %. The model fails where the share of "
-                        "the error is much larger than the share of the time.")
+    """The table of regions where the model fails, worst first, and folded below it all of them."""
+    worse = fails(regions)[:REGIONS]
+    note = ("Regions overlap, so the shares do not add up to 100 %. The model fails where the share of the error is "
+            "much larger than the share of the time.")
+    rest = Section("All parts of the record", table=_regions(regions), folded=True)
+    if not worse:
+        return Section(title, text=["Nowhere in particular: the error is spread evenly over the record."], parts=[rest],
+                       anchor=anchor, folded=folded, note=note)
+    return Section(title, table=_regions(worse), anchor=anchor, folded=folded, note=note,
+                   parts=[rest] if len(worse) < len(regions) else [])
+
+
+def _regions(regions: Sequence[Region]) -> Table:
+    rows = [[r.region, error(r.rmse), Cell(r.share, text=share(r.share)), Cell(r.expected, text=share(r.expected)),
+             r.sentence] for r in regions]
+    return Table(["Where", "Error", "Of the error", "Of the time", "In words"], rows)
 
 
 def effect_sections(effects: Sequence[FittedEffect], settings: LoopSettings, series: Series | None) -> list[Section]:
@@ -79,7 +89,7 @@ def effect_sections(effects: Sequence[FittedEffect], settings: LoopSettings, ser
                 text=[meaning(e, settings, start), *(f"Take care: {note.message}." for note in e.notes)],
                 table=Table(["Parameter", "What it is", "Value"],
                             [[name, e.parameters[name].meaning if name in e.parameters else "measured column", said]
-                             for name, said in numbers(e, settings, start).items()]))
+                             for name, said in numbers(e, settings, start).items()], sortable=False))
         for e in effects
     ]
     return [Section("What it means in the plant", parts=parts, anchor="effects")]
@@ -101,4 +111,4 @@ def parameter_table(parameters: Mapping[str, FittedParameter]) -> Table:
     return Table(["Parameter", "What it is", "Value"], [
         [name, p.meaning or words.get(name, ""), quantity(p, "process", LoopSettings())]
         for name, p in parameters.items() if not p.nuisance
-    ])
+    ], sortable=False)

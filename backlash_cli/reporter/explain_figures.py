@@ -9,13 +9,14 @@ import numpy as np
 
 from ..record import FloatArray, LoopSettings
 from ..results import Region, Series, Step
-from .explain_words import error_size, plain_name
+from .explain_words import error_size, fails, inside_name, plain_name
 from .figures import MEASUREMENT, OUTPUT, QUIET, SETPOINT, Figure, thin
 from .residual_causes import Cause
 from .safe import picture
 
 PREDICTED, RESIDUAL = "#d1345b", "#7a5bc7"
-STEP_COLOURS = (QUIET, "#d1345b", "#2a9d5c", "#c77700", "#7a5bc7", "#0b8a9e")
+STEM = "#0b8a9e"
+STEP_COLOURS = (QUIET, "#d1345b", "#2a9d5c", "#7a5bc7", "#b8578f", "#5a6b00")
 SHADES = ("rgba(209,52,91,0.18)", "rgba(199,119,0,0.18)", "rgba(42,157,92,0.18)", "rgba(122,91,199,0.18)",
           "rgba(11,138,158,0.18)", "rgba(141,153,165,0.22)")
 POINTS = 8000  # per line: every sample of a usual record, so that zooming in loses nothing
@@ -23,21 +24,27 @@ SHADED = 6  # kinds of regions offered for shading
 ROWS = {"yaxis": [0.52, 1.0], "yaxis2": [0.25, 0.46], "yaxis3": [0.0, 0.19]}
 
 
-def overlay(series: Series, settings: LoopSettings, regions: Sequence[Region], noise_floor: float) -> Figure:
+def overlay(
+    series: Series, settings: LoopSettings, regions: Sequence[Region], noise_floor: float, name: str = "PV predicted"
+) -> Figure:
     """Measured and predicted PV, the residual with its worst regions shaded, and OP, on one time axis."""
     lines = [
         line(series, series.setpoint, settings.pv_range, "SP", SETPOINT, width=1.2, dash="dot"),
         line(series, series.measured, settings.pv_range, "PV measured", MEASUREMENT),
-        line(series, series.predicted, settings.pv_range, "PV predicted", PREDICTED),
+        line(series, series.predicted, settings.pv_range, name, PREDICTED),
         line(series, series.residual, _width(settings.pv_range), "residual (measured - predicted)", RESIDUAL, "y2"),
         line(series, series.output, settings.op_range, "OP", OUTPUT, "y3"),
     ]
-    for place, (name, values) in enumerate(series.moved.items()):
-        colour = STEP_COLOURS[2 + place % 3]
-        lines.append(line(series, values, settings.op_range, plain_name(name), colour, "y3", dash="dash"))
-    shaded = [r for r in regions if r.stretches][:SHADED]
+    lines += _stems(series, settings)
+    shaded = [r for r in (fails(regions) or regions) if r.stretches][:SHADED]
     lines += [shading(series, region, place) for place, region in enumerate(shaded)]
     return {"data": lines, "layout": _layout(settings, noise_floor)}
+
+
+def _stems(series: Series, settings: LoopSettings) -> list[Figure]:
+    """Where the stem is as the model sees it, beside OP; none where it follows OP."""
+    return [line(series, values, settings.op_range, inside_name(name), STEM, "y3", dash="dash")
+            for name, values in series.moved.items()]
 
 
 def ladder_overlay(series: Series, steps: Sequence[Step], settings: LoopSettings, noise_floor: float) -> Figure:
@@ -46,7 +53,10 @@ def ladder_overlay(series: Series, steps: Sequence[Step], settings: LoopSettings
     lines = [
         line(series, series.measured, settings.pv_range, "PV measured", MEASUREMENT),
         line(series, series.output, settings.op_range, "OP", OUTPUT, "y3"),
+        *_stems(series, settings),
+        line(series, series.setpoint, settings.pv_range, "SP", SETPOINT, width=1.2, dash="dot"),
     ]
+    always = len(lines)
     last = len(drawn) - 1
     shown = {0, last}
     for place, (k, step, prediction) in enumerate(drawn):
@@ -59,40 +69,42 @@ def ladder_overlay(series: Series, steps: Sequence[Step], settings: LoopSettings
         ]
         lines += [one | {"visible": place in shown, "legendgroup": name} for one in pair]
     layout = _layout(settings, noise_floor)
-    layout["updatemenus"] = [_buttons(drawn)]
+    layout["updatemenus"] = [_buttons(drawn, always)]
     layout["margin"] = {"b": 90}
     return {"data": lines, "layout": layout}
 
 
-def _buttons(drawn: Sequence[tuple[int, Step, FloatArray]]) -> Figure:
-    """One button for each step, and one for all of them."""
+def _buttons(drawn: Sequence[tuple[int, Step, FloatArray]], always: int) -> Figure:
+    """One button for the number of each step, and one for all of them; the first `always` lines stay."""
     def button(label: str, wanted: set[int]) -> Figure:
-        visible = [True, True, *[place in wanted for place in range(len(drawn)) for _ in range(2)]]
+        visible = [*[True] * always, *[place in wanted for place in range(len(drawn)) for _ in range(2)]]
         return {"label": label, "method": "restyle", "args": [{"visible": visible}]}
 
-    names = [f"{k}: {'baseline' if s.added is None else '+ ' + plain_name(s.added)}" for k, s, _ in drawn]
-    each = [button(picture(name), {place}) for place, name in enumerate(names)]
+    # numbers, not names: buttons do not wrap on a narrow screen
+    each = [button(str(k), {place}) for place, (k, _, _) in enumerate(drawn)]
+    ends = button(f"{drawn[0][0]} + {drawn[-1][0]}", {0, len(drawn) - 1})
     return {"type": "buttons", "direction": "right", "x": 0, "xanchor": "left", "y": -0.12, "yanchor": "top",
             "active": -1, "showactive": True, "bgcolor": "#f2f4f6", "font": {"color": "#1d2733"},
-            "buttons": [*each, button("first and last", {0, len(drawn) - 1}), button("all", set(range(len(drawn))))]}
+            "buttons": [*each, ends, button("all", set(range(len(drawn))))]}
 
 
 def ladder_bars(steps: Sequence[Step], noise_floor: float) -> Figure:
-    """The hold-out error after each step, down to the noise floor."""
+    """The hold-out error after each step, from the top down, beside the noise floor."""
     names = [picture("baseline" if s.added is None else f"+ {plain_name(s.added)}") for s in steps]
     errors = [round(100 * s.rmse_holdout, 5) for s in steps]
-    bars = {"type": "bar", "x": [f"{k}  {name}" for k, name in enumerate(names)], "y": errors,
+    floor = 100 * noise_floor
+    bars = {"type": "bar", "orientation": "h", "y": [f"{k}  {name}" for k, name in enumerate(names)], "x": errors,
             "text": [error_size(s.rmse_holdout) for s in steps], "textposition": "outside", "cliponaxis": False,
-            "marker": {"color": [STEP_COLOURS[k % len(STEP_COLOURS)] for k in range(len(steps))]},
-            "hovertemplate": "%{x}: %{y:.4g} %<extra></extra>", "showlegend": False, "width": 0.5}
-    floor = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 100 * noise_floor, "y1": 100 * noise_floor,
+            "textangle": 0, "marker": {"color": [STEP_COLOURS[k % len(STEP_COLOURS)] for k in range(len(steps))]},
+            "hovertemplate": "%{y}: %{x:.4g} %<extra></extra>", "showlegend": False, "width": 0.6}
+    line_ = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": floor, "x1": floor,
              "line": {"color": MEASUREMENT, "width": 1.5, "dash": "dash"}}
-    words = {"xref": "paper", "x": 1.01, "xanchor": "left", "y": 100 * noise_floor, "yanchor": "middle",
-             "text": f"noise floor<br>{error_size(noise_floor)}", "showarrow": False, "align": "left"}
-    top = 1.2 * max([*errors, 100 * noise_floor])
+    words = {"xref": "paper", "x": 0, "xanchor": "left", "yref": "paper", "y": 1.0, "yanchor": "bottom",
+             "showarrow": False, "text": "dashed: noise floor"}
     return {"data": [bars], "layout": {
-        "yaxis": {"title": {"text": "hold-out error [% of PV span]"}, "range": [0, top]}, "xaxis": {"type": "category"},
-        "shapes": [floor], "annotations": [words], "height": 360, "margin": {"r": 110}}}
+        "xaxis": {"title": {"text": "error [% of PV span]"}, "range": [0, 1.4 * max([*errors, floor])]},
+        "yaxis": {"type": "category", "autorange": "reversed"}, "shapes": [line_], "annotations": [words],
+        "height": 150 + 48 * len(steps)}}
 
 
 def plane(series: Series, settings: LoopSettings) -> Figure:

@@ -22,8 +22,8 @@ def explain_page(e: Explanation, *, plotly_file: str = "", back: tuple[str, str]
         sections.append(Section(
             "Each step over the measurement", anchor="steps",
             figure=figures.ladder_overlay(e.series, e.steps, e.settings, e.noise_floor),
-            note="The buttons choose a step, the legend switches single lines. Drag to zoom, double-click to return. "
-                 "Dotted: twice the measurement noise.",
+            note="The buttons choose steps by their number in the ladder, the legend switches single lines. Drag to "
+                 "zoom, double-click to return. Dotted: twice the measurement noise.",
         ))
     sections += effect_sections(e.effects, e.settings, e.series)
     sections += [_candidates(e)] if e.candidates else []
@@ -53,4 +53,5 @@ def _candidates(e: Explanation) -> Section:
     columns = ["Effect", "Hold-out error", "Error gone", "Evidence", "Verdict", "Numbers when alone"]
     return Section("Each effect tried alone", table=Table(columns, [row(c) for c in e.candidates]), anchor="candidates",
                    note="Error gone: share of the squared hold-out error of the plain model. Evidence: how much more "
-                        "likely the record is with the effect, after its parameters are paid for; 10 is strong.")
+                        "likely the record is with the effect, after its parameters are paid for; from 20 on it is "
+                        "taken, if it predicts better, too.")

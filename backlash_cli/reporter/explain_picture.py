@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import UsageError
 from ..record import FloatArray, LoopSettings
 from ..results import Comparison, Explanation, Series
-from .explain_words import error_size, plain_name
+from .explain_words import error_size, fails, inside_name, plain_name, predicted_name
 from .figures import EVIDENCE, MEASUREMENT, OUTPUT, QUIET, thin
 from .files import replacing
 from .residual_causes import causes
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SUFFIXES = (".png", ".svg")
-COLOURS = (QUIET, EVIDENCE, "#2a9d5c", "#c77700", "#7a5bc7")
+COLOURS = (QUIET, EVIDENCE, "#2a9d5c", "#7a5bc7", "#b8578f")
 DPI = 80
 POINTS = 1200  # per line: what a picture of this width can show
 
@@ -62,11 +62,11 @@ def _comparison(c: Comparison, series: Series) -> Figure:
     top = figure.add_subplot(grid[0, :])
     span = c.settings.pv_range
     _line(top, series, series.measured, span, "PV measured", MEASUREMENT)
-    _line(top, series, series.predicted, span, "PV predicted", EVIDENCE)
+    _line(top, series, series.predicted, span, predicted_name(c), EVIDENCE)
     _finish(top, "PV")
     middle = figure.add_subplot(grid[1, :], sharex=top)
     _line(middle, series, series.residual, (0.0, span[1] - span[0]), "residual", "#7a5bc7")
-    worst = next((r for r in c.where if r.stretches), None)
+    worst = next((r for r in fails(c.where) or c.where if r.stretches), None)
     for number, (first, last) in enumerate(worst.stretches if worst is not None else ()):
         hours = [(t - series.time[0]) / 3600.0 for t in (first, last)]
         shade = middle.axvspan(hours[0], hours[1], color=EVIDENCE, alpha=0.13, linewidth=0)
@@ -90,12 +90,14 @@ def _explanation(e: Explanation, series: Series) -> Figure:
     bars = figure.add_subplot(grid[0, 0])
     names = [f"{k} {'baseline' if s.added is None else '+ ' + plain_name(s.added)}" for k, s in enumerate(e.steps)]
     errors = [100 * s.rmse_holdout for s in e.steps]
-    drawn = bars.bar(names, errors, color=[COLOURS[k % len(COLOURS)] for k in range(len(names))], width=0.5)
-    bars.bar_label(drawn, [error_size(s.rmse_holdout) for s in e.steps], fontsize=8)
-    bars.axhline(100 * e.noise_floor, color=MEASUREMENT, linestyle="--", linewidth=1.2,
+    drawn = bars.barh(names, errors, color=[COLOURS[k % len(COLOURS)] for k in range(len(names))], height=0.6)
+    bars.bar_label(drawn, [error_size(s.rmse_holdout) for s in e.steps], fontsize=8, padding=2)
+    bars.invert_yaxis()
+    bars.axvline(100 * e.noise_floor, color=MEASUREMENT, linestyle="--", linewidth=1.2,
                  label=f"noise floor {error_size(e.noise_floor)}")
-    bars.set_ylim(0, 1.25 * max([*errors, 100 * e.noise_floor]))
-    _finish(bars, "hold-out error [%]")
+    bars.set_xlim(0, 1.25 * max([*errors, 100 * e.noise_floor]))
+    bars.set_xlabel("hold-out error [% of PV span]")
+    _finish(bars, "")
     steps = [s for s in (e.steps[0], e.steps[-1]) if s.prediction is not None] if e.steps else []
     rests = {("before", "after")[k]: np.where(series.used, series.measured - s.prediction, np.nan)
              for k, s in enumerate(steps) if s.prediction is not None}
@@ -119,7 +121,7 @@ def _explanation(e: Explanation, series: Series) -> Figure:
 def _output(axes: Axes, series: Series, settings: LoopSettings) -> None:
     _line(axes, series, series.output, settings.op_range, "OP", OUTPUT)
     for name, values in series.moved.items():
-        _line(axes, series, values, settings.op_range, plain_name(name), "#2a9d5c")
+        _line(axes, series, values, settings.op_range, inside_name(name), "#0b8a9e")
     _finish(axes, "OP")
     axes.set_xlabel("time [h]")
 

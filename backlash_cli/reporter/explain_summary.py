@@ -143,7 +143,7 @@ def summary_line(plant: PlantExplanation) -> str:
 
 def _tally_section(plant: PlantExplanation) -> list[Section]:
     rows = [[t.name, len(t.loops), len(t.small) or None, why_words(t) or None] for t in tallies(plant)]
-    table = Table(["Effect", "Loops", "Of these small", "Why not in the others"], rows)
+    table = Table(["Effect", "Loops", "Small", "Why not in the others"], rows)
     note = ("Small: less than 1 % of span, as a good valve may have; or crossed by OP within a few samples; or moving "
             "PV hardly more than its noise. The page of the loop tells which.")
     text = [said] if (said := silent_words(plant)) else []
@@ -158,19 +158,21 @@ def to_page(plant: PlantExplanation, links: Mapping[str, str] | None = None, plo
                       "y": [plain_name(k) for k in found][::-1], "hovertemplate": "%{y}: %{x} loops<extra></extra>"}],
             "layout": {"xaxis": {"title": {"text": "loops"}}, "height": 140 + 32 * len(found)}}
     table = Table(
-        ["Loop", "Missing effects", "Baseline", "Final", "Noise floor", "Unexplained", "Numbers", "Cannot tell apart"],
+        ["Loop", "Missing effects", "Baseline", "Final", "Noise", "Unexplained", "Looks like", "Numbers"],
         [[Cell(x.loop, text=shorten(x.loop, 80), href=links.get(x.loop, "")),
           " + ".join(plain_name(e.effect) for e in x.effects) or NOTHING,
           *(Cell(v, text=error_size(v)) for v in (x.baseline.rmse_holdout, x.rmse_holdout, x.noise_floor)),
-          Cell(x.unexplained, text=share(x.unexplained)), shorten(_numbers(x), 300) or None,
-          "; ".join(" = ".join(map(plain_name, pair)) for pair in x.look_alikes) or None] for x in plant.loops],
+          Cell(x.unexplained, text=share(x.unexplained)),
+          "; ".join(plain_name(other) for _, other in x.look_alikes) or None, shorten(_numbers(x), 300) or None]
+         for x in plant.loops],
         filterable=True, choices="Missing effects",
     )
     sections = [
         Section("Missing in how many loops", text=[summary_line(plant)], figure=bars if found else None),
         *_tally_section(plant),
         Section("Loops", table=table, note="Hold-out errors: root mean square, in % of the PV span, on samples the fit "
-                                           "did not see."),
+                                           "did not see. Looks like: explains the record about equally well, so that "
+                                           "it cannot be told apart from what was taken."),
     ]
     if plant.failures:
         sections.append(Section("Could not be explained", table=note_table(plant.failures)))

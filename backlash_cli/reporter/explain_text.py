@@ -15,6 +15,7 @@ from ..results import Comparison, Explanation, Region
 from .explain_words import (
     candidate_verdict,
     error_size,
+    fails,
     ladder,
     look_alike_words,
     plain_name,
@@ -29,7 +30,6 @@ from .safe import terminal
 WIDTH = 100
 REGIONS = 8  # rows of the table of regions, unless all are asked for
 CANDIDATES = 6
-WORSE = 1.15  # share of the error over share of the time, from which a region is worth a line
 
 
 def comparison_text(c: Comparison, *, verbose: bool = False, colour: bool = False, width: int = WIDTH) -> str:
@@ -114,8 +114,7 @@ def _regions(console: Console, regions: Sequence[Region], verbose: bool, limit: 
         return
     _say(console, "\nWhere the model fails, worst first (regions overlap):")
     table = _table("error", "where")
-    worse = [r for r in regions if r.expected is None or r.share >= WORSE * r.expected] or list(regions)
-    shown = regions if verbose else worse[:limit]
+    shown = regions if verbose else (fails(regions) or list(regions))[:limit]
     for r in shown:
         table.add_row(error_size(r.rmse), Text(terminal(r.sentence or r.region, 300)))
     console.print(table)

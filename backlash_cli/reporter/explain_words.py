@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ..results import Candidate, Comparison, Explanation, Step
+from ..results import Candidate, Comparison, Explanation, Region, Step
 from .safe import terminal
 from .words import duration, moment
 
 ABOUT = 0.1  # errors closer than this share say the same
+WORSE = 1.15  # share of the error over share of the time, from which a region is worth a line
 MUCH = 2.0  # error over noise from which "nothing is missing" needs a word more
 
 NOT_TRIED, NOT_EXPLAINED = "not_tried", "not_explained"
@@ -61,10 +62,20 @@ def ladder(steps: Sequence[Step], noise_floor: float) -> str:
     return f"{' -> '.join(rungs)} (noise floor {error_size(noise_floor)})"
 
 
+def listed(names: Sequence[str]) -> str:
+    """Names as in a sentence.
+
+    >>> listed(["dead time", "backlash", "load step"])
+    'dead time, backlash and load step'
+    """
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
 def look_alike_words(explanation: Explanation) -> list[str]:
     """One sentence for each pair of effects that this record cannot tell apart."""
     return [
-        f"{plain_name(a)} and {plain_name(b)} explain this record about equally well: it cannot tell them apart."
+        f"{plain_name(a).capitalize()} and {plain_name(b)} explain this record about equally well: it cannot tell "
+        "them apart."
         for a, b in explanation.look_alikes
     ]
 
@@ -84,8 +95,8 @@ def verdict(explanation: Explanation) -> str:
     if explanation.verdict:
         return explanation.verdict
     added = explanation.steps[1:]
-    names = " and ".join(plain_name(s.added or "") for s in added if s.chosen == "search")
-    own = " and ".join(plain_name(s.added or "") for s in added if s.chosen != "search")
+    names = listed([plain_name(s.added or "") for s in added if s.chosen == "search"])
+    own = listed([plain_name(s.added or "") for s in added if s.chosen != "search"])
     said = []
     if own:
         said.append(
@@ -131,6 +142,24 @@ def still_holds(c: Comparison) -> str:
     if ratio < 1.0 + ABOUT:
         return said + "It predicts this record about as well as a plain model fitted to it."
     return said + "The model does not hold here: a plain model fitted to this record does better."
+
+
+def fails(regions: Sequence[Region]) -> list[Region]:
+    """The regions whose share of the error is clearly larger than their share of the time, worst first."""
+    return [r for r in regions if r.expected is None or r.share >= WORSE * r.expected]
+
+
+def predicted_name(found: Comparison | Explanation) -> str:
+    """What the prediction is: of PV from OP alone, or a short time ahead where OP answers to the load."""
+    for note in found.warnings:
+        if note.code == "load_driven" and isinstance(ahead := note.values.get("ahead_s"), float):
+            return f"PV predicted {duration(ahead)} ahead"
+    return "PV predicted"
+
+
+def inside_name(name: str) -> str:
+    """A signal within the model in words: where the stem is as the model sees it."""
+    return "stem (model)" if name == "valve" else plain_name(name)
 
 
 def span_words(found: Comparison | Explanation) -> str:

@@ -37,7 +37,8 @@ def quantity(
     if p.unit == SWITCH:
         return "yes" if p.value else "no"
     scale, unit, short = _unit(p.unit, stage)
-    said = f"{p.value * scale:.{_digits(p.value * scale, math.nan if brief else (high - low) * scale)}f}"
+    shown = _digits(p.value * scale, math.nan if brief else (high - low) * scale)
+    said = f"{p.value * scale:.{shown}f}" if p.value else "0"
     if brief:
         return said + short
     said += unit

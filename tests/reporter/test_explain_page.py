@@ -67,7 +67,9 @@ def test_play_shows_in_the_time_since_op_turned():
 
 
 def test_all_signals_share_one_time_axis_and_regions_can_be_switched():
-    figure = figures.overlay(series(), SETTINGS, regions(), 0.004)
+    here = regions()
+    # a part of the record that is no worse than the rest is not offered
+    figure = figures.overlay(series(), SETTINGS, (*here, replace(here[1], region="OP above 60 %", share=0.4)), 0.004)
     names = [line["name"] for line in figure["data"]]
     assert names[:5] == ["SP", "PV measured", "PV predicted", "residual (measured - predicted)", "OP"]
     assert all("xaxis" not in line for line in figure["data"])
@@ -81,10 +83,10 @@ def test_every_step_has_its_button_and_its_lines():
     e = explanation()
     figure = figures.ladder_overlay(e.series, e.steps, SETTINGS, 0.004)
     buttons = figure["layout"]["updatemenus"][0]["buttons"]
-    assert [b["label"] for b in buttons] == ["0: baseline", "1: + backlash", "2: + load step", "first and last", "all"]
+    assert [b["label"] for b in buttons] == ["0", "1", "2", "0 + 2", "all"]
     for button in buttons:
-        assert len(button["args"][0]["visible"]) == len(figure["data"]) == 8
-    assert buttons[1]["args"][0]["visible"] == [True, True, False, False, True, True, False, False]
+        assert len(button["args"][0]["visible"]) == len(figure["data"]) == 9
+    assert buttons[1]["args"][0]["visible"] == [True, True, True, False, False, True, True, False, False]
 
 
 def test_pages_say_the_answer_in_words():
@@ -139,7 +141,7 @@ def test_pages_open_without_errors_and_the_buttons_work(tmp_path):
         browser.wait(f"{plots}[1].querySelectorAll('.updatemenu-button').length === 5")
         click = "['mousedown', 'mouseup', 'click'].forEach(k => b.dispatchEvent(new MouseEvent(k, {bubbles: true})))"
         browser.evaluate(f"(() => {{const b = {plots}[1].querySelectorAll('.updatemenu-button')[1]; {click}}})()")
-        browser.wait(f"{plots}[1].data[4].visible === true && {plots}[1].data[2].visible === false")
+        browser.wait(f"{plots}[1].data[5].visible === true && {plots}[1].data[3].visible === false")
         assert not browser.errors
         assert not [r for r in browser.requests if not r.startswith(("file:", "data:", "blob:"))]
     finally:
