@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
@@ -252,9 +252,12 @@ class LoopScanner:
     def _tally(self, h: HalfPeriods, left_out: int, accepted: np.ndarray, long: np.ndarray) -> dict[str, object]:
         """Counts of all half periods, of which `left_out` were too short to be kept, and the estimates listed."""
         hours = max(self.used * self.interval / 3600.0, 1e-12)
-        codes, why, counts = np.unique(h.why, return_inverse=True, return_counts=True)
-        rejected = dict(zip(codes.tolist(), counts.tolist(), strict=True))
-        rejected.pop("ok", None)
+        reasons = h.why.tolist()
+        counts = Counter(reasons)
+        codes = tuple(sorted(counts))
+        place = {code: number for number, code in enumerate(codes)}
+        why = np.array([place[reason] for reason in reasons], dtype=np.uint8)
+        rejected = {code: n for code, n in counts.items() if code != "ok"}
         if left_out:
             rejected["too_short"] = rejected.get("too_short", 0) + left_out
         listed = h.why != "too_short"
@@ -267,7 +270,7 @@ class LoopScanner:
             "rejected": dict(sorted(rejected.items())),
             "estimates": Estimates(
                 self.start, h.begin[listed], h.duration[listed], h.dy[listed], h.e_max[listed], h.d[listed],
-                h.direction[listed].astype(np.int8), why[listed].astype(np.uint8), tuple(codes.tolist()),
+                h.direction[listed].astype(np.int8), why[listed], codes,
             ),
         }
 
