@@ -2,7 +2,8 @@
 
 Days of 86,400 samples at 1 s from the project's simulator, two in three without dead band, nine kinds of load and
 setpoint motion. Prints CPU milliseconds on one core: half periods, quality, settings check, and the test of PV against
-OP. What reading the file costs is in the benchmark of the scan.
+OP, each alone with what it needs to look at; then a scan of the record in memory without and with that test, which look
+at every sample once for all. What reading the file costs is in the benchmark `speed`.
 """
 
 from __future__ import annotations
@@ -21,11 +22,12 @@ from backlash_cli.estimator.oscillation import detect_oscillation
 from backlash_cli.estimator.quality import quality_of
 from backlash_cli.estimator.survey import Survey
 from backlash_cli.record import Record
+from backlash_cli.scan import ScanOptions, scan
 
 from .random_loops import RandomLoop, draw
 
 DAY = 86_400
-PARTS = ("half periods", "quality", "settings", "PV against OP", "the last three")
+PARTS = ("half periods", "quality", "settings", "PV against OP", "scan --no-confirm", "scan")
 
 
 def day(seed: int) -> RandomLoop:
@@ -67,6 +69,11 @@ def confirmation(record: Record) -> object:
     return scanner.finish()
 
 
+def quick_scan(record: Record) -> object:
+    """All of it but the test of PV against OP."""
+    return scan(record, ScanOptions(confirm=False))
+
+
 def cost(part: Callable[[Record], object], record: Record) -> float:
     """CPU milliseconds of one call."""
     begin = time.process_time()
@@ -76,7 +83,7 @@ def cost(part: Callable[[Record], object], record: Record) -> float:
 
 def main(loops: int = 60, first: int = 0, rebuilt: bool = False) -> None:
     """Print the CPU time of each part over `loops` days."""
-    parts = (half_periods, quality, settings_check, confirmation)
+    parts = (half_periods, quality, settings_check, confirmation, quick_scan, scan)
     rows = []
     for seed in range(first, first + loops):
         loop = day(seed)
@@ -87,7 +94,6 @@ def main(loops: int = 60, first: int = 0, rebuilt: bool = False) -> None:
         rows.append((loop.d > 0, [cost(part, record) for part in parts]))
     worn = np.array([d for d, _ in rows])
     times = np.array([t for _, t in rows])
-    times = np.column_stack([times, times[:, 1:].sum(1)])
     print(f"CPU ms per loop and day of {DAY} samples   mean   healthy   worn   median   90 %   worst")
     for name, column in zip(PARTS, times.T, strict=True):
         values = [column.mean(), column[~worn].mean(), column[worn].mean(), np.median(column),
