@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 from ..errors import BacklashError
 from ..record import Note, Record
 from .clean import build_record
-from .columns import LazyColumn, ParquetColumn, ParquetFileColumns
+from .columns import LazyColumn, ParquetColumn, ParquetFileColumns, SlicedColumn
 from .join import Joiner, LoopSeries, by_loop
 from .layouts import series_of
 from .loop_settings import settings_of
@@ -79,11 +79,12 @@ def recipes_of(loops: Mapping[str, LoopSeries], metadata: Metadata, options: Rea
 
 def read_in_order(recipes: Iterable[Recipe]) -> None:
     """Prepare files whose columns are read a few at once for recipes that are made in this order."""
-    order: dict[int, tuple[ParquetFileColumns, list[int]]] = {}
+    order: dict[int, tuple[ParquetFileColumns, list[tuple[int, int]]]] = {}
     for recipe in recipes:
         for column in _columns(recipe.series):
+            column = column.base if isinstance(column, SlicedColumn) else column
             if isinstance(column, ParquetColumn):
-                order.setdefault(id(column.file), (column.file, []))[1].append(column.index)
+                order.setdefault(id(column.file), (column.file, []))[1].append((column.index, column.first))
     for file, columns in order.values():
         file.read_in_order(columns)
 

@@ -10,6 +10,7 @@ import tempfile
 import time
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -38,6 +39,11 @@ def make(folder: Path, loops: int, samples: int, seed: int = 0) -> None:
     (folder / "loops.toml").write_text("[defaults]\nK = 0.6\nTi = 12.0\nKp = 1.1\npv_range = [0, 100]\n")
 
 
+def workers_cpu(client: Any) -> float:
+    """CPU time [s] of all workers so far."""
+    return float(sum(client.run(time.process_time).values()))
+
+
 def main() -> None:
     loops, samples = (int(a) for a in (*sys.argv[1:], *("2000", "1800")[len(sys.argv) - 1 :]))
     options = ScanOptions(confirm=False)
@@ -50,11 +56,12 @@ def main() -> None:
         began = time.perf_counter(), 0.0
         with connected(None, 2) as client:
             print(f"cluster of two processes started: {time.perf_counter() - began[0]:.1f} s")
-            began = time.perf_counter(), 0.0
+            began, before = (time.perf_counter(), time.process_time()), workers_cpu(client)
             plant = DaskPlant(client, [folder], loops=None, reading=ReadOptions(), absolute=False)
             print(f"files surveyed, loops dealt out: {time.perf_counter() - began[0]:.1f} s")
             found = to_json(plant.scan(partial(scan_part, options=options)))
-            print(f"whole scan on the cluster: {time.perf_counter() - began[0]:.1f} s")
+            print(f"whole scan on the cluster: {time.perf_counter() - began[0]:.1f} s, CPU here "
+                  f"{time.process_time() - began[1]:.1f} s, of the workers {workers_cpu(client) - before:.1f} s")
     print(f"{loops} loops, {samples} samples each; reports are {'the same' if found == local else 'DIFFERENT'}")
 
 
