@@ -171,9 +171,9 @@ def test_every_column_of_a_parquet_is_decoded_once(tmp_path, monkeypatch):
             self.metadata, self._file = file.metadata, file
             self.schema_arrow, self.iter_batches, self.reader = file.schema_arrow, file.iter_batches, self
 
-        def read_all(self, column_indices, use_threads):
+        def read_row_groups(self, groups, column_indices, use_threads):
             read_columns.extend(column_indices)
-            return self._file.reader.read_all(column_indices=column_indices, use_threads=use_threads)
+            return self._file.reader.read_row_groups(groups, column_indices=column_indices, use_threads=use_threads)
 
     make = pa_parquet.ParquetFile
     monkeypatch.setattr(pa_parquet, "ParquetFile", lambda source: Counted(make(source)))
