@@ -6,7 +6,7 @@ the data leave no doubt, otherwise the user is asked for --time-format.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pyarrow as pa
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..record import Note
+from .minutes import whole_minutes
 from .names import plain
 from .numbers import codes_and_words, to_numbers
 from .options import ReadOptions
@@ -51,7 +52,7 @@ def to_times(column: pa.ChunkedArray | pa.Array, name: str, options: ReadOptions
         integers = column.cast(pa.int32() if pa.types.is_time32(kind) else pa.int64()).cast(pa.int64())
         times = _of_day(_scaled(_integers(integers), unit))
     elif pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind):
-        times = _from_text(column, name, options, where)
+        times = _by_minutes(column, name, options, where) or _from_text(column, name, options, where)
     elif pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
         times = from_numbers(to_numbers(column).values, name, options, where)
     else:
@@ -61,6 +62,20 @@ def to_times(column: pa.ChunkedArray | pa.Array, name: str, options: ReadOptions
 
         times = localise(times, options.timezone)
     return times
+
+
+def _by_minutes(column: pa.ChunkedArray | pa.Array, name: str, options: ReadOptions, where: str) -> Times | None:
+    """Read written stamps of one form, one text per minute; None where that cannot be done."""
+    split = whole_minutes(column) if options.time_format is None else None
+    if split is None:
+        return None
+    texts, which, seconds = split
+    try:
+        times = _from_text(texts, name, options, where)
+    except InputError:
+        return None  # said once more of the stamps as they are written
+    minutes = times.micros[which]
+    return replace(times, micros=np.where(minutes == NAT, NAT, minutes + seconds))
 
 
 def from_numbers(values: NDArray[np.float64], name: str, options: ReadOptions, where: str) -> Times:
