@@ -40,7 +40,6 @@ def compare(inputs: tuple[Path, ...], loop: str | None, model_file: Path | None,
     INPUT is one or more CSV or Parquet files, or folders of them; they must hold the controller output (OP). The
     error is given for the fit, for samples the fit did not see, and beside the measurement noise.
     """
-    from ..api import load_model
     from ..model import compare as compare_with
     from ..reporter.explain_picture import check_picture
     from ..reporter.explain_text import comparison_text
@@ -48,9 +47,7 @@ def compare(inputs: tuple[Path, ...], loop: str | None, model_file: Path | None,
 
     check_picture(picture)
     check_places(inputs, json_file, html, picture)
-    if loop is None and model_file is not None and not other_loop:
-        loop = load_model(model_file).loop
-    record = one_loop(inputs, loop, loops, reading)
+    record = one_loop(inputs, loop, loops, reading, None if other_loop else model_file)
     model = None if model_file is None else model_for(model_file, record, other_loop=other_loop)
     found = compare_with(record, model)
     from ..reporter.compare_page import compare_page

@@ -74,16 +74,13 @@ def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], ou
         from .explain_all import explain_plant
 
         return explain_plant(inputs, loops, reading, outside, output, jobs, engine, scheduler)
-    from ..api import load_model
     from ..api import save_model as keep
     from ..model import explain as explain_record
     from ..reporter.explain_picture import check_picture
     from ..reporter.explain_text import explanation_text
 
     check_picture(picture)
-    if loop is None and model_file is not None and not other_loop:
-        loop = load_model(model_file).loop
-    record = one_loop(inputs, loop, loops, reading)
+    record = one_loop(inputs, loop, loops, reading, None if other_loop else model_file)
     model = None if model_file is None else model_for(model_file, record, other_loop=other_loop)
     found = explain_record(record, model, add=chosen, effects=more)
     if save_model is not None and found.model is not None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from ..errors import LoopError, UsageError
+from ..errors import BacklashError, LoopError, UsageError
 from .terminal import emit, say
 
 if TYPE_CHECKING:
@@ -19,10 +19,26 @@ if TYPE_CHECKING:
 Found = TypeVar("Found", "Comparison", "Explanation")
 
 
-def one_loop(inputs: Sequence[Path], name: str | None, loops: Path | None, reading: ReadOptions) -> Record:
-    """Read the loop called `name`, or the only one there is. Raises UsageError listing the loops where it is open."""
+def one_loop(
+    inputs: Sequence[Path], name: str | None, loops: Path | None, reading: ReadOptions, model_file: Path | None = None
+) -> Record:
+    """Read the loop called `name`, else that of the model, else the only one there is.
+
+    Raises UsageError listing the loops where it is open, or when the loop of the model is not there.
+    """
     from ..loaders import read
 
+    if name is None and model_file is not None:
+        from ..api import load_model
+
+        name = load_model(model_file).loop
+        try:
+            return one_loop(inputs, name, loops, reading)
+        except BacklashError as error:
+            if "no loop" not in error.what:
+                raise
+            raise UsageError(f"this model is of loop {name}, which is not in this export", where=str(model_file),
+                             remedy=f"{error.remedy}; --loop NAME --other-loop uses it for another loop") from error
     plant = read(list(inputs), loops=loops, options=replace(reading, only_loops=(name,) if name else ()))
     if name is not None and name in {record.loop for record in plant}:
         return plant[name]

@@ -5,13 +5,18 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+from collections.abc import Mapping
 from functools import lru_cache
 
+import numpy as np
+
 from ..errors import MetadataError, nearest
+from ..record import FloatArray
 from . import EFFECTS
 from .shape import Effect
 
 GROUP = "backlash.effects"
+TRIAL = 50  # samples of the signal that an effect from outside is tried on
 
 
 def load_effect(name: str) -> Effect:
@@ -23,7 +28,8 @@ def load_effect(name: str) -> Effect:
         return _from_module(name)
     known = {effect.name: effect for effect in all_effects()}
     if name not in known:
-        raise MetadataError(f"no effect '{name}'", remedy=nearest(name, known) + " (list: backlash effects)")
+        remedy = nearest(name, known) + " (list: backlash effects); one of your own is given as MODULE:NAME"
+        raise MetadataError(f"no effect '{name}'", remedy=remedy)
     return known[name]
 
 
@@ -51,4 +57,38 @@ def _from_module(name: str) -> Effect:
     if not isinstance(effect, Effect):
         names = [k for k, v in vars(module).items() if isinstance(v, Effect)]
         raise MetadataError(f"'{attribute}' in {module_name} is not an Effect", remedy=nearest(attribute, names))
+    _try(effect, name)
     return effect
+
+
+def _try(effect: Effect, name: str) -> None:
+    """Send a short signal through an effect from outside, so that a mistake in it is told as such.
+
+    Raises MetadataError when it fails, gives no numbers, or is not the identity at its neutral values.
+    """
+    signal = np.linspace(0.3, 0.7, TRIAL)
+    series = np.zeros(TRIAL if effect.column else effect.draws * (TRIAL + 1))
+    started = {q.name: [q.start[0]] if q.many else q.start[0] for q in effect.parameters if q.start}
+    remedy = "mend its start and step; docs/own-effect.md shows a complete effect"
+    for values in ({}, started if not any(q.many for q in effect.parameters) else {}):
+        try:
+            out = effect.apply(signal, effect.pack(values), 1.0, series=series)
+        except Exception as error:
+            own = _own_error(effect, values, series) or error
+            what = f"effect '{name}' fails on a trial signal: {type(own).__name__}: {own}"
+            raise MetadataError(what, remedy=remedy) from error
+        if not np.all(np.isfinite(out)):
+            raise MetadataError(f"effect '{name}' gives no numbers on a trial signal", remedy=remedy)
+        if not values and not effect.draws and not np.allclose(out, signal, rtol=0.0, atol=1e-9):
+            raise MetadataError(f"effect '{name}' changes the signal at its neutral values", remedy=remedy)
+
+
+def _own_error(effect: Effect, values: Mapping[str, object], series: FloatArray) -> Exception | None:
+    """What the step itself says when it runs as plain Python: a compiler's words do not help the author."""
+    try:
+        p = effect.pack(values)
+        with np.errstate(all="ignore"):
+            effect.step(effect.begin(p, 1.0, 0.3, series), 0.3, p)
+    except Exception as error:
+        return error
+    return None

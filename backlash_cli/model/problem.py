@@ -152,7 +152,7 @@ def _refuse_constant(where: str, output: FloatArray, measurement: FloatArray) ->
     for name, values in (("OP", output[np.isfinite(output)]), ("PV", measurement[np.isfinite(measurement)])):
         if values.size and np.ptp(values) <= 1e-9 * max(1.0, float(np.max(np.abs(values)))):
             raise LoopError(
-                f"{name} is constant ({values[0]:g} of span): nothing moves, so nothing can be learnt",
+                f"{name} is constant ({100 * values[0]:.3g} % of span): nothing moves, so nothing can be learnt",
                 where=where,
                 remedy="export a period with setpoint changes or load upsets",
                 code="constant_signal",

@@ -138,7 +138,8 @@ def _effects(console: Console, found: Comparison | Explanation) -> None:
 def _candidates(console: Console, e: Explanation, verbose: bool) -> None:
     if not e.candidates:
         return
-    _say(console, "\nEach effect tried alone, best first:")
+    _say(console, "\nEach effect tried alone, best first (error gone: share of the squared error; evidence: how much "
+                  "likelier the record is with it, 20 are needed):")
     table = _table("hold-out", "error gone", "evidence", "effect")
     shown = e.candidates if verbose else e.candidates[:CANDIDATES]
     start = None if e.series is None else float(e.series.time[0])

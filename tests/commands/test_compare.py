@@ -50,7 +50,8 @@ def test_a_model_of_another_loop_or_range_is_refused_unless_asked(loop, tmp_path
     (tmp_path / "m.toml").write_text(text)
     done = run(capfd, "compare", loop, "--loop", "FIC101", "--model", tmp_path / "m.toml")
     assert done.status == 2 and "this model is of loop TIC7, not of FIC101" in done.err and "--other-loop" in done.err
-    assert run(capfd, "compare", loop, "--model", tmp_path / "m.toml").status == 2  # the export has no TIC7
+    done = run(capfd, "compare", loop, "--model", tmp_path / "m.toml")
+    assert done.status == 2 and "of loop TIC7, which is not in this export -> known: FIC101" in done.err, done.err
     assert run(capfd, "compare", loop, "--model", tmp_path / "m.toml", "--other-loop").status == 0
     (tmp_path / "r.toml").write_text(text.replace("TIC7", "FIC101").replace("[base", "op_range = [4, 20]\n[base"))
     done = run(capfd, "compare", loop, "--model", tmp_path / "r.toml")

@@ -24,6 +24,33 @@ EFFECT = Effect("bulge", Stage.VALVE, "Bulging characteristic.", "own", (
 '''
 
 
+WRONG = '''"""Effects with a mistake each."""
+import numpy as np
+from backlash_cli.effects import Effect, Parameter, Stage
+
+def start(p, interval, first):
+    return np.empty(0)
+
+def raises(state, value, p):
+    raise RuntimeError("no such valve")
+
+def divides(state, value, p):
+    return value / (p[0] - 0.2) if p[0] else value
+
+def endless(state, value, p):
+    return value + np.inf
+
+def shifts(state, value, p):
+    return value + 0.1
+
+def effect(step):
+    return Effect(step.__name__, Stage.VALVE, "Wrong.", "own", (
+        Parameter("size", "span", "size", 0.0, -1.0, 1.0, (0.2,)),), start, step)
+
+RAISES, DIVIDES, ENDLESS, SHIFTS = effect(raises), effect(divides), effect(endless), effect(shifts)
+'''
+
+
 @pytest.fixture(scope="module")
 def loop(tmp_path_factory):
     return write_loop(tmp_path_factory.mktemp("loop"))
@@ -78,8 +105,17 @@ def test_an_effect_from_outside_takes_part_and_stays_in_the_model(loop, tmp_path
     (["--all", "--json", "x.json"], "--json and --all do not fit together"),
     (["--picture", "x.pdf"], "a picture is .png or .svg"),
     (["--loop", "FIC9"], "no loop 'FIC9'"),
+    (["--effect", "wrong_effects"], "one of your own is given as MODULE:NAME"),
+    (["--effect", "wrong_effects:NOTHING"], "'NOTHING' in wrong_effects is not an Effect -> known: RAISES"),
+    (["--effect", "wrong_effects:RAISES"], "fails on a trial signal: RuntimeError: no such valve"),
+    (["--add", "wrong_effects:DIVIDES"], "effect 'wrong_effects:DIVIDES' fails on a trial signal: ZeroDivisionError"),
+    (["--effect", "wrong_effects:ENDLESS"], "gives no numbers on a trial signal"),
+    (["--effect", "wrong_effects:SHIFTS"], "changes the signal at its neutral values"),
 ])
-def test_wrong_use_is_one_message(loop, tmp_path, capfd, monkeypatch, arguments, said):
+def test_wrong_use_is_one_message(loop, tmp_path, tmp_path_factory, capfd, monkeypatch, arguments, said):
+    beside = tmp_path_factory.mktemp("own")
+    (beside / "wrong_effects.py").write_text(WRONG)
+    monkeypatch.syspath_prepend(beside)
     monkeypatch.chdir(tmp_path)
     done = run(capfd, "explain", loop, *arguments)
     assert done.status == 2 and said in done.err and " -> " in done.err, done.err
