@@ -138,8 +138,7 @@ def _effects(console: Console, found: Comparison | Explanation) -> None:
 def _candidates(console: Console, e: Explanation, verbose: bool) -> None:
     if not e.candidates:
         return
-    _say(console, "\nEach effect tried alone, best first (error gone: share of the squared error; evidence: how much "
-                  "likelier the record is with it, 20 are needed):")
+    _say(console, "\nEach effect tried alone, best first:")
     table = _table("hold-out", "error gone", "evidence", "effect")
     shown = e.candidates if verbose else e.candidates[:CANDIDATES]
     start = None if e.series is None else float(e.series.time[0])
@@ -151,6 +150,7 @@ def _candidates(console: Console, e: Explanation, verbose: bool) -> None:
         evidence = "" if c.evidence is None else f"{c.evidence:.0f}"
         table.add_row(error_size(c.rmse_holdout), share(c.error_reduction), evidence, Text(terminal(words, 300)))
     console.print(table)
+    _say(console, "(error gone: share of the squared error; evidence: how much likelier the record is, 20 are needed)")
     if len(e.candidates) > len(shown):
         console.print(f"and {len(e.candidates) - len(shown)} more; --verbose lists all of them with their numbers")
 
