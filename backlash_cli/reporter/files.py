@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import functools
 import os
+import re
 import secrets
 import stat
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import BacklashError
 
+LEFT_BEHIND = 86400.0  # seconds; no run takes a day to write one file
+_TEMPORARY = re.compile(r"\.backlash-[0-9a-f]{12}\.tmp")
 _MENDED = {
     errno.ENOSPC: ("the disk is full", "free some space, or write to another disk"),
     errno.EDQUOT: ("the disk quota is used up", "free some space, or write to another disk"),
@@ -55,6 +60,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
                 raise IsADirectoryError(errno.EISDIR, "is a folder")
             yield target
             return
+        _sweep(target.parent)
         temporary = target.parent / f".backlash-{secrets.token_hex(6)}.tmp"
         try:
             # O_EXCL: never through a link that somebody put there; 0o666 leaves the rights to the user's umask.
@@ -87,6 +93,19 @@ def make_folder(path: str | os.PathLike[str]) -> None:
             f"cannot make the folder: {error.strerror}", where=str(path), remedy="choose another place",
             code="cannot_write",
         ) from error
+
+
+@functools.cache
+def _sweep(folder: Path) -> None:
+    """Remove, once per run and folder, the temporary files that runs left there which were killed outright."""
+    with contextlib.suppress(OSError):
+        for name in os.listdir(folder):
+            if _TEMPORARY.fullmatch(name):
+                path = folder / name
+                with contextlib.suppress(OSError):
+                    about = path.lstat()
+                    if stat.S_ISREG(about.st_mode) and about.st_mtime < time.time() - LEFT_BEHIND:
+                        path.unlink()
 
 
 def _mode(target: Path) -> int | None:

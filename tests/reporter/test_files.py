@@ -130,3 +130,14 @@ def test_killed_at_any_moment_leaves_one_whole_report(tmp_path, how):
     assert path.exists()
     if how is signal.SIGINT:
         assert only(tmp_path) == ["r.bin"]
+
+
+def test_what_a_killed_run_left_goes_after_a_day(tmp_path):
+    mine, young = tmp_path / ".backlash-0123456789ab.tmp", tmp_path / ".backlash-ba9876543210.tmp"
+    others = [tmp_path / name for name in (".backlash-mine.tmp", "backlash-0123456789ab.tmp", ".backlash-0123456789ab")]
+    for path in (mine, young, *others):
+        path.write_text("")
+        os.utime(path, (time.time() - 2 * 86400,) * 2)
+    os.utime(young)
+    write_text(tmp_path / "report.json", "{}")
+    assert sorted(tmp_path.iterdir()) == sorted([young, *others, tmp_path / "report.json"])
