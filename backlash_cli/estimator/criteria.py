@@ -2,7 +2,7 @@
 
 EVIDENCE, EVIDENCE_PER_STEP and DOUBT were chosen on 890 loops simulated at random: processes of the Åström-Hägglund
 test batch, nine kinds of load and setpoint motion, dead bands 0 to 8 %. tests/benchmarks/detect_benchmark.py draws
-other loops of that kind from the simulator and prints what the limits reach there. COARSE, RESPONDS, KNOWN and ASKED
+other loops of that kind from the simulator and prints what the limits reach there. RESPONDS, KNOWN and ASKED
 are set by judgement and were not swept.
 """
 
@@ -18,7 +18,7 @@ EVIDENCE_PER_STEP = 1.0  # nats more for every load step found: each leaves the 
 EVIDENCE_OF_SWITCHING = 25.0  # nats more where the load switches to and fro: 5 of 107 such healthy loops went beyond
 COARSE_FOR_SWITCHING = 10.0  # samples per Ti; below, twice the evidence: 4 of those 5, rows of one or two samples
 SMALLEST = 0.0024  # span: the lowest width of the scan and its neighbourhood are no finding
-COARSE = 5.0  # samples per Ti; below, twice the evidence
+COARSE = 4.0  # samples per Ti; below, twice the evidence: at 4.5 none of 193 simulated healthy loops needs it, at 3.5 one
 RESPONDS = 20.0  # nats by which OP explains PV: below, nothing can be said about a dead band between them
 DOUBT = 4.0  # nats; above, a loop is not called healthy: 1 simulated loop of 100 with d of 1 % or more stays below
 MOTION = 1.5  # range of OP over a dead band that it can show
