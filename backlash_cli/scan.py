@@ -11,7 +11,6 @@ import numpy as np
 from .estimator.assumed_setpoint import like, with_constant_setpoint
 from .estimator.carry import CarryRecorder
 from .estimator.carry_bytes import pack
-from .estimator.clusters import densest
 from .estimator.compensator import recommend
 from .estimator.confirm import ConfirmationScanner
 from .estimator.cycle_verdict import says_of_cycles, with_oscillation
@@ -20,6 +19,7 @@ from .estimator.identify import settings_of
 from .estimator.law_check import check_quickly
 from .estimator.oscillation import detect_oscillation, follows_setpoint
 from .estimator.quality import quality_of
+from .estimator.reading import known_noise, read_half_periods
 from .estimator.survey import FIRST, LAST, WITH_SETPOINT, Survey
 from .estimator.verdict import Findings, decide
 from .record import LoopSettings, Note, Record, SampleState
@@ -199,17 +199,19 @@ class LoopScanner:
             warnings.append(Note("default_kp", f"Kp is not given; the paper's default {DEFAULT_KP} is used"))
         half_periods = estimate(self._errors.smooth.finish(), self.interval, settings)
         oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, self.settings.Ti)
+        quality = quality_of(self._survey, self.settings.Ti)
+        noise = known_noise(quality.pv, quality.filled_share)
+        reading = read_half_periods(half_periods, settings, self.interval, noise)
         accepted = half_periods.why == "ok"
         long = (half_periods.why != "too_short") & (half_periods.why != "incomplete")
-        cluster = densest(half_periods.d[accepted])
         confirmation = self._confirm.finish() if self._confirm else None
-        quality = quality_of(self._survey, self.settings.Ti)
         rounding = quality.op.step if quality.op else 0.0
         driven = follows_setpoint(oscillation, quality.setpoint_moves, quality.setpoint_range, self.interval)
         on_settings = self._settings_notes()
         warnings += on_settings
-        decision = decide(Findings(cluster, int(accepted.sum()), int(long.sum()), oscillation, confirmation,
-                                   (*quality.notes, *on_settings), self.settings.Ti / self.interval, rounding, driven))
+        decision = decide(Findings(reading.cluster, int(accepted.sum()), int(long.sum()), oscillation, confirmation,
+                                   (*quality.notes, *on_settings), self.settings.Ti / self.interval, rounding, driven,
+                                   reading.notes))
         if decision.verdict is Verdict.CANNOT_TELL:
             decision = replace(decision, reasons=(*_contradictions(on_settings), *decision.reasons))
         confirmed = confirmation if isinstance(confirmation, Confirmation) else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from statistics import NormalDist
 
@@ -12,6 +13,8 @@ from ..record import FloatArray
 from ..results import Cluster
 
 CLOSE = 0.35  # estimates within +-35 % of the centre belong together
+SEVERAL = 4  # fewest estimates of a group beside another
+A_QUARTER = 0.25
 
 
 def densest(d: FloatArray) -> Cluster | None:
@@ -30,6 +33,24 @@ def densest(d: FloatArray) -> Cluster | None:
     q1, centre, q3 = (_quantile(members, q) for q in (0.25, 0.5, 0.75))
     return Cluster(centre, median_interval(members), (q3 - q1) / centre, len(members),
                    len(members) / len(values))
+
+
+def gathered(d: FloatArray) -> tuple[Cluster, ...]:
+    """Return all groups of at least SEVERAL estimates and a quarter of them each, the largest first.
+
+    Each is the densest of what the groups before it left. Neighbours whose intervals touch are one group.
+    """
+    found: list[Cluster] = []
+    left = np.sort(d[d > 0])
+    total = len(left)
+    while len(left) >= SEVERAL:
+        group = densest(left)
+        if group is None or group.n < max(SEVERAL, A_QUARTER * total):
+            break
+        if all(group.ci95[0] > c.ci95[1] or group.ci95[1] < c.ci95[0] for c in found):
+            found.append(replace(group, share=group.n / total))
+        left = left[np.abs(left / group.d - 1.0) > CLOSE]
+    return tuple(found)
 
 
 def _quantile(ordered: FloatArray, q: float) -> float:

@@ -1,0 +1,144 @@
+"""A better reading of the half periods: which of them say something about the valve, and how far noise lowers them.
+
+On top of the publication's gates a half period is refused where the setpoint moved so far that the output had to follow
+it by a third of the estimate (eq. (13) knows of no setpoint), and where its mean error is no larger than noise makes
+it. On 300 simulated loops this took away a quarter of the false clusters and nearly half of the error. Noise that the
+controller passes on to its output walks the valve to and fro across its gap, so that the integral part has less to
+travel: the estimates (15) fall by about three times its standard deviation, and that is added to their centre.
+
+    read_half_periods(half_periods, settings, interval, noise) -> Reading
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..record import FloatArray, LoopSettings, Note
+from ..results import Cluster
+from .clusters import CLOSE, densest, gathered
+from .haegglund import DEFAULT_KP, SLOW_ENOUGH, HalfPeriods
+from .recording import Storage
+
+FLOOR = 3.0  # smallest mean error of a half period, in standard deviations of the filtered error
+AFTER_MOVE = 2.0  # integral times: a half period shorter than this passes a setpoint move on to the next
+DITHER = 3.0  # 2.3 to 3.4 on the publication's second example with noise of ten strengths, d of 3, 5 and 10 %
+MATTERS = 0.1  # of the estimate: smaller corrections are made and not told
+LEAST_GAP = 5.0  # smallest dead band in standard deviations of the output's noise: below, the valve never rests
+FILLED = 0.2  # share of interpolated samples from which the noise on PV is not known
+REFUSED = {"setpoint_move": "the setpoint moved", "below_noise": "the error is no larger than noise"}
+FEWEST = 4  # estimates in each of two directions that can be compared
+
+
+@dataclass(frozen=True)
+class Reading:
+    """half_periods: with `setpoint_move` and `below_noise` among the codes. cluster: the densest group of estimates,
+    the effect of noise on OP added, None without any. notes: groups, directions and noise worth telling."""
+
+    half_periods: HalfPeriods
+    cluster: Cluster | None
+    notes: tuple[Note, ...] = ()
+
+
+def known_noise(pv: Storage, filled: float) -> float:
+    """Standard deviation of the fast noise on PV, 0 where a recorder's kinks would pass for it.
+
+    filled: share of samples that were interpolated.
+    """
+    return pv.noise if pv.kind == "samples" and filled < FILLED else 0.0
+
+
+def filtered_noise(noise: float, interval: float, Ti: float) -> float:
+    """Standard deviation of the error behind the estimator's filter (1 + s Ti/2)^-2, for white noise on PV [span].
+
+    White noise of standard deviation s every h seconds leaves 1/(1 + s T)^2 with the variance s^2 h / (4 T).
+    """
+    return noise * float(np.sqrt(min(1.0, interval / (2.0 * Ti))))
+
+
+def output_noise(noise: float, interval: float, settings: LoopSettings) -> float:
+    """Standard deviation of the noise on OP that the controller makes of white noise on PV [span of output].
+
+    P and D part behind the measurement filter (3): K^2 s^2 h (1 / (4 Tf) + Td^2 / (4 Tf^3)); noise passes unfiltered
+    where the sampling is slower than the filter.
+    """
+    Tf = settings.filter_time or 0.0
+    if Tf <= 0.0:
+        return abs(settings.K or 0.0) * noise
+    share = min(1.0, interval / (4.0 * Tf))
+    return abs(settings.K or 0.0) * noise * float(np.sqrt(share * (1.0 + (settings.Td / Tf) ** 2)))
+
+
+def read_half_periods(h: HalfPeriods, settings: LoopSettings, interval: float, noise: float) -> Reading:
+    """Return what the half periods of a loop say. noise: standard deviation of the fast noise on PV [span]."""
+    assert settings.K is not None and settings.Ti is not None
+    floor = FLOOR * filtered_noise(noise, interval, settings.Ti)
+    why = h.why.copy()
+    open_ = why == "ok"
+    why[open_ & _setpoint_moved(h, settings)] = "setpoint_move"
+    why[(why == "ok") & (h.dy <= floor)] = "below_noise"
+    used = why == "ok"
+    sd = output_noise(noise, interval, settings)
+    d = h.d[used] + DITHER * sd
+    cluster, aside = densest(d), _set_aside(why, int(open_.sum()))
+    if cluster is None:
+        return Reading(replace(h, why=why), None, aside)
+    limit = _limit(settings, floor, sd)
+    notes = [*aside, *_groups(d), *_directions(d, h.direction[used])]
+    if DITHER * sd > MATTERS * cluster.d:
+        notes.append(Note(
+            "dither", f"noise of about {100 * sd:.2g} % on OP walks the valve across its gap; the estimates (15) read "
+            f"low by about three times that, and {100 * DITHER * sd:.2g} % was added to their centre",
+            {"output_noise": sd, "added": DITHER * sd}))
+    return Reading(replace(h, why=why), replace(cluster, limit_of_detection=limit), tuple(notes))
+
+
+def _set_aside(why: NDArray[np.str_], accepted: int) -> tuple[Note, ...]:
+    """A note on the half periods that pass the publication's gates and still do not count."""
+    counts = {code: int(np.count_nonzero(why == code)) for code in REFUSED}
+    if not any(counts.values()):
+        return ()
+    told = " and ".join(f"{REFUSED[code]} in {n}" for code, n in counts.items() if n)
+    return (Note("half_periods_set_aside", f"of {accepted} half periods that pass the published gates some do not "
+                 f"count: {told}", {code: float(n) for code, n in counts.items()}),)
+
+
+def _limit(settings: LoopSettings, floor: float, sd: float) -> float:
+    """Smallest dead band that half periods of just 5 Ti could show above the noise."""
+    shown = (abs(settings.K or 0.0) * SLOW_ENOUGH - 1.0 / abs(settings.Kp or DEFAULT_KP)) * floor
+    return max(shown, LEAST_GAP * sd)
+
+
+def _setpoint_moved(h: HalfPeriods, settings: LoopSettings) -> NDArray[np.bool_]:
+    """Where the setpoint moved inside the half period, or just before it, by too much for the estimate."""
+    assert settings.Ti is not None
+    moved = h.setpoint_move.copy()
+    if len(h) > 1:
+        end = h.begin[:-1] + h.duration[:-1]
+        near = (np.abs(h.begin[1:] - end) < 1e-6 * settings.Ti) & (h.duration[:-1] < AFTER_MOVE * settings.Ti)
+        moved[1:] += np.where(near, h.setpoint_move[:-1], 0.0)
+    return np.asarray(moved / abs(settings.Kp or DEFAULT_KP) > CLOSE * h.d)
+
+
+def _groups(d: FloatArray) -> list[Note]:
+    found = gathered(d)
+    if len(found) < 2:
+        return []
+    told = " and ".join(f"{100 * c.d:.2g} % ({c.n})" for c in found)
+    values = {f"d{i + 1}": c.d for i, c in enumerate(found)}
+    return [Note("several_groups", f"the estimates (15) form {len(found)} groups, {told}: the dead band differs "
+                 "between operating points, or changed, or some of them come from load", values)]
+
+
+def _directions(d: FloatArray, direction: NDArray[np.int64]) -> list[Note]:
+    """A note where the estimates of one direction lie clear of those of the other."""
+    up, down = (densest(d[direction == sign]) for sign in (1, -1))
+    if up is None or down is None or min(up.n, down.n) < FEWEST:
+        return []
+    if up.ci95[0] <= down.ci95[1] and down.ci95[0] <= up.ci95[1]:
+        return []
+    return [Note("directions_differ", f"the estimates (15) are {100 * up.d:.2g} % with the error above zero and "
+                 f"{100 * down.d:.2g} % below: the gap is not the same both ways, or a load leans on one side",
+                 {"above": up.d, "below": down.d})]
