@@ -97,7 +97,7 @@ def best_of(
     if hopeful and not valleys and judge.score(hopeful[0]) > before + HOPELESS:
         return hopeful[0]
     best: Fit | None = None
-    for trial in trials[: 3 if valleys else 2]:
+    for trial in finalists(trials, valleys):
         noise, shape = trial.noise, trial.shape
         if valleys:
             solver = Solver(problem, whitener(noise, problem.used, problem.interval))
@@ -111,6 +111,17 @@ def best_of(
         if best is None or judge.score(found) < judge.score(best):
             best = found
     return best
+
+
+def finalists(trials: list[Fit], valleys: bool) -> list[Fit]:
+    """Return the trials to fit to the end: the best two, or where there are many valleys the best two of each kind."""
+    if not valleys:
+        return trials[:2]
+    kinds: dict[tuple[object, ...], list[Fit]] = {}
+    for trial in trials:
+        last = [part for part in trial.shape.parts if jumpy(part.effect)][-1]
+        kinds.setdefault(group(last), []).append(trial)
+    return [trial for found in kinds.values() for trial in found[:2]]
 
 
 def plausible(problem: Problem, found: Fit) -> bool:

@@ -21,6 +21,8 @@ from .response import delayed_lag
 
 # a column of which less than this share is new to the model cannot carry an effect of its own
 LEAST_NEW = 0.05
+# load steps may follow each other after this share of the record, however slow the process
+MOST_APART = 0.02
 
 
 @numba.njit(cache=True)
@@ -46,6 +48,9 @@ class Clue:
         self.interval = problem.interval
         self.lag = shape.lag
         self.duration = problem.duration
+        # pushes that come sooner than the loop can answer are one event, and its shape that of the process
+        usual = min(max(shape.lag, problem.settings.Ti or 0.0), MOST_APART * problem.duration)
+        self.apart = max(int(usual / problem.interval), 2)
         self.known = known
 
     def _space(self) -> tuple[FloatArray, FloatArray]:
@@ -87,7 +92,7 @@ class Clue:
         gain[: max(2, int(self.lag / self.interval))] = 0.0
         gain[-2:] = 0.0
         for k in others:
-            gain[max(0, k - 2) : k + 3] = 0.0
+            gain[max(0, k - self.apart) : k + self.apart + 1] = 0.0
         return int(np.argmax(gain))
 
     def _step(self, k: int) -> FloatArray:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, Note, Record
 from ..results import Comparison, Fitness, FittedEffect, FittedParameter, Model, Region, Series
+from .coarse_output import finer
 from .holdout import better, folds, predicted_by, with_load
 from .holds import why_not
 from .intervals import process_parameters
@@ -42,6 +43,7 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
             kept_model(record, problem, plain.fit, (), plain.rmse_holdout), True,
         )  # fmt: skip
     parts = parts_of(model, problem, float(record.time[0]))
+    problem = nearer(problem, model, shape_of(model, parts))
     recorders = tuple(p for p in parts if p.is_recorder)
     elsewhere = apart(model, problem, float(record.time[0]))
     shape, predicted = matched(problem, model, shape_of(model, parts), elsewhere)
@@ -93,6 +95,15 @@ def error_unseen(
         error = distance(problem, recorders, predicted)[left_out & problem.used & ~known]
         squares, count = squares + float(error @ error), count + error.size
     return float(np.sqrt(squares / count)) if count else None
+
+
+def nearer(problem: Problem, model: Model, shape: Shape) -> Problem:
+    """Return the problem with OP as recorded, or as it was before rounding where the model predicts better from it."""
+    between = finer(problem)
+    if between is None:
+        return problem
+    errors = [np.sum((p.measurement - matched(p, model, shape)[1])[p.used] ** 2) for p in (problem, between)]
+    return between if errors[1] < errors[0] else problem
 
 
 def matched(

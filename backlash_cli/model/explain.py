@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effects import Effect
+from ..effects import Effect, Stage
 from ..effects.registry import all_effects, load_effect
 from ..errors import UsageError
 from ..record import Note, Record
 from ..results import Candidate, Explanation, Fitness, Model, Step
 from .candidates import candidate
+from .coarse_output import finer
 from .compare import notes, series_of, unexplained, where_it_fails
 from .fit import Fit, fit
 from .holdout import Tested, better, least_squares, predicted_by, tested
@@ -23,7 +24,7 @@ from .pipeline import Part, moved_process
 from .problem import Problem, problem_from_record
 from .recorder import distance, fitted_problem, recorders
 from .rounding import rounded, through_rounding
-from .search import ENOUGH, Found, baseline, search
+from .search import ENOUGH, Found, baseline, families, search
 from .why import marked, with_reasons
 
 # PV must move by this many times its noise before anything can be said about how it follows OP
@@ -54,6 +55,49 @@ def explain(
             why = "needs a measured column, and this record has none" if effect.fitted else "cannot be fitted"
             remedy = "backlash effects lists what can be added"
             raise UsageError(f"{effect.name} {why}", where=record.loop, remedy=remedy)
+    tries = [Looked(problem, *looked(record, problem, model, known, chosen, seed))]
+    between = finer(problem)
+    # rounding blurs how large an effect of the valve is and of which kind, it does not make one
+    if between is not None and valve_effects(tries[0].found.final):
+        tries.append(Looked(between, *looked(record, between, model, known, chosen, seed)))
+    # OP as recorded, unless PV says clearly that the valve got what OP was before it was rounded
+    first, last = tries[0], tries[-1]
+    same = valve_effects(first.found.final) == valve_effects(last.found.final)
+    best = last if same and last.score < first.score - ENOUGH else first
+    problem, seen, base, found, held, by_user = best.problem, best.seen, best.base, best.found, best.held, best.by_user
+    # a valve that sticks hides how PV follows OP, so motion is asked for only when nothing was found
+    reason = None if found.final.shape.parts else too_little(seen, base)
+    return assemble(record, problem, seen, base, found, held, by_user, reason, model)
+
+
+def valve_effects(fitted: Fit) -> list[str]:
+    """Return which effects of the valve a model has, look-alikes under one name."""
+    shape = fitted.shape
+    return families(replace(shape, parts=tuple(p for p in shape.parts if p.effect.stage == Stage.VALVE)))
+
+
+@dataclass(frozen=True, eq=False)
+class Looked:
+    """What a search came to on one reading of the record: see `looked`."""
+
+    problem: Problem
+    seen: Problem
+    base: Fit
+    found: Found
+    held: tuple[Part, ...]
+    by_user: Sequence[str]
+
+    @property
+    def score(self) -> float:
+        """Score of the final model, smaller is better."""
+        return self.found.judge.score(self.found.final)
+
+
+def looked(
+    record: Record, problem: Problem, model: Model | None, known: Mapping[str, Effect], chosen: Sequence[Effect],
+    seed: int,
+) -> tuple[Problem, Fit, Found, tuple[Part, ...], list[str]]:
+    """Return the problem as a fit sees it, its plain model, what the search found, recorders and the user's names."""
     base = baseline(problem)
     given = parts_of(model, problem, float(record.time[0])) if model is not None else ()
     shown = recorders(problem, base, [e for e in known.values() if not chosen or e in chosen])
@@ -71,9 +115,7 @@ def explain(
                 by_user.append(effect.name)
     found = search(seen, () if chosen else tuple(known.values()), start, seed=seed)
     found = replace(found, final=through_rounding(seen, held, found.final))
-    # a valve that sticks hides how PV follows OP, so motion is asked for only when nothing was found
-    reason = None if found.final.shape.parts else too_little(seen, base)
-    return assemble(record, problem, seen, base, found, held, by_user, reason, model)
+    return seen, base, found, held, by_user
 
 
 def as_effect(effect: Effect | str) -> Effect:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..effects import Effect, Parameter
+from ..effects import Effect, Parameter, Stage
 from ..record import FloatArray
 from ..results import FittedEffect, FittedParameter
 from .fit import Fit, Solver, descend, slopes
@@ -91,10 +91,22 @@ def profile(problem: Problem, fitted: Fit, known: Mapping[Key, Known]) -> dict[K
         if f.place >= 0 and not f.nuisance and len(out) < MOST_PROFILES and np.isfinite(known[key].deviation):
             value = known[key].value
             low, high = (_end(solver, fitted, f, known[key], side, lowest) for side in (-1.0, 1.0))
-            off = 0.0 if on_the_clock(fitted.shape.parts[f.place].effect, f.name) else MODEL_ERROR * value
+            off = unsure(problem, fitted.shape.parts[f.place].effect, f.name, value)
             below, above = (float(np.hypot(end - value, off)) for end in (low, high))
             out[key] = (max(value - below, f.low), min(value + above, f.high))
     return out
+
+
+def unsure(problem: Problem, effect: Effect, name: str, value: float) -> float:
+    """Return how far a number may be off whatever the error says: the process is simpler in the model, OP was rounded.
+
+    What a valve does with OP shows in PV no better than OP was recorded, to half a step either way.
+    """
+    if on_the_clock(effect, name):
+        return 0.0
+    unit = next(q.unit for q in effect.parameters if q.name == name)
+    rounded_off = 0.5 * problem.output_step if effect.stage == Stage.VALVE and unit == "span" else 0.0
+    return float(np.hypot(MODEL_ERROR * value, rounded_off))
 
 
 def on_the_clock(effect: Effect, name: str) -> bool:
@@ -136,12 +148,13 @@ def fitted_effects(
                     own = C[column : column + turns, column : column + turns]
                     solved.setdefault(name, []).append(float(np.sqrt(np.trace(own) / turns)) / abs(fitted.gain))
                     column += turns
-        out.append(_effect(part, place, values, known, solved, ends))
-    out += [_effect(part, -2, dict(part.values), {}, {}, {}) for part in recorders]
+        out.append(_effect(problem, part, place, values, known, solved, ends))
+    out += [_effect(problem, part, -2, dict(part.values), {}, {}, {}) for part in recorders]
     return out
 
 
 def _effect(
+    problem: Problem,
     part: Part,
     place: int,
     values: Mapping[str, float | tuple[float, ...]],
@@ -158,7 +171,7 @@ def _effect(
         deviations = [known.get((place, q.name, i), UNKNOWN).deviation for i in range(len(numbers))]
         deviations = solved.get(q.name, deviations)
         intervals = [
-            ends.get((place, q.name, i), _interval(e, q, v, s))
+            ends.get((place, q.name, i), _interval(q, v, s, unsure(problem, e, q.name, v)))
             for i, (v, s) in enumerate(zip(numbers, deviations, strict=True))
         ]
         ci = None if any(i is None for i in intervals) or not intervals else intervals
@@ -173,10 +186,10 @@ def _effect(
     return FittedEffect(e.name, parameters, part.column, e.sentence, e.fitting.meaning, str(e.stage))
 
 
-def _interval(e: Effect, q: Parameter, value: float, deviation: float) -> tuple[float, float] | None:
+def _interval(q: Parameter, value: float, deviation: float, off: float) -> tuple[float, float] | None:
     if not np.isfinite(deviation) or not np.isfinite(value):
         return None
-    wide = float(np.hypot(NORMAL_95 * deviation, 0.0 if on_the_clock(e, q.name) else MODEL_ERROR * value))
+    wide = float(np.hypot(NORMAL_95 * deviation, off))
     return float(max(value - wide, q.low)), float(min(value + wide, q.high))
 
 

@@ -17,6 +17,8 @@ from .problem import Problem
 LAGS_PER_STRETCH = 6.0
 # a slow loop still gets weight enough that a model which does not predict cannot win
 LEAST_STRETCHES, MOST_STRETCHES = 30.0, 150.0
+# more than any likelihood
+WRONG_WAY = 1e7
 
 
 def jumpy(effect: Effect) -> bool:
@@ -27,6 +29,7 @@ def jumpy(effect: Effect) -> bool:
 @dataclass(frozen=True)
 class Judge:
     """Scores fits of one loop. log_samples: ln of the usable samples. stretches: independent errors in the record.
+    sign: of the gain of the process, which is that of the controller; 0 when the settings do not tell.
 
     The deviance knows how well each sample follows from those before it. A random load that may wander without
     limit explains a drift or a step as well as the real cause does; it does not predict PV from OP. The error of
@@ -36,6 +39,7 @@ class Judge:
 
     log_samples: float
     stretches: float
+    sign: float = 0.0
 
     def price(self, shape: Shape) -> float:
         """Return what the values of all effects cost, in units of deviance (Schwarz 1978: ln n for each)."""
@@ -43,9 +47,9 @@ class Judge:
 
     def price_of(self, part: Part) -> float:
         """Return the price of one effect; a value picked from all places of the record costs twice, and narrow
-        valleys, of which one is always deep by chance, cost one value more."""
+        valleys, of which one is always deep by chance, cost two values more."""
         fitting = part.effect.fitting
-        total = 1.0 if jumpy(part.effect) else 0.0
+        total = 2.0 if jumpy(part.effect) else 0.0
         for q in part.effect.parameters:
             value = part.values.get(q.name)
             if value is None or q.choices or (q.nuisance and not q.many) or not np.all(np.isfinite(as_tuple(value))):
@@ -55,7 +59,9 @@ class Judge:
 
     def score(self, fitted: Fit) -> float:
         """Return deviance plus price plus prediction error: smaller is better."""
-        return fitted.deviance + self.price(fitted.shape) + self.stretches * 2.0 * float(np.log(fitted.rmse))
+        # a loop under control has a process of the sign of its controller; the mirror image is the controller itself
+        wrong = WRONG_WAY if self.sign * fitted.gain < 0.0 else 0.0
+        return wrong + fitted.deviance + self.price(fitted.shape) + self.stretches * 2.0 * float(np.log(fitted.rmse))
 
     def best(self, fits: Sequence[Fit]) -> Fit:
         """Return the fit of the smallest score."""
@@ -66,4 +72,5 @@ def judge_for(problem: Problem, lag: float) -> Judge:
     """Return the judge of a loop whose process has about the time constant `lag` [s]."""
     stretches = problem.duration / (LAGS_PER_STRETCH * max(lag, problem.interval))
     within = float(np.clip(stretches, LEAST_STRETCHES, MOST_STRETCHES))
-    return Judge(float(np.log(np.count_nonzero(problem.used))), within * trust(problem.driven))
+    sign = float(np.sign(problem.settings.K or problem.settings.Kp or 0.0))
+    return Judge(float(np.log(np.count_nonzero(problem.used))), within * trust(problem.driven), sign)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..record import FloatArray, LoopSettings, Record, SampleState
+from .coarse_output import step_of
 from .drive import MOSTLY, horizon, moved_from_outside
 
 # fewer samples than this cannot carry a model with three parameters, a hold-out and a search
@@ -38,7 +39,8 @@ class Problem:
     delay: dead time [s] known from the settings, None when the settings give none. holes: where OP is not known.
     floor: standard deviation of the measurement noise [span], from third differences. memory, moved: load columns and
     moved outputs by part, shared by problems that differ in their mask only. driven: share of OP's motion that comes
-    from the setpoint or the operator. ahead: samples that a loop driven by its load is predicted ahead (see `drive`).
+    from the setpoint or the operator. output_step: in which OP was recorded [span], 0 when it hardly matters.
+    ahead: samples that a loop driven by its load is predicted ahead (see `drive`).
     """
 
     loop: str
@@ -55,6 +57,7 @@ class Problem:
     floor: float = 1e-4
     driven: float = 1.0
     ahead: int = 1
+    output_step: float = 0.0
     memory: dict[object, list[FloatArray]] = field(default_factory=dict, repr=False)
     moved: dict[object, FloatArray] = field(default_factory=dict, repr=False)
 
@@ -143,6 +146,7 @@ def problem_from_record(record: Record) -> Problem:
         holes=_holes(output),
         floor=floor,
         driven=moved_from_outside(moved, setpoint, state == SampleState.MANUAL, used, record.interval),
+        output_step=step_of(moved),
         ahead=horizon(recorded, floor, record.interval, record.settings.Ti),
     )
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..effects import Effect
-from .candidates import candidate, table
+from .candidates import candidate, table, wander
 from .fit import Fit, Solver, descend, fit, refit_noise
 from .holdout import better
 from .judge import Judge, judge_for, jumpy
@@ -24,6 +24,8 @@ MOST_EFFECTS = 4
 WORTH_TELLING = 1.08
 # a short way ahead most of the error is load that nobody can know and noise: there it must be larger at all
 WORTH_AHEAD = 1.002
+# random trials of an effect with many valleys after another was taken out
+LOOK_AROUND = 150
 # an effect that moves PV by less than this share of its noise does nothing
 NOTHING = 0.05
 
@@ -75,16 +77,53 @@ def search(problem: Problem, effects: Sequence[Effect], start: Fit, *, seed: int
         known += trials.values()
         if not trials:
             break
-        best = judge.best(list(trials.values()))
-        if judge.score(now) - judge.score(best) < ENOUGH:
+        best = next_best(problem, judge, now, trials, effects, seed)
+        if best is None:
             break
         now = improve(problem, judge, best, effects, seed) if now.shape.parts else best
         known.append(now)
-    now, without = prune(problem, judge, now, start, known)
+    now, without = prune(problem, judge, longest_first(problem, judge, now), start, known, seed)
     if problem.by_load and without and better(problem, now).rmse_holdout > better(problem, start).rmse_holdout:
         # the likeliest model of a load need not be the one that knows what comes
         now, without = start, {}
     return Found(start, first, now, without, judge)
+
+
+def next_best(
+    problem: Problem, judge: Judge, now: Fit, trials: dict[str, Fit], effects: Sequence[Effect], seed: int
+) -> Fit | None:
+    """Return the model to go on with: one more effect, or two that show only together; None when nothing is worth it.
+
+    Where OP answers to the load, an effect must also lower the error a short way ahead: the likeliest model of a load
+    need not be the one that knows what comes.
+    """
+    worth = [t for t in sorted(trials.values(), key=judge.score) if judge.score(now) - judge.score(t) >= ENOUGH]
+    if problem.by_load and worth:
+        limit = better(problem, now).rmse_holdout
+        worth = [t for t in worth if better(problem, t).rmse_holdout < limit] or worth
+    if worth or now.shape.parts:
+        return worth[0] if worth else None
+    # the best effect on the way of the output beside the loads, as friction hides what a load did and the other way
+    valve = [t for t in trials.values() if not t.shape.parts[0].is_linear]
+    if not valve:
+        return None
+    near = min(valve, key=lambda t: t.deviance)
+    pairs = table(problem, judge, near, [e for e in effects if e.fitting.linear], seed)
+    both = judge.best(list(pairs.values())) if pairs else None
+    return both if both is not None and judge.score(now) - judge.score(both) >= 2.0 * ENOUGH else None
+
+
+def longest_first(problem: Problem, judge: Judge, now: Fit) -> Fit:
+    """Return the model with the longest lag as that of the process: which of two lags comes first makes no odds."""
+    for place, part in enumerate(now.shape.parts):
+        names = [q.name for q in part.effect.parameters if q.unit == "s"]
+        if part.effect.fitting.on_loads and len(names) == 1:
+            other = float(part.values[names[0]])  # type: ignore[arg-type]
+            if other > now.shape.lag:
+                turned = replace(now.shape, lag=other).with_values(place, **{names[0]: now.shape.lag})
+                found = fit(problem, turned, now.noise)
+                now = found if judge.score(found) < judge.score(now) + ENOUGH / 10.0 else now
+    return now
 
 
 def improve(problem: Problem, judge: Judge, now: Fit, effects: Sequence[Effect], seed: int) -> Fit:
@@ -116,16 +155,40 @@ def idle(problem: Problem, fitted: Fit, part: Part) -> bool:
 
 
 def best_known(judge: Judge, fitted: Fit, known: Sequence[Fit]) -> Fit:
-    """Return the best of a fit and those known with the same effects: slopes alone may end in a poorer valley."""
-    return judge.best([fitted, *(k for k in known if k.shape.names == fitted.shape.names)])
+    """Return the best of a fit and those known with the same effects or their look-alikes.
+
+    Slopes alone may end in a poorer valley, and an effect taken out may leave the other look-alike the better one.
+    """
+    return judge.best([fitted, *(k for k in known if families(k.shape) == families(fitted.shape))])
 
 
-def prune(problem: Problem, judge: Judge, now: Fit, start: Fit, known: Sequence[Fit]) -> tuple[Fit, dict[str, Fit]]:
+def families(shape: Shape) -> list[str]:
+    """Return for each effect of a model the first name among it and its look-alikes."""
+    return sorted(min(part.effect.name, *part.effect.fitting.siblings, "~") for part in shape.parts)
+
+
+def taken_out(problem: Problem, judge: Judge, now: Fit, name: str, seed: int) -> Fit:
+    """Return the model without one effect, the others refitted; an effect with many valleys looks around for a better.
+
+    Else the effect taken out would seem to be worth what the other lost by staying in its valley.
+    """
+    less = fit(problem, now.shape.without(name), now.noise)
+    if not any(jumpy(part.effect) for part in less.shape.parts):
+        return less
+    solver = Solver(problem, whitener(less.noise, problem.used, problem.interval))
+    moved = wander(solver, less.shape, np.random.default_rng(seed), LOOK_AROUND)
+    return judge.best([less, fit(problem, moved, less.noise)])
+
+
+def prune(
+    problem: Problem, judge: Judge, now: Fit, start: Fit, known: Sequence[Fit], seed: int
+) -> tuple[Fit, dict[str, Fit]]:
     """Take out effects that are not worth their price, the least worthy first; return also the fits without each."""
     kept = {part.effect.name for part in start.shape.parts}
     while True:
+        now = best_known(judge, now, known)
         without = {
-            name: best_known(judge, fit(problem, now.shape.without(name), now.noise), known)
+            name: best_known(judge, taken_out(problem, judge, now, name, seed), known)
             for name in now.shape.names if name not in kept
         }
         worth = {name: judge.score(less) - judge.score(now) for name, less in without.items()}
