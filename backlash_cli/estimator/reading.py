@@ -24,7 +24,7 @@ from .recording import Storage
 
 FLOOR = 3.0  # smallest mean error of a half period, in standard deviations of the filtered error
 AFTER_MOVE = 2.0  # integral times: a half period shorter than this passes a setpoint move on to the next
-DITHER = 3.0  # 2.3 to 3.4 on the publication's second example with noise of ten strengths, d of 3, 5 and 10 %
+DITHER = 3.0  # 2.3 to 3.4 on the publication's second example with noise of six strengths, d of 3, 5 and 10 %
 MATTERS = 0.1  # of the estimate: smaller corrections are made and not told
 LEAST_GAP = 5.0  # smallest dead band in standard deviations of the output's noise: below, the valve never rests
 FILLED = 0.2  # share of interpolated samples from which the noise on PV is not known
