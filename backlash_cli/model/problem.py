@@ -121,7 +121,7 @@ def problem_from_record(record: Record) -> Problem:
         raise LoopError(
             f"only {count} usable samples; a model needs {FEWEST_SAMPLES}",
             where=where,
-            remedy="export a longer period, or check the quality column",
+            remedy="export a longer period, or check the quality column and the span (pv_range)",
             code="insufficient_data",
         )
     _refuse_constant(where, output[used], measurement[used])
