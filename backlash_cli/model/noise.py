@@ -57,19 +57,28 @@ class Whitener:
 
 
 @numba.njit(cache=True)
+def stationary(a1, a2, ratio):
+    """Return the covariance (p11, p12, p22) of (w, l) at rest, for a standard deviation `ratio` of l."""
+    b = 1.0 - a2
+    p12 = a1 * b / (1.0 - a1 * a2)
+    p22 = (2.0 * a2 * b * p12 + b * b) / (1.0 - a2 * a2)
+    scale = ratio * ratio / p22
+    return scale, p12 * scale, p22 * scale
+
+
+@numba.njit(cache=True)
+def next_covariance(p11, p12, p22, a1, a2, q):
+    """Return the covariance of (w, l) one sample later; q: variance that comes to w."""
+    b = 1.0 - a2
+    return a1 * a1 * p11 + q, a1 * (a2 * p12 + b * p11), a2 * a2 * p22 + 2.0 * a2 * b * p12 + b * b * p11
+
+
+@numba.njit(cache=True)
 def _gains(used, a1, a2, ratio):
     n = len(used)
     gain = np.zeros((n, 2))
     weight = np.zeros(n)
-    b = 1.0 - a2
-    # stationary covariance for unit variance of w, then scaled to var(l) = ratio^2
-    p11 = 1.0
-    p12 = a1 * b / (1.0 - a1 * a2)
-    p22 = (2.0 * a2 * b * p12 + b * b) / (1.0 - a2 * a2)
-    scale = ratio * ratio / p22
-    p11 *= scale
-    p12 *= scale
-    p22 *= scale
+    p11, p12, p22 = stationary(a1, a2, ratio)
     q = p11 * (1.0 - a1 * a1)
     log_det = 0.0
     steady = False
@@ -83,24 +92,15 @@ def _gains(used, a1, a2, ratio):
                 steady = abs(new1 - g1) < 1e-11 * (1.0 + abs(g1)) and abs(new2 - g2) < 1e-11
                 g1 = new1
                 g2 = new2
-                f11 = p11 - g1 * p12
-                f12 = p12 - g1 * p22
-                f22 = p22 - g2 * p22
-                p11 = a1 * a1 * f11 + q
-                p12 = a1 * (a2 * f12 + b * f11)
-                p22 = a2 * a2 * f22 + 2.0 * a2 * b * f12 + b * b * f11
+                p11, p12, p22 = next_covariance(p11 - g1 * p12, p12 - g1 * p22, p22 - g2 * p22, a1, a2, q)
             gain[k, 0] = g1
             gain[k, 1] = g2
             weight[k] = 1.0 / np.sqrt(s)
             log_det += np.log(s)
         else:
-            if steady:
-                steady = False
+            steady = False
             g1 = g2 = 0.0
-            p22n = a2 * a2 * p22 + 2.0 * a2 * b * p12 + b * b * p11
-            p12 = a1 * (a2 * p12 + b * p11)
-            p11 = a1 * a1 * p11 + q
-            p22 = p22n
+            p11, p12, p22 = next_covariance(p11, p12, p22, a1, a2, q)
     return gain, weight, log_det
 
 

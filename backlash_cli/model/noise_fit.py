@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray
-from .noise import Noise
+from .noise import Noise, next_covariance, stationary
 
 # what wanders more slowly than this share of the record is no noise about a mean: it is a drift
 SLOWEST = 0.1
@@ -22,13 +22,7 @@ CLOSE_ENOUGH = 0.02
 def deviance(error, used, count, a1, a2, ratio):
     """Return -2 log likelihood of an error (samples,) of which `count` are `used`; the noise variance profiled out."""
     b = 1.0 - a2
-    p11 = 1.0
-    p12 = a1 * b / (1.0 - a1 * a2)
-    p22 = (2.0 * a2 * b * p12 + b * b) / (1.0 - a2 * a2)
-    scale = ratio * ratio / p22
-    p11 *= scale
-    p12 *= scale
-    p22 *= scale
+    p11, p12, p22 = stationary(a1, a2, ratio)
     q = p11 * (1.0 - a1 * a1)
     steady = False
     g1 = g2 = c = e = 0.0
@@ -43,12 +37,7 @@ def deviance(error, used, count, a1, a2, ratio):
                 steady = abs(new1 - g1) < 1e-11 * (1.0 + abs(g1)) and abs(new2 - g2) < 1e-11
                 g1 = new1
                 g2 = new2
-                f11 = p11 - g1 * p12
-                f12 = p12 - g1 * p22
-                f22 = p22 - g2 * p22
-                p11 = a1 * a1 * f11 + q
-                p12 = a1 * (a2 * f12 + b * f11)
-                p22 = a2 * a2 * f22 + 2.0 * a2 * b * f12 + b * b * f11
+                p11, p12, p22 = next_covariance(p11 - g1 * p12, p12 - g1 * p22, p22 - g2 * p22, a1, a2, q)
                 c = a2 * g2 + b * g1
                 e = a1 * g1
                 share = 1.0 / s
@@ -63,10 +52,7 @@ def deviance(error, used, count, a1, a2, ratio):
         else:
             steady = False
             g1 = g2 = 0.0
-            p22n = a2 * a2 * p22 + 2.0 * a2 * b * p12 + b * b * p11
-            p12 = a1 * (a2 * p12 + b * p11)
-            p11 = a1 * a1 * p11 + q
-            p22 = p22n
+            p11, p12, p22 = next_covariance(p11, p12, p22, a1, a2, q)
             l = a2 * l + b * w  # noqa: E741
             w *= a1
     return count * np.log(max(rss, 1e-300) / count) + log_det
