@@ -66,19 +66,12 @@ class Content:
 def open_content(path: Path | Remote, options: ReadOptions) -> Content:
     """Look at a file, decompress it and bring its text to UTF-8. Raises InputError for what is no export."""
     try:
-        about = path.stat()
-        if not stat.S_ISREG(about.st_mode):
-            raise InputError("not a regular file", where=str(path), remedy="save the export as a file first")
-        size = about.st_size
+        size = _regular_size(path)
         with open_place(path) as file:
-            magic = file.read(16)
-            if not magic:
-                raise InputError("file is empty (0 bytes)", where=str(path), remedy="export it again")
+            magic = _first_bytes(file, path)
             if magic[:4] == b"PAR1":
                 return Content(path, "parquet")
-            _refuse_foreign(magic, path)
             codec = codec_of(magic)
-            file.seek(0)
             if codec:
                 data, notes = decompress(file, codec, size, path, options.max_bytes)
                 if data[:4] == b"PAR1":
@@ -109,21 +102,33 @@ def first_part(path: Path | Remote, options: ReadOptions, size: int = 4 * CHUNK)
 
     Raises InputError as `open_content` does for what is seen there.
     """
-    if not stat.S_ISREG(path.stat().st_mode):
-        raise InputError("not a regular file", where=str(path), remedy="save the export as a file first")
+    _regular_size(path)
     with open_place(path) as file:
-        magic = file.read(16)
-        if not magic:
-            raise InputError("file is empty (0 bytes)", where=str(path), remedy="export it again")
+        magic = _first_bytes(file, path)
         if magic[:4] == b"PAR1":
             return Content(path, "parquet")
-        _refuse_foreign(magic, path)
-        file.seek(0)
         data = b"".join(first_pieces(file, codec_of(magic), size))
     _refuse_foreign(data[:16], path)
     if len(data) >= size:
         data = data[: data.rfind(b"\n") + 1] or data
     return _decoded(path, data, options, ())
+
+
+def _regular_size(path: Path | Remote) -> int:
+    about = path.stat()
+    if not stat.S_ISREG(about.st_mode):
+        raise InputError("not a regular file", where=str(path), remedy="save the export as a file first")
+    return about.st_size
+
+
+def _first_bytes(file: BinaryIO, path: Path | Remote) -> bytes:
+    """The bytes that tell the kind of a file; the file is left at its beginning."""
+    magic = file.read(16)
+    if not magic:
+        raise InputError("file is empty (0 bytes)", where=str(path), remedy="export it again")
+    _refuse_foreign(magic, path)
+    file.seek(0)
+    return magic
 
 
 def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> tuple[str, int]:
