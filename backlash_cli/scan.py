@@ -1,43 +1,23 @@
-"""From samples to a report: a LoopScanner takes the blocks of one loop and ends with its LoopReport."""
+"""From the samples of a loop to its report: the blocks through a LoopScanner, once or twice, then their oscillation."""
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from .estimator.assumed_setpoint import like, with_constant_setpoint
-from .estimator.carry import CarryRecorder
-from .estimator.carry_bytes import pack
-from .estimator.compensator import recommend
-from .estimator.confirm import ConfirmationScanner
 from .estimator.cycle_verdict import says_of_cycles, with_oscillation
-from .estimator.haegglund import DEFAULT_KP, ErrorScanner, HalfPeriods, error_scanner, estimate
-from .estimator.identify import settings_of
-from .estimator.law_check import check_quickly
-from .estimator.oscillation import detect_oscillation, follows_setpoint
-from .estimator.quality import quality_of
-from .estimator.reading import known_noise, read_half_periods
-from .estimator.survey import FIRST, LAST, WITH_SETPOINT, Survey
-from .estimator.verdict import Findings, decide
-from .record import LoopSettings, Note, Record, SampleState
-from .results import Confirmation, Estimates, LoopReport, Verdict
+from .loop_scanner import LoopScanner, ScanOptions
+from .record import Record
+from .results import LoopReport
 
-OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
+__all__ = ["PIECE", "LoopScanner", "ScanOptions", "scan", "scan_blocks"]
+
 PIECE = 1 << 18  # samples taken at once: what is worked out in between stays small
 DIAGNOSED = 1 << 20  # samples of an oscillation that are looked at, the last ones
-COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
-
-
-@dataclass(frozen=True)
-class ScanOptions:
-    """What a scan does: `confirm` runs the test of PV against OP through a dead band; `carry` keeps what the next
-    night needs to go on with the half period that is open at the end (for a history)."""
-
-    confirm: bool = True
-    carry: bool = False
 
 
 def scan(record: Record, options: ScanOptions | None = None) -> LoopReport:
@@ -96,198 +76,3 @@ def _last_samples(blocks: Iterable[Record]) -> Record:
         measurement=np.concatenate([b.measurement for b in kept]), output=output,
         state=np.concatenate([b.state for b in kept]), disturbances={},
     )
-
-
-class LoopScanner:
-    """Takes the blocks of one loop's record in time order, `update` by `update`, and `finish`es with the report.
-
-    A record cut into blocks anywhere gives the same report as the whole record, rounding aside. Kept between blocks:
-    filter states, the open half period, the half periods that an estimate or the oscillation detector can use, and
-    sums; not the samples. Only where K or Ti are not known the blocks are kept until the end: they must be read from
-    the whole record before the first half period can be judged. With keep=False they are not, and the caller gives
-    all blocks once more to the scanner that `second_pass` returns.
-    """
-
-    def __init__(self, loop: str, settings: LoopSettings, start: float, interval: float,
-                 options: ScanOptions | None = None, *, keep: bool = True) -> None:
-        self.loop, self.settings, self.start, self.interval = loop, settings, start, interval
-        self.options = options or ScanOptions()
-        self.notes: dict[tuple[str, str], Note] = {}
-        self._unknown = settings.K is None or settings.Ti is None
-        self._kept: list[Record] | None = [] if self._unknown and keep else None
-        self._errors: ErrorScanner | None = None
-        self._carry: CarryRecorder | None = None
-        self._confirm: ConfirmationScanner | None = None
-        given = {settings.source.get(name) for name in ("K", "Ti")} == {"metadata"}
-        self._check = self.options.confirm and given
-        self._survey = Survey(interval, slower=self._check or self._unknown)
-        self._surveyed = False
-        self._unread: Note | None = None
-        if settings.K and settings.Ti and interval <= COARSEST * settings.Ti:
-            self._errors = error_scanner(settings, interval, every=False)
-            self._carry = CarryRecorder(settings, interval) if self.options.carry else None
-            self._confirm = ConfirmationScanner(settings, interval) if self.options.confirm else None
-
-    def update(self, block: Record) -> None:
-        """Take the next block; its index goes on where the last block ended, or later."""
-        for note in block.notes:
-            self.notes.setdefault((note.code, note.message), note)
-        if not len(block):
-            return
-        if not self._surveyed:
-            self._survey.update(block)
-        if self._kept is not None:
-            self._kept.append(block)
-        if self._errors is not None:
-            self._errors.update(block)
-        if self._carry is not None:
-            self._carry.update(block)
-        if self._confirm is not None:
-            self._confirm.update(block)
-
-    @property
-    def has_setpoint(self) -> bool:
-        """Whether a setpoint was recorded with any sample taken so far."""
-        return bool(self._survey.numbers[WITH_SETPOINT])
-
-    @property
-    def used(self) -> int:
-        """Number of samples taken so far that may enter an estimate."""
-        return int(self._survey.states[: SampleState.FILLED + 1].sum())
-
-    def second_pass(self) -> LoopScanner | None:
-        """Return the scanner that all blocks must be given to once more, None where `finish` can answer now.
-
-        Needed where K or Ti are not given and have been read from the blocks.
-        """
-        if not self._unknown or self.used < 2:
-            return None
-        found = settings_of(self._survey)
-        missing = " and ".join(name for name in ("K", "Ti") if getattr(self.settings, name) is None)
-        if isinstance(found, Note):
-            self._unread = Note(
-                "missing_settings", f"{missing} not given, and not to be read from the data: {found.message};"
-                " give K and Ti in the loops file", {"why": found.code})
-            return None
-        scanner = LoopScanner(self.loop, found.settings(self.settings), self.start, self.interval, self.options)
-        scanner._survey, scanner._surveyed = self._survey, True
-        used = scanner.settings
-        message = f"{missing} not given; read from the data: K = {used.K:.3g}, Ti = {used.Ti:.3g} s"
-        for note in (*self.notes.values(), Note("identified_settings", message), *found.notes):
-            scanner.notes[(note.code, note.message)] = note
-        return scanner
-
-    def finish(self) -> LoopReport:
-        """Return the report of everything taken so far."""
-        if self._kept is not None:
-            scanner = self.second_pass()
-            if scanner is not None:
-                for block in self._kept:
-                    scanner.update(block)
-                return scanner.finish()
-        refusal = self._refusal()
-        if refusal is not None:
-            few = refusal.code == "insufficient_data"
-            on_settings = self._settings_notes()
-            return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL,
-                                (*_contradictions(on_settings), refusal), 0.0, on_settings)
-        assert self._errors is not None and self.settings.Ti is not None
-        settings = self.settings
-        warnings: list[Note] = []
-        if settings.Kp is None:
-            settings = settings.with_values("default", Kp=DEFAULT_KP)
-            warnings.append(Note("default_kp", f"Kp is not given; the paper's default {DEFAULT_KP} is used"))
-        half_periods = estimate(self._errors.smooth.finish(), self.interval, settings)
-        oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, self.settings.Ti)
-        quality = quality_of(self._survey, self.settings.Ti)
-        noise = known_noise(quality.pv, quality.filled_share)
-        reading = read_half_periods(half_periods, settings, self.interval, noise)
-        accepted = half_periods.why == "ok"
-        long = (half_periods.why != "too_short") & (half_periods.why != "incomplete")
-        confirmation = self._confirm.finish() if self._confirm else None
-        rounding = quality.op.step if quality.op else 0.0
-        driven = follows_setpoint(oscillation, quality.setpoint_moves, quality.setpoint_range, self.interval)
-        on_settings = self._settings_notes()
-        warnings += on_settings
-        decision = decide(Findings(reading.cluster, int(accepted.sum()), int(long.sum()), oscillation, confirmation,
-                                   (*quality.notes, *on_settings), self.settings.Ti / self.interval, rounding, driven,
-                                   reading.notes))
-        if decision.verdict is Verdict.CANNOT_TELL:
-            decision = replace(decision, reasons=(*_contradictions(on_settings), *decision.reasons))
-        confirmed = confirmation if isinstance(confirmation, Confirmation) else None
-        compensator = None
-        if decision.verdict is Verdict.BACKLASH:
-            noise = quality.op.noise if quality.op else 0.0
-            compensator = recommend(decision.cluster, confirmed, derivative=settings.Td > 0, output_noise=noise,
-                                    oscillating=oscillation.share > OSCILLATING and not accepted.any())
-        return self._report(decision.verdict, decision.reasons, decision.confidence, warnings=tuple(warnings),
-                            settings=settings, cluster=decision.cluster, confirmation=confirmed,
-                            compensator=compensator,
-                            carry=pack(self._carry.finish(self._errors)) if self._carry else None,
-                            **self._tally(half_periods, self._errors.smooth.left_out, accepted, long))
-
-    def _settings_notes(self) -> tuple[Note, ...]:
-        """Say where the settings given do not make the recorded output; a contradiction limits the verdict."""
-        if not (self._check and self.used):
-            return ()
-        notes = []
-        for note in check_quickly(self._survey, self.settings):
-            if note.code != "settings_unchecked":
-                effect = "limits" if note.values.get("severity") == "contradict" else "info"
-                notes.append(replace(note, values={**note.values, "effect": effect}))
-        return tuple(notes)
-
-    def _refusal(self) -> Note | None:
-        if self._unread is not None:
-            return self._unread
-        if self.settings.K is None or self.settings.Ti is None:
-            return Note("insufficient_data", f"only {self.used} usable samples, and K or Ti are not known")
-        if self.interval > COARSEST * self.settings.Ti:
-            return Note("sampling_too_coarse", f"sampled every {self.interval:g} s, too coarse for Ti = "
-                        f"{self.settings.Ti:g} s; at most {COARSEST * self.settings.Ti:g} s are needed")
-        if self.used < 2:
-            return Note("insufficient_data", f"only {self.used} usable samples")
-        if not self.has_setpoint:
-            return Note("no_setpoint", "no setpoint (SP) in the data: without it there is no control error to judge")
-        return None
-
-    def _tally(self, h: HalfPeriods, left_out: int, accepted: np.ndarray, long: np.ndarray) -> dict[str, object]:
-        """Counts of all half periods, of which `left_out` were too short to be kept, and the estimates listed."""
-        hours = max(self.used * self.interval / 3600.0, 1e-12)
-        reasons = h.why.tolist()
-        counts = Counter(reasons)
-        codes = tuple(sorted(counts))
-        place = {code: number for number, code in enumerate(codes)}
-        why = np.array([place[reason] for reason in reasons], dtype=np.uint8)
-        rejected = {code: n for code, n in counts.items() if code != "ok"}
-        if left_out:
-            rejected["too_short"] = rejected.get("too_short", 0) + left_out
-        listed = h.why != "too_short"
-        return {
-            "half_periods": len(h) + left_out,
-            "long_half_periods": int(long.sum()),
-            "detections": int(accepted.sum()),
-            "detection_rate": float(accepted.sum() / max(len(h) + left_out, 1)),
-            "detections_per_hour": float(accepted.sum() / hours),
-            "rejected": dict(sorted(rejected.items())),
-            "estimates": Estimates(
-                self.start, h.begin[listed], h.duration[listed], h.dy[listed], h.e_max[listed], h.d[listed],
-                h.direction[listed].astype(np.int8), why[listed], codes,
-            ),
-        }
-
-    def _report(self, verdict: Verdict, reasons: tuple[Note, ...], confidence: float,
-                warnings: tuple[Note, ...] = (), settings: LoopSettings | None = None, **rest: object) -> LoopReport:
-        first, last = self._survey.numbers[[FIRST, LAST]].tolist()
-        samples = int(self._survey.states.sum())
-        return LoopReport(
-            self.loop, verdict, reasons, confidence,
-            start=self.start + first * self.interval if samples else None,
-            end=self.start + last * self.interval if samples else None,
-            samples=samples, interval_s=self.interval, settings=settings or self.settings,
-            warnings=(*self.notes.values(), *warnings), **rest,  # type: ignore[arg-type]
-        )
-
-
-def _contradictions(notes: tuple[Note, ...]) -> tuple[Note, ...]:
-    return tuple(note for note in notes if note.values.get("effect") == "limits")

@@ -26,7 +26,8 @@ ALLOWED = {
     "error_walk": set(),
     "segmenter": {"error_walk"},
     "estimator": {"error_walk", "filters", "segmenter"},
-    "scan": {"filters", "segmenter", "estimator"},
+    "loop_scanner": {"estimator"},
+    "scan": {"estimator", "loop_scanner"},
     "check": {"estimator", "filters", "segmenter"},
     "effects": set(),
     "model": {"effects", "filters", "segmenter", "estimator"},
@@ -58,7 +59,9 @@ HOMES = {
     "dask": {"engines"},
     "distributed": {"engines"},
 }
-CORE = BASE | {"error_walk", "filters", "segmenter", "estimator", "scan", "effects", "model", "simulator"}
+CORE = BASE | {
+    "error_walk", "filters", "segmenter", "estimator", "loop_scanner", "scan", "effects", "model", "simulator",
+}
 NOT_IN_CORE = {"print", "open", "input"}
 
 
