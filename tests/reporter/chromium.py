@@ -36,6 +36,10 @@ def quiet_page(browser):
     assert not [r for r in browser.requests if not r.startswith(("file:", "data:", "blob:"))]
 
 
+class PageLeft(Exception):
+    """The page was left for another one while it was asked something."""
+
+
 class Browser:
     """One page in a fresh browser; collects console errors and the addresses that the page asks for."""
 
@@ -75,6 +79,8 @@ class Browser:
         while True:
             answer = self._next()
             if answer.get("id") == self._number:
+                if "navigated or closed" in answer.get("error", {}).get("message", ""):
+                    raise PageLeft
                 assert "error" not in answer, answer["error"]
                 return answer["result"]
             self._note(answer)
@@ -117,9 +123,15 @@ class Browser:
     def wait(self, condition: str, seconds: float = 20.0) -> None:
         """Wait until a JavaScript condition is true."""
         until = time.perf_counter() + seconds
-        while not self.evaluate(condition):
+        while not self._holds(condition):
             assert time.perf_counter() < until, f"not within {seconds} s: {condition}"
             time.sleep(0.02)
+
+    def _holds(self, condition: str) -> bool:
+        try:
+            return bool(self.evaluate(condition))
+        except PageLeft:  # the next page will answer
+            return False
 
     def close(self) -> None:
         self._process.terminate()
