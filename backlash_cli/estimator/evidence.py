@@ -8,7 +8,7 @@ again with one, so that neither has the better noise model. Evidence is the diff
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -82,8 +82,9 @@ class Fitter:
         jumps = np.abs(np.diff(rows.y))[~rows.first[1:]]
         self.ridge = max(float(np.median(jumps)) / 0.6745 / np.sqrt(2.0), 1e-6) ** 2
         self.G, self.S = np.empty((n, 4)), np.empty(n)
-        self.R = np.empty((2, n))
-        self._room = np.zeros((n, core.LANES)), np.empty((core.USED, n))
+        self.R = np.empty((2, n), dtype=np.float32)
+        self._room = (np.zeros((core.CHUNK, core.LANES), dtype=np.float32),
+                      np.empty((core.USED, n), dtype=np.float32))
 
     def pair(self, p: FloatArray, xa: FloatArray, xb: FloatArray | None = None) -> Any:
         """Log-likelihoods (2,), noise variances (2,) and responses (2, lags) of two valve positions (rows,).
@@ -97,14 +98,15 @@ class Fitter:
         """Best p and log-likelihood (2, 4) of OP and of width j, on the way up for one of them."""
         best: FloatArray = likelihood.climb(
             p, which, rounds, share, self.r.x[0], self.r.x[j], self.r.y, self.r.line, self.r.first, self.counted,
-            self.ridge, self.shock, self.G, self.S, *self._room, self.R)
+            self.ridge, self.shock, self.G[:0], self.S, *self._room, self.R)
         return best
 
-    def ll(self, p: FloatArray, x: Iterable[FloatArray]) -> FloatArray:
-        """Log-likelihood of each valve position in x."""
-        x = list(x)
-        found = [self.pair(p, x[i], x[i + 1] if i + 1 < len(x) else None)[0] for i in range(0, len(x), 2)]
-        return np.concatenate(found)[: len(x)]
+    def ll(self, p: FloatArray, x: FloatArray, which: Sequence[int] | IntArray | None = None) -> FloatArray:
+        """Log-likelihood of each valve position in x (positions, rows), or of those in `which`."""
+        chosen = np.arange(len(x)) if which is None else np.asarray(which, dtype=np.int64)
+        found: FloatArray = likelihood.several(p, x, chosen, self.r.y, self.r.line, self.r.first, self.counted,
+                                               self.ridge, self.shock, self.G[:0], self.S, *self._room, self.R)
+        return found
 
     def add_load_steps(self, p: FloatArray, some: Sequence[int]) -> bool:
         """Allow for load steps that stand out under every width of `some`; False when there are none left."""
@@ -197,7 +199,7 @@ def _start(fit: Fitter, starts: list[FloatArray], coarse: list[int]) -> State:
     p0 = starts[int(np.argmax([f[0] for f in found]))]
     best = fit.climb(p0, 0, middle, 2)
     p0, f0 = best[0, :3], float(best[0, 3])
-    values = fit.ll(p0, x[coarse])
+    values = fit.ll(p0, x, coarse)
     j = coarse[int(np.argmax(values))]
     best = fit.climb(p0, 1, j)
     p0, f0 = _better(best[0], p0, f0)
@@ -208,9 +210,9 @@ def _again(fit: Fitter, s: State, coarse: list[int]) -> State:
     x = fit.r.x
     p = s.p1 if s.f1 > s.f0 else s.p0
     near = sorted({*coarse, *(int(np.clip(s.j + k, 1, len(x) - 1)) for k in (-1, 0, 1))})
-    values = fit.ll(p, x[near])
+    values = fit.ll(p, x, near)
     j = near[int(np.argmax(values))]
-    which = int(values.max() > fit.ll(p, x[:1])[0])
+    which = int(values.max() > fit.ll(p, x, [0])[0])
     best = fit.climb(p, which, j)
     other = fit.climb(best[which, :3], 1 - which, j)
     best = np.where(other[:, 3:] > best[:, 3:], other, best)
@@ -232,7 +234,7 @@ def _final(fit: Fitter, s: State, starts: list[FloatArray], coarse: list[int]) -
     j = s.j
     for _ in range(3):
         near = sorted({*coarse, *(int(np.clip(j + k, 1, len(x) - 1)) for k in (-2, -1, 0, 1, 2))})
-        values = fit.ll(p1, x[near])
+        values = fit.ll(p1, x, near)
         k = near[int(np.argmax(values))]
         if k == j:
             break
@@ -253,13 +255,13 @@ def _summary(fit: Fitter, s: State, close: bool) -> Evidence:
     widths = rows.widths
     some = np.unique(np.clip([*range(0, len(widths), 2), len(widths) - 1, s.j - 3, s.j - 2, s.j - 1, s.j, s.j + 1], 0,
                              len(widths) - 1))
-    values = fit.ll(p1, rows.x[1 + some])
+    values = fit.ll(p1, rows.x, 1 + some)
     grid, level = widths[some], values
     top, d = float(values.max()), float(grid[int(np.argmax(values))])
     if close:
         i = int(np.argmax(values))
         fine = np.linspace(grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)], FINE)
-        extra = fit.ll(p1, [between(rows.x, rows.widths, w) for w in fine])
+        extra = fit.ll(p1, np.stack([between(rows.x, rows.widths, w) for w in fine]))
         d, top = peak(fine, extra)
         inner = (fine > grid[max(i - 1, 0)]) & (fine < grid[min(i + 1, len(grid) - 1)]) & ~np.isin(fine, grid)
         grid, level = np.concatenate([grid, fine[inner]]), np.concatenate([level, extra[inner]])

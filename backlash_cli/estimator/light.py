@@ -37,5 +37,5 @@ def liveliest(rows: Rows, most: int) -> Rows:
     use = np.flatnonzero(np.isin(number, taken))
     first = rows.first[use] | (np.diff(at[use], prepend=at[use[0]] - 2) != 1)
     start = np.maximum.accumulate(np.where(first, np.arange(len(use)), 0))
-    y, x = rows.y[use], rows.x[:, use]
+    y, x = rows.y[use], np.take(rows.x, use, axis=1)
     return replace(rows, y=y - y[start], x=x - x[:, start], first=first, line=rows.line[:, use], at=at[use])

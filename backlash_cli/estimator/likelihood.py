@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .step_response import nonnegative, response_base
-from .whitening import FIRST_LAG, LAGS, columns, gains, whiten
+from .whitening import FIRST_LAG, LAGS, LANES, WEIGHTS, gains, innovations
 
 T_FREEDOM = 6.0  # tails of the residuals: Student t
+PIECE = 512  # rows that are added up in single precision
 STEPS = (0.35, 0.8, 1.0)  # first steps of the climb: ln lag, ln ratio, logit phi
 LOWEST = (-1.0, -16.0, -4.0)
 HIGHEST = (3.5, 8.0, 6.0)
@@ -23,51 +24,123 @@ WORTH = 0.2  # nats: smaller gains are not followed
 UP, DOWN, ON, TOP = 0, 1, 2, 3  # what the climb along one number does next
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
-def _dot(x: NDArray[Any], y: NDArray[Any]) -> float:
-    v = 0.0
-    for k in range(len(x)):
-        v += x[k] * y[k]
-    return v
+@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _dot(x: NDArray[Any], y: NDArray[Any]) -> Any:
+    """Sum of products: single precision within a piece, double precision over the pieces."""
+    total: Any = 0.0
+    for begin in range(0, len(x), PIECE):
+        xs, ys = x[begin : begin + PIECE], y[begin : begin + PIECE]
+        v = np.float32(0.0)
+        for k in range(len(xs)):
+            v += xs[k] * ys[k]
+        total += v
+    return total
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _add(x: NDArray[Any], share: float, y: NDArray[Any]) -> None:
     """Add `share` times y to x in place."""
+    factor = np.float32(share)
     for k in range(len(x)):
-        x[k] += share * y[k]
+        x[k] += factor * y[k]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def t_scale(r: NDArray[Any], rows: int) -> tuple[float, float]:
     """Most likely squared scale of r (rows,) and the sum of ln(1 + r^2 / (freedom s^2)) there; zeros do not count.
 
     Newton's steps on the logarithm of the scale, from the one that normal residuals would have.
     """
-    v = _dot(r, r)
-    s2 = 0.8 * v / rows + 1e-300
-    for _ in range(3):
-        q = 1.0 / (T_FREEDOM * s2)
-        one = two = 0.0
-        for k in range(len(r)):
-            u = q * r[k] * r[k]
-            u = u / (1.0 + u)
-            one += u
-            two += u * u
+    s2 = 0.8 * _dot(r, r) / rows + 1e-300
+    for _ in range(4):
+        q = np.float32(1.0 / (T_FREEDOM * s2))
+        one: Any = 0.0
+        two: Any = 0.0
+        for begin in range(0, len(r), PIECE):
+            piece = r[begin : begin + PIECE]
+            a = b = np.float32(0.0)
+            for k in range(len(piece)):
+                u = q * piece[k] * piece[k]
+                u = u / (np.float32(1.0) + u)
+                a += u
+                b += u * u
+            one += a
+            two += b
         slope = 0.5 * (T_FREEDOM + 1.0) * one - 0.5 * rows
         bend = 0.5 * (T_FREEDOM + 1.0) * (one - two)
         s2 *= np.exp(min(max(slope / max(bend, 1e-300), -1.5), 1.5))
-    q = 1.0 / (T_FREEDOM * s2)
+    q = np.float32(1.0 / (T_FREEDOM * s2))
+    return s2, _log_products(r, q)
+
+
+@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _log_products(r: NDArray[Any], q: Any) -> float:
+    """Sum of ln(1 + q r^2): the logarithm of products, because it is slow; several side by side."""
     logs = 0.0
-    for begin in range(0, len(r), 32):
-        product = 1.0
-        for k in range(begin, min(begin + 32, len(r))):
-            product *= 1.0 + min(q * r[k] * r[k], 1e9)
-        logs += np.log(product)
-    return s2, logs
+    products = np.empty(LANES)
+    for begin in range(0, len(r), 32 * LANES):
+        products[:] = 1.0
+        for low in range(begin, min(begin + 32 * LANES, len(r)), LANES):
+            piece = r[low : low + LANES]
+            for i in range(len(piece)):
+                products[i] *= 1.0 + min(q * piece[i] * piece[i], np.float32(1e9))
+        for i in range(LANES):
+            logs += np.log(products[i])
+    return logs
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _regress(j: int, rows: int, logs: float, ridge: float, lines: int, E: NDArray[Any], r: NDArray[Any],
+             b: NDArray[Any]) -> tuple[float, float]:
+    """Log-likelihood and noise variance of valve position j from whitened columns E, of which `rows` rows count.
+
+    logs: sum of the logarithms of their variances. Writes residuals to r (rows,) and the step response to b (lags,).
+    """
+    nb = len(LAGS)
+    base = response_base(nb)
+    A, c, free = np.empty((nb, nb)), np.empty(nb), np.empty(nb)
+    for i in range(nb):
+        column = E[FIRST_LAG + 2 * i + j]
+        for h in range(lines):
+            _add(column, -_dot(column, E[1 + h]), E[1 + h])
+        for q in range(i + 1):
+            A[i, q] = A[q, i] = _dot(column, E[FIRST_LAG + 2 * q + j])
+        A[i, i] += ridge
+        c[i] = _dot(column, E[0])
+    bounded, target = np.zeros((nb, nb)), np.zeros(nb)
+    for i in range(nb):
+        for h in range(nb):
+            target[i] += base[h, i] * c[h]
+            v = 0.0
+            for g in range(nb):
+                v += base[g, i] * A[g, h]
+            for q in range(nb):
+                bounded[i, q] += v * base[h, q]
+    nonnegative(bounded, target, free)
+    r[:] = E[0]
+    length = 0.0
+    for i in range(nb):
+        b[i] = 0.0
+        for q in range(nb):
+            b[i] += base[i, q] * free[q]
+        length += b[i] * b[i]
+        if b[i] != 0.0:
+            _add(r, -b[i], E[FIRST_LAG + 2 * i + j])
+    s2, v = t_scale(r, rows)
+    return -0.5 * ((T_FREEDOM + 1.0) * v + logs + rows * np.log(s2) + ridge * length / s2), s2
+
+
+@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _without_lines(lines: int, E: NDArray[Any]) -> None:
+    """Make the whitened shapes of a periodic load orthonormal, and take them out of y."""
+    for h in range(lines):
+        for g in range(h):
+            _add(E[1 + h], -_dot(E[1 + h], E[1 + g]), E[1 + g])
+        _add(E[1 + h], 1.0 / np.sqrt(_dot(E[1 + h], E[1 + h]) + 1e-300) - 1.0, E[1 + h])
+        _add(E[0], -_dot(E[0], E[1 + h]), E[1 + h])
+
+
+@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def pair(p: NDArray[Any], xa: NDArray[Any], xb: NDArray[Any], two: bool, y: NDArray[Any], line: NDArray[Any],
          first: NDArray[Any], use: NDArray[Any], ridge: float, shock: NDArray[Any], G: NDArray[Any], S: NDArray[Any],
          T: NDArray[Any], E: NDArray[Any], R: NDArray[Any]) -> Any:
@@ -75,74 +148,40 @@ def pair(p: NDArray[Any], xa: NDArray[Any], xb: NDArray[Any], two: bool, y: NDAr
 
     p: ln lag, ln ratio, logit phi. line (columns, rows): shapes of any size that the load may have besides, e.g. sine
     and cosine of a periodic one. use (rows,): rows that count. ridge: prior precision of the b. shock (rows,):
-    variance of load steps. Also returns noise variances (2,) and step responses b (2, lags); writes gains and
-    variances to G, S, whitened columns to E and residuals to R (2, rows). T: room (rows, LANES).
+    variance of load steps. Also returns noise variances (2,) and step responses b (2, lags); writes gains (where G
+    has rows) and variances to G, S, whitened columns to E and residuals to R (2, rows); these and T, room
+    (CHUNK, LANES), are in single precision.
     """
-    a = 1.0 - np.exp(-1.0 / np.exp(p[0]))
-    phi = 1.0 / (1.0 + np.exp(-p[2]))
-    n, nb, nl = len(y), len(LAGS), len(line)
-    gains(a, np.exp(p[1]), phi, shock, first, G, S)
-    scale, f = np.empty(n), np.empty((n, 2))
-    rows = 0
-    logs, product = 0.0, 1.0
-    for k in range(n):
-        if use[k]:
-            scale[k] = 1.0 / np.sqrt(S[k])
-            rows += 1
-            product *= S[k]
-            if product > 1e200:
-                logs += np.log(product)
-                product = 1.0
-        else:
-            scale[k] = 0.0
-    logs += np.log(product)
-    columns(y, line, xa, xb, a, first, f, T)
-    whiten(T, G, scale, a, phi, first, E)
-    for h in range(nl):
-        for g in range(h):
-            _add(E[1 + h], -_dot(E[1 + h], E[1 + g]), E[1 + g])
-        _add(E[1 + h], 1.0 / np.sqrt(_dot(E[1 + h], E[1 + h]) + 1e-300) - 1.0, E[1 + h])
-        _add(E[0], -_dot(E[0], E[1 + h]), E[1 + h])
-    base = response_base(nb)
-    ll, noise, coefficients = np.zeros(2), np.zeros(2), np.zeros((2, nb))
-    A, c, free = np.empty((nb, nb)), np.empty(nb), np.empty(nb)
+    a, phi = 1.0 - np.exp(-1.0 / np.exp(p[0])), 1.0 / (1.0 + np.exp(-p[2]))
+    W, f = np.empty((len(y), WEIGHTS), dtype=np.float32), np.empty((len(y), 2), dtype=np.float32)
+    rows, logs = gains(a, np.exp(p[1]), phi, shock, first, use, G, S, W)
+    innovations(y, line, xa, xb, a, phi, first, W, f, T, E)
+    _without_lines(len(line), E)
+    ll, noise, b = np.zeros(2), np.zeros(2), np.zeros((2, len(LAGS)))
     for j in range(2 if two else 1):
-        for i in range(nb):
-            column = E[FIRST_LAG + 2 * i + j]
-            for h in range(nl):
-                _add(column, -_dot(column, E[1 + h]), E[1 + h])
-            for q in range(i + 1):
-                A[i, q] = A[q, i] = _dot(column, E[FIRST_LAG + 2 * q + j])
-            A[i, i] += ridge
-            c[i] = _dot(column, E[0])
-        bounded, target = np.zeros((nb, nb)), np.zeros(nb)
-        for i in range(nb):
-            for h in range(nb):
-                target[i] += base[h, i] * c[h]
-                v = 0.0
-                for g in range(nb):
-                    v += base[g, i] * A[g, h]
-                for q in range(nb):
-                    bounded[i, q] += v * base[h, q]
-        nonnegative(bounded, target, free)
-        r = R[j]
-        r[:] = E[0]
-        length = 0.0
-        for i in range(nb):
-            b = 0.0
-            for q in range(nb):
-                b += base[i, q] * free[q]
-            coefficients[j, i] = b
-            length += b * b
-            if b != 0.0:
-                _add(r, -b, E[FIRST_LAG + 2 * i + j])
-        s2, v = t_scale(r, rows)
-        ll[j] = -0.5 * ((T_FREEDOM + 1.0) * v + logs + rows * np.log(s2) + ridge * length / s2)
-        noise[j] = s2
-    return ll, noise, coefficients
+        ll[j], noise[j] = _regress(j, rows, logs, ridge, len(line), E, R[j], b[j])
+    return ll, noise, b
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def several(p: NDArray[Any], x: NDArray[Any], which: NDArray[Any], y: NDArray[Any], line: NDArray[Any],
+            first: NDArray[Any], use: NDArray[Any], ridge: float, shock: NDArray[Any], G: NDArray[Any],
+            S: NDArray[Any], T: NDArray[Any], E: NDArray[Any], R: NDArray[Any]) -> NDArray[Any]:
+    """Log-likelihood of the valve positions x[which], each as in `pair`; what they share is worked out once."""
+    a, phi = 1.0 - np.exp(-1.0 / np.exp(p[0])), 1.0 / (1.0 + np.exp(-p[2]))
+    W, f = np.empty((len(y), WEIGHTS), dtype=np.float32), np.empty((len(y), 2), dtype=np.float32)
+    rows, logs = gains(a, np.exp(p[1]), phi, shock, first, use, G, S, W)
+    ll, b = np.empty(len(which)), np.empty(len(LAGS))
+    for i in range(0, len(which), 2):
+        two = min(2, len(which) - i)
+        innovations(y, line, x[which[i]], x[which[i + two - 1]], a, phi, first, W, f, T, E)
+        _without_lines(len(line), E)
+        for j in range(two):
+            ll[i + j] = _regress(j, rows, logs, ridge, len(line), E, R[j], b)[0]
+    return ll
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def climb(p: NDArray[Any], which: int, rounds: int, share: float, xa: NDArray[Any], xb: NDArray[Any], y: NDArray[Any],
           line: NDArray[Any], first: NDArray[Any], use: NDArray[Any], ridge: float, shock: NDArray[Any],
           G: NDArray[Any], S: NDArray[Any], T: NDArray[Any], E: NDArray[Any], R: NDArray[Any]) -> Any:
@@ -195,7 +234,7 @@ def climb(p: NDArray[Any], which: int, rounds: int, share: float, xa: NDArray[An
     return best
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _top(x: NDArray[Any], v: NDArray[Any]) -> float:
     """Place of the top of the parabola through three points, the middle one if it gains less than WORTH there."""
     if not (np.isfinite(v[0]) and np.isfinite(v[2])):

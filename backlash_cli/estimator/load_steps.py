@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def step_information(G: NDArray[Any], S: NDArray[Any], a: float, phi: float, first: NDArray[Any]) -> NDArray[Any]:
     """How well a load step at each row would be known (rows,): one over its variance, whatever the residuals.
 
@@ -64,7 +64,7 @@ def step_information(G: NDArray[Any], S: NDArray[Any], a: float, phi: float, fir
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def load_steps(e: NDArray[Any], information: NDArray[Any], G: NDArray[Any], S: NDArray[Any], a: float, phi: float,
                first: NDArray[Any]) -> Any:
     """Statistic and size of a load step at each row, from innovations e (rows,) in units of their deviation.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 DIP = 0.15  # an inverse response may reach this share of the final value
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _solve_free(A: NDArray[Any], c: NDArray[Any], free: NDArray[Any], z: NDArray[Any], work: NDArray[Any]) -> None:
     """Solve A z = c for the free entries, z = 0 elsewhere; work: (n, n + 1). Elimination of a positive matrix."""
     n = len(c)
@@ -36,7 +36,7 @@ def _solve_free(A: NDArray[Any], c: NDArray[Any], free: NDArray[Any], z: NDArray
         z[i] = v / work[i, i]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def nonnegative(A: NDArray[Any], c: NDArray[Any], x: NDArray[Any]) -> None:
     """Minimise x'Ax/2 - c'x over x >= 0 into x (Lawson and Hanson 1974, chapter 23, active set).
 
@@ -81,7 +81,7 @@ def nonnegative(A: NDArray[Any], c: NDArray[Any], x: NDArray[Any]) -> None:
                     x[i] = 0.0
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def response_base(n: int) -> NDArray[Any]:
     """Matrix M, b = M v: v >= 0 keeps every step response sum(b_0..b_i) above -DIP times its final value."""
     M = np.zeros((n, n))

@@ -68,7 +68,7 @@ class _Search:
         """The best model without a dead band on a grid of shapes, amplitudes and phases."""
         loads = [replace(load, amplitude=a * load.amplitude, phase=load.phase - late * load.half)
                  for a in AMPLITUDES for late in DELAYS]
-        x = [self.position(one, self.rows.x[0]) for one in loads]
+        x = np.stack([self.position(one, self.rows.x[0]) for one in loads])
         found = []
         for share, ratio in SHAPES:
             p = np.array([np.log(self.rows.lag * share), ratio, -2.0])

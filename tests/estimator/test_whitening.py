@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar, nnls
 
 from backlash_cli.estimator import whitening as core
-from backlash_cli.estimator.likelihood import T_FREEDOM, pair, t_scale
+from backlash_cli.estimator.likelihood import T_FREEDOM, pair, several, t_scale
 from backlash_cli.estimator.load_steps import load_steps, step_information
 from backlash_cli.estimator.step_response import DIP, nonnegative, response_base
 
@@ -31,14 +31,32 @@ def test_the_base_keeps_every_step_response_above_its_bound(v: list[float]):
     assert np.all(response >= -DIP * response[-1] - 1e-12)
 
 
+def room(n: int):
+    """Room for gains, variances, columns in the filter, whitened columns and residuals of n rows."""
+    return (np.empty((n, 4)), np.empty(n), np.zeros((core.CHUNK, core.LANES), np.float32),
+            np.empty((core.USED, n), np.float32), np.empty((2, n), np.float32))
+
+
 def whitened(y, a, ratio, phi, shock, first):
     """Innovations of y over their deviation, gains and variances."""
     n = len(y)
-    G, S, T, E = np.empty((n, 4)), np.empty(n), np.zeros((n, core.LANES)), np.empty((core.USED, n))
-    core.gains(a, ratio, phi, shock, first, G, S)
-    T[:, 0] = y
-    core.whiten(T, G, 1.0 / np.sqrt(S), a, phi, first, E)
-    return E[0], G, S
+    G, S, T, E, _ = room(n)
+    W, f = np.empty((n, core.WEIGHTS), np.float32), np.empty((n, 2), np.float32)
+    rows, logs = core.gains(a, ratio, phi, shock, first, np.ones(n, dtype=bool), G, S, W)
+    assert rows == n
+    assert logs == pytest.approx(np.sum(np.log(S)))
+    core.innovations(y, np.empty((0, n)), np.zeros(n), np.zeros(n), a, phi, first, W, f, T, E)
+    return E[0].astype(float), G, S
+
+
+def transition(a: float, phi: float):
+    """Matrix (4, 4) that takes the state (z1, z2, w, s) one row on, from the equations of the model in turn."""
+    z1, z2, w, s = np.eye(4)
+    s = phi * s
+    w = w + s
+    z1 = z1 + a * (w - z1)
+    z2 = z2 + a * (z1 - z2)
+    return np.array([z1, z2, w, s])
 
 
 def brute_force(y, a, ratio, phi, shock):
@@ -110,9 +128,8 @@ def test_regression_recovers_a_process_from_its_input():
     y += 0.05 * rng.normal(size=n)
     first = np.arange(n) == 0
     p = np.array([np.log(-1.0 / np.log(1.0 - a)), np.log(1e-5), np.log(0.1 / 0.9)])
-    room = np.empty((n, 4)), np.empty(n), np.zeros((n, core.LANES)), np.empty((core.USED, n)), np.empty((2, n))
     ll, noise, b = pair(p, x, np.roll(x, 5), True, y, np.empty((0, n)), first, np.arange(n) >= 20, 1e-6, np.zeros(n),
-                        *room)
+                        *room(n))
     assert ll[0] > ll[1]
     # the scale of a Student t with 6 degrees of freedom fitted to normal noise is 0.86 of its deviation
     assert np.sqrt(noise[0]) == pytest.approx(0.86 * 0.05, rel=0.1)
@@ -120,10 +137,46 @@ def test_regression_recovers_a_process_from_its_input():
     assert core.LAGS[int(np.argmax(b[0]))] == 2
 
 
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 10_000), st.integers(1, 5), st.floats(-1.0, 3.0), st.floats(-14.0, 6.0), st.floats(-4.0, 6.0))
+def test_many_positions_at_once_are_what_they_are_in_pairs(seed, positions, lag, ratio, smooth):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(60, 400))
+    x = np.cumsum(rng.normal(size=(positions, n)), axis=1)
+    y = x[0] + rng.normal(size=n)
+    first = np.isin(np.arange(n), [0, n // 2])
+    use = ~np.isin(np.arange(n), [*range(12), *range(n // 2, n // 2 + 12)])
+    shock = np.where(np.arange(n) == n // 3, 40.0, 0.0)
+    line = rng.normal(size=(int(rng.integers(0, 3)), n))
+    p = np.array([lag, ratio, smooth])
+    which = rng.permutation(positions)
+    at_once = several(p, x, which, y, line, first, use, 1e-6, shock, *room(n))
+    pairs = [pair(p, x[k], x[k], False, y, line, first, use, 1e-6, shock, *room(n))[0][0] for k in which]
+    np.testing.assert_allclose(at_once, pairs, rtol=1e-4, atol=0.02)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 10_000), st.floats(0.05, 0.9), st.floats(-12.0, 6.0), st.floats(0.02, 0.98))
+def test_single_precision_loses_nothing_that_counts(seed, a, ratio, phi):
+    """The same filter in double precision, one row after the other."""
+    rng = np.random.default_rng(seed)
+    n = 500
+    y = np.cumsum(rng.normal(size=n)) + rng.normal(size=n)
+    first = np.isin(np.arange(n), [0, 300])
+    shock = np.where(np.arange(n) % 170 == 90, 30.0, 0.0)
+    e, G, S = whitened(y, a, np.exp(ratio), phi, shock, first)
+    F, z, exact = transition(a, phi), np.zeros(4), np.empty(n)
+    for k in range(n):
+        z = np.zeros(4) if first[k] else F @ z
+        exact[k] = (y[k] - z[1]) / np.sqrt(S[k])
+        z = z + G[k] * (y[k] - z[1])
+    np.testing.assert_allclose(e, exact, atol=1e-3 * np.std(exact))
+
+
 @pytest.mark.parametrize("outliers", [0, 3, 40])
 def test_the_scale_of_the_residuals_is_the_most_likely_one(outliers: int):
     rng = np.random.default_rng(outliers)
-    r = 0.02 * rng.normal(size=400)
+    r = (0.02 * rng.normal(size=700)).astype(np.float32)
     r[:outliers] *= 30.0
     s2, logs = t_scale(r, len(r))
 
