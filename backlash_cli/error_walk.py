@@ -9,9 +9,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from .record import FloatArray
+from .clean_piece import FILLED, changes, crossings, extremes, filtered, in_order, largest, total, usable
+from .record import FloatArray, IntArray
 
-FILLED = 1  # highest SampleState that may enter an estimate
 MISSING, IMPLAUSIBLE = 2, 6  # the states in which the measurement itself is not known
 COLUMNS = 7  # of a half period: begin, end, area, e_max, direction, setpoint_move, complete
 ROOM = 512  # samples taken at a time: what is worked out in between stays in the processor's nearest cache
@@ -114,6 +114,65 @@ def cut(errors: FloatArray, at: NDArray[np.int64], moved: FloatArray, n: int, c:
     c[STORED], c[LEFT_OUT] = stored, left_out
 
 
+@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+def cut_clean(errors: FloatArray, flips: NDArray[np.uint8], first: int, moved: FloatArray, moves: bool, c: FloatArray,
+              out: FloatArray, least_area: float, least_length: float) -> None:
+    """Cut one error into half periods where none is zero and no sample is missing; the same as `cut`.
+
+    errors: (samples + 1,), its last place is used to turn bits into a number. flips: where the sign changes. first:
+    position of the first sample. moves: whether the setpoint does; if not, `moved` is not looked at.
+    """
+    begin, crossed, area, peak, move, last = c[BEGIN], c[CROSSED], c[AREA], c[PEAK], c[MOVE], c[LAST]
+    sign, stored, left_out = c[SIGN], np.int64(c[STORED]), c[LEFT_OUT]
+    n = len(errors) - 1
+    bits, eights = errors.view(np.int64), flips.view(np.uint64)
+    done = 0
+    flips[n] = 1  # where the piece ends
+    for eight in range(n // 8 + 1):
+        if eights[eight] == 0:
+            continue
+        for k in range(8 * eight, min(8 * eight + 8, n + 1)):
+            if not flips[k]:
+                continue
+            if k > done:
+                bits[n] = largest(bits[done:k])
+                peak = max(peak, errors[n])
+                area += 0.5 * abs(last) + total(errors[done:k]) - 0.5 * abs(errors[k - 1])
+                move += total(moved[done:k]) if moves else 0.0
+                last = errors[k - 1]
+            if k == n:
+                break
+            share = last / (last - errors[k])
+            end = first + k - 1 + share
+            area += 0.5 * abs(last) * share
+            if crossed > 0.0 and ((stored > 0 and area < least_area) or end - begin < least_length):
+                left_out += 1.0
+            else:
+                row = out[stored]
+                row[0], row[1], row[2], row[3] = begin, end, area, peak
+                row[4], row[5], row[6] = sign, move, crossed
+                stored += 1
+            last, sign, done = errors[k], -sign, k + 1
+            begin, crossed, peak = end, 1.0, abs(last)
+            area, move = 0.5 * peak * (1.0 - share), moved[k] if moves else 0.0
+    c[SIGN], c[BEGIN], c[CROSSED], c[AREA] = sign, begin, crossed, area
+    c[PEAK], c[MOVE], c[LAST] = peak, move, last
+    c[STORED], c[LEFT_OUT] = stored, left_out
+
+
+@numba.njit(cache=True, nogil=True)
+def _clean(index: IntArray, pv: IntArray, setpoint: IntArray, state: NDArray[np.uint8],
+           c: FloatArray) -> tuple[bool, int, int]:
+    """Whether a piece goes on where the last one ended and has no doubtful sample; then its lowest and highest
+    setpoint, in order. pv, setpoint: bits."""
+    if c[KNOWN] != index[0] - 1 or c[USED] != index[0] - 1 or not c[PLAIN + SIGN] or not c[SMOOTH + SIGN]:
+        return False, 0, 0
+    if not usable(index, state) or not extremes(pv)[2]:
+        return False, 0, 0
+    low, high, finite = extremes(setpoint)
+    return finite, low, high
+
+
 @numba.njit(cache=True, nogil=True)
 def walk(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, state: NDArray[np.uint8], first: int,
          filters: FloatArray, least: FloatArray, carried: FloatArray, plain: FloatArray, smooth: FloatArray) -> int:
@@ -123,15 +182,38 @@ def walk(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, state: 
     behind the first. least: area [span samples] of plain and length [samples] of smooth half periods below which
     complete ones are counted and not stored (the first plain one always is). plain, smooth: (rows, COLUMNS) tables.
     """
-    at, moved, errors = np.empty(ROOM + 1, np.int64), np.empty(ROOM), np.empty((2, ROOM))
+    at, moved, errors = np.empty(ROOM + 1, np.int64), np.empty(ROOM), np.empty((2, ROOM + 1))
+    flips, setpoint_before = np.zeros((2, ROOM + 8), np.uint8), carried[SETPOINT : SETPOINT + 1].view(np.int64)
     of_plain, of_smooth = carried[PLAIN:SMOOTH], carried[SMOOTH:]
     while first < len(index):
         if of_plain[STORED] + ROOM > len(plain) or of_smooth[STORED] + ROOM > len(smooth):
             break
         last = min(first + ROOM, len(index))
-        n = _filter(index[first:last], setpoint[first:last], pv[first:last], state[first:last], filters, carried,
-                    at, moved, errors)
-        cut(errors[0], at, moved, n, of_plain, plain, least[0], 0.0)
-        cut(errors[1], at, moved, n, of_smooth, smooth, 0.0, least[1])
+        n = last - first
+        here, r, y = index[first:last], setpoint[first:last], pv[first:last]
+        clean, low, high = _clean(here, y.view(np.int64), r.view(np.int64), state[first:last], carried)
+        if clean:
+            moves = low != high or low != in_order(setpoint_before[0])
+            if moves:
+                changes(r, carried[SETPOINT], moved)
+            filtered(y, filters, carried, errors[0], errors[1])
+            signs = crossings(r, errors[0, :n], of_plain[SIGN], flips[0])
+            signs = crossings(r, errors[1, :n], of_smooth[SIGN], flips[1]) and signs
+            carried[KNOWN] = carried[USED] = here[-1]
+            carried[SETPOINT] = r[-1]
+            if signs:
+                cut_clean(errors[0, : n + 1], flips[0], here[0], moved, moves, of_plain, plain, least[0], 0.0)
+                cut_clean(errors[1, : n + 1], flips[1], here[0], moved, moves, of_smooth, smooth, 0.0, least[1])
+            else:
+                at[0] = here[0] - 1
+                at[1 : n + 1] = here
+                if not moves:
+                    moved[:n] = 0.0
+        else:
+            n = _filter(here, r, y, state[first:last], filters, carried, at, moved, errors)
+            signs = False
+        if not signs:
+            cut(errors[0], at, moved, n, of_plain, plain, least[0], 0.0)
+            cut(errors[1], at, moved, n, of_smooth, smooth, 0.0, least[1])
         first = last
     return first

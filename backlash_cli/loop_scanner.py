@@ -17,7 +17,8 @@ from .estimator.law_check import check_quickly
 from .estimator.oscillation import detect_oscillation, follows_setpoint
 from .estimator.quality import quality_of
 from .estimator.reading import known_noise, read_half_periods
-from .estimator.survey import FIRST, LAST, WITH_SETPOINT, Survey
+from .estimator.survey import Survey
+from .estimator.survey_walk import FIRST, LAST, WITH_SETPOINT
 from .estimator.verdict import Findings, decide
 from .record import LoopSettings, Note, Record, SampleState
 from .results import Confirmation, Estimates, LoopReport, Verdict

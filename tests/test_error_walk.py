@@ -48,6 +48,43 @@ def by_hand(record: Record, smooth: bool) -> list[tuple[float, ...]]:
     return walk((sp - filtered)[use], sp[use], at[use])
 
 
+@st.composite
+def mostly_clean(draw: st.DrawFn) -> Record:
+    """A record of long pieces without hole or doubt, a few holes and zeros, and a setpoint that rests or moves."""
+    rng = np.random.default_rng(draw(st.integers(0, 10_000)))
+    n = draw(st.integers(500, 4000))
+    index = np.arange(n, dtype=np.int64) + 3
+    state = np.where(rng.random(n) < 0.1, SampleState.FILLED, SampleState.GOOD).astype(np.uint8)
+    pv = 0.5 + np.cumsum(rng.normal(0, 0.01, n)) + rng.normal(0, 0.02, n)
+    sp = np.full(n, 0.5)
+    moved = draw(st.sampled_from(["rests", "steps", "ramps"]))
+    if moved == "steps":
+        sp[n // 3 :] = 0.6
+    elif moved == "ramps":
+        sp += 0.001 * np.arange(n)
+    for at in draw(st.lists(st.integers(0, n - 1), max_size=4)):
+        kind = rng.integers(4)
+        if kind == 0:
+            index[at:] += rng.integers(1, 40)
+        elif kind == 1:
+            state[at : at + 20] = SampleState.MANUAL
+        elif kind == 2:
+            pv[at : at + 3] = sp[at : at + 3]
+        else:
+            pv[at] = np.nan
+    return Record("a", 0.0, 1.0, index, sp, pv, None, state, LoopSettings(K=1.0, Ti=20.0))
+
+
+@given(mostly_clean(), st.lists(st.integers(0, 4000), max_size=3), st.sampled_from([None, 0.0]))
+@settings(max_examples=60, deadline=None)
+def test_pieces_without_doubt_are_walked_the_same(record, cuts, Tf):
+    record = replace(record, settings=replace(record.settings, Tf=Tf))
+    scanner = scanned(record, [min(cut, len(record)) for cut in cuts])
+    for track, smooth in ((scanner.plain, False), (scanner.smooth, True)):
+        expected = np.array(by_hand(record, smooth)).reshape(-1, 7)
+        np.testing.assert_allclose(table(track.finish()), expected, rtol=1e-9, atol=1e-8)
+
+
 def table(s: Segments) -> np.ndarray:
     return np.column_stack([s.begin, s.end, s.area, s.e_max, s.direction, s.setpoint_move, s.complete])
 

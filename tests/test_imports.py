@@ -23,9 +23,10 @@ ALLOWED = {
     "results": {"errors", "record"},
     "kernels": set(),
     "filters": set(),
-    "error_walk": set(),
+    "clean_piece": set(),
+    "error_walk": {"clean_piece"},
     "segmenter": {"error_walk"},
-    "estimator": {"error_walk", "filters", "segmenter"},
+    "estimator": {"clean_piece", "error_walk", "filters", "segmenter"},
     "loop_scanner": {"estimator"},
     "scan": {"estimator", "loop_scanner"},
     "check": {"estimator", "filters", "segmenter"},
@@ -60,7 +61,8 @@ HOMES = {
     "distributed": {"engines"},
 }
 CORE = BASE | {
-    "error_walk", "filters", "segmenter", "estimator", "loop_scanner", "scan", "effects", "model", "simulator",
+    "clean_piece", "error_walk", "filters", "segmenter", "estimator", "loop_scanner", "scan", "effects", "model",
+    "simulator",
 }
 NOT_IN_CORE = {"print", "open", "input"}
 

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING
 
 from ..record import Note, Record
 from .control_law import LawRows
-from .survey import LEVELS, OUTPUT, SLOWER, USED, USED_FILLED, WITH_OUTPUT, Survey
+from .survey import Survey
+from .survey_walk import LEVELS, OUTPUT, SLOWER, USED, USED_FILLED, WITH_OUTPUT
 
 if TYPE_CHECKING:
     from .identification import Identification

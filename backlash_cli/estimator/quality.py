@@ -16,18 +16,8 @@ import numpy as np
 from ..record import FloatArray, IntArray, Note, Record, SampleState
 from .quality_notes import quality_notes
 from .recording import Storage, fast_noise, reversals, stored_as
-from .survey import (
-    FIRST,
-    GAPS,
-    LAST,
-    LONGEST,
-    MEASUREMENT,
-    MOVES,
-    OUTPUT,
-    SETPOINT,
-    STATES,
-    Survey,
-)
+from .survey import Survey
+from .survey_walk import FIRST, GAPS, LAST, LONGEST, MEASUREMENT, MOVES, OUTPUT, SETPOINT, STATES
 
 MANY = 8  # block means per Ti on which reversals of the output are counted
 
