@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from backlash_cli.estimator.confirm import (
     LEAST_NOISE,
@@ -53,6 +55,30 @@ def test_block_means_are_those_of_play_at_full_rate():
     for j in (0, 5, len(WIDTHS) - 1):
         expected = play(u, float(WIDTHS[j]), u[0]).reshape(-1, 7).mean(1)
         np.testing.assert_allclose(means[:, 2 + j], expected, atol=1e-12)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10_000), st.integers(1, 12), st.floats(0.5, 1.0))
+def test_block_means_with_missing_samples_are_those_of_a_plain_loop(seed: int, size: int, share: float):
+    """Up to thousands of blocks, many of them short of samples; short holes bridged, block by block."""
+    rng = np.random.default_rng(seed)
+    n = 3000 * size
+    there = np.flatnonzero(rng.random(n) < share)
+    u = np.cumsum(rng.normal(0.0, 0.004, n))
+    blocks = BlockMeans(size, 10**6)
+    for part in np.array_split(there, 3):
+        blocks.update(part, np.full(len(part), 0.5), 2.0 * u[part], u[part], np.zeros(len(part), np.uint8))
+    at, means = blocks.rows()
+    full: dict[int, float] = {}
+    for number, members in groupby(there.tolist(), key=lambda k: k // size):
+        values = [u[k] for k in members]
+        if len(values) >= 0.7 * size:
+            full[number] = float(np.mean(values))
+    known = np.array(sorted(full))
+    bridged = {k for a, b in pairwise(known.tolist()) if b - a <= 3 for k in range(a, b)} | set(known.tolist())
+    np.testing.assert_array_equal(at, sorted(bridged))
+    np.testing.assert_allclose(means[:, 1], np.interp(at, known, [full[k] for k in known]), atol=1e-12)
+    np.testing.assert_allclose(means[:, 0], 2.0 * means[:, 1], atol=1e-12)
 
 
 def test_any_cut_of_the_record_gives_the_same_answer(worn: Record):
