@@ -16,11 +16,12 @@ from ..record import FloatArray, LoopSettings, Note, Record
 from ..results import Confirmation
 from .criteria import MOTION
 from .decimate import WIDTHS, BlockMeans
-from .evidence import Evidence, Rows, weigh
+from .evidence import Evidence, Rows, counted, weigh
 from .light import weigh_lightly
 from .periodic import periodic_load
 from .rebuild import OutputRebuilder
 from .switching_load import switching_load, with_switching_load
+from .whitening import WARM_UP
 
 BLOCKS_PER_TI = 4.0  # sensitivity is that of 3 and 6; 6 makes fewer false calls on square loads, in twice the time
 FEWEST_ROWS = 150
@@ -65,8 +66,10 @@ class ConfirmationScanner:
     def rows(self) -> Rows | Note:
         """Return the rows of the test, or why there are none."""
         at, means = self._blocks.rows()
-        if len(at) < FEWEST_ROWS:
-            usable, needed = (n * self.size * self.interval for n in (len(at), FEWEST_ROWS))
+        first = np.diff(at, prepend=at[:1] - 2) != 1
+        useful = int(counted(first).sum()) + WARM_UP  # a record in one piece has to settle once
+        if min(len(at), useful) < FEWEST_ROWS:
+            usable, needed = (n * self.size * self.interval for n in (min(len(at), useful), FEWEST_ROWS))
             return Note("short_record", f"the record holds {_in_words(usable)} that can be used; {_in_words(needed)} "
                         "are needed", {"usable_s": usable, "needed_s": needed})
         span = self._blocks.range
@@ -77,7 +80,6 @@ class ConfirmationScanner:
         if not np.ptp(means[:, 0]) > 0:
             return Note("measurement_constant", "PV is the same number throughout")
         line = np.empty((0, len(at))) if self._blocks.setpoint_moves else periodic_load(means[:, 0], at)
-        first = np.diff(at, prepend=at[0] - 2) != 1
         start = np.maximum.accumulate(np.where(first, np.arange(len(first)), 0))
         level = means[:, : 2 + len(widths)]
         level = level - level[start]

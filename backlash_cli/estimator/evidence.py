@@ -69,6 +69,13 @@ class Evidence:
     half_period: float = 0.0
 
 
+def counted(first: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which rows (rows,) count: not those in which the filter settles, where a stretch begins (`first`)."""
+    rows = np.arange(len(first))
+    counts: NDArray[np.bool_] = rows - np.maximum.accumulate(np.where(first, rows, 0)) >= core.WARM_UP
+    return counts
+
+
 class Fitter:
     """The likelihood of one loop's rows for given shape numbers p = (ln lag, ln ratio, logit phi)."""
 
@@ -76,9 +83,7 @@ class Fitter:
         self.r = rows
         n = len(rows.y)
         self.shock = np.zeros(n)
-        self.counted = np.ones(n, dtype=bool)
-        for s in np.flatnonzero(rows.first):
-            self.counted[s : s + core.WARM_UP] = False
+        self.counted = counted(rows.first)
         jumps = np.abs(np.diff(rows.y))[~rows.first[1:]]
         self.ridge = max(float(np.median(jumps)) / 0.6745 / np.sqrt(2.0), 1e-6) ** 2
         self.G, self.S = np.empty((n, 4)), np.empty(n)

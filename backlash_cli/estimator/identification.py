@@ -70,10 +70,13 @@ def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[No
     def interval_of(quantity: Callable[[FloatArray], FloatArray], blur: float, stretch: float = 1.0) -> Identified:
         low, high = np.inf, -np.inf
         for fit in fits:
-            value, scatter = float(quantity(fit.values)), quantity(fit.scatter)
-            groups = len(scatter)
-            error = float(np.sqrt((groups - 1) / groups * np.sum((scatter - scatter.mean()) ** 2)))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                value, scatter = float(quantity(fit.values)), quantity(fit.scatter)
+                groups = len(scatter)
+                error = float(np.sqrt((groups - 1) / groups * np.sum((scatter - scatter.mean()) ** 2)))
             reach = T95[min(groups, len(T95) - 1)] * error + blur * abs(value)
+            if not np.isfinite(reach):  # a part of the record without any integral action: nothing is known
+                return Identified(float(quantity(best.values)), (-np.inf, np.inf))
             low = min(low, value - reach, value * stretch - reach)
             high = max(high, value + reach, value * stretch + reach)
         return Identified(float(quantity(best.values)), (low, high))

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from .decimate import STRETCH
-from .evidence import Evidence, Rows, excluding, weigh
+from .evidence import Evidence, Rows, counted, excluding, weigh
 
 LIGHT_ROWS = 500  # a quarter of a long record's: with a dead band of evidence 8 in all of them, 2 are left
 LONG = 3 * LIGHT_ROWS  # rows; for shorter records the light look costs more than it saves
@@ -22,7 +22,8 @@ def weigh_lightly(rows: Rows) -> Evidence:
     """Return the evidence of a part of the rows where it excludes every width, of all of them where it does not."""
     if len(rows.y) < LONG:
         return weigh(rows)
-    found = excluding(liveliest(rows, LIGHT_ROWS), EXCLUDED)
+    part = liveliest(rows, LIGHT_ROWS)
+    found = excluding(part, EXCLUDED) if 2 * counted(part.first).sum() > len(part.y) else None
     return found if found is not None and found.steps * STEP_ROWS <= found.rows else weigh(rows)
 
 

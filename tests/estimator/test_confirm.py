@@ -159,6 +159,16 @@ def test_refusals_say_why(worn: Record):
     assert still.code == "output_still"
 
 
+def test_stretches_too_short_for_the_filter_to_settle_are_no_record(worn: Record):
+    """Every 60 samples a hole of 15 blocks: enough rows in all, but none of them counts."""
+    keep = np.flatnonzero(np.arange(len(worn)) % 135 < 55)
+    found = confirm(replace(worn, index=worn.index[keep], setpoint=worn.setpoint[keep], state=worn.state[keep],
+                            measurement=worn.measurement[keep], output=worn.output[keep]))  # type: ignore[index]
+    assert isinstance(found, Note)
+    assert found.code == "short_record"
+    assert found.values["usable_s"] < found.values["needed_s"] == 750.0
+
+
 def test_memory_is_bounded_by_the_decimated_length(worn: Record):
     scanner = ConfirmationScanner(worn.settings, 1.0)
     scanner.update(worn)
