@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +11,8 @@ import numpy as np
 from ..record import FloatArray, IntArray
 
 PROPORTIONAL, INTEGRAL, SETPOINT, DERIVATIVE = 1, 2, 3, 4
+FINEST_STEP = 2.0  # from one filter time of the first search to the next
+AROUND = 8  # filter times tried around the best, twice
 GROUPS = 20  # at most so many leave-one-out groups of windows for the scatter
 
 
@@ -91,19 +94,22 @@ class LawFit:
 
     def better_than(self, other: LawFit) -> float:
         """How many standard errors this fit's residuals lie below the other's, window by window (paired)."""
-        difference = np.log(other.residuals / self.residuals)
-        error = float(np.std(difference)) / np.sqrt(max(len(difference) - 1, 1))
-        mean = float(difference.mean())
-        return mean / error if error > 0 else float(np.inf * mean) if mean else 0.0
+        from .law_solve import standard_errors
+
+        return float(standard_errors(self.residuals, other.residuals))
 
 
 @dataclass(frozen=True)
 class LawRows:
-    """Rows of (setpoint, measurement, output) on a grid of `interval` seconds; a jump of `index` is a gap."""
+    """Setpoint, measurement and output (3, rows) on a grid of `interval` seconds; a jump of `index` is a gap.
+
+    known: sums of products made so far, for many fits rest on the same.
+    """
 
     index: IntArray
     signals: FloatArray
     interval: float
+    known: dict[tuple[float, ...], FloatArray] = field(default_factory=dict, repr=False, compare=False)
 
 
 def fit_law(rows: LawRows, form: LawForm, filter_time: float = 0.0) -> LawFit | None:
@@ -111,78 +117,56 @@ def fit_law(rows: LawRows, form: LawForm, filter_time: float = 0.0) -> LawFit | 
     return fit_sums(law_sums(rows, form, filter_time), form, filter_time)
 
 
-def law_sums(rows: LawRows, form: LawForm, filter_time: float) -> FloatArray:
-    """Return (windows, 5, 5) sums of products of all terms, of the windows in which the output moved."""
-    from .law_sums import window_sums
+def law_sums(rows: LawRows, form: LawForm, filter_time: float, more: Sequence[float] = ()) -> FloatArray:
+    """Return (windows, 5, 5) sums of products of all terms, of the windows in which the output moved.
 
-    sums = window_sums(
-        rows.signals, rows.index, rows.interval, float(filter_time), form.shift, form.phase, form.window, form.settle
-    )[0]
-    return np.asarray(sums[sums[:, 0, 0] > 0])
+    more: filter times that will be asked for as well; several at once cost little more than one.
+    """
+    from .law_sums import LANES, window_sums
+
+    of = (form.shift, form.phase, form.window, form.settle)
+    if (filter_time, *of) not in rows.known:
+        missing = [filter_time, *(t for t in more if t != filter_time and (t, *of) not in rows.known)][:LANES]
+        found = window_sums(rows.signals, rows.index, rows.interval, np.array(missing, dtype=np.float64), *of)
+        for t, sums in zip(missing, found[:, found[0, :, 0, 0] > 0], strict=True):
+            rows.known[(t, *of)] = sums
+    return rows.known[(filter_time, *of)]
 
 
 def fit_sums(sums: FloatArray, form: LawForm, filter_time: float) -> LawFit | None:
-    """Fit the terms of `form` to window sums.
+    """Fit the terms of `form` to window sums by least squares with robust window weights."""
+    from .law_solve import weighted_fit
 
-    A window in which something else moved the output (a limit, feedforward, an operator) leaves much more than
-    the others and loses its weight (Cauchy weights on the window residuals).
-    """
     if len(sums) == 0:
         return None
-    output = sums[:, 0, 0]
-    pick = np.array(form.terms)
-    gram, right = sums[:, pick[:, None], pick], sums[:, pick, 0]
-    scale = np.sqrt(np.maximum(np.einsum("wii->i", gram), 1e-300))
-    gram, right = gram / np.outer(scale, scale), right / scale
-    flat = gram.reshape(len(gram), -1)
-    weights = np.ones(len(sums))
-    if np.linalg.cond(gram.sum(0)) > 1e9:
-        return None
-    for _ in range(4):
-        normal = (weights @ flat).reshape(gram.shape[1:])
-        values = np.linalg.solve(normal, weights @ right)
-        left = output - 2.0 * right @ values + (gram @ values) @ values
-        left = np.maximum(left, 1e-12 * output)
-        if len(sums) < 6:
-            break
-        ordered = np.sort(left)
-        middle = 0.5 * (ordered[(len(left) - 1) // 2] + ordered[len(left) // 2])
-        weights = 2.0 / (1.0 + left / middle)
-    unexplained = float((weights @ left) / (weights @ output))
-    return LawFit(form, values / scale, left, unexplained, filter_time, weights, sums)
+    apart, values, left, weights, unexplained = weighted_fit(sums, np.array(form.terms))
+    return LawFit(form, values, left, unexplained, filter_time, weights, sums) if apart else None
 
 
 def search_filter(
     rows: LawRows, form: LawForm, longest: float, *, step: float = 2.0, near: float | None = None
 ) -> list[LawFit]:
-    """Fits over a geometric grid of filter times 0 .. `longest` [s], or golden sections around `near`; best first."""
+    """Fits over a geometric grid of filter times 0 .. `longest` [s], or a finer one around `near`; best first."""
     shortest = 0.25 * rows.interval
-    fits: dict[float, LawFit] = {}
-
-    def left_over(filter_time: float) -> float:
-        if filter_time not in fits:
-            fit = fit_law(rows, form, filter_time)
-            if fit is None:
-                return float("inf")
-            fits[filter_time] = fit
-        return fits[filter_time].unexplained
-
+    fits: list[LawFit] = []
     if near is None:
-        steps = int(np.log(max(longest / shortest, 1.0)) / np.log(step))
-        for filter_time in [0.0, *(shortest * step ** np.arange(steps + 1)).tolist()]:
-            left_over(filter_time)
+        steps = np.arange(int(np.log(max(longest / shortest, 1.0)) / np.log(FINEST_STEP)) + 1)
+        grid = [0.0, *(shortest * FINEST_STEP**steps).tolist()]
+        every = round(np.log(step) / np.log(FINEST_STEP))
+        fits = _fits(rows, form, [0.0, *grid[1::every]], grid)
     elif near > 0.0:
-        golden = (np.sqrt(5.0) - 1.0) / 2.0
-        low, high = near / step, near * step
-        a, b = high * (low / high) ** golden, low * (high / low) ** golden
-        for _ in range(6):
-            if left_over(a) < left_over(b):
-                high, b = b, a
-                a = high * (low / high) ** golden
-            else:
-                low, a = a, b
-                b = low * (high / low) ** golden
-    return sorted(fits.values(), key=lambda fit: fit.unexplained)
+        apart = step ** (2.0 / (AROUND + 1))
+        fits = _fits(rows, form, [near * apart ** (k - (AROUND - 1) / 2) for k in range(AROUND)])
+        if fits:
+            best = min(fits, key=lambda fit: fit.unexplained).filter_time
+            closer = apart ** (2.0 / (AROUND + 1))
+            fits += _fits(rows, form, [best * closer ** (k - (AROUND - 1) / 2) for k in range(AROUND)])
+    return sorted(fits, key=lambda fit: fit.unexplained)
+
+
+def _fits(rows: LawRows, form: LawForm, times: list[float], more: Sequence[float] = ()) -> list[LawFit]:
+    fits = [fit_sums(law_sums(rows, form, t, more or times), form, t) for t in times]
+    return [fit for fit in fits if fit is not None]
 
 
 def settle_filter(rows: LawRows, form: LawForm, share: float) -> list[LawFit]:

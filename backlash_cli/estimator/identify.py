@@ -46,13 +46,13 @@ def settings_of(survey: Survey) -> Identification | Note:
         return Note("no_output", "the record has no controller output, so K and Ti cannot be read from it")
     if numbers[USED] and not survey.spread(OUTPUT):
         return Note("output_constant", "the controller output never moves, so K and Ti cannot be read from it")
-    levels = [level for number in range(LEVELS) if (level := law_rows(survey, number)) is not None]
-    if not levels:
+    finest = law_rows(survey, 0)
+    if finest is None:
         return Note(
             "too_short",
             f"fewer than {LEAST_ROWS} usable samples with setpoint, PV and output: K and Ti cannot be read from them",
         )
-    found = find_settings(levels, survey.interval)
+    found = find_settings(lambda level: law_rows(survey, level) if level else finest, survey.interval)
     if isinstance(found, Note) or numbers[USED_FILLED] <= MOSTLY_OWN * numbers[USED]:
         return found
     share = numbers[USED_FILLED] / numbers[USED]
@@ -61,6 +61,8 @@ def settings_of(survey: Survey) -> Identification | Note:
 
 
 def law_rows(survey: Survey, level: int) -> LawRows | None:
-    """Return one picture of the record, None where it has too few rows."""
+    """Return one picture of the record, None where it has too few rows, or there is none so slow."""
+    if level >= LEVELS:
+        return None
     index, values = survey.rows(level)
     return LawRows(index, values, survey.interval * SLOWER**level) if len(index) >= LEAST_ROWS else None

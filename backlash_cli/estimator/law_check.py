@@ -39,7 +39,7 @@ def follows(survey: Survey, settings: LoopSettings) -> bool:
         return False
     level = min(max(ceil(log(Ti / (SLOWEST * survey.interval)) / log(SLOWER)), 0), LEVELS - 1)
     rows = law_rows(survey, level)
-    if rows is None or not np.ptp(rows.signals[:, 2]) > 0.0:
+    if rows is None or not np.ptp(rows.signals[2]) > 0.0:
         return False
     given_D = (DERIVATIVE,) if settings.Td > 0.0 else ()
     window = window_of(WINDOW * Ti / rows.interval, len(rows.index))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from math import isfinite
 
@@ -44,9 +45,12 @@ AT_ONE_FREQUENCY = Note(
 )
 
 
-def find_settings(levels: list[LawRows], interval: float) -> Identification | Note:
-    """Find K, Ti and Td from pictures of one record, finest first; `interval` is that of the samples [s]."""
-    found = _time_scale(levels)
+def find_settings(picture: Callable[[int], LawRows | None], interval: float) -> Identification | Note:
+    """Find K, Ti and Td from pictures of one record; `interval` is that of the samples [s].
+
+    picture: gives that of a level, 0 the finest, None where there is none; there is one of level 0.
+    """
+    found = _time_scale(picture)
     if isinstance(found, Note):
         return found
     rows, form, longest = found
@@ -79,15 +83,16 @@ def find_settings(levels: list[LawRows], interval: float) -> Identification | No
     return _refused(result.r2, by_chance=True) if by_chance else result
 
 
-def _time_scale(levels: list[LawRows]) -> tuple[LawRows, LawForm, float] | Note:
+def _time_scale(picture: Callable[[int], LawRows | None]) -> tuple[LawRows, LawForm, float] | Note:
     """Find the picture of the record in which Ti is SLOWEST rows at most, the form of the fit, and the longest Tf."""
-    level, Ti, explained = 0, FIRST_WINDOW / WINDOW * levels[0].interval, 0.0
+    rows = picture(0)
+    assert rows is not None
+    level, Ti, explained = 0, FIRST_WINDOW / WINDOW * rows.interval, 0.0
     for _ in range(8):
-        rows = levels[level]
         h = rows.interval
         window = window_of(WINDOW * Ti / h, len(rows.index))
         longest = min(LONGEST_FILTER * Ti, 0.1 * window * h)
-        moves = bool(np.ptp(rows.signals[:, 0]) > 0)
+        moves = bool(np.ptp(rows.signals[0]) > 0)
         terms = (PROPORTIONAL, INTEGRAL, SETPOINT) if moves else (PROPORTIONAL, INTEGRAL)
         phase = 0.5 if level else 0.0 if Ti >= 10.0 * h else 0.25
         form = LawForm(terms, window, min(int(np.ceil(5.0 * longest / h)) + 1, window), 0, phase)
@@ -99,10 +104,10 @@ def _time_scale(levels: list[LawRows]) -> tuple[LawRows, LawForm, float] | Note:
             return _refused(0.0)
         before, explained = Ti, 1.0 - fits[0].unexplained
         Ti = fits[0].reset_time
-        slower = level + 1 < len(levels)
-        if slower and not Ti <= SLOWEST * h:
-            level += 1
-            Ti = Ti if isfinite(Ti) else FIRST_WINDOW / WINDOW * levels[level].interval
+        slower = None if Ti <= SLOWEST * h else picture(level + 1)
+        if slower is not None:
+            rows, level = slower, level + 1
+            Ti = Ti if isfinite(Ti) else FIRST_WINDOW / WINDOW * rows.interval
         elif not isfinite(Ti):
             return _refused(explained)
         elif 0.8 < Ti / before < 1.25:

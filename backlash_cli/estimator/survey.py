@@ -81,11 +81,10 @@ class Survey:
         return (index, measured, index, outputs) if there.all() else (index, measured, index[there], outputs[there])
 
     def rows(self, level: int) -> tuple[IntArray, FloatArray]:
-        """Grid numbers (rows,) in units of SLOWER**level samples, and means (rows, 3) of all three signals."""
+        """Grid numbers (rows,) in units of SLOWER**level samples, and means (3, rows) of all three signals."""
         index, rows, _ = self._rows(level)
         mine = np.isfinite(rows[2])
-        index, rows = (index, rows) if mine.all() else (index[mine], rows[:, mine])
-        return index, np.ascontiguousarray(rows.T)
+        return (index, rows) if mine.all() else (index[mine], rows[:, mine])
 
     def _rows(self, level: int, most: int = SLOTS) -> tuple[IntArray, FloatArray, NDArray[np.uint8]]:
         """What is kept of one picture, in time order; every second stretch where it is more than `most`.

@@ -69,8 +69,8 @@ def means(index: np.ndarray, rows: np.ndarray) -> dict[int, np.ndarray]:
     return {at: np.mean(group, axis=0) for at, group in groups.items() if len(group) == SLOWER}
 
 
-@given(st.integers(0, 10_000), st.integers(1, 9000), st.sampled_from([0.0, 0.05, 1.0]),
-       st.lists(st.integers(0, 9000), max_size=4))
+@given(st.integers(0, 10_000), st.integers(1, 3500), st.sampled_from([0.0, 0.05, 1.0]),
+       st.lists(st.integers(0, 3500), max_size=4))
 @settings(max_examples=40, deadline=None)
 def test_counts_ranges_and_pictures_are_those_of_the_samples(seed, n, doubtful, cuts):
     record = made(seed, n, doubtful)
@@ -86,13 +86,13 @@ def test_counts_ranges_and_pictures_are_those_of_the_samples(seed, n, doubtful, 
     mine = use & np.isfinite(signals).all(1)
     index, rows = survey.rows(0)
     np.testing.assert_array_equal(index, record.index[mine])
-    np.testing.assert_array_equal(rows, signals[mine])
-    expected = dict(zip(index.tolist(), rows, strict=True))
+    np.testing.assert_array_equal(rows.T, signals[mine])
+    expected = dict(zip(index.tolist(), rows.T, strict=True))
     for level in range(1, LEVELS):
         expected = means(np.array(list(expected)), np.array(list(expected.values())).reshape(-1, 3))
         index, rows = survey.rows(level)
         assert index.tolist() == list(expected)
-        np.testing.assert_allclose(rows, np.array(list(expected.values())).reshape(-1, 3), atol=1e-12)
+        np.testing.assert_allclose(rows.T, np.array(list(expected.values())).reshape(-1, 3), atol=1e-12)
 
 
 def test_of_a_long_record_an_even_choice_of_stretches_is_kept_wherever_it_is_cut():
@@ -102,7 +102,7 @@ def test_of_a_long_record_an_even_choice_of_stretches_is_kept_wherever_it_is_cut
     assert np.unique(index // ROWS).tolist() == list(range(0, 41, 4)) and len(np.unique(index // ROWS)) <= SLOTS
     for level in range(LEVELS):
         np.testing.assert_array_equal(whole.rows(level)[1], cut.rows(level)[1])
-    np.testing.assert_array_equal(rows[:, 1], record.measurement[np.isin(record.index, index)])
+    np.testing.assert_array_equal(rows[1], record.measurement[np.isin(record.index, index)])
 
 
 def test_a_record_without_output_has_samples_and_no_rows():

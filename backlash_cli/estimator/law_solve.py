@@ -1,0 +1,139 @@
+"""The weighted least squares of the control law on window sums, compiled by numba: a fit of three numbers must not cost
+more than the sums it rests on."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from ..record import FloatArray, IntArray
+
+ILL_CONDITIONED = 1e9  # ratio of the largest to the smallest eigenvalue from which the terms cannot be told apart
+TURNS = 4  # of reweighting
+FEWEST_WINDOWS = 6  # of which some may lose their weight
+
+
+@numba.njit(cache=True, nogil=True)
+def condition(matrix: FloatArray) -> float:
+    """Ratio of the largest to the smallest size of the eigenvalues of a small symmetric matrix (Jacobi rotations)."""
+    a, n = matrix.copy(), len(matrix)
+    for _ in range(30):
+        rest = 0.0
+        for p in range(n):
+            for q in range(p):
+                rest = max(rest, abs(a[p, q]))
+                if a[p, q] == 0.0:
+                    continue
+                angle = 0.5 * np.arctan2(2.0 * a[p, q], a[q, q] - a[p, p])
+                c, s = np.cos(angle), np.sin(angle)
+                for k in range(n):
+                    x, y = a[k, p], a[k, q]
+                    a[k, p], a[k, q] = c * x - s * y, s * x + c * y
+                for k in range(n):
+                    x, y = a[p, k], a[q, k]
+                    a[p, k], a[q, k] = c * x - s * y, s * x + c * y
+        if rest <= 1e-15 * n:
+            break
+    low, high = np.inf, 0.0
+    for k in range(n):
+        low, high = min(low, abs(a[k, k])), max(high, abs(a[k, k]))
+    return high / low if low > 0.0 else np.inf
+
+
+@numba.njit(cache=True, nogil=True)
+def solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve a few linear equations by elimination with row exchange; nan where they have no solution."""
+    a, x, n = matrix.copy(), right.copy(), len(right)
+    for p in range(n):
+        best = p
+        for k in range(p + 1, n):
+            best = k if abs(a[k, p]) > abs(a[best, p]) else best
+        if a[best, p] == 0.0:
+            x[:] = np.nan
+            return x
+        if best != p:
+            for j in range(n):
+                a[p, j], a[best, j] = a[best, j], a[p, j]
+            x[p], x[best] = x[best], x[p]
+        for k in range(p + 1, n):
+            share = a[k, p] / a[p, p]
+            for j in range(p, n):
+                a[k, j] -= share * a[p, j]
+            x[k] -= share * x[p]
+    for p in range(n - 1, -1, -1):
+        for j in range(p + 1, n):
+            x[p] -= a[p, j] * x[j]
+        x[p] /= a[p, p]
+    return x
+
+
+@numba.njit(cache=True, nogil=True)
+def weighted_fit(sums: FloatArray, terms: IntArray) -> tuple[bool, FloatArray, FloatArray, FloatArray, float]:
+    """Fit the output by some terms, each window with a weight of its own.
+
+    sums: (windows, 5, 5) of products, output first. Returns whether the terms can be told apart, their coefficients,
+    what is left in each window, its weight, and the share of the output that is left. A window in which something else
+    moved the output leaves much more than the others and loses its weight (Cauchy weights on the window residuals).
+    """
+    windows, n = len(sums), len(terms)
+    scale, gram, right = np.zeros(n), np.zeros((n, n)), np.zeros(n)
+    weights, left, values = np.ones(windows), np.zeros(windows), np.zeros(n)
+    for w in range(windows):
+        for i in range(n):
+            for j in range(n):
+                gram[i, j] += sums[w, terms[i], terms[j]]
+    for i in range(n):
+        scale[i] = np.sqrt(max(gram[i, i], 1e-300))
+    for i in range(n):
+        for j in range(n):
+            gram[i, j] /= scale[i] * scale[j]
+    if not condition(gram) <= ILL_CONDITIONED:
+        return False, values, left, weights, 1.0
+    for _ in range(TURNS):
+        gram[:] = 0.0
+        right[:] = 0.0
+        for w in range(windows):
+            for i in range(n):
+                right[i] += weights[w] * sums[w, terms[i], 0]
+                for j in range(i + 1):
+                    gram[i, j] += weights[w] * sums[w, terms[i], terms[j]]
+        for i in range(n):
+            right[i] /= scale[i]
+            for j in range(i + 1):
+                gram[i, j] /= scale[i] * scale[j]
+                gram[j, i] = gram[i, j]
+        values = solved(gram, right) / scale
+        for w in range(windows):
+            output = sums[w, 0, 0]
+            found = output
+            for i in range(n):
+                product = -2.0 * sums[w, terms[i], 0]
+                for j in range(n):
+                    product += sums[w, terms[i], terms[j]] * values[j]
+                found += product * values[i]
+            left[w] = max(found, 1e-12 * output)
+        if windows < FEWEST_WINDOWS:
+            break
+        ordered = np.sort(left)
+        middle = 0.5 * (ordered[(windows - 1) // 2] + ordered[windows // 2])
+        for w in range(windows):
+            weights[w] = 2.0 / (1.0 + left[w] / middle)
+    rest = whole = 0.0
+    for w in range(windows):
+        rest, whole = rest + weights[w] * left[w], whole + weights[w] * sums[w, 0, 0]
+    return True, values, left, weights, rest / whole
+
+
+@numba.njit(cache=True, nogil=True)
+def standard_errors(left: FloatArray, other: FloatArray) -> float:
+    """By how many standard errors the first leaves less than the other, window by window, in logarithms."""
+    n = len(left)
+    mean = square = 0.0
+    for w in range(n):
+        mean += np.log(other[w] / left[w]) / n
+    for w in range(n):
+        square += (np.log(other[w] / left[w]) - mean) ** 2 / n
+    error = np.sqrt(square) / np.sqrt(max(n - 1, 1))
+    if error > 0.0:
+        return mean / error
+    return np.inf * mean if mean != 0.0 else 0.0
