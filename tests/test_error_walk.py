@@ -50,7 +50,7 @@ def by_hand(record: Record, smooth: bool) -> list[tuple[float, ...]]:
 
 @st.composite
 def mostly_clean(draw: st.DrawFn) -> Record:
-    """A record of long pieces without hole or doubt, a few holes and zeros, and a setpoint that rests or moves."""
+    """A record of long pieces without hole or doubt, a few of both, and a setpoint that rests or moves."""
     rng = np.random.default_rng(draw(st.integers(0, 10_000)))
     n = draw(st.integers(500, 4000))
     index = np.arange(n, dtype=np.int64) + 3
@@ -63,13 +63,11 @@ def mostly_clean(draw: st.DrawFn) -> Record:
     elif moved == "ramps":
         sp += 0.001 * np.arange(n)
     for at in draw(st.lists(st.integers(0, n - 1), max_size=4)):
-        kind = rng.integers(4)
+        kind = rng.integers(3)
         if kind == 0:
             index[at:] += rng.integers(1, 40)
         elif kind == 1:
             state[at : at + 20] = SampleState.MANUAL
-        elif kind == 2:
-            pv[at : at + 3] = sp[at : at + 3]
         else:
             pv[at] = np.nan
     return Record("a", 0.0, 1.0, index, sp, pv, None, state, LoopSettings(K=1.0, Ti=20.0))
@@ -83,6 +81,18 @@ def test_pieces_without_doubt_are_walked_the_same(record, cuts, Tf):
     for track, smooth in ((scanner.plain, False), (scanner.smooth, True)):
         expected = np.array(by_hand(record, smooth)).reshape(-1, 7)
         np.testing.assert_allclose(table(track.finish()), expected, rtol=1e-9, atol=1e-8)
+
+
+@given(st.integers(0, 10_000), st.lists(st.integers(0, 3000), max_size=3))
+@settings(max_examples=20, deadline=None)
+def test_errors_of_exactly_zero_belong_to_the_half_period_before(seed, cuts):
+    rng = np.random.default_rng(seed)
+    steps = np.where(rng.random(3000) < 0.1, rng.choice([-1.0, 1.0], 3000), 0.0)
+    pv = 0.5 + np.abs(np.cumsum(steps) - 3.0) / 8.0 - 0.5
+    record = Record("a", 0.0, 1.0, np.arange(3000), np.full(3000, 0.5), pv, None, np.zeros(3000, np.uint8),
+                    LoopSettings(K=1.0, Ti=20.0, Tf=0.0))
+    expected = np.array(by_hand(record, False)).reshape(-1, 7)
+    np.testing.assert_allclose(table(scanned(record, cuts).plain.finish()), expected, rtol=1e-9, atol=1e-12)
 
 
 def table(s: Segments) -> np.ndarray:
