@@ -128,7 +128,7 @@ class LoopScanner:
             few = refusal.code == "insufficient_data"
             on_settings = self._settings_notes()
             return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL,
-                                (*_contradictions(on_settings), refusal), 0.0, on_settings)
+                                (*_contradictions(on_settings), refusal), 0.0, on_settings, carry=self._packed())
         assert self._errors is not None and self.settings.Ti is not None
         settings = self.settings
         warnings: list[Note] = []
@@ -161,8 +161,12 @@ class LoopScanner:
         return self._report(decision.verdict, decision.reasons, decision.confidence, warnings=tuple(warnings),
                             settings=settings, cluster=decision.cluster, confirmation=confirmed,
                             compensator=compensator,
-                            carry=pack(self._carry.finish(self._errors)) if self._carry else None,
+                            carry=self._packed(),
                             **self._tally(half_periods, self._errors.smooth.left_out, accepted, long))
+
+    def _packed(self) -> bytes | None:
+        """What the next night needs to go on from here, also where this one is too short to be judged."""
+        return pack(self._carry.finish(self._errors)) if self._carry and self._errors else None
 
     def _settings_notes(self) -> tuple[Note, ...]:
         """Say where the settings given do not make the recorded output; a contradiction limits the verdict."""

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.estimator.carry import resume
@@ -58,6 +58,8 @@ PLACES = st.integers(1, len(RECORD) // 3 - 1).map(lambda i: 3 * i)
 
 
 @given(st.lists(PLACES, min_size=1, max_size=12, unique=True), st.booleans())
+@example(cuts=[2001, 2004], manual=True)  # three samples, none of them usable
+@example(cuts=[1998, 2001], manual=True)
 @settings(max_examples=25, deadline=None)
 def test_any_number_of_nights_joined_equals_the_uncut_record(cuts, manual):
     record = RECORD
