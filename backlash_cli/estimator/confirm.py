@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from ..record import FloatArray, LoopSettings, Note, Record
 from ..results import Confirmation
 from .criteria import MOTION
-from .decimate import WIDTHS, BlockMeans
+from .decimate import STEM, WIDTHS, BlockMeans
 from .evidence import Evidence, Rows, counted, weigh
 from .light import weigh_lightly
 from .periodic import periodic_load
 from .rebuild import OutputRebuilder
+from .stem import weigh_with_stem
 from .switching_load import switching_load, with_switching_load
 from .whitening import WARM_UP
 
@@ -88,7 +89,7 @@ class ConfirmationScanner:
         x = np.ascontiguousarray(level[:, 1:].T)
         y = np.sign(float(self.settings.K or 1.0)) * level[:, 0]
         y = with_least_noise(y, first)
-        return Rows(y, x, widths, first, lag, line, at)
+        return Rows(y, x, widths, first, lag, line, at, np.ascontiguousarray(means[:, -STEM:].T))
 
     def finish(self) -> Confirmation | Note:
         """Return what the record says about a dead band, or why it says nothing."""
@@ -99,7 +100,7 @@ class ConfirmationScanner:
         if load is not None:
             found = with_switching_load(rows, weigh(rows), load)
         else:
-            found = weigh_lightly(rows)
+            found = weigh_with_stem(rows, weigh_lightly(rows))
         return self._confirmation(found, bool(len(rows.line)))
 
     def _confirmation(self, e: Evidence, swings: bool) -> Confirmation:

@@ -31,7 +31,8 @@ FINE = 9  # widths tried between the neighbours of the best
 class Rows:
     """Block means, centred: y (rows,) PV, x (1 + widths, rows) OP (first) and OP through each dead band of `widths`
     (ascending). first (rows,): True where a stretch begins. lag: typical lag of the process in rows (Ti / 4).
-    line (columns, rows): shapes that a periodic load may have. at (rows,): row numbers, where there are holes."""
+    line (columns, rows): shapes that a periodic load may have. at (rows,): row numbers, where there are holes.
+    stem (4, rows): what is known of where the stem stood, see `decimate.BlockMeans`."""
 
     y: FloatArray
     x: FloatArray
@@ -40,6 +41,7 @@ class Rows:
     lag: float
     line: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     at: IntArray | None = None
+    stem: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,8 @@ class Evidence:
     the opposite of a dead band (2 OP - play), a sham effect that only errors of the linear model can support.
     error_reduction: share of the variance of the one-step prediction that d removes. noise: deviation of the
     measurement noise per row. steps: load steps found. gain_to_pv: static gain of the fitted process. level:
-    log-likelihood of the best model. half_period [rows]: of a load that switches to and fro; 0 for none.
+    log-likelihood of the best model. half_period [rows]: of a load that switches to and fro; 0 for none. shape: the
+    three numbers of the model with a dead band. shock (rows,): variances of the load steps.
     """
 
     d: float
@@ -67,6 +70,8 @@ class Evidence:
     profile: tuple[tuple[float, float], ...] = field(default=())
     level: float = 0.0
     half_period: float = 0.0
+    shape: tuple[float, ...] = ()
+    shock: FloatArray = field(default_factory=lambda: np.empty(0), compare=False)
 
 
 def counted(first: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -288,4 +293,5 @@ def _summary(fit: Fitter, s: State, close: bool) -> Evidence:
         d, interval, max(top, float(ll[0])) - f0, half, mirror, reduction, float(np.sqrt(noise[0])),
         int(np.count_nonzero(fit.shock)), int(k.sum()), float(ll[0] - ll[1]), float(b[0].sum()),
         tuple((float(w), float(v - f0)) for w, v in zip(grid, level, strict=True)), max(top, f0),
+        shape=tuple(p1.tolist()), shock=fit.shock,
     )

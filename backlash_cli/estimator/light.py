@@ -39,4 +39,5 @@ def liveliest(rows: Rows, most: int) -> Rows:
     first = rows.first[use] | (np.diff(at[use], prepend=at[use[0]] - 2) != 1)
     start = np.maximum.accumulate(np.where(first, np.arange(len(use)), 0))
     y, x = rows.y[use], np.take(rows.x, use, axis=1)
-    return replace(rows, y=y - y[start], x=x - x[:, start], first=first, line=rows.line[:, use], at=at[use])
+    stem = None if rows.stem is None else rows.stem[:, use]
+    return replace(rows, y=y - y[start], x=x - x[:, start], first=first, line=rows.line[:, use], at=at[use], stem=stem)
