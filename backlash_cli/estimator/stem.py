@@ -67,9 +67,7 @@ def with_stem_placed(rows: Rows, found: Evidence) -> Rows | None:
     places, heights = zip(*found.profile, strict=True)
     x, useful = rows.x.copy(), False
     for j in asked.tolist():
-        half = 0.5 * float(rows.widths[j])
-        middle = np.clip(start, high - half, low + half)
-        shifts = [np.clip(start + place * half, high - half, low + half) - middle for place in PLACES]
+        shifts = [placed_at(place, float(rows.widths[j]), start, low, high) for place in PLACES]
         tried = np.stack([x[1 + j], *(x[1 + j] + s - s[stretch] for s in shifts)])
         levels = _levels(fit, np.array(found.shape), tried, run)
         best = np.where(levels[1:].max(axis=0) > levels[0] + CLEARLY, 1 + levels[1:].argmax(axis=0), 0)
@@ -78,6 +76,18 @@ def with_stem_placed(rows: Rows, found: Evidence) -> Rows | None:
         height = float(np.interp(rows.widths[j], places, heights))
         useful |= gained > 0.0 and height + gained > max(found.gain, 0.0) - WITHIN
     return replace(rows, x=x) if useful else None
+
+
+def placed_at(place: float, d: float, start: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """How far from where it would stand after a start in the middle the stem stands (rows,).
+
+    place: where it started, in half gaps. d: dead band. start, low, high (rows,): first OP of the run, lowest and
+    highest so far.
+    """
+    half = 0.5 * d
+    bottom, top = high - half, np.maximum(low, high - d) + half  # the same once OP has covered the gap
+    shift: FloatArray = np.clip(start + place * half, bottom, top) - np.clip(start, bottom, top)
+    return shift
 
 
 def _levels(fit: Fitter, p: FloatArray, tried: FloatArray, run: NDArray[np.intp]) -> FloatArray:
