@@ -15,6 +15,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from functools import partial
+from itertools import zip_longest
 from typing import TypeVar
 
 from ..errors import BacklashError
@@ -23,7 +24,7 @@ from ..loaders.heap import keep_freed_memory
 from ..loaders.join import Joiner
 from ..loaders.long_records import long_record
 from ..loaders.plant import failure
-from ..loaders.recipes import Recipe, read_in_order
+from ..loaders.recipes import Recipe, forget_stamps, read_in_order
 from ..record import Note, Record
 from ..results import LoopReport, Verdict
 from ..scan import PIECE, ScanOptions, scan, scan_blocks
@@ -117,7 +118,9 @@ def _in_turn(
     joiner = Joiner(recipes[0].options.good_quality) if recipes else None
     recipes.reverse()
     while recipes:
-        yield analyse_recipe(recipes.pop(), options, joiner, keep)
+        recipe = recipes.pop()
+        yield analyse_recipe(recipe, options, joiner, keep)
+        forget_stamps(recipe, recipes[-1] if recipes else None)
 
 
 def analyse_recipe(
@@ -148,7 +151,11 @@ def analyse_group(
     keep_freed_memory()
     joiner = Joiner(group[0].options.good_quality)
     read_in_order(group)
-    return [analyse_recipe(recipe, options, joiner, keep) for recipe in group]
+    found = []
+    for recipe, following in zip_longest(group, group[1:]):
+        found.append(analyse_recipe(recipe, options, joiner, keep))
+        forget_stamps(recipe, following)
+    return found
 
 
 def _one_by_one(

@@ -8,16 +8,15 @@ from collections.abc import Iterator
 from functools import cached_property
 from itertools import accumulate, takewhile
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pa_parquet
 from numpy.typing import NDArray
 
-from .numbers import Numbers, codes_and_words, main_unit, parse_words, to_numbers
+from .numbers import Numbers, codes_and_words, main_unit, parse_words, to_numbers, words_that_occur
 from .places import Remote
-from .store import ColumnStore
 
 TAG = 0x7FF8_0000_0000_0000  # bits of nan, an empty cell; a word has its code plus one added
 
@@ -65,6 +64,10 @@ class SlicedColumn(LazyColumn):
 
     def arrow(self) -> pa.ChunkedArray:
         return self.base.arrow().slice(self.start, self.rows)
+
+    def texts(self) -> tuple[NDArray[np.int64], list[str]]:
+        codes, words = self.base.texts()
+        return words_that_occur(codes[self.start : self.start + self.rows], words)
 
     def numbers(self, decimal: str) -> Numbers:
         if not pa.types.is_floating(self.type):
@@ -174,13 +177,25 @@ class ParquetColumn(LazyColumn):
         return (to_numbers(piece).values for piece in self.file.pieces(self.index, self.first))
 
 
+class Stored(Protocol):
+    """Columns of float64 that a StoredColumn reads: a ColumnStore, or the rows of a tag in one."""
+
+    rows: int
+
+    def column(self, slot: int) -> NDArray[np.float64]:
+        """Return all rows of one column, a new array."""
+
+    def parts(self, slot: int) -> Iterator[NDArray[np.float64]]:
+        """Yield the rows of one column piece by piece."""
+
+
 class StoredColumn(LazyColumn):
     """One column of a CSV in the store. words: what stood where no plain number stood, in the order of its codes.
 
     A column with words is text, as Arrow would see it: all its cells count as texts then, also the plain numbers.
     """
 
-    def __init__(self, store: ColumnStore, slot: int, words: list[str], empty: bool) -> None:
+    def __init__(self, store: Stored, slot: int, words: list[str], empty: bool) -> None:
         self.store, self.slot = store, slot
         self.words = words
         kind = pa.dictionary(pa.int32(), pa.string()) if words else pa.null() if empty else pa.float64()
@@ -210,7 +225,7 @@ class StoredColumn(LazyColumn):
         values = self.store.column(self.slot)
         codes = _codes(values)
         number = ~np.isnan(values)
-        words = list(self.words)
+        codes, words = words_that_occur(codes, self.words)
         if number.any():
             distinct, place = np.unique(values[number], return_inverse=True)
             codes[number] = place + len(words)

@@ -122,8 +122,8 @@ def read_blocks(
     bad: list[tuple[int, int, int]] = []
     rows = 0
     try:
-        for block in _parsed(pieces, layout, threads):
-            piece = _piece(block, signals, layout)
+        for block in parsed_blocks(pieces, layout, threads):
+            piece = piece_of(block, signals, layout)
             for parts, column in zip(stamps, layout.stamps, strict=True):
                 parts.add(block.columns[column])
             store.add(piece)
@@ -148,7 +148,7 @@ def read_blocks(
     return columns, bad
 
 
-def _piece(block: Block, signals: list[Signal], layout: Layout) -> NDArray[np.float64]:
+def piece_of(block: Block, signals: list[Signal], layout: Layout) -> NDArray[np.float64]:
     """Return the cells of a block as the store takes them, (signals, rows). Raises ForeignText."""
     decimal = layout.dialect.decimal
     if block.plain is None:
@@ -169,7 +169,7 @@ def _piece(block: Block, signals: list[Signal], layout: Layout) -> NDArray[np.fl
     return piece
 
 
-def _parsed(pieces: Iterator[bytes], layout: Layout, threads: int) -> Iterator[Block]:
+def parsed_blocks(pieces: Iterator[bytes], layout: Layout, threads: int) -> Iterator[Block]:
     """Parse blocks in order; with several threads the next ones are parsed while this one is taken."""
     if threads <= 1:
         yield from map(layout.parse, whole_lines(pieces))

@@ -16,11 +16,14 @@ from ..errors import InputError
 from ..record import Note
 from .columns import LazyColumn, ParquetColumn, ParquetFileColumns
 from .compression import codec_of, limited_pieces
+from .csv_signal import ForeignText
 from .fast_csv import BLOCK, read_blocks
 from .fast_csv import Layout as CsvLayout
 from .files import Content, guess_encoding
 from .heap import keep_freed_memory
 from .layouts import layout_of
+from .long_files import long_csv, long_parquet
+from .long_tables import LongTable, long_layout
 from .options import ReadOptions
 from .places import Remote, open_place
 from .store import Room
@@ -44,18 +47,22 @@ FEW_LINES = 40  # in HEAD bytes: more is looked at
 @dataclass
 class Lazily:
     """How to read lazily. needed: tells from the first rows of a table which columns the wanted loops use; all if not.
+    wanted: tells of a tag (or of a loop, in rows of loops) whether the wanted loops use it.
 
     threads: of parsing. progress: called with the bytes of a file that were taken in.
     """
 
     needed: Callable[[Table], set[int]] = lambda table: set(range(len(table.names)))
+    wanted: Callable[[str], bool] = lambda tag: True
     threads: int = 1
     progress: Callable[[int], None] | None = None
     room: Room = field(default_factory=Room)
 
 
-def lazy_table(path: Path | Remote, options: ReadOptions, partition: dict[str, str], lazily: Lazily) -> Table | None:
-    """Return the table of a file with lazy columns, None where it has to be read whole."""
+def lazy_table(
+    path: Path | Remote, options: ReadOptions, partition: dict[str, str], lazily: Lazily
+) -> Table | LongTable | None:
+    """Return a file's table with lazy columns, or the signals of a long file; None where it has to be read whole."""
     keep_freed_memory()
     try:
         with open_place(path) as file:
@@ -63,15 +70,17 @@ def lazy_table(path: Path | Remote, options: ReadOptions, partition: dict[str, s
         parquet = magic[:4] == b"PAR1"
         packed = parquet or bool(codec_of(magic))  # then its bytes are not those of the text
         told = replace(lazily, progress=None) if packed else lazily
-        table = _parquet(path, options, partition) if parquet else _csv(path, magic, options, partition, told)
+        table = _parquet(path, options, partition, lazily) if parquet else _csv(path, magic, options, partition, told)
         if packed and table is not None and lazily.progress is not None:
             lazily.progress(path.stat().st_size)
         return table
-    except (InputError, pa.ArrowException, OSError, ValueError, OverflowError, EOFError):
+    except (InputError, pa.ArrowException, OSError, ValueError, OverflowError, EOFError, ForeignText):
         return None
 
 
-def _parquet(path: Path | Remote, options: ReadOptions, partition: dict[str, str]) -> Table | None:
+def _parquet(
+    path: Path | Remote, options: ReadOptions, partition: dict[str, str], lazily: Lazily
+) -> Table | LongTable | None:
     source = ParquetFileColumns(path)
     about = source.file.metadata
     schema = source.file.schema_arrow
@@ -90,14 +99,15 @@ def _parquet(path: Path | Remote, options: ReadOptions, partition: dict[str, str
     looked = (pa.chunked_array([first[i]]) if i in first else LazyColumn(f.type, rows) for i, f in enumerate(schema))
     head = Table(str(path), stem_of(path), names, tuple(looked), partition=partition)
     if layout_of(head, options) not in ("wide", "single"):
-        return None
+        long = long_layout(head, options)
+        return None if long is None else long_parquet(source.file, head, long, options, lazily)
     columns = tuple(ParquetColumn(source, i, f.type, about.num_rows) for i, f in enumerate(schema))
     return Table(str(path), stem_of(path), names, columns, partition=partition)
 
 
 def _csv(
     path: Path | Remote, magic: bytes, options: ReadOptions, partition: dict[str, str], lazily: Lazily
-) -> Table | None:
+) -> Table | LongTable | None:
     codec = codec_of(magic)
     pieces = limited_pieces(path, codec) if codec else _pieces(path, 0)
     begun = b""
@@ -116,15 +126,18 @@ def _csv(
     head = parse_head(content, dialect)
     head = Table(str(path), stem_of(path), dialect.names, head.columns, dialect.decimal, dialect.line,
                  partition=partition, kinds=dialect.kinds)
-    if not head.rows or layout_of(head, options) not in ("wide", "single"):
+    if not head.rows:
         return None
+    rest = _after(begun[prefix + dialect.offset :], pieces)
+    if layout_of(head, options) not in ("wide", "single"):
+        long = long_layout(head, options)
+        return None if long is None else long_csv(rest, head, dialect, long, options, lazily)
     named = time_columns(head)
     stamps = [i for i, c in enumerate(head.columns)
               if i in named or pa.types.is_temporal(c.type) or head.kind(i) in _STAMPS]
     kinds = [c.type for c in head.columns]
     stored = sorted(lazily.needed(head) - set(stamps))
     texts = {i for i in stored if head.is_text(i)}
-    rest = _after(begun[prefix + dialect.offset :], pieces)
     layout = CsvLayout(dialect, convert_options(dialect), stored, stamps, texts)
     read = read_blocks(rest, layout, kinds, room=lazily.room, threads=lazily.threads, progress=lazily.progress)
     if read is None or not len(read[0][0]):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,10 +44,21 @@ def _share(words: list[str], test: object) -> float:
     return sum(map(test, words)) / len(words) if words else 0.0  # type: ignore[call-overload]
 
 
-def long_series(table: Table, options: ReadOptions) -> list[Series]:
-    """One row per sample: tag, time, value and perhaps a quality."""
+@dataclass(frozen=True)
+class LongColumns:
+    """Columns of a table whose rows belong to different tags or loops. naming: the tag, or loop and signal apart.
+
+    values: of a tag one column, of a loop one for each signal.
+    """
+
+    naming: tuple[int, ...]
+    values: tuple[int, ...]
+    quality: int | None = None
+
+
+def long_columns(table: Table, used: set[int]) -> LongColumns:
+    """Return the columns of rows of tag, time and value; used: those of stamps. Raises InputError if one is missing."""
     words = [plain(name) for name in table.names]
-    axis, used = time_axis(table, options)
     columns = range(len(words))
     texts = [i for i in columns if table.is_text(i) and i not in used]
     naming = name_columns(table, texts)
@@ -60,8 +73,27 @@ def long_series(table: Table, options: ReadOptions) -> list[Series]:
     values = named or [i for i in free if not table.is_text(i)] or free
     if not values:
         raise InputError("no column of values found", where=table.where, remedy="name it 'value'")
+    return LongColumns(tuple(naming), (values[0],), quality)
+
+
+def tall_columns(table: Table, used: set[int]) -> LongColumns:
+    """Return the columns of rows of loop, time and signals; used: those of stamps. Raises InputError without loops."""
+    words = [plain(name) for name in table.names]
+    texts = [i for i in range(len(words)) if table.is_text(i) and i not in used]
+    which = next((i for i in texts if words[i] in GROUPS), next((i for i in texts if words[i] in TAG), None))
+    if which is None:
+        raise InputError("no column of loop names found", where=table.where, remedy="name it 'loop'")
+    signals = [i for i, word in enumerate(words) if i not in used and i != which and word not in IGNORED | QUALITY]
+    return LongColumns((which,), tuple(signals))
+
+
+def long_series(table: Table, options: ReadOptions) -> list[Series]:
+    """One row per sample: tag, time, value and perhaps a quality."""
+    axis, used = time_axis(table, options)
+    found_in = long_columns(table, used)
+    naming, quality = list(found_in.naming), found_in.quality
     codes, names = _names(table, naming)
-    cells = Cells(table.columns[values[0]], table.decimal).split()
+    cells = Cells(table.columns[found_in.values[0]], table.decimal).split()
     marks = None if quality is None else Cells(table.columns[quality]).split()
     if np.any(axis.micros == NAT):  # headers in between are no samples
         codes = np.where(axis.micros == NAT, -1, codes)
@@ -72,7 +104,8 @@ def long_series(table: Table, options: ReadOptions) -> list[Series]:
         name = names[code].strip()
         if name:
             found.append(
-                _part(name, axis.take(rows), cells.take(rows), None if marks is None else marks.take(rows), table)
+                tag_series(name, axis.take(rows), cells.take(rows), None if marks is None else marks.take(rows),
+                           table.where)
             )
     return found
 
@@ -100,31 +133,25 @@ def _one_clock(axis: Axis, rows_of: dict[int, NDArray[np.int64]], cells: Cells) 
         return axis
     rows = max(rows_of.values(), key=len)
     numbers = cells.take(rows).numbers().values
-    order = axis.take(rows).order(numbers)
-    clock = [note for note in order.notes if note.code in CLOCK_CODES]
+    clock = [note for note in axis.take(rows).order(numbers).notes if note.code in CLOCK_CODES]
     if len(clock) != len(back):
         return axis
     return axis.moved(moved_on(axis.micros, back, [float(note.values["seconds"]) for note in clock]), clock)
 
 
-def _part(name: str, axis: Axis, cells: Cells, marks: Cells | None, table: Table) -> Series:
+def tag_series(name: str, axis: Axis, cells: Cells, marks: Cells | None, where: str) -> Series:
+    """The signal that a tag names."""
     tag = split_tag(name)
-    return Series(name, tag.loop, tag.role if tag.role in SIGNALS else "", tag.signal, axis, cells, marks, table.where)
+    return Series(name, tag.loop, tag.role if tag.role in SIGNALS else "", tag.signal, axis, cells, marks, where)
 
 
 def tall_series(table: Table, options: ReadOptions) -> list[Series]:
     """A column names the loop; SP, PV and OP stand beside it."""
     axis, used = time_axis(table, options)
-    words = [plain(name) for name in table.names]
-    texts = [i for i in range(len(words)) if table.is_text(i) and i not in used]
-    which = next((i for i in texts if words[i] in GROUPS), next((i for i in texts if words[i] in TAG), None))
-    if which is None:
-        raise InputError("no column of loop names found", where=table.where, remedy="name it 'loop'")
+    found_in = tall_columns(table, used)
+    (which,) = found_in.naming
     codes, names = Cells(table.columns[which]).texts()
-    columns = [
-        i for i, word in enumerate(words)
-        if i not in used and i != which and word not in IGNORED | QUALITY and table.columns[i].null_count < table.rows
-    ]  # fmt: skip
+    columns = [i for i in found_in.values if table.columns[i].null_count < table.rows]
     parts = {i: Cells(table.columns[i], table.decimal).split() for i in columns}
     found = []
     for code, rows in _rows_by_code(codes).items():
@@ -155,5 +182,5 @@ def pair_series(table: Table, options: ReadOptions) -> list[Series]:
         keep = np.flatnonzero(axis.micros != NAT)
         cells = Cells(table.columns[values[0]], table.decimal).split().take(keep)
         quality = Cells(table.columns[marks[0]]).split().take(keep) if marks else None
-        found.append(_part(name, axis.take(keep), cells, quality, table))
+        found.append(tag_series(name, axis.take(keep), cells, quality, table.where))
     return found

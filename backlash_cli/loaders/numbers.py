@@ -75,6 +75,14 @@ def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[NDArray[np.int6
     return indices, texts
 
 
+def words_that_occur(codes: NDArray[np.int64], words: list[str]) -> tuple[NDArray[np.int64], list[str]]:
+    """Return the same texts with a list of only those words that stand somewhere."""
+    there = np.flatnonzero(np.bincount(codes[codes >= 0], minlength=len(words)))
+    place = np.full(len(words) + 1, -1)
+    place[there] = np.arange(len(there))
+    return place[codes], [words[i] for i in there]
+
+
 def _decoded(words: pa.Array) -> list[str]:
     try:
         return words.to_pylist()

@@ -15,14 +15,15 @@ from ..record import Note, Record
 from .join import Joiner, LoopSeries, by_loop
 from .layouts import series_of
 from .lazy_tables import Lazily, lazy_table
+from .long_tables import LongTable
 from .metadata import Metadata, merge, read_metadata
 from .options import ReadOptions
-from .recipes import Recipe, needed_columns, recipes_of
+from .recipes import Recipe, needed_columns, recipes_of, wanted_tags
 from .series import Series
 from .settle import settle
 from .since import cut_loops, is_age, last_stamp, moment_of, nothing_since, since_notes
 from .sources import Source, find_sidecars, find_sources
-from .tables import read_table
+from .tables import Table, read_table
 
 READING_ERRORS = (BacklashError, ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
 SOURCE = "of source"  # key of a value that only travels from a part to the whole
@@ -134,7 +135,8 @@ def open_plant(
     sources = find_sources(given)
     metadata, warnings = metadata_of(given, sources, loops)
     if lazily is not None:
-        lazily = replace(lazily, needed=partial(needed_columns, metadata=metadata, options=options))
+        lazily = replace(lazily, needed=partial(needed_columns, metadata=metadata, options=options),
+                         wanted=wanted_tags(metadata, options))
     found, more, failures, first_problem = _series(sources, options, lazily)
     warnings += more
     if options.share is not None:
@@ -214,12 +216,14 @@ def _series(
     first_problem: BacklashError | None = None
     for source in sources:
         try:
-            table = None if lazily is None else lazy_table(source.path, options, source.partition, lazily)
+            table: Table | LongTable | None = None
+            if lazily is not None:
+                table = lazy_table(source.path, options, source.partition, lazily)
             if table is None:
                 table = read_table(source.path, options, source.partition)
                 if lazily is not None and lazily.progress is not None and isinstance(source.path, Path):
                     lazily.progress(source.path.stat().st_size)
-            found += series_of(table, options)
+            found += table.series if isinstance(table, LongTable) else series_of(table, options)
             notes += table.notes if options.share is None else [_of_source(note, source) for note in table.notes]
         except READING_ERRORS as caught:
             error = as_input_error(caught, str(source.path))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
@@ -10,12 +10,14 @@ from ..errors import BacklashError
 from ..record import Note, Record
 from .clean import build_record
 from .columns import LazyColumn, ParquetColumn, ParquetFileColumns, SlicedColumn
-from .join import Joiner, LoopSeries, by_loop
+from .join import Joiner, LoopSeries, by_loop, explicit_tags
 from .layouts import series_of
 from .loop_settings import settings_of
 from .metadata import LoopValues, Metadata
+from .names import split_tag
 from .options import ReadOptions
 from .selection import check_pattern
+from .series import Axis
 from .tables import Table
 
 _ASKED = ("pv", "sp", "op", "mode")
@@ -42,10 +44,22 @@ class Recipe:
         record = build_record(self.series, settings, joiner or Joiner(self.options.good_quality), self.options)
         return replace(record, notes=(*self.notes, *record.notes)) if self.notes else record
 
+    def axes(self) -> list[Axis]:
+        """The stamps of all its signals."""
+        return [item.axis for items in self.series.roles.values() for item in items]
+
     @property
     def rows(self) -> int:
         """Rows of the measurement, about the samples of its record."""
         return sum(len(item.cells) for item in self.series.roles.get("pv", ()))
+
+
+def forget_stamps(done: Recipe, following: Recipe | None) -> None:
+    """Give back the memory of the stamps of a loop, but those that the next loop has too."""
+    kept = set() if following is None else set(map(id, following.axes()))
+    for axis in done.axes():
+        if id(axis) not in kept:
+            axis.forget()
 
 
 class RecordsByName(Mapping[str, Record]):
@@ -120,7 +134,25 @@ def needed_columns(table: Table, metadata: Metadata, options: ReadOptions) -> se
     return used | {i for i, column in enumerate(table.columns) if column.null_count == table.rows}
 
 
-def _perhaps_wanted(loops: Mapping[str, LoopSeries], options: ReadOptions) -> list[str]:
+def wanted_tags(metadata: Metadata, options: ReadOptions) -> Callable[[str], bool]:
+    """Return what says of a tag whether a loop that the options do not rule out may use it."""
+    if options.share is None and not (options.only_loops or options.loops_matching):
+        return lambda tag: True
+    renamed = dict(options.share.renamed) if options.share is not None else None
+    owners = explicit_tags(metadata)[0]
+
+    def wanted(tag: str) -> bool:
+        loop = split_tag(tag).loop
+        names = {tag, loop, *(name for name, _ in owners.get(tag.strip().lower(), ()))}
+        for name in (tag, loop):
+            found = (metadata.match(name), metadata.part_of(name)) if renamed is None else (renamed.get(name),)
+            names.update(match for match in found if match)
+        return bool(_perhaps_wanted(dict.fromkeys(names), options))
+
+    return wanted
+
+
+def _perhaps_wanted(loops: Mapping[str, object], options: ReadOptions) -> list[str]:
     """Loops that the options do not rule out; which are drawn for a sample is known only when all files are open."""
     if options.share is not None:
         return [name for name in loops if name in set(options.share.loops)]

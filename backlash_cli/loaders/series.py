@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from ..record import Note
 from .columns import LazyColumn
 from .grid import Grid, make_grid
-from .numbers import Numbers, codes_and_words, main_unit, parse_words, to_numbers
+from .numbers import Numbers, codes_and_words, main_unit, parse_words, to_numbers, words_that_occur
 from .order import Ordered, ordered
-from .times import Times
+from .times import NAT, Times
 
 
 class Axis:
@@ -53,6 +53,16 @@ class Axis:
             self._grid = make_grid(self.order(probe))
         return self._grid
 
+    def last(self) -> int | None:
+        """Return the last stamp [microseconds since 1970 UTC], None if there is none."""
+        last = int(self.micros.max(initial=NAT))
+        return None if last == NAT else last
+
+    def forget(self) -> None:
+        """Give back the memory of what can be found out again."""
+        if self._order is not None and self._order.rows is None and not self._order.notes:
+            self._order = self._grid = None  # else a look at another signal might tell otherwise
+
     def take(self, rows: NDArray[np.int64]) -> Axis:
         """Return the stamps of some rows."""
         part = Axis(Times(self.micros[rows], self.absolute, self.zoned, self.notes), self.where)
@@ -72,6 +82,11 @@ class LazyAxis(Axis):
     def micros(self) -> NDArray[np.int64]:  # type: ignore[override]
         """(rows,) microseconds since 1970 UTC."""
         return self._read().micros
+
+    def forget(self) -> None:
+        super().forget()
+        if self._order is None:
+            self.__dict__.pop("micros", None)
 
 
 class EvenAxis(Axis):
@@ -177,7 +192,7 @@ class Cells:
         if isinstance(self.column, LazyColumn):
             return self.column.texts()
         if self.column is not None:
-            return codes_and_words(self.column)
+            return words_that_occur(*codes_and_words(self.column))
         assert self.values is not None
         return codes_and_words(pa.array(self.values).cast(pa.string()))
 

@@ -68,8 +68,7 @@ def moment_of(since: str, timezone: str | None, last: int | None) -> int:
 def last_stamp(series: Iterable[Series]) -> int | None:
     """Return the last stamp [microseconds since 1970 UTC] of all series, None if there is none."""
     axes = {id(item.axis): item.axis for item in series}
-    found = [int(axis.micros.max()) for axis in axes.values() if len(axis.micros)]
-    return max((stamp for stamp in found if stamp != NAT), default=None)
+    return max((last for axis in axes.values() if (last := axis.last()) is not None), default=None)
 
 
 class Cut:

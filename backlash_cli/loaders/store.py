@@ -7,6 +7,7 @@ when the program is killed.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import tempfile
@@ -39,7 +40,8 @@ class Room:
 class ColumnStore:
     """Pieces of (columns, rows) float64, taken in file order and given back column by column.
 
-    It can be sent to another process of this machine: what is in the file is read there, what is in memory is copied.
+    It can be sent to another process of this machine, which reads it from the file: what is in memory goes there first,
+    so that no process gets a copy of its own.
     """
 
     def __init__(self, room: Room | None = None) -> None:
@@ -60,22 +62,14 @@ class ColumnStore:
         if not rows:
             return
         self.rows += rows
-        if self._file is None and self._room.take(piece.nbytes):
-            self._pieces.append((np.ascontiguousarray(piece), rows))
-            return
-        data = memoryview(np.ascontiguousarray(piece)).cast("B")
-        try:
-            file = self._opened()
-            written = 0
-            while written < len(data):
-                written += file.write(data[written:])
-        except OSError as error:
-            raise BacklashError(
-                f"no room for temporary data: {error.strerror}", where=tempfile.gettempdir(), code="cannot_write",
-                remedy="name a folder with more room in TMPDIR, or scan some of the loops with --loop",
-            ) from None
-        self._pieces.append((self._end, rows))
-        self._end += len(data)
+        piece = np.ascontiguousarray(piece)
+        kept = self._file is None and self._room.take(piece.nbytes)
+        self._pieces.append((piece if kept else self._written(piece), rows))
+
+    @property
+    def pieces(self) -> int:
+        """Number of pieces taken so far."""
+        return len(self._pieces)
 
     def column(self, slot: int) -> NDArray[np.float64]:
         """Return all rows of one column, a new array."""
@@ -88,17 +82,39 @@ class ColumnStore:
 
     def parts(self, slot: int) -> Iterator[NDArray[np.float64]]:
         """Yield the rows of one column piece by piece."""
-        for piece, rows in self._pieces:
-            if isinstance(piece, int):
-                out = np.empty(rows)
-                file = self._opened()
-                file.seek(piece + slot * rows * 8)
-                if file.readinto(memoryview(out).cast("B")) != 8 * rows:
-                    raise BacklashError("the temporary file is cut short", where=tempfile.gettempdir(),
-                                        remedy="is the disk full?", code="cannot_read")
-                yield out
-            else:
-                yield piece[slot]
+        return (self.part(number, slot) for number in range(len(self._pieces)))
+
+    def part(self, number: int, slot: int, first: int = 0, rows: int | None = None) -> NDArray[np.float64]:
+        """Return some rows of one column of one piece; all from `first` on if `rows` is None."""
+        piece, there = self._pieces[number]
+        rows = there - first if rows is None else rows
+        if not isinstance(piece, int):
+            return piece[slot, first : first + rows]
+        out = np.empty(rows)
+        file = self._opened()
+        file.seek(piece + (slot * there + first) * 8)
+        if file.readinto(memoryview(out).cast("B")) != 8 * rows:
+            raise BacklashError("the temporary file is cut short", where=tempfile.gettempdir(),
+                                remedy="is the disk full?", code="cannot_read")
+        return out
+
+    def _written(self, piece: NDArray[np.float64]) -> int:
+        """Write a piece to the file and return its place there."""
+        data = memoryview(piece).cast("B")
+        try:
+            file = self._opened()
+            file.seek(self._end)
+            written = 0
+            while written < len(data):
+                written += file.write(data[written:])
+        except OSError as error:
+            raise BacklashError(
+                f"no room for temporary data: {error.strerror}", where=tempfile.gettempdir(), code="cannot_write",
+                remedy="name a folder with more room in TMPDIR, or scan some of the loops with --loop",
+            ) from None
+        place = self._end
+        self._end += len(data)
+        return place
 
     def _opened(self) -> io.FileIO:
         if self._file is None and self._path:  # sent here by the process that made it
@@ -113,6 +129,9 @@ class ColumnStore:
         return self._file
 
     def __getstate__(self) -> dict[str, Any]:
+        with contextlib.suppress(BacklashError):  # without room on disk it is copied
+            self._pieces = [(piece if isinstance(piece, int) else self._written(piece), rows)
+                            for piece, rows in self._pieces]
         return {**self.__dict__, "_file": None, "_own": False, "_room": Room(0)}
 
     def __del__(self) -> None:

@@ -75,11 +75,23 @@ def time_axis(table: Table, options: ReadOptions, only: int | None = None) -> tu
         joined = _date_and_clock(table, columns, options)
         if joined is not None:
             return joined
-        utc = [i for i in columns if "utc" in plain(table.names[i]) or "epoch" in plain(table.names[i])]
-        named = [i for i in columns if is_time_name(table.names[i])]
-        columns = (utc or named or columns) + columns
-    chosen = columns[0]
+    chosen = columns[0] if only is not None else _preferred(table, columns)
     return _axis(table, chosen, options), set(columns)
+
+
+def _preferred(table: Table, columns: list[int]) -> int:
+    """Of several columns of stamps, the one that says most."""
+    utc = [i for i in columns if "utc" in plain(table.names[i]) or "epoch" in plain(table.names[i])]
+    named = [i for i in columns if is_time_name(table.names[i])]
+    return (utc or named or columns)[0] if len(columns) > 1 else columns[0]
+
+
+def stamp_column(table: Table) -> int | None:
+    """Return the one column that `time_axis` reads the stamps from, None where there is none or date and time of day
+    stand apart."""
+    columns = time_columns(table)
+    clocks = [i for i in columns if pa.types.is_time(table.columns[i].type) or table.kind(i) == "clock"]
+    return _preferred(table, columns) if columns and not 0 < len(clocks) < len(columns) else None
 
 
 def _axis(table: Table, column: int, options: ReadOptions) -> Axis:

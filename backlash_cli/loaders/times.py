@@ -52,7 +52,7 @@ def to_times(column: pa.ChunkedArray | pa.Array, name: str, options: ReadOptions
         integers = column.cast(pa.int32() if pa.types.is_time32(kind) else pa.int64()).cast(pa.int64())
         times = _of_day(_scaled(_integers(integers), unit))
     elif pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind):
-        times = _by_minutes(column, name, options, where) or _from_text(column, name, options, where)
+        times = _by_minutes(column, name, options, where) or from_text(column, name, options, where)
     elif pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
         times = from_numbers(to_numbers(column).values, name, options, where)
     else:
@@ -71,20 +71,32 @@ def _by_minutes(column: pa.ChunkedArray | pa.Array, name: str, options: ReadOpti
         return None
     texts, which, seconds = split
     try:
-        times = _from_text(texts, name, options, where)
+        times = from_text(texts, name, options, where)
     except InputError:
         return None  # said once more of the stamps as they are written
     minutes = times.micros[which]
     return replace(times, micros=np.where(minutes == NAT, NAT, minutes + seconds))
 
 
-def from_numbers(values: NDArray[np.float64], name: str, options: ReadOptions, where: str) -> Times:
-    """Read numeric stamps: epoch seconds to nanoseconds, spreadsheet days, or seconds from an unknown start."""
+def unit_of_numbers(known: NDArray[np.float64], name: str, options: ReadOptions) -> tuple[str, str]:
+    """Return the unit of numeric stamps, all of them finite, and their pattern where they are written as digits."""
+    if options.time_format is not None:
+        return options.time_format, ""
+    return _unit_of(known, name), _written_digits(known)
+
+
+def from_numbers(
+    values: NDArray[np.float64], name: str, options: ReadOptions, where: str,
+    unit_and_digits: tuple[str, str] | None = None,
+) -> Times:
+    """Read numeric stamps: epoch seconds to nanoseconds, spreadsheet days, or seconds from an unknown start.
+
+    unit_and_digits: as `unit_of_numbers` finds it, where it is known already.
+    """
     known = values[np.isfinite(values)]
     if not len(known):
         raise InputError(f"time column {name!r} holds no time stamps", where=where, remedy="name it with --time-format")
-    unit = options.time_format or _unit_of(known, name)
-    digits = _written_digits(known) if options.time_format is None else ""
+    unit, digits = unit_and_digits or unit_of_numbers(known, name, options)
     if digits:
         return _from_digits(values, digits)
     notes: list[Note] = []
@@ -161,7 +173,8 @@ def _unit_of(known: NDArray[np.float64], name: str) -> str:
     return "seconds"
 
 
-def _from_text(column: pa.ChunkedArray | pa.Array, name: str, options: ReadOptions, where: str) -> Times:
+def from_text(column: pa.ChunkedArray | pa.Array, name: str, options: ReadOptions, where: str) -> Times:
+    """Read written stamps. Raises InputError when they are not understood."""
     codes, words = codes_and_words(column)
     if options.time_format and "%" in options.time_format:
         micros, zoned = _by_pattern(words, options.time_format), False

@@ -48,6 +48,32 @@ def write(path: Path, loops: int, days: float, kinds: int = 3) -> Path:
             parts = [tuple(x[at % len(x)] for x in signals(k)) for k in range(kinds)]
             columns = [pa.array(start + at), *(pa.array(x) for j in range(loops) for x in parts[j % kinds])]
             writer.write_table(pa.table(columns, schema=schema))
+    write_settings(path, loops)
+    return path
+
+
+def write_settings(path: Path, loops: int) -> None:
+    """Write the settings of an export beside it."""
     settings = "K = 0.8\nTi = 20.0\nKp = 1.2\npv_range = [0, 100]\nop_range = [0, 100]\n"
-    path.with_suffix(".loops.toml").write_text("".join(f"[loops.{name}]\n{settings}" for name in names), "utf-8")
+    text = "".join(f"[loops.FIC{j:04d}]\n{settings}" for j in range(loops))
+    path.with_suffix(".loops.toml").write_text(text, "utf-8")
+
+
+def write_long(path: Path, loops: int, days: float, kinds: int = 3) -> Path:
+    """Write the same plant as rows of tag, time and value, all tags of a second one after the other."""
+    names = [f"FIC{j:04d}.{role}" for j in range(loops) for role in ("SP", "PV", "OP")]
+    schema = pa.schema([("tag", pa.string()), ("time", pa.timestamp("s")), ("value", pa.float64())])
+    made = pa_csv.CSVWriter(path, schema) if path.suffix == ".csv" else pa_parquet.ParquetWriter(path, schema)
+    start = np.datetime64("2026-03-17T00:00:00", "s")
+    step = max(1, 2_000_000 // len(names))
+    rows = int(days * DAY)
+    with made as writer:
+        for first in range(0, rows, step):
+            at = np.arange(first, min(first + step, rows))
+            parts = [tuple(x[at % len(x)] for x in signals(k)) for k in range(kinds)]
+            values = np.column_stack([x for j in range(loops) for x in parts[j % kinds]]).ravel()
+            tags = pa.DictionaryArray.from_arrays(np.tile(np.arange(len(names), dtype=np.int32), len(at)), names)
+            columns = [tags.cast(pa.string()), pa.array(start + np.repeat(at, len(names))), pa.array(values)]
+            writer.write_table(pa.table(columns, schema=schema))
+    write_settings(path, loops)
     return path

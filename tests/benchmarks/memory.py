@@ -1,8 +1,9 @@
-"""Peak resident memory of a whole scan of a wide CSV made on the fly, for two lengths of the same plant.
+"""Peak resident memory of a whole scan of an export made on the fly, for two lengths of the same plant.
 
-    python -m tests.benchmarks.memory [LOOPS] [DAYS] [--confirm]
+    python -m tests.benchmarks.memory [LOOPS] [DAYS] [--confirm] [--long] [--parquet]
 
-The file is made below TMPDIR and deleted again; the scan needs as much room beside it for its column store.
+--long: rows of tag, time and value instead of a wide file. The file is made below TMPDIR and deleted again; the scan
+needs as much room beside it for its column store.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import tempfile
 from pathlib import Path
 
 from backlash_cli.loaders.store import IN_MEMORY
-from tests.benchmarks.made_plant import write
+from tests.benchmarks.made_plant import write, write_long
 
 _SCAN = """
 import resource, sys, time
@@ -43,7 +44,8 @@ def main() -> None:
     loops, days = int(numbers[0]) if numbers else 100, numbers[1] if len(numbers) > 1 else 1.0
     with tempfile.TemporaryDirectory() as folder:
         for length in (days / 4.0, days):
-            path = write(Path(folder, "plant.csv"), loops, length)
+            name = "plant.parquet" if "--parquet" in sys.argv else "plant.csv"
+            path = (write_long if "--long" in sys.argv else write)(Path(folder, name), loops, length)
             count, peak, seconds = peak_of(path, "--confirm" in sys.argv)
             print(f"{path.stat().st_size / 1e9:.2f} GB, {count} loops, {length:g} days: peak {peak:.0f} MB, "
                   f"CPU {seconds:.0f} s", flush=True)

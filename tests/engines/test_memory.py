@@ -1,6 +1,8 @@
 """Memory of a scan does not follow the length of the file: only one loop is in memory at a time."""
 
-from tests.benchmarks.made_plant import write
+import pytest
+
+from tests.benchmarks.made_plant import write, write_long
 from tests.benchmarks.memory import peak_of
 
 
@@ -17,3 +19,10 @@ def test_a_file_three_times_as_long_takes_hardly_more_memory(tmp_path):
 def test_a_record_three_times_as_long_takes_hardly_more_memory(tmp_path):
     before, after = (peak_of(write(tmp_path / "plant.csv", 1, days, kinds=1), room=1 << 20)[1] for days in (13.0, 39.0))
     assert after - before < 60.0  # [MB]; kept whole, its 2.2 million samples more would take 250
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_a_long_file_four_times_as_long_takes_hardly_more_memory(tmp_path, suffix):
+    before, after = (peak_of(write_long(tmp_path / f"plant.{suffix}", 24, days, kinds=1), room=1 << 20)[1]
+                     for days in (0.5, 2.0))
+    assert after - before < 100.0  # [MB]; kept whole, its 9 million rows more would take 1,500
