@@ -11,32 +11,50 @@ import numpy as np
 
 from ..record import FloatArray, IntArray
 
+PIECE = 128
+NEVER = 0x7FFFFFFFFFFFFFFF
+LARGEST = 0.2  # of a step that a difference may be off, however many steps it has
 
-@numba.njit(cache=True, nogil=True)
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def lattice(ordered: FloatArray, least: float, limit: float) -> tuple[float, int]:
     """Step of the lattice that values in order lie on, 0 when they lie on none, and how many different ones there are.
 
     least: differences up to it are none. limit: how far from a whole number of steps a difference may lie, growing with
     the square root of the number, up to a fifth.
     """
-    smallest, levels = np.inf, 1
-    for k in range(1, len(ordered)):
-        gap = ordered[k] - ordered[k - 1]
-        levels += gap > 0.0
-        if gap > least:
-            smallest = min(smallest, gap)
+    gaps = ordered[1:] - ordered[:-1]
+    bits = gaps.view(np.int64)  # of numbers that are not negative, in the same order as these
+    levels, smallest = 1, NEVER
+    for k in range(len(gaps)):
+        levels += gaps[k] > 0.0
+        smallest = min(smallest, int(bits[k]) if gaps[k] > least else NEVER)
+    step = np.inf
+    for k in range(len(gaps)):
+        if bits[k] == smallest:
+            step = gaps[k]
+            break
     for parts in (1.0, 2.0, 3.0, 5.0):
-        fits = True
-        for k in range(1, len(ordered)):
-            gap = ordered[k] - ordered[k - 1]
-            if gap > least:
-                steps = gap * parts / smallest
-                if abs(steps - np.rint(steps)) > min(limit * np.sqrt(max(steps, 1.0)), 0.2):
-                    fits = False
-                    break
-        if fits:
-            return smallest / parts, levels
+        if _fits(gaps, least, parts / step, limit * limit):
+            return step / parts, levels
     return 0.0, levels
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _fits(gaps: FloatArray, least: float, scale: float, limit: float) -> bool:
+    """Whether all differences above `least` are whole numbers of steps, 1/scale each; a few at a time, most fail soon.
+
+    limit: square of the share of a step that a difference may be off.
+    """
+    for first in range(0, len(gaps), PIECE):
+        piece, misses = gaps[first : first + PIECE], 0
+        for k in range(len(piece)):
+            steps = piece[k] * scale
+            off = steps - np.rint(steps)
+            misses += (piece[k] > least) & (off * off > min(limit * max(steps, 1.0), LARGEST * LARGEST))
+        if misses:
+            return False
+    return True
 
 
 @numba.njit(cache=True, nogil=True)

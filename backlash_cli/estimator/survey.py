@@ -6,7 +6,6 @@ What is kept is bounded and does not depend on where the record is cut into bloc
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray, Record
 from .survey_walk import (
@@ -25,6 +24,7 @@ from .survey_walk import (
     STATES,
     STRIDE,
     SUMS,
+    gather,
     look,
 )
 
@@ -73,30 +73,23 @@ class Survey:
 
         More would not show better what a recorder did to them.
         """
-        index, (_, measured, outputs), kinds = self._rows(0, most=SLOTS // 2)
-        if kinds.any():
-            own = kinds == GOOD
-            index, measured, outputs = index[own], measured[own], outputs[own]
+        index, (_, measured, outputs) = self._rows(0, most=SLOTS // 2, only=GOOD)
         there = np.isfinite(outputs)
         return (index, measured, index, outputs) if there.all() else (index, measured, index[there], outputs[there])
 
     def rows(self, level: int) -> tuple[IntArray, FloatArray]:
         """Grid numbers (rows,) in units of SLOWER**level samples, and means (3, rows) of all three signals."""
-        index, rows, _ = self._rows(level)
+        index, rows = self._rows(level)
         mine = np.isfinite(rows[2])
         return (index, rows) if mine.all() else (index[mine], rows[:, mine])
 
-    def _rows(self, level: int, most: int = SLOTS) -> tuple[IntArray, FloatArray, NDArray[np.uint8]]:
+    def _rows(self, level: int, most: int = SLOTS, only: int = STATES) -> tuple[IntArray, FloatArray]:
         """What is kept of one picture, in time order; every second stretch where it is more than `most`.
 
-        Grid numbers (rows,), signals (3, rows), states (rows,).
+        Grid numbers (rows,) and signals (3, rows). only: highest state of the samples wanted.
         """
         slots = self._held[level, IN_SLOTS:]
         order = np.argsort(slots)[np.count_nonzero(slots == NOWHERE) :]
         order = order[::2] if len(order) > most else order
-        held = self._slower[level - 1] if level else self._raw
-        rows = held[:, order].reshape(3, -1)
-        index = (slots[order, None] * ROWS + np.arange(ROWS)).ravel()
-        there = np.isfinite(rows[0])
-        kinds = self._kinds[order].ravel() if level == 0 else np.zeros(rows.shape[1], dtype=np.uint8)
-        return (index, rows, kinds) if there.all() else (index[there], rows[:, there], kinds[there])
+        return gather(slots[order], order, self._slower[level - 1] if level else self._raw, self._kinds,
+                      STATES if level else only)

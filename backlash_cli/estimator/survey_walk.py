@@ -253,3 +253,36 @@ def _count(index: IntArray, setpoint: FloatArray, pv: FloatArray, op: FloatArray
     signals[0], signals[1], signals[2], signals[3], signals[4], signals[5] = low0, high0, low1, high1, low2, high2
     signals[LAST_SETPOINT] = last
     return used
+
+
+@numba.njit(cache=True, nogil=True)
+def gather(stretches: IntArray, slots: IntArray, kept: FloatArray, kinds: NDArray[np.uint8],
+           only: int) -> tuple[IntArray, FloatArray]:
+    """Grid numbers (rows,) and signals (3, rows) of what is kept of one picture, in the order of `slots`.
+
+    stretches: the one in each of the slots. only: highest state wanted, of single samples; STATES for means.
+    """
+    counts = np.zeros(len(slots), np.int64)
+    for k in range(len(slots)):
+        setpoint, kind = kept[0, slots[k]], kinds[slots[k]]
+        n = 0
+        for i in range(ROWS):
+            n += (setpoint[i] == setpoint[i]) & ((only == STATES) | (kind[i] <= only))
+        counts[k] = n
+    index, rows = np.empty(counts.sum(), np.int64), np.empty((3, counts.sum()))
+    to = 0
+    for k in range(len(slots)):
+        slot, first = slots[k], stretches[k] * ROWS
+        if counts[k] == ROWS:
+            for i in range(ROWS):
+                index[to + i] = first + i
+            rows[:, to : to + ROWS] = kept[:, slot]
+            to += ROWS
+            continue
+        for i in range(ROWS):
+            if np.isnan(kept[0, slot, i]) or (only != STATES and kinds[slot, i] > only):
+                continue
+            index[to], rows[0, to], rows[1, to] = first + i, kept[0, slot, i], kept[1, slot, i]
+            rows[2, to] = kept[2, slot, i]
+            to += 1
+    return index, rows

@@ -101,12 +101,21 @@ def _bounds(a: NDArray[np.float64], b: NDArray[np.float64] | None) -> tuple[floa
         known = np.concatenate([known, b[np.isfinite(b)]])
     if not len(known):
         return 0.0, 1.0
-    low, first, third, high = np.quantile(known, [0.001, 0.25, 0.75, 0.999])
+    known.sort()  # takes a third of the time of numpy's quantiles
+    low, first, third, high = (_quantile(known, share) for share in (0.001, 0.25, 0.75, 0.999))
     reach = 20.0 * max(third - first, 1e-9 * max(abs(third), abs(first)))
-    inside = known[(known >= first - reach) & (known <= third + reach)]
-    if len(inside) and (low < first - reach or high > third + reach):
-        low, high = np.quantile(inside, [0.001, 0.999])
-    return float(low), float(high)
+    if low < first - reach or high > third + reach:
+        inside = known[np.searchsorted(known, first - reach) : np.searchsorted(known, third + reach, "right")]
+        if len(inside):
+            low, high = _quantile(inside, 0.001), _quantile(inside, 0.999)
+    return low, high
+
+
+def _quantile(ordered: NDArray[np.float64], share: float) -> float:
+    """Quantile of values in order, straight between neighbours."""
+    at = share * (len(ordered) - 1)
+    low = int(at)
+    return float(ordered[low] + (at - low) * (ordered[min(low + 1, len(ordered) - 1)] - ordered[low]))
 
 
 def _round_range(low: float, high: float) -> tuple[float, float]:
