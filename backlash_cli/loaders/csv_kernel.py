@@ -1,7 +1,6 @@
 """Lines of plain numbers to columns, compiled: the numbers that pyarrow would make of them, several times as fast.
 
-Decimal texts are rounded as the standard says: short ones by one exact division (Clinger 1990), long ones from a
-128-bit product (Lemire 2021, "Number parsing at a gigabyte per second"). What neither settles is left to the caller.
+Places in the text are unsigned, as the compiler then need not ask whether they count from the end.
 """
 
 from __future__ import annotations
@@ -10,225 +9,184 @@ from typing import Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
+
+from .decimal_kernel import any_number, bits_of, low_zeros, not_digits, number_of, rounded, word_at
+from .text_blocks import PAD
 
 EVENT = 0x7FF9_0000_0000_0000  # bits of a nan that stands for a word: plus the number of the word
 SKIP, STAMP = -1, -2  # instead of a slot: a column that nobody needs, one of time stamps
 DONE, WORDS_FULL, STRANGE = 0, 1, 2
-LEAST, MOST = -60, 40  # powers of ten in the table
+NUMBER, EMPTY, WORD, UNSETTLED = 0, 1, 2, 3  # what a cell holds
+_NOTHING = 0x7FF8_0000_0000_0000
+_SIGN = 0x8000_0000_0000_0000
+_ZEROS = 0x3030_3030_3030_3030
 
 
-def _powers_of_five() -> NDArray[np.uint64]:
-    """The first 128 bits of 5^q for q = LEAST..MOST, (powers, 2) high and low; those of 1 / 5^-q rounded up."""
-    rows = []
-    for q in range(LEAST, MOST + 1):
-        five = 5 ** abs(q)
-        if q >= 0:
-            value = five << 127 >> (five.bit_length() - 1)
-        else:
-            z = (five - 1).bit_length()
-            value = (1 << (z + 127 if q >= -27 else 2 * z + 128)) // five + 1
-            while value >= 1 << 128:
-                value >>= 1
-        rows.append((value >> 64, value & 0xFFFF_FFFF_FFFF_FFFF))
-    return np.array(rows, np.uint64)
-
-
-FIVES = _powers_of_five()
-TENS = 10.0 ** np.arange(23)
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _product(a: Any, b: Any) -> Any:
-    """(high, low) 64 bits of the product of two uint64."""
-    half, mask = np.uint64(32), np.uint64(0xFFFFFFFF)
-    a1, a0, b1, b0 = a >> half, a & mask, b >> half, b & mask
-    low, one, two = a0 * b0, a1 * b0, a0 * b1
-    middle = (low >> half) + (one & mask) + (two & mask)
-    return a1 * b1 + (one >> half) + (two >> half) + (middle >> half), (middle << half) | (low & mask)
-
-
-@numba.njit(cache=True, nogil=True)
-def long_number(digits: Any, power: int, fives: Any) -> Any:
-    """(bits of digits * 10^power as float64, True), or (0, False) where these bits do not settle the rounding."""
-    none = np.uint64(0)
-    if power < LEAST or power > MOST or digits == none:
-        return none, False
-    zeros = 0
-    while digits < np.uint64(0x8000000000000000):
-        digits <<= np.uint64(1)
-        zeros += 1
-    high, low = _product(digits, fives[power - LEAST, 0])
-    if (high & np.uint64(0x1FF)) == np.uint64(0x1FF):
-        more, _ = _product(digits, fives[power - LEAST, 1])
-        low += more
-        if more > low:
-            high += np.uint64(1)
-    if low == np.uint64(0xFFFFFFFFFFFFFFFF) and (power < -27 or power > 55):
-        return none, False
-    top = high >> np.uint64(63)
-    shift = top + np.uint64(9)
-    mantissa = high >> shift
-    exponent = ((217706 * power) >> 16) + 63 + np.int64(top) - zeros + 1023
-    if exponent <= 0 or exponent >= 0x7FF - 1:
-        return none, False
-    if low <= np.uint64(1) and -4 <= power <= 23 and (mantissa & np.uint64(3)) == np.uint64(1) and (
-            mantissa << shift) == high:
-        mantissa &= ~np.uint64(1)
-    mantissa += mantissa & np.uint64(1)
-    mantissa >>= np.uint64(1)
-    if mantissa >= np.uint64(1 << 53):
-        mantissa = np.uint64(1 << 52)
-        exponent += 1
-    mantissa &= ~np.uint64(1 << 52)
-    return mantissa | (np.uint64(exponent) << np.uint64(52)), True
-
-
-@numba.njit(cache=True, nogil=True)
-def count_lines(text: Any) -> int:
-    """Number of line ends in bytes."""
-    count = 0
+@numba.njit(cache=True, nogil=True, _nrt=False)
+def look(text: Any) -> Any:
+    """(number of line ends, whether all letters are ASCII) of bytes."""
+    lines, letters = 0, np.uint8(0)
     for k in range(len(text)):
-        count += text[k] == 10
-    return count
+        lines += text[k] == 10
+        letters |= text[k]
+    return lines, letters < 128
 
 
-@numba.njit(cache=True, nogil=True)
-def parse_lines(
-    text: Any, slots: Any, delimiter: int, point: int, bits: Any, stamps: Any, words: Any, tens: Any, fives: Any,
-) -> Any:
-    """Parse whole lines. Returns (rows, bytes of stamps, words, how it ended: DONE, WORDS_FULL or STRANGE).
+@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+def _ends(letter: Any, delimiter: Any) -> Any:
+    return letter == delimiter or letter == 10 or letter == 13
 
-    text: bytes, the last one a line end. slots: per column its row of `bits`, SKIP or STAMP. bits: (slots, rows)
-    int64, bits of the numbers, of EVENT plus a number for words. stamps: takes the cells of stamps as lines of text.
-    words: (words, 3) of slot, start and end of each word that is not the one of the line before.
+
+@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+def _number(text: Any, at: Any, point: Any, whole_tens: Any) -> Any:
+    """A number of up to 19 digits with a point somewhere behind the first: (digits, how many, power of ten, end).
+
+    How many digits is 0 where there is anything else.
     """
-    size, columns = len(text), len(slots)
-    last = np.full(len(bits), -1)  # word of each slot
-    number = np.empty(1, np.float64)
-    number_bits = number.view(np.int64)
-    empty = np.int64(0x7FF8_0000_0000_0000)
-    at, row, written, found = 0, 0, 0, 0
-    while at < size:
-        stamped = False
-        for column in range(columns):
+    zeros, eight, one, three = np.uint64(_ZEROS), np.uint64(8), np.uint64(1), np.uint64(3)
+    nibbles = word_at(text, at) ^ zeros
+    before = low_zeros(not_digits(nibbles)) & np.uint64(120)
+    digits, after, marks = np.uint64(0), np.uint64(0), before
+    if eight <= before < np.uint64(64) and text[at + (before >> three)] == point:
+        digits = number_of(nibbles, before)
+        at += (before >> three) + one
+        for _ in range(3):
+            nibbles = word_at(text, at) ^ zeros
+            marks = low_zeros(not_digits(nibbles)) & np.uint64(120)
+            if marks == 0 or after + marks + before > np.uint64(19 * 8):
+                break
+            digits = digits * whole_tens[marks >> three] + number_of(nibbles, marks)
+            after += marks
+            at += marks >> three
+            if marks < np.uint64(64):
+                marks = np.uint64(0)
+                break
+    count = np.int64((before + after) >> three) if marks == 0 else np.int64(0)
+    return digits, count, -np.int64(after >> three), at
+
+
+@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+def _cell(text: Any, at: Any, delimiter: Any, point: Any, tens: Any, whole_tens: Any, fives: Any) -> Any:
+    """(bits of the number in a cell, what the cell holds, its end; where it begins if that is no number)."""
+    nothing, begin = np.uint64(_NOTHING), at
+    if _ends(text[at], delimiter):
+        return nothing, EMPTY, begin
+    negative = text[at] == 45
+    if negative:
+        at += np.uint64(1)
+    first = at
+    digits, count, power, at = _number(text, first, point, whole_tens)
+    if count == 0 or not _ends(text[at], delimiter):
+        digits, count, power, at = any_number(text, first, point)
+    if count == 0 or not _ends(text[at], delimiter):
+        return nothing, WORD, begin
+    if count > 19:
+        return nothing, UNSETTLED, begin
+    bits, settled = rounded(digits, power, tens, fives)
+    if not settled:
+        return nothing, UNSETTLED, begin
+    return bits | np.uint64(_SIGN) if negative else bits, NUMBER, at
+
+
+@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+def _word(text: Any, at: Any, delimiter: Any, last: Any, words: Any) -> Any:
+    """End of a word, and whether it is that of the line before."""
+    begin = at
+    if last >= 0:
+        k, n = np.uint64(words[last, 1]), np.uint64(words[last, 2])
+        while k < n and text[at] == text[k]:
+            at += np.uint64(1)
+            k += np.uint64(1)
+        if k == n and _ends(text[at], delimiter):
+            return at, True
+    at = begin
+    while not _ends(text[at], delimiter):
+        at += np.uint64(1)
+    return at, False
+
+
+@numba.njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+def parse_lines(
+    text: Any, size: int, slots: Any, delimiter: int, point: int, bits: Any, stamps: Any, words: Any, last: Any, tens: Any,
+    whole_tens: Any, fives: Any,
+) -> Any:
+    """Parse whole lines. Returns (rows, words, how it ended: DONE, WORDS_FULL or STRANGE).
+
+    text: bytes, of which `size` are lines; the last one of these ends a line, and PAD more follow. slots: per column
+    its row of `bits`, SKIP or STAMP. bits: (slots, rows) uint64, bits of the numbers, of EVENT plus a number for words.
+    stamps: (rows, columns of stamps, 2) takes where their cells begin and end. words: (words, 3) of slot, start and
+    end of each word that is not the one of the line before.
+    """
+    columns, lines = np.uint64(len(slots)), np.uint64(bits.shape[1])
+    if len(text) < size + PAD or size < 1 or text[size - 1] != 10:
+        return 0, 0, STRANGE
+    one, three, eight, whole, letter_of = np.uint64(1), np.uint64(3), np.uint64(8), np.uint64(56), np.uint64(0xFF)
+    zeros, sign, comma = np.uint64(_ZEROS), np.uint64(point), np.uint64(delimiter)
+    at, end, row, found = np.uint64(0), np.uint64(size), np.uint64(0), 0
+    while at < end and row < lines:
+        stamp = 0
+        column = np.uint64(0)
+        letter = np.uint64(0)
+        while column < columns:
             slot = slots[column]
-            start = at
-            letter = text[at]
+            column += one
             if slot >= 0:
-                negative = letter == 45
-                if negative:
-                    at += 1
-                    letter = text[at]
-                digits, first = np.uint64(0), at
-                digit = np.uint8(letter - np.uint8(48))
-                while digit < 10:
-                    digits = digits * np.uint64(10) + np.uint64(digit)
-                    at += 1
-                    letter = text[at]
-                    digit = np.uint8(letter - np.uint8(48))
-                count, power = at - first, 0
-                if letter == point:
-                    at += 1
-                    first = at
-                    letter = text[at]
-                    digit = np.uint8(letter - np.uint8(48))
-                    while digit < 10:
-                        digits = digits * np.uint64(10) + np.uint64(digit)
-                        at += 1
-                        letter = text[at]
-                        digit = np.uint8(letter - np.uint8(48))
-                    power = first - at
-                    count -= power
-                if count and (letter == 101 or letter == 69):
-                    at += 1
-                    minus = text[at] == 45
-                    if minus or text[at] == 43:
-                        at += 1
-                    exponent: Any = 0
-                    first = at
-                    while np.uint8(text[at] - np.uint8(48)) < 10 and at - first < 4:
-                        exponent = exponent * 10 + np.int64(text[at]) - 48
-                        at += 1
-                    if at == first:
-                        count = 0  # no number
-                    power += -exponent if minus else exponent
-                    letter = text[at]
-                plain = count > 0 and (letter == delimiter or letter == 10 or letter == 13)
-                if plain:
-                    if count > 19:  # the digits may not fit: zeros in front do not count
-                        first = start
-                        while text[first] == 45 or text[first] == 48 or text[first] == point:
-                            count -= text[first] == 48
-                            first += 1
-                        if count > 19:
-                            return row, written, found, STRANGE
-                    if digits == np.uint64(0):
-                        number[0] = 0.0
-                    elif digits < np.uint64(1 << 53) and -22 <= power <= 22:
-                        number[0] = np.float64(np.int64(digits))
-                        if power < 0:
-                            number[0] /= tens[-power]
-                        elif power > 0:
-                            number[0] *= tens[power]
-                    else:
-                        pattern, settled = long_number(digits, power, fives)
-                        if not settled:
-                            return row, written, found, STRANGE
-                        number_bits[0] = np.int64(pattern)
-                    bits[slot, row] = number_bits[0] | (np.int64(-0x8000000000000000) if negative else np.int64(0))
-                elif at == start and (letter == delimiter or letter == 10 or letter == 13):
-                    bits[slot, row] = empty
+                # most cells: digits and a point, all in eight letters with the delimiter
+                word = word_at(text, at)
+                nibbles = word ^ zeros
+                marks = not_digits(nibbles)
+                before = low_zeros(marks) & whole
+                marks &= marks - one
+                behind = low_zeros(marks) & whole
+                letter = (word >> behind) & letter_of
+                if before != 0 and behind != 0 and (word >> before) & letter_of == sign and letter == comma:
+                    left = (one << before) - one
+                    joined = (nibbles & left) | ((nibbles >> eight) & ~left)
+                    digits = np.float64(np.int64(number_of(joined, behind - eight)))
+                    bits[np.uint64(slot), row] = bits_of(digits / tens[(behind - before - eight) >> three])
+                    at += behind >> three
                 else:
-                    while letter != delimiter and letter != 10 and letter != 13:
-                        if letter == 34:
-                            return row, written, found, STRANGE
-                        at += 1
-                        letter = text[at]
-                    word = last[slot]
-                    same = word >= 0 and words[word, 2] - words[word, 1] == at - start
-                    if same:
-                        for k in range(at - start):
-                            if text[start + k] != text[words[word, 1] + k]:
-                                same = False
-                                break
-                    if not same:
-                        if found == len(words):
-                            return row, written, found, WORDS_FULL
-                        word = found
-                        words[word, 0], words[word, 1], words[word, 2] = slot, start, at
-                        last[slot] = word
-                        found += 1
-                    bits[slot, row] = EVENT + word
+                    found_bits, kind, at = _cell(text, at, delimiter, point, tens, whole_tens, fives)
+                    if kind == WORD:
+                        begin = at
+                        at, known = _word(text, begin, delimiter, last[slot], words)
+                        if not known:
+                            for k in range(np.int64(begin), np.int64(at)):
+                                if text[k] == 34:
+                                    return np.int64(row), found, STRANGE
+                            if found == len(words):
+                                return np.int64(row), found, WORDS_FULL
+                            words[found, 0], words[found, 1], words[found, 2] = slot, np.int64(begin), np.int64(at)
+                            last[slot] = found
+                            found += 1
+                        found_bits = np.uint64(EVENT) + np.uint64(last[slot])
+                    elif kind == UNSETTLED:
+                        return np.int64(row), found, STRANGE
+                    bits[np.uint64(slot), row] = found_bits
+                    letter = np.uint64(text[at])
             else:
-                if slot == STAMP:
-                    if stamped:
-                        stamps[written] = delimiter
-                        written += 1
-                    stamped = True
+                begin = at
+                letter = np.uint64(text[at])
                 quoted = False
-                while letter != 10 and (quoted or (letter != delimiter and letter != 13)):
+                while letter != 10 and (quoted or (letter != comma and letter != 13)):
                     if letter == 34:
                         quoted = not quoted
-                    if slot == STAMP:
-                        stamps[written] = letter
-                        written += 1
-                    at += 1
-                    letter = text[at]
+                    at += one
+                    letter = np.uint64(text[at])
                 if quoted:
-                    return row, written, found, STRANGE
-            if column < columns - 1:
-                if letter != delimiter:
-                    return row, written, found, STRANGE
-                at += 1
+                    return np.int64(row), found, STRANGE
+                if slot == STAMP:
+                    stamps[row, stamp, 0], stamps[row, stamp, 1] = np.int64(begin), np.int64(at)
+                    stamp += 1
+            if column < columns:
+                if letter != comma:
+                    return np.int64(row), found, STRANGE
+                at += one
         if letter == 13:
-            at += 1
-            letter = text[at]
+            at += one
+            letter = np.uint64(text[at])
         if letter != 10:
-            return row, written, found, STRANGE
-        at += 1
-        if stamped:
-            stamps[written] = 10
-            written += 1
-        row += 1
-    return row, written, found, DONE
+            return np.int64(row), found, STRANGE
+        at += one
+        row += one
+    return np.int64(row), found, DONE if at == end else STRANGE

@@ -29,6 +29,8 @@ from .even import EvenStamps
 from .files import valid_utf8
 from .plain_csv import PlainBlock, PlainLines
 from .store import ColumnStore, Room
+from .text_blocks import EndlessLine, Lines
+from .written_stamps import Hours, WrittenStamps, as_written
 
 BLOCK = 8 << 20  # bytes of text per block
 
@@ -38,7 +40,7 @@ class Block:
     """One block of lines. columns: by number, those of signals not where `plain` has them. bad: (row from 1, cells
     expected, cells found) of rows of wrong width."""
 
-    columns: dict[int, pa.ChunkedArray]
+    columns: dict[int, pa.ChunkedArray | WrittenStamps]
     bad: list[tuple[int, int, int]]
     rows: int
     size: int
@@ -49,7 +51,7 @@ class Block:
 class Layout:
     """What is read of a CSV. stored: columns of signals, in the order of the store. stamps: columns of time stamps.
 
-    texts: stored columns in which text has been seen so far.
+    texts: stored columns in which text has been seen so far. by_hours: whether stamps may be taken apart at the minutes.
     """
 
     dialect: Dialect
@@ -57,18 +59,19 @@ class Layout:
     stored: list[int]
     stamps: list[int]
     texts: set[int] = field(default_factory=set)
+    by_hours: bool = False
 
     @cached_property
     def lines(self) -> PlainLines:
-        return PlainLines(self.dialect, self.convert, self.stored, self.stamps)
+        return PlainLines(self.dialect, self.convert, self.stored, self.stamps, self.by_hours)
 
-    def parse(self, text: bytes) -> Block:
+    def parse(self, text: Lines) -> Block:
         """Parse whole lines. Raises ForeignText."""
-        if not text.isascii() and not valid_utf8(text):
-            raise ForeignText
         plain = self.lines.parse(text)
         if plain is not None:
             return Block(plain.stamps, [], plain.piece.shape[1], len(text), plain)
+        if not valid_utf8(memoryview(text.text)):
+            raise ForeignText
         try:
             return self._parse(text, self.texts)
         except pa.ArrowInvalid:
@@ -81,7 +84,7 @@ class Layout:
                     block.columns[column] = pc.cast(pc.utf8_trim_whitespace(block.columns[column]), pa.float64())
             return block
 
-    def _parse(self, text: bytes, texts: set[int]) -> Block:
+    def _parse(self, text: Lines, texts: set[int]) -> Block:
         bad: list[tuple[int, int, int]] = []
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
@@ -91,7 +94,7 @@ class Layout:
         names = [f"c{i}" for i in range(len(self.dialect.names))]
         given = self.convert
         table = pa_csv.read_csv(
-            pa.BufferReader(text),
+            text.buffer(),
             read_options=pa_csv.ReadOptions(column_names=names, use_threads=False, block_size=len(text) + 1),
             parse_options=pa_csv.ParseOptions(delimiter=self.dialect.delimiter, invalid_row_handler=on_bad_row),
             convert_options=pa_csv.ConvertOptions(
@@ -108,7 +111,7 @@ class Layout:
 
 
 def read_blocks(
-    pieces: Iterator[bytes], layout: Layout, kinds: list[pa.DataType], *, room: Room | None = None, threads: int = 1,
+    blocks: Iterator[Lines], layout: Layout, kinds: list[pa.DataType], *, room: Room | None = None, threads: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[list[LazyColumn | pa.ChunkedArray], list[tuple[int, int, int]]] | None:
     """Read the text below the header. Returns all columns and the rows of wrong width; None: read the file whole.
@@ -118,11 +121,11 @@ def read_blocks(
     """
     signals = [Signal() for _ in layout.stored]
     store = ColumnStore(room)
-    stamps = [EvenStamps() for _ in layout.stamps]
+    stamps = [_Stamps() for _ in layout.stamps]
     bad: list[tuple[int, int, int]] = []
     rows = 0
     try:
-        for block in parsed_blocks(pieces, layout, threads):
+        for block in parsed_blocks(blocks, layout, threads):
             piece = piece_of(block, signals, layout)
             for parts, column in zip(stamps, layout.stamps, strict=True):
                 parts.add(block.columns[column])
@@ -131,9 +134,8 @@ def read_blocks(
             rows += block.rows + len(block.bad)
             if progress is not None:
                 progress(block.size)
-        times = {column: parts.column or _unified(parts.parts)
-                 for column, parts in zip(layout.stamps, stamps, strict=True)}
-    except ForeignText:
+        times = {column: parts.column() for column, parts in zip(layout.stamps, stamps, strict=True)}
+    except (ForeignText, EndlessLine):
         return None
     place = {column: slot for slot, column in enumerate(layout.stored)}
     columns: list[LazyColumn | pa.ChunkedArray] = []
@@ -169,15 +171,15 @@ def piece_of(block: Block, signals: list[Signal], layout: Layout) -> NDArray[np.
     return piece
 
 
-def parsed_blocks(pieces: Iterator[bytes], layout: Layout, threads: int) -> Iterator[Block]:
+def parsed_blocks(blocks: Iterator[Lines], layout: Layout, threads: int) -> Iterator[Block]:
     """Parse blocks in order; with several threads the next ones are parsed while this one is taken."""
     if threads <= 1:
-        yield from map(layout.parse, whole_lines(pieces))
+        yield from map(layout.parse, blocks)
         return
     with ThreadPoolExecutor(threads) as pool:
         waiting: deque[Future[Block]] = deque()
         try:
-            for text in whole_lines(pieces):
+            for text in blocks:
                 waiting.append(pool.submit(layout.parse, text))
                 if len(waiting) > threads:
                     yield waiting.popleft().result()
@@ -188,20 +190,38 @@ def parsed_blocks(pieces: Iterator[bytes], layout: Layout, threads: int) -> Iter
                 future.cancel()
 
 
-def whole_lines(pieces: Iterator[bytes]) -> Iterator[bytes]:
-    """Cut pieces of text where lines end. Raises ForeignText where there are none for very long."""
-    rest = b""
-    for piece in pieces:
-        cut = piece.rfind(b"\n") + 1
-        if not cut:
-            rest += piece
-            if len(rest) > 8 * BLOCK:
+class _Stamps:
+    """A column of time stamps on its way through the blocks."""
+
+    def __init__(self) -> None:
+        self._even = EvenStamps()
+        self._written: list[Hours] = []
+
+    def add(self, part: pa.ChunkedArray | WrittenStamps) -> None:
+        """Take the stamps of the next block. Raises ForeignText."""
+        if not len(part):
+            return
+        if isinstance(part, WrittenStamps):
+            self._written += [*map(_text, self._even.parts), *part.parts]
+            if self._even.column is not None:
                 raise ForeignText
-            continue
-        yield b"".join((rest, memoryview(piece)[:cut]))
-        rest = piece[cut:]
-    if rest:
-        yield rest
+            self._even = EvenStamps()
+        elif self._written:
+            self._written.append(_text(part))
+        else:
+            self._even.add(part)
+
+    def column(self) -> pa.ChunkedArray | LazyColumn:
+        """Return all stamps. Raises ForeignText."""
+        if self._written:
+            return WrittenStamps(self._written)
+        return self._even.column or _unified(self._even.parts)
+
+
+def _text(part: pa.ChunkedArray) -> Hours:
+    if not (pa.types.is_string(part.type) or pa.types.is_dictionary(part.type) or pa.types.is_null(part.type)):
+        raise ForeignText
+    return as_written(part)
 
 
 def _unified(parts: list[pa.ChunkedArray]) -> pa.ChunkedArray:

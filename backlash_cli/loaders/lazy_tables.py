@@ -6,7 +6,7 @@ encodings, text that only a full CSV reader understands. It raises nothing about
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import pyarrow as pa
 from ..errors import InputError
 from ..record import Note
 from .columns import LazyColumn, ParquetColumn, ParquetFileColumns
-from .compression import codec_of, limited_pieces
+from .compression import codec_of
 from .csv_signal import ForeignText
 from .fast_csv import BLOCK, read_blocks
 from .fast_csv import Layout as CsvLayout
@@ -38,7 +38,9 @@ from .tables import (
     ragged_note,
     stem_of,
 )
+from .text_blocks import Source, read_up_to, source_of, whole_lines
 from .timecolumns import time_columns
+from .times import by_hours
 
 HEAD = 1 << 20
 FEW_LINES = 40  # in HEAD bytes: more is looked at
@@ -108,18 +110,20 @@ def _parquet(
 def _csv(
     path: Path | Remote, magic: bytes, options: ReadOptions, partition: dict[str, str], lazily: Lazily
 ) -> Table | LongTable | None:
-    codec = codec_of(magic)
-    pieces = limited_pieces(path, codec) if codec else _pieces(path, 0)
-    begun = b""
-    for piece in pieces:
-        begun += piece
-        if len(begun) >= HEAD:
-            break
+    with source_of(path, codec_of(magic), BLOCK) as source:
+        return _text(path, source, options, partition, lazily)
+
+
+def _text(
+    path: Path | Remote, source: Source, options: ReadOptions, partition: dict[str, str], lazily: Lazily
+) -> Table | LongTable | None:
+    begun = read_up_to(source, HEAD)
     encoding, prefix = guess_encoding(begun, path, options)
     if encoding != "utf-8" or not begun or begun[:4] == b"PAR1":
         return None
-    enough = begun.count(b"\n", 0, HEAD) >= FEW_LINES
-    content = Content(path, "text", begun[:HEAD] if enough else begun, prefix)
+    if begun.count(b"\n") < FEW_LINES:
+        begun += read_up_to(source, BLOCK)
+    content = Content(path, "text", begun, prefix)
     dialect = find_dialect(content, options, str(path))
     if dialect.quoted_lines or not dialect.delimiter.isascii():
         return None
@@ -128,7 +132,7 @@ def _csv(
                  partition=partition, kinds=dialect.kinds)
     if not head.rows:
         return None
-    rest = _after(begun[prefix + dialect.offset :], pieces)
+    rest = whole_lines(begun[prefix + dialect.offset :], source, BLOCK)
     if layout_of(head, options) not in ("wide", "single"):
         long = long_layout(head, options)
         return None if long is None else long_csv(rest, head, dialect, long, options, lazily)
@@ -138,7 +142,7 @@ def _csv(
     kinds = [c.type for c in head.columns]
     stored = sorted(lazily.needed(head) - set(stamps))
     texts = {i for i in stored if head.is_text(i)}
-    layout = CsvLayout(dialect, convert_options(dialect), stored, stamps, texts)
+    layout = CsvLayout(dialect, convert_options(dialect), stored, stamps, texts, by_hours(options.time_format))
     read = read_blocks(rest, layout, kinds, room=lazily.room, threads=lazily.threads, progress=lazily.progress)
     if read is None or not len(read[0][0]):
         return None
@@ -149,15 +153,3 @@ def _csv(
 
 
 _STAMPS = ("time", "clock")
-
-
-def _pieces(path: Path | Remote, offset: int) -> Iterator[bytes]:
-    with open_place(path) as file:
-        file.seek(offset)
-        while piece := file.read(BLOCK):
-            yield piece
-
-
-def _after(begun: bytes, pieces: Iterator[bytes]) -> Iterator[bytes]:
-    yield begun
-    yield from pieces

@@ -16,6 +16,7 @@ from .fast_csv import parsed_blocks, piece_of
 from .long_tables import LongLayout, LongReader, LongTable
 from .options import ReadOptions
 from .tables import Table, convert_options, ragged_note
+from .text_blocks import Lines
 
 if TYPE_CHECKING:
     from .lazy_tables import Lazily
@@ -24,7 +25,7 @@ BATCH_ROWS = 1 << 18  # of a Parquet file that are decoded at once
 
 
 def long_csv(
-    pieces: Iterator[bytes], head: Table, dialect: Dialect, layout: LongLayout, options: ReadOptions, lazily: Lazily
+    blocks: Iterator[Lines], head: Table, dialect: Dialect, layout: LongLayout, options: ReadOptions, lazily: Lazily
 ) -> LongTable | None:
     """Read the text below the header of a long CSV. Raises ForeignText where it has to be read whole."""
     reader = LongReader(head, layout, options, lazily.wanted, lazily.room)
@@ -32,7 +33,7 @@ def long_csv(
     plan = CsvLayout(dialect, convert_options(dialect), layout.stored, layout.others, texts)
     bad: list[tuple[int, int, int]] = []
     rows = 0
-    for block in parsed_blocks(pieces, plan, lazily.threads):
+    for block in parsed_blocks(blocks, plan, lazily.threads):
         reader.take(block.columns, piece_of(block, reader.signals, plan))
         bad += [(rows + number, expected, found) for number, expected, found in block.bad]
         rows += block.rows + len(block.bad)

@@ -7,14 +7,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
 
 from .dialect import Dialect
+from .files import valid_utf8
+from .text_blocks import Lines
+from .written_stamps import Hours, WrittenStamps
 
 LEAST = 1 << 16  # bytes of a block below which compiled code is not worth loading
 MOST_WORDS = 20_000  # in a block, counted where a column changes from one word to another
 MOST_FAILURES = 3  # blocks after which it is not tried any more
+ROWS_AN_HOUR = 4  # fewer: then each stamp is better read by itself
 
 
 @dataclass
@@ -22,21 +27,25 @@ class PlainBlock:
     """piece: (slots, rows) float64. stamps: by column. words: slot -> (bits that stand for it, the word)."""
 
     piece: NDArray[np.float64]
-    stamps: dict[int, pa.ChunkedArray]
+    stamps: dict[int, pa.ChunkedArray | WrittenStamps]
     words: dict[int, list[tuple[int, str]]]
 
 
 @dataclass
 class PlainLines:
-    """The compiled parser for one file. stored, stamps: numbers of its columns, as in fast_csv.Layout."""
+    """The compiled parser for one file. stored, stamps: numbers of its columns, as in fast_csv.Layout.
+
+    by_hours: whether stamps may be taken apart at the minutes.
+    """
 
     dialect: Dialect
     convert: pa_csv.ConvertOptions
     stored: list[int]
     stamps: list[int]
+    by_hours: bool = False
     failures: int = field(default=0)
 
-    def parse(self, text: bytes) -> PlainBlock | None:
+    def parse(self, text: Lines) -> PlainBlock | None:
         """Parse whole lines; None where they hold anything that a full CSV reader has to look at."""
         if len(text) < LEAST or self.failures >= MOST_FAILURES:
             return None
@@ -44,37 +53,71 @@ class PlainLines:
         self.failures = 0 if found is not None else self.failures + 1
         return found
 
-    def _parse(self, text: bytes) -> PlainBlock | None:
-        from .csv_kernel import DONE, EVENT, FIVES, SKIP, STAMP, TENS, count_lines, parse_lines
+    def _parse(self, text: Lines) -> PlainBlock | None:
+        from .csv_kernel import DONE, EVENT, SKIP, STAMP, look, parse_lines
+        from .decimal_kernel import FIVES, TENS, WHOLE_TENS
 
-        text = text if text.endswith(b"\n") else text + b"\n"
+        lines, ascii_only = look(text.text)
+        if not ascii_only and not valid_utf8(memoryview(text.text)):
+            return None
         slots = np.full(len(self.dialect.names), SKIP)
         slots[self.stored] = np.arange(len(self.stored))
         slots[self.stamps] = STAMP
-        data = np.frombuffer(text, np.uint8)
-        lines = count_lines(data)
-        bits = np.empty((len(self.stored), lines), np.int64)
-        stamps = np.empty(len(text) + lines if self.stamps else 0, np.uint8)
-        words = np.empty((MOST_WORDS, 3), np.int64)
-        rows, written, count, ended = parse_lines(
-            data, slots, ord(self.dialect.delimiter), ord(self.dialect.decimal), bits, stamps, words, TENS, FIVES
+        bits = np.empty((len(self.stored), lines), np.uint64)
+        stamps = np.empty((lines, len(self.stamps), 2), np.int64)
+        words, last = np.empty((MOST_WORDS, 3), np.int64), np.full(len(self.stored), -1)
+        rows, count, ended = parse_lines(
+            text.data, len(text), slots, ord(self.dialect.delimiter), ord(self.dialect.decimal), bits, stamps, words,
+            last, TENS, WHOLE_TENS, FIVES
         )
         if ended != DONE or rows != lines:
             return None
         found: dict[int, list[tuple[int, str]]] = defaultdict(list)
         for event, (slot, start, end) in enumerate(words[:count].tolist()):
-            word = text[start:end].decode()
+            word = text.data[start:end].tobytes().decode()
             if _is_float(word):  # inf, nan, or a number in a form that only pyarrow knows
                 return None
             found[slot].append((EVENT + event, word))
-        if not self.stamps:
-            return PlainBlock(bits.view(np.float64), {}, found)
-        table = self._stamps(stamps[:written])
-        if table.num_rows != rows:
-            return None
-        return PlainBlock(bits.view(np.float64), dict(zip(self.stamps, table.columns, strict=True)), found)
+        read = self._stamps(text, stamps) if self.stamps else {}
+        return None if read is None else PlainBlock(bits.view(np.float64), read, found)
 
-    def _stamps(self, text: NDArray[np.uint8]) -> pa.Table:
+    def _stamps(
+        self, text: Lines, cells: NDArray[np.int64]
+    ) -> dict[int, pa.ChunkedArray | WrittenStamps] | None:
+        """Return the columns of stamps whose cells stand at these places of the text."""
+        from .stamp_kernel import copy_cells
+
+        if len(self.stamps) == 1 and self.by_hours:
+            column = self._by_hours(text, cells[:, 0])
+            if column is not None:
+                return {self.stamps[0]: column}
+        out = np.empty(int((cells[:, :, 1] - cells[:, :, 0]).sum()) + cells[:, :, 0].size, np.uint8)
+        table = self._read(out[: copy_cells(text.data, cells, ord(self.dialect.delimiter), out)])
+        return dict(zip(self.stamps, table.columns, strict=True)) if table.num_rows == len(cells) else None
+
+    def _by_hours(self, text: Lines, cells: NDArray[np.int64]) -> pa.ChunkedArray | WrittenStamps | None:
+        """Read one stamp per hour and add what the others are later; None where that cannot be done."""
+        from .stamp_kernel import NOT_ONE_FORM, hours_apart
+
+        most = len(cells) // ROWS_AN_HOUR + 1
+        which, nanos = np.empty(len(cells), np.int64), np.empty(len(cells), np.int64)
+        hours = np.empty(64 * most, np.uint8)
+        groups, written = hours_apart(text.data, cells, most, which, nanos, hours)
+        if groups == NOT_ONE_FORM:
+            return None
+        column = self._read(hours[:written]).column(0)
+        if len(column) != groups or column.null_count:
+            return None
+        kind = column.type
+        if pa.types.is_timestamp(kind):
+            later = nanos // 1_000_000_000 if kind.unit == "s" else nanos
+            stamps = column.cast(pa.int64()).to_numpy()[which] + later
+            return pa.chunked_array([pa.array(stamps).cast(kind)])
+        if pa.types.is_dictionary(kind) or pa.types.is_string(kind):
+            return WrittenStamps([Hours(pc.cast(column, pa.string()).combine_chunks(), which, nanos)])
+        return None
+
+    def _read(self, text: NDArray[np.uint8]) -> pa.Table:
         given = self.convert
         return pa_csv.read_csv(
             pa.BufferReader(pa.py_buffer(text)),

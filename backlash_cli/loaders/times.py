@@ -6,6 +6,7 @@ the data leave no doubt, otherwise the user is asked for --time-format.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from .minutes import whole_minutes
 from .names import plain
 from .numbers import codes_and_words, to_numbers
 from .options import ReadOptions
+from .written_stamps import WrittenStamps
 
 NAT = np.iinfo(np.int64).min
 SECOND = 1_000_000
@@ -37,8 +39,10 @@ class Times:
     notes: tuple[Note, ...] = field(default=())
 
 
-def to_times(column: pa.ChunkedArray | pa.Array, name: str, options: ReadOptions, where: str) -> Times:
+def to_times(column: pa.ChunkedArray | pa.Array | WrittenStamps, name: str, options: ReadOptions, where: str) -> Times:
     """Read a column of stamps. Raises InputError when it holds none or day and month cannot be told apart."""
+    if isinstance(column, WrittenStamps):
+        return _zoned(_hour_by_hour(column, name, options, where), options)
     kind = column.type
     if pa.types.is_dictionary(kind) and not pa.types.is_string(kind.value_type):
         column = column.cast(kind.value_type)
@@ -57,11 +61,30 @@ def to_times(column: pa.ChunkedArray | pa.Array, name: str, options: ReadOptions
         times = from_numbers(to_numbers(column).values, name, options, where)
     else:
         raise InputError(f"column {name!r} holds no time stamps ({kind})", where=where, remedy="name the time column")
+    return _zoned(times, options)
+
+
+def _zoned(times: Times, options: ReadOptions) -> Times:
     if not times.zoned and times.absolute and options.timezone:
         from .zones import localise
 
-        times = localise(times, options.timezone)
+        return localise(times, options.timezone)
     return times
+
+
+def by_hours(time_format: str | None) -> bool:
+    """Say whether stamps of a form may be taken apart at the minutes; the form is as for --time-format."""
+    return time_format is None or "%" not in time_format or re.search("%[HI]:%M", time_format) is not None
+
+
+def _hour_by_hour(column: WrittenStamps, name: str, options: ReadOptions, where: str) -> Times:
+    hours = column.hours()
+    try:
+        times = _from_text(hours.texts, name, options, where)
+    except InputError:
+        return _from_text(column.arrow(), name, options, where)  # says it of the stamps as they are written
+    begin = times.micros[hours.which]
+    return replace(times, micros=np.where(begin == NAT, NAT, begin + hours.nanos // 1000))
 
 
 def _by_minutes(column: pa.ChunkedArray | pa.Array, name: str, options: ReadOptions, where: str) -> Times | None:

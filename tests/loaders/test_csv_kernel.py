@@ -6,19 +6,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.loaders import fast_csv, lazy_tables, plain_csv
-from backlash_cli.loaders.csv_kernel import DONE, FIVES, STAMP, STRANGE, TENS, WORDS_FULL, count_lines, parse_lines
+from backlash_cli.loaders.csv_kernel import DONE, STAMP, STRANGE, WORDS_FULL, look, parse_lines
+from backlash_cli.loaders.decimal_kernel import FIVES, TENS, WHOLE_TENS
 from backlash_cli.loaders.lazy_tables import Lazily
+from backlash_cli.loaders.stamp_kernel import copy_cells
+from backlash_cli.loaders.text_blocks import PAD
 from tests.loaders.test_lazy import assert_same, outcome, read, read_lazily
 
 
 def parsed(text: bytes, slots=(0,), point=".", words=50):
-    data = np.frombuffer(text, np.uint8)
-    bits = np.zeros((sum(s >= 0 for s in slots), count_lines(data)), np.int64)
-    stamps, found = np.zeros(len(text) + 1, np.uint8), np.zeros((words, 3), np.int64)
-    rows, written, count, ended = parse_lines(
-        data, np.array(slots), ord(","), ord(point), bits, stamps, found, TENS, FIVES)
+    data = np.frombuffer(text + bytes(PAD), np.uint8)
+    lines = look(data[: len(text)])[0]
+    bits = np.zeros((sum(s >= 0 for s in slots), lines), np.uint64)
+    stamps, found = np.zeros((lines, sum(s == STAMP for s in slots), 2), np.int64), np.zeros((words, 3), np.int64)
+    rows, count, ended = parse_lines(
+        data, len(text), np.array(slots), ord(","), ord(point), bits, stamps, found, np.full(len(bits), -1), TENS,
+        WHOLE_TENS, FIVES)
     cells = [text[a:b].decode() for _, a, b in found[:count]]
-    return bits.view(np.float64)[:, :rows], bytes(stamps[:written]).decode(), cells, ended
+    out = np.zeros(len(text) + stamps.size, np.uint8)
+    written = copy_cells(data, stamps[:rows], ord(","), out)
+    return bits.view(np.float64)[:, :rows], bytes(out[:written]).decode(), cells, ended
 
 
 def assert_numbers(texts):
