@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
-from .decimal_kernel import any_number, bits_of, low_zeros, not_digits, number_of, rounded, word_at
+from .compiled import bits_of, compiled, inlined, low_zeros, word_at
+from .decimal_kernel import any_number, not_digits, number_of, rounded
 from .text_blocks import PAD
 
 EVENT = 0x7FF9_0000_0000_0000  # bits of a nan that stands for a word: plus the number of the word
@@ -22,7 +22,7 @@ _SIGN = 0x8000_0000_0000_0000
 _ZEROS = 0x3030_3030_3030_3030
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False)
+@compiled
 def look(text: Any) -> Any:
     """(number of line ends, whether all letters are ASCII) of bytes."""
     lines, letters = 0, np.uint8(0)
@@ -32,12 +32,12 @@ def look(text: Any) -> Any:
     return lines, letters < 128
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+@inlined
 def _ends(letter: Any, delimiter: Any) -> Any:
     return letter == delimiter or letter == 10 or letter == 13
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+@inlined
 def _number(text: Any, at: Any, point: Any, whole_tens: Any) -> Any:
     """A number of up to 19 digits with a point somewhere behind the first: (digits, how many, power of ten, end).
 
@@ -65,7 +65,7 @@ def _number(text: Any, at: Any, point: Any, whole_tens: Any) -> Any:
     return digits, count, -np.int64(after >> three), at
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+@inlined
 def _cell(text: Any, at: Any, delimiter: Any, point: Any, tens: Any, whole_tens: Any, fives: Any) -> Any:
     """(bits of the number in a cell, what the cell holds, its end; where it begins if that is no number)."""
     nothing, begin = np.uint64(_NOTHING), at
@@ -88,7 +88,7 @@ def _cell(text: Any, at: Any, delimiter: Any, point: Any, tens: Any, whole_tens:
     return bits | np.uint64(_SIGN) if negative else bits, NUMBER, at
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+@inlined
 def _word(text: Any, at: Any, delimiter: Any, last: Any, words: Any) -> Any:
     """End of a word, and whether it is that of the line before."""
     begin = at
@@ -105,17 +105,17 @@ def _word(text: Any, at: Any, delimiter: Any, last: Any, words: Any) -> Any:
     return at, False
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@compiled
 def parse_lines(
-    text: Any, size: int, slots: Any, delimiter: int, point: int, bits: Any, stamps: Any, words: Any, last: Any, tens: Any,
-    whole_tens: Any, fives: Any,
+    text: Any, size: int, slots: Any, delimiter: int, point: int, bits: Any, stamps: Any, words: Any, last: Any,
+    tens: Any, whole_tens: Any, fives: Any,
 ) -> Any:
     """Parse whole lines. Returns (rows, words, how it ended: DONE, WORDS_FULL or STRANGE).
 
     text: bytes, of which `size` are lines; the last one of these ends a line, and PAD more follow. slots: per column
     its row of `bits`, SKIP or STAMP. bits: (slots, rows) uint64, bits of the numbers, of EVENT plus a number for words.
     stamps: (rows, columns of stamps, 2) takes where their cells begin and end. words: (words, 3) of slot, start and
-    end of each word that is not the one of the line before.
+    end of each word that is not the one of the line before. last: (slots,) -1, takes the last word of each.
     """
     columns, lines = np.uint64(len(slots)), np.uint64(bits.shape[1])
     if len(text) < size + PAD or size < 1 or text[size - 1] != 10:

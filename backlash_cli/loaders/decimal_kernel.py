@@ -9,12 +9,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
-from llvmlite import ir
-from numba.core import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+from .compiled import bits_of, compiled, inlined
 
 LEAST, MOST = -60, 40  # powers of ten in the table
 EXACT = 22  # the highest power of ten that is a float64
@@ -41,48 +39,14 @@ TENS = 10.0 ** np.arange(EXACT + 1)
 WHOLE_TENS = 10 ** np.arange(20, dtype=np.uint64)
 
 
-@intrinsic
-def word_at(typing: Any, text: Any, at: Any) -> Any:
-    """Eight bytes of memory from position `at` on as one uint64, the first one lowest; nobody looks at the bounds."""
-
-    def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        place = builder.bitcast(builder.gep(array.data, [arguments[1]]), ir.IntType(64).as_pointer())
-        found = builder.load(place)
-        found.align = 1
-        return found
-
-    return types.uint64(text, types.uint64), load
-
-
-@intrinsic
-def low_zeros(typing: Any, word: Any) -> Any:
-    """Number of zeros below the lowest one bit; 64 of nothing."""
-
-    def count(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 0))
-
-    return types.uint64(types.uint64), count
-
-
-@intrinsic
-def bits_of(typing: Any, number: Any) -> Any:
-    """The bits of a float64 as uint64."""
-
-    def cast(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.bitcast(arguments[0], ir.IntType(64))
-
-    return types.uint64(types.float64), cast
-
-
-@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+@inlined
 def not_digits(nibbles: Any) -> Any:
     """The highest bit of every byte above 9."""
     high = np.uint64(0x8080808080808080)
     return (((nibbles & ~high) + np.uint64(0x7676767676767676)) | nibbles) & high
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+@inlined
 def number_of(nibbles: Any, bits: Any) -> Any:
     """The number whose digits are the bytes in the lowest `bits`, 8 to 64, the first one lowest."""
     low = np.uint64(0x000000FF000000FF)
@@ -92,7 +56,7 @@ def number_of(nibbles: Any, bits: Any) -> Any:
             + ((x >> np.uint64(16)) & low) * np.uint64(0x0000271000000001)) >> np.uint64(32)
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+@inlined
 def _product(a: Any, b: Any) -> Any:
     """(high, low) 64 bits of the product of two uint64."""
     half, mask = np.uint64(32), np.uint64(0xFFFFFFFF)
@@ -102,7 +66,7 @@ def _product(a: Any, b: Any) -> Any:
     return a1 * b1 + (one >> half) + (two >> half) + (middle >> half), (middle << half) | (low & mask)
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False)
+@compiled
 def long_number(digits: Any, power: int, fives: Any) -> Any:
     """(bits of digits * 10^power as float64, True), or (0, False) where these bits do not settle the rounding."""
     none = np.uint64(0)
@@ -138,7 +102,7 @@ def long_number(digits: Any, power: int, fives: Any) -> Any:
     return mantissa | (np.uint64(exponent) << np.uint64(52)), True
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False, error_model="numpy", inline="always")
+@inlined
 def rounded(digits: Any, power: int, tens: Any, fives: Any) -> Any:
     """(bits of digits * 10^power as float64, True), or (0, False) where the rounding is not settled."""
     if digits < np.uint64(1 << 53) and -EXACT <= power <= EXACT:
@@ -147,7 +111,7 @@ def rounded(digits: Any, power: int, tens: Any, fives: Any) -> Any:
     return (np.uint64(0), True) if digits == np.uint64(0) else long_number(digits, power, fives)
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+@inlined
 def any_number(text: Any, at: Any, point: Any) -> Any:
     """A number of any plain form from position `at` on, letter by letter: (digits, how many, power of ten, end).
 

@@ -51,7 +51,7 @@ class Block:
 class Layout:
     """What is read of a CSV. stored: columns of signals, in the order of the store. stamps: columns of time stamps.
 
-    texts: stored columns in which text has been seen so far. by_hours: whether stamps may be taken apart at the minutes.
+    texts: stored columns in which text has been seen so far. by_hours: whether stamps may be taken apart.
     """
 
     dialect: Dialect

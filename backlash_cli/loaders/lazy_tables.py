@@ -40,7 +40,7 @@ from .tables import (
 )
 from .text_blocks import Source, read_up_to, source_of, whole_lines
 from .timecolumns import time_columns
-from .times import by_hours
+from .written_stamps import by_hours
 
 HEAD = 1 << 20
 FEW_LINES = 40  # in HEAD bytes: more is looked at

@@ -9,7 +9,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 LEAST = 1000  # rows below which it is not worth the trouble
-_SECONDS = re.compile(rb"\d:\d\d:(\d\d)(?:[.,:](\d{1,9}))?(?!\d)")
+_SECONDS = re.compile(rb"(?<!\d)\d{1,2}:\d\d:(\d\d)(?:[.,:](\d{1,9}))?(?!\d)")
 _POINT, _ZERO = ord("."), ord("0")
 
 

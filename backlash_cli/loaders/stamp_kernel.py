@@ -4,28 +4,27 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
-from .decimal_kernel import word_at
+from .compiled import compiled, inlined, word_at
 
 COLON, POINT, COMMA, ZERO = 58, 46, 44, 48
 NOT_ONE_FORM = -1
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+@inlined
 def _digit(text: Any, at: int, end: int) -> Any:
     return at < end and np.uint8(text[at] - np.uint8(ZERO)) < 10
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+@inlined
 def _pair(text: Any, at: int) -> Any:
     """The number of two digits, 99 and more where they are none."""
     tens, ones = np.int64(text[at]) - ZERO, np.int64(text[at + 1]) - ZERO
     return tens * 10 + ones if 0 <= tens <= 9 and 0 <= ones <= 9 else 100
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False)
+@compiled
 def _clock(text: Any, begin: int, end: int) -> Any:
     """Where the minutes of a stamp stand behind its hour, whether seconds follow, and how many digits of a fraction;
     the place is NOT_ONE_FORM where there is no such thing."""
@@ -52,7 +51,7 @@ def _clock(text: Any, begin: int, end: int) -> Any:
     return NOT_ONE_FORM, False, 0
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
+@inlined
 def _same(text: Any, a: int, b: int, count: int) -> Any:
     """Are `count` bytes at two places the same?"""
     done = 0
@@ -66,7 +65,7 @@ def _same(text: Any, a: int, b: int, count: int) -> Any:
     return (word_at(text, a + done) ^ word_at(text, b + done)) << left == np.uint64(0)
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False)
+@compiled
 def hours_apart(text: Any, cells: Any, most: int, which: Any, nanos: Any, hours: Any) -> Any:
     """Group stamps that differ in minutes, seconds and fraction only. Returns (groups, bytes written to `hours`).
 
@@ -99,7 +98,7 @@ def hours_apart(text: Any, cells: Any, most: int, which: Any, nanos: Any, hours:
             written += 1
         minute = _pair(text, minutes)
         second = _pair(text, minutes + 3) if has_seconds else 0
-        fraction = 0
+        fraction = np.int64(0)
         for k in range(minutes + 6, minutes + 6 + count):
             if not _digit(text, k, end):
                 return NOT_ONE_FORM, 0
@@ -113,7 +112,7 @@ def hours_apart(text: Any, cells: Any, most: int, which: Any, nanos: Any, hours:
     return groups, written
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False)
+@compiled
 def copy_cells(text: Any, cells: Any, delimiter: int, out: Any) -> int:
     """Copy the cells (rows, columns, 2) to lines of text; returns their length."""
     written = 0

@@ -6,7 +6,6 @@ the data leave no doubt, otherwise the user is asked for --time-format.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -70,11 +69,6 @@ def _zoned(times: Times, options: ReadOptions) -> Times:
 
         return localise(times, options.timezone)
     return times
-
-
-def by_hours(time_format: str | None) -> bool:
-    """Say whether stamps of a form may be taken apart at the minutes; the form is as for --time-format."""
-    return time_format is None or "%" not in time_format or re.search("%[HI]:%M", time_format) is not None
 
 
 def _hour_by_hour(column: WrittenStamps, name: str, options: ReadOptions, where: str) -> Times:

@@ -28,8 +28,13 @@ class Hours:
     def written(self) -> pa.Array:
         """Return the stamps as they stand in the file."""
         texts = self.texts.to_pylist()
-        return pa.array([_later(texts[hour], nanos) for hour, nanos in zip(self.which, self.nanos.tolist(), strict=True)],
-                        pa.string())
+        rows = zip(self.which.tolist(), self.nanos.tolist(), strict=True)
+        return pa.array([_later(texts[hour], nanos) for hour, nanos in rows], pa.string())
+
+
+def by_hours(time_format: str | None) -> bool:
+    """Say whether stamps of a form may be taken apart at the minutes; the form is as for --time-format."""
+    return time_format is None or "%" not in time_format or re.search("%[HI]:%M", time_format) is not None
 
 
 def as_written(column: pa.ChunkedArray) -> Hours:
