@@ -27,10 +27,10 @@ from .csv_signal import ForeignText, Signal
 from .dialect import Dialect
 from .even import EvenStamps
 from .files import valid_utf8
+from .hourly_stamps import HourlyStamps, Hours, as_written
 from .plain_csv import PlainBlock, PlainLines
 from .store import ColumnStore, Room
 from .text_blocks import EndlessLine, Lines
-from .written_stamps import Hours, WrittenStamps, as_written
 
 BLOCK = 8 << 20  # bytes of text per block
 
@@ -40,7 +40,7 @@ class Block:
     """One block of lines. columns: by number, those of signals not where `plain` has them. bad: (row from 1, cells
     expected, cells found) of rows of wrong width."""
 
-    columns: dict[int, pa.ChunkedArray | WrittenStamps]
+    columns: dict[int, pa.ChunkedArray | HourlyStamps]
     bad: list[tuple[int, int, int]]
     rows: int
     size: int
@@ -197,11 +197,11 @@ class _Stamps:
         self._even = EvenStamps()
         self._written: list[Hours] = []
 
-    def add(self, part: pa.ChunkedArray | WrittenStamps) -> None:
+    def add(self, part: pa.ChunkedArray | HourlyStamps) -> None:
         """Take the stamps of the next block. Raises ForeignText."""
         if not len(part):
             return
-        if isinstance(part, WrittenStamps):
+        if isinstance(part, HourlyStamps):
             self._written += [*map(_text, self._even.parts), *part.parts]
             if self._even.column is not None:
                 raise ForeignText
@@ -214,7 +214,7 @@ class _Stamps:
     def column(self) -> pa.ChunkedArray | LazyColumn:
         """Return all stamps. Raises ForeignText."""
         if self._written:
-            return WrittenStamps(self._written)
+            return HourlyStamps(self._written)
         return self._even.column or _unified(self._even.parts)
 
 

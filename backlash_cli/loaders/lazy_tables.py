@@ -21,6 +21,7 @@ from .fast_csv import BLOCK, read_blocks
 from .fast_csv import Layout as CsvLayout
 from .files import Content, guess_encoding
 from .heap import keep_freed_memory
+from .hourly_stamps import by_hours
 from .layouts import layout_of
 from .long_files import long_csv, long_parquet
 from .long_tables import LongTable, long_layout
@@ -40,7 +41,6 @@ from .tables import (
 )
 from .text_blocks import Source, read_up_to, source_of, whole_lines
 from .timecolumns import time_columns
-from .written_stamps import by_hours
 
 HEAD = 1 << 20
 FEW_LINES = 40  # in HEAD bytes: more is looked at

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from .dialect import Dialect
 from .files import valid_utf8
+from .hourly_stamps import HourlyStamps, Hours
 from .text_blocks import Lines
-from .written_stamps import Hours, WrittenStamps
 
 LEAST = 1 << 16  # bytes of a block below which compiled code is not worth loading
 MOST_WORDS = 20_000  # in a block, counted where a column changes from one word to another
@@ -27,7 +27,7 @@ class PlainBlock:
     """piece: (slots, rows) float64. stamps: by column. words: slot -> (bits that stand for it, the word)."""
 
     piece: NDArray[np.float64]
-    stamps: dict[int, pa.ChunkedArray | WrittenStamps]
+    stamps: dict[int, pa.ChunkedArray | HourlyStamps]
     words: dict[int, list[tuple[int, str]]]
 
 
@@ -83,7 +83,7 @@ class PlainLines:
 
     def _stamps(
         self, text: Lines, cells: NDArray[np.int64]
-    ) -> dict[int, pa.ChunkedArray | WrittenStamps] | None:
+    ) -> dict[int, pa.ChunkedArray | HourlyStamps] | None:
         """Return the columns of stamps whose cells stand at these places of the text."""
         from .stamp_kernel import copy_cells
 
@@ -95,7 +95,7 @@ class PlainLines:
         table = self._read(out[: copy_cells(text.data, cells, ord(self.dialect.delimiter), out)])
         return dict(zip(self.stamps, table.columns, strict=True)) if table.num_rows == len(cells) else None
 
-    def _by_hours(self, text: Lines, cells: NDArray[np.int64]) -> pa.ChunkedArray | WrittenStamps | None:
+    def _by_hours(self, text: Lines, cells: NDArray[np.int64]) -> pa.ChunkedArray | HourlyStamps | None:
         """Read one stamp per hour and add what the others are later; None where that cannot be done."""
         from .stamp_kernel import NOT_ONE_FORM, hours_apart
 
@@ -114,7 +114,7 @@ class PlainLines:
             stamps = column.cast(pa.int64()).to_numpy()[which] + later
             return pa.chunked_array([pa.array(stamps).cast(kind)])
         if pa.types.is_dictionary(kind) or pa.types.is_string(kind):
-            return WrittenStamps([Hours(pc.cast(column, pa.string()).combine_chunks(), which, nanos)])
+            return HourlyStamps([Hours(pc.cast(column, pa.string()).combine_chunks(), which, nanos)])
         return None
 
     def _read(self, text: NDArray[np.uint8]) -> pa.Table:

@@ -10,12 +10,12 @@ import pyarrow as pa
 from ..errors import InputError
 from .columns import LazyColumn
 from .even import even_stamps
+from .hourly_stamps import HourlyStamps
 from .names import is_time_name, plain, split_tag
 from .options import ReadOptions
 from .series import Axis, EvenAxis, LazyAxis
 from .tables import Table
 from .times import DAY, NAT, Times, to_times
-from .written_stamps import WrittenStamps
 
 _BOUNDS = ("start", "stop", "end", "from", "to", "begin", "starttime", "endtime", "stoptime", "intervalstart")
 
@@ -105,7 +105,7 @@ def _axis(table: Table, column: int, options: ReadOptions) -> Axis:
             if even is not None and even.micros[1]:
                 return EvenAxis(*even.micros, len(even), kind.tz is not None, table.where, table.first_line)
             return LazyAxis(partial(_stamps, cells, options, table.where), kind.tz is not None, table.where)
-        cells = cells if isinstance(cells, WrittenStamps) else cells.arrow()
+        cells = cells if isinstance(cells, HourlyStamps) else cells.arrow()
     return Axis(to_times(cells, table.names[column], options, table.where), table.where, table.first_line)
 
 

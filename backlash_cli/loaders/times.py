@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..record import Note
+from .hourly_stamps import HourlyStamps
 from .minutes import whole_minutes
 from .names import plain
 from .numbers import codes_and_words, to_numbers
 from .options import ReadOptions
-from .written_stamps import WrittenStamps
 
 NAT = np.iinfo(np.int64).min
 SECOND = 1_000_000
@@ -38,9 +38,9 @@ class Times:
     notes: tuple[Note, ...] = field(default=())
 
 
-def to_times(column: pa.ChunkedArray | pa.Array | WrittenStamps, name: str, options: ReadOptions, where: str) -> Times:
+def to_times(column: pa.ChunkedArray | pa.Array | HourlyStamps, name: str, options: ReadOptions, where: str) -> Times:
     """Read a column of stamps. Raises InputError when it holds none or day and month cannot be told apart."""
-    if isinstance(column, WrittenStamps):
+    if isinstance(column, HourlyStamps):
         return _zoned(_hour_by_hour(column, name, options, where), options)
     kind = column.type
     if pa.types.is_dictionary(kind) and not pa.types.is_string(kind.value_type):
@@ -71,12 +71,12 @@ def _zoned(times: Times, options: ReadOptions) -> Times:
     return times
 
 
-def _hour_by_hour(column: WrittenStamps, name: str, options: ReadOptions, where: str) -> Times:
+def _hour_by_hour(column: HourlyStamps, name: str, options: ReadOptions, where: str) -> Times:
     hours = column.hours()
     try:
-        times = _from_text(hours.texts, name, options, where)
+        times = from_text(hours.texts, name, options, where)
     except InputError:
-        return _from_text(column.arrow(), name, options, where)  # says it of the stamps as they are written
+        return from_text(column.arrow(), name, options, where)  # says it of the stamps as they are written
     begin = times.micros[hours.which]
     return replace(times, micros=np.where(begin == NAT, NAT, begin + hours.nanos // 1000))
 

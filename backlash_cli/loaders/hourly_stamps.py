@@ -43,7 +43,7 @@ def as_written(column: pa.ChunkedArray) -> Hours:
     return Hours(texts, np.arange(len(column)), np.zeros(len(column), np.int64))
 
 
-class WrittenStamps(LazyColumn):
+class HourlyStamps(LazyColumn):
     """A column of stamps from several blocks of rows."""
 
     def __init__(self, parts: Sequence[Hours]) -> None:

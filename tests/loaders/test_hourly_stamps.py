@@ -7,10 +7,10 @@ import pyarrow as pa
 import pytest
 
 from backlash_cli.loaders import ReadOptions, lazy_tables, plain_csv
+from backlash_cli.loaders.hourly_stamps import HourlyStamps, Hours, as_written, by_hours
 from backlash_cli.loaders.stamp_kernel import NOT_ONE_FORM, copy_cells, hours_apart
 from backlash_cli.loaders.text_blocks import PAD
 from backlash_cli.loaders.times import to_times
-from backlash_cli.loaders.written_stamps import Hours, WrittenStamps, as_written, by_hours
 from tests.loaders.test_lazy import assert_same, outcome, read, read_lazily
 
 START = datetime(2026, 3, 16, 22, 30)
@@ -45,7 +45,7 @@ def test_stamps_are_put_together_again_as_they_were(form, seconds):
     if "%H%M" in form:
         assert groups == NOT_ONE_FORM
         return
-    column = WrittenStamps([Hours(pa.array(hours), which, nanos)])
+    column = HourlyStamps([Hours(pa.array(hours), which, nanos)])
     assert column.arrow().to_pylist() == texts
     assert groups == len({(START + timedelta(seconds=k * seconds)).strftime("%d %H") for k in range(3000)})
     options = ReadOptions(time_format="mdy" if form.startswith("%m") else None)
@@ -60,11 +60,12 @@ def test_what_is_no_clock_is_left_to_others(odd):
     texts = ["08:00:00", "08:00:01", odd]
     groups, hours, which, nanos = apart(texts)
     if groups != NOT_ONE_FORM:
-        assert WrittenStamps([Hours(pa.array(hours), which, nanos)]).arrow().to_pylist() == texts
+        assert HourlyStamps([Hours(pa.array(hours), which, nanos)]).arrow().to_pylist() == texts
     assert apart(["08:00:00", "09:00:00"], most=1)[0] == NOT_ONE_FORM
 
 
-@pytest.mark.parametrize(("form", "change"), [(form, CHANGES[(k + j) % 5]) for k, form in enumerate(FORMS) for j in (0, 2)])
+@pytest.mark.parametrize(("form", "change"),
+                         [(form, CHANGES[(k + j) % 5]) for k, form in enumerate(FORMS) for j in (0, 2)])
 def test_files_are_read_as_row_by_row(tmp_path, monkeypatch, form, change):
     texts = stamps(form, 4000, 2)
     if change == "gap":
@@ -75,9 +76,9 @@ def test_files_are_read_as_row_by_row(tmp_path, monkeypatch, form, change):
         texts[2500] = "17. March"
     elif change == "back":
         texts[2000:2300] = texts[1900:2200]
-    random = np.random.default_rng(3)
+    values = np.random.default_rng(3).uniform(0.4, 0.6, len(texts))
     path = tmp_path / "plant.csv"
-    rows = (f"{text};0.5;{x:.4f};{1 - x:.4f}" for text, x in zip(texts, random.uniform(0.4, 0.6, len(texts)), strict=True))
+    rows = (f"{text};0.5;{x:.4f};{1 - x:.4f}" for text, x in zip(texts, values, strict=True))
     path.write_text("\n".join(["time;A.SP;A.PV;A.OP", *rows]), encoding="utf-8")
     (tmp_path / "loops.toml").write_text("[defaults]\nK = 0.6\nTi = 8\npv_range = [0, 1]\nop_range = [0, 1]\n")
     for name, value in (("BLOCK", 25_000), ("HEAD", 10_000)):
@@ -93,7 +94,7 @@ def test_a_form_says_whether_its_minutes_can_be_found():
 
 
 def test_rows_that_were_not_taken_apart_stand_among_the_others():
-    column = WrittenStamps([as_written(pa.chunked_array([["17.03.2026 08:59:58", None]])),
+    column = HourlyStamps([as_written(pa.chunked_array([["17.03.2026 08:59:58", None]])),
                             Hours(pa.array(["17.03.2026 09:00:00"]), np.array([0, 0]), np.array([0, 2_000_000_000]))])
     assert column.arrow().to_pylist() == ["17.03.2026 08:59:58", None, "17.03.2026 09:00:00", "17.03.2026 09:00:02"]
     times = to_times(column, "time", ReadOptions(), "")
