@@ -16,7 +16,8 @@ from .join import Joiner, LoopSeries, by_loop
 from .layouts import series_of
 from .lazy_tables import Lazily, lazy_table
 from .long_tables import LongTable
-from .metadata import Metadata, merge, read_metadata
+from .metadata import Metadata, merge
+from .metadata_file import read_metadata
 from .options import ReadOptions
 from .recipes import Recipe, needed_columns, recipes_of, wanted_tags
 from .series import Series

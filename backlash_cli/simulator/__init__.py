@@ -6,11 +6,12 @@
 1000
 """
 
+from .applied import Applied, use
 from .controller import Compensator, Controller, Scheme
 from .loop import Trace, export, simulate, trace
 from .process import Process
 from .recorder import Recorder
-from .scenario import Applied, Manual, Scenario, Signal, use
+from .scenario import Manual, Scenario, Signal
 
 __all__ = [
     "Applied",

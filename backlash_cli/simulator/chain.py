@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ..effects.shape import Stage
 from ..errors import MetadataError, nearest
 from ..record import FloatArray
-from .scenario import Applied, Scenario
+from .applied import Applied
+from .scenario import Scenario
 
 
 class Numbers:

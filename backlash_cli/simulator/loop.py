@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError, MetadataError
 from ..record import FloatArray, Record, SampleState
+from .applied import use
 from .chain import Numbers, Table, series
 from .recorder import recorded
-from .scenario import Manual, Scenario, Signal, every, use
+from .scenario import Manual, Scenario, Signal, every
 
 __all__ = ["Manual", "Scenario", "Signal", "Trace", "export", "simulate", "trace", "use"]
 

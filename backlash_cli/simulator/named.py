@@ -8,7 +8,8 @@ from importlib import resources
 from pathlib import Path
 
 from ..errors import UsageError, nearest
-from .scenario import Scenario, use
+from .applied import use
+from .scenario import Scenario
 from .scenario_file import loop_seed, parse_scenarios, read_scenarios
 
 

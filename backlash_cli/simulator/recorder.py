@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..record import FloatArray
-
-if TYPE_CHECKING:
-    from .scenario import Applied
+from .applied import Applied
 
 
 @dataclass(frozen=True)

@@ -8,35 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from ..effects.shape import Effect
 from ..errors import MetadataError
-from ..record import FloatArray, LoopSettings
+from ..record import LoopSettings
+from .applied import Applied
 from .controller import Compensator, Controller
 from .process import Process
 from .recorder import Recorder
 
 # a signal at rest further out than this many spans is an engineering value, not a normalised one
 LARGEST = 10.0
-
-
-@dataclass(frozen=True, eq=False)
-class Applied:
-    """An effect with its parameter array; `column` names the measured signal of an effect that takes one."""
-
-    effect: Effect
-    p: FloatArray
-    column: str | None = None
-
-
-def use(name: str | Effect, *, column: str | None = None, **parameters: object) -> Applied:
-    """Return an effect with its parameters, for example use("backlash", d=0.03).
-
-    name: a name of `backlash effects`, `module:NAME`, or an Effect. Raises MetadataError for what does not exist.
-    """
-    from ..effects.registry import load_effect
-
-    effect = name if isinstance(name, Effect) else load_effect(name)
-    return Applied(effect, effect.pack(parameters), column)
 
 
 @dataclass(frozen=True)

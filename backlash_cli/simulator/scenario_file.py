@@ -23,10 +23,11 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import MetadataError, nearest
+from .applied import Applied, use
 from .controller import Compensator, Controller
 from .process import Process
 from .recorder import Recorder
-from .scenario import Applied, Manual, Scenario, Signal, use
+from .scenario import Manual, Scenario, Signal
 
 SIMULATION = ("duration", "step", "sample_time", "record_interval", "seed", "start")
 LOOP = (*SIMULATION, "controller", "process", "setpoint", "output", "effects", "compensator", "manual", "columns",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from .scenario import Applied, Scenario
+from .applied import Applied
+from .scenario import Scenario
 
 Row = tuple[str, str, str, str, str]
 

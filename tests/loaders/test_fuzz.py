@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from backlash_cli.errors import BacklashError, MetadataError
 from backlash_cli.loaders import read
 from backlash_cli.loaders.loop_settings import settings_of
-from backlash_cli.loaders.metadata import parse_toml
+from backlash_cli.loaders.metadata_file import parse_toml
 from backlash_cli.loaders.metadata_table import parse_table
 from tests.benchmarks.fuzz_readers import TOKENS, broken_promise, mutate, seeds
 

@@ -6,7 +6,8 @@ import pytest
 
 from backlash_cli.errors import MetadataError
 from backlash_cli.loaders.loop_settings import settings_of
-from backlash_cli.loaders.metadata import merge, parse_toml, read_metadata
+from backlash_cli.loaders.metadata import merge
+from backlash_cli.loaders.metadata_file import parse_toml, read_metadata
 from backlash_cli.loaders.metadata_table import parse_table
 
 GOOD = """

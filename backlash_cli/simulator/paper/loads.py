@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from ...results.paper import Line, Panel, PaperFigure
+from ..applied import use
 from ..controller import Compensator
 from ..loop import Trace, trace
 from ..named import load_scenarios, with_dead_band, with_seed
-from ..scenario import Scenario, use
+from ..scenario import Scenario
 from .drawing import trend
 from .limit_cycles import Numbers, absolute_error
 
