@@ -125,7 +125,8 @@ class LoopScanner:
                 return scanner.finish()
         refusal = self._refusal()
         if refusal is not None:
-            few = refusal.code == "insufficient_data"
+            short = self.has_setpoint and refusal.values.get("why") == "too_short"
+            few = short or refusal.code == "insufficient_data"
             on_settings = self._settings_notes()
             return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL,
                                 (*_contradictions(on_settings), refusal), 0.0, on_settings, carry=self._packed())

@@ -100,6 +100,15 @@ def test_sampling_too_coarse_is_refused():
     assert report.reasons[0].code == "sampling_too_coarse"
 
 
+@pytest.mark.parametrize(("samples", "known"), [(1, True), (40, True), (40, False)])
+def test_a_record_that_is_too_short_is_insufficient(samples: int, known: bool):
+    part = RECORD.slice(0, samples)
+    report = scan(part if known else replace(part, settings=LoopSettings()))
+    assert report.verdict is Verdict.INSUFFICIENT_DATA
+    assert report.reasons[0].code in ("insufficient_data", "short_record", "missing_settings")
+    assert "usable samples" in report.reasons[0].message or "needed" in report.reasons[0].message
+
+
 def test_an_empty_record_is_insufficient():
     report = scan(RECORD.slice(0, 0))
     assert report.samples == 0 and report.start is None

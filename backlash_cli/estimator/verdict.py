@@ -23,6 +23,7 @@ SLIGHT, CLOSE_CALL = 0.01, 0.1  # doubt with all the evidence in the world, and 
 SUSPICION = 0.75
 HEALTHY = 0.97
 BLOCKED, LIMITED = "blocks", "limits"
+TOO_LITTLE = "short_record"  # what only more data can mend; all else cannot be told from data of this kind
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,8 @@ def decide(f: Findings) -> Decision:
     if _swings(f):
         return Decision(Verdict.OSCILLATING, (_swinging(f),), 0.8, f.cluster)
     if isinstance(f.confirmation, Note):
-        return Decision(Verdict.CANNOT_TELL, (f.confirmation,), 0.0, f.cluster)
+        verdict = Verdict.INSUFFICIENT_DATA if f.confirmation.code == TOO_LITTLE else Verdict.CANNOT_TELL
+        return Decision(verdict, (f.confirmation,), 0.0, f.cluster)
     return _from_half_periods(f)
 
 

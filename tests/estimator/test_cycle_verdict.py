@@ -24,7 +24,7 @@ def codes(report: LoopReport) -> list[str]:
 
 
 def test_a_sticking_valve_is_suspected_where_ti_allows_no_test() -> None:
-    report = with_oscillation(LoopReport("L", Verdict.CANNOT_TELL, TOO_SHORT, 0.0), draw(STICKS, "stick").record)
+    report = with_oscillation(LoopReport("L", Verdict.INSUFFICIENT_DATA, TOO_SHORT, 0.0), draw(STICKS, "stick").record)
     assert report.verdict is Verdict.SUSPECTED
     assert codes(report) == ["looks_like_stiction", "oscillation", "short_record"]
 
@@ -40,7 +40,7 @@ def test_without_a_setpoint_the_valve_is_not_accused() -> None:
 
 def test_a_swing_from_outside_is_an_oscillation_and_no_suspicion() -> None:
     loop = draw(9001, "sine").record
-    report = with_oscillation(LoopReport("L", Verdict.CANNOT_TELL, TOO_SHORT, 0.0), loop)
+    report = with_oscillation(LoopReport("L", Verdict.INSUFFICIENT_DATA, TOO_SHORT, 0.0), loop)
     assert report.verdict is Verdict.OSCILLATING
     assert codes(report) == ["oscillation", "looks_like_external", "short_record"]
 

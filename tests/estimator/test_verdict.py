@@ -100,12 +100,18 @@ def test_healthy_only_with_a_stated_limit():
     (replace(NOTHING, details={**NOTHING.details, "output_range": 0.012}), "little_motion"),
     (replace(NOTHING, limit_of_detection=0.05), "little_motion"),
     (replace(NOTHING, details={**NOTHING.details, "evidence": 6.0}), "not_separable"),
-    (Note("short_record", "too short"), "short_record"),
+    (Note("output_still", "OP stands still"), "output_still"),
 ])
 def test_cannot_tell_says_why(confirmation: Confirmation | Note, code: str):
     decision = decide(findings(confirmation=confirmation))
     assert decision.verdict is Verdict.CANNOT_TELL
     assert codes(decision.reasons)[0] == code
+
+
+def test_a_record_too_short_for_the_test_is_too_little_data():
+    decision = decide(findings(confirmation=Note("short_record", "too short")))
+    assert decision.verdict is Verdict.INSUFFICIENT_DATA
+    assert codes(decision.reasons) == ["short_record"]
 
 
 def test_an_oscillation_without_a_dead_band_is_an_oscillation():
