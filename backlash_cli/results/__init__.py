@@ -1,20 +1,7 @@
 """Frozen results: all that a reporter ever sees."""
 
-from .explain import (
-    Candidate,
-    Comparison,
-    Explanation,
-    Fitness,
-    FittedEffect,
-    FittedParameter,
-    Model,
-    ModelEffect,
-    PlantExplanation,
-    Region,
-    Series,
-    Step,
-    gap_size,
-)
+from .explain import Comparison, Explanation, PlantExplanation, Region, Series, Step
+from .fitted import Candidate, Fitness, FittedEffect, FittedParameter, Model, ModelEffect, gap_size
 from .scan import Cluster, Compensator, Confirmation, Estimate, Estimates, LoopReport, ScanResult, Verdict
 
 __all__ = [
