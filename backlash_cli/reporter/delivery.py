@@ -8,7 +8,7 @@ from pathlib import Path
 from ..errors import UsageError
 from ..record import Record
 from ..results import ScanResult
-from .files import make_folder, replacing, write_text
+from .files import make_folder, replacing, write_parts, write_text
 from .safe import file_names
 
 _SUFFIXES = {".json": "json", ".csv": "csv", ".parquet": "parquet", ".html": "html", ".htm": "html", ".txt": "table"}
@@ -93,6 +93,14 @@ def write(
 
         with replacing(output) as temporary:
             write_parquet(result, temporary, table)
+    elif form == "json":
+        from .json_report import json_parts
+
+        write_parts(output, json_parts(result))
+    elif form == "csv":
+        from .tables import csv_parts
+
+        write_parts(output, csv_parts(result, table))
     elif form == "html" and output.suffix.lower() not in (".html", ".htm"):
         from .html import write_folder
 

@@ -10,7 +10,7 @@ import re
 import secrets
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ..errors import BacklashError
@@ -36,6 +36,13 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     Raises BacklashError when the disk is full or the folder cannot be written; the old file is then untouched.
     """
     write_bytes(path, text.encode("utf-8", "backslashreplace"))
+
+
+def write_parts(path: str | os.PathLike[str], parts: Iterable[str]) -> None:
+    """Write the pieces of a text to `path`, whole or not at all, without holding them all; see `write_text`."""
+    with (replacing(path) as temporary,
+          temporary.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file):
+        file.writelines(parts)
 
 
 def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:

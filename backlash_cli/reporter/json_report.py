@@ -4,36 +4,63 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
 from .._version import __version__
 from ..record import LoopSettings, Note
 from ..results import Cluster, Compensator, Confirmation, LoopReport, ScanResult
+from .columns import estimates_json
 
 SCHEMA_VERSION = 1
 
 
 def to_json(result: ScanResult) -> str:
     """Return the report of a whole run as JSON text: a line per loop, for people with `grep` and for speed."""
-    parts = []
-    for name, value in document(result).items():
-        if isinstance(value, list):
-            items = ",\n".join(json.dumps(strict(v), ensure_ascii=False, allow_nan=False) for v in value)
-            parts.append(f'"{name}": [\n{items}\n]' if items else f'"{name}": []')
+    return "".join(json_parts(result))
+
+
+def json_parts(result: ScanResult) -> Iterator[str]:
+    """The same text piece by piece, so that the report of a large plant need not be in memory as a whole."""
+    before = "{"
+    for name, value in _document(result, ()).items():
+        yield f'{before}"{name}": '
+        before = ",\n"
+        if name == "loops" and result.loops:
+            yield "[\n"
+            for i, report in enumerate(result.loops):
+                yield (",\n" if i else "") + _line(report)
+            yield "\n]"
+        elif isinstance(value, list) and value:
+            yield "[\n" + ",\n".join(_dumped(v) for v in value) + "\n]"
         else:
-            parts.append(f'"{name}": {json.dumps(strict(value), ensure_ascii=False, allow_nan=False)}')
-    return "{" + ",\n".join(parts) + "}\n"
+            yield _dumped(value)
+    yield "}\n"
+
+
+def _line(report: LoopReport) -> str:
+    text = _dumped(loop(replace(report, estimates=())))
+    # within a string a quotation mark has a backslash before it, so this is found once only
+    return text.replace('"estimates": []', f'"estimates": {estimates_json(report.estimates)}', 1)
+
+
+def _dumped(value: Any) -> str:
+    return json.dumps(strict(value), ensure_ascii=False, allow_nan=False)
 
 
 def document(result: ScanResult) -> dict[str, Any]:
     """Return the report of a whole run as plain dicts and lists; times are ISO 8601 in UTC."""
+    return _document(result, result.loops)
+
+
+def _document(result: ScanResult, loops: Sequence[LoopReport]) -> dict[str, Any]:
     return {
         "schema_version": SCHEMA_VERSION,
         "tool": {"name": "backlash", "version": __version__},
         "inputs": list(result.inputs),
-        "loops": [loop(report) for report in result.loops],
+        "loops": [loop(report) for report in loops],
         "warnings": [_note(n) for n in result.warnings],
         "failures": [_note(n) for n in result.failures],
     }

@@ -172,10 +172,27 @@ def _figure(figure: Any) -> str:
     if hasattr(figure, "to_json"):
         text = figure.to_json()
     else:
-        text = json.dumps(_plain(figure), separators=(",", ":"), allow_nan=False)
+        text = _json(figure)
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")
     return Markup(text)
+
+
+def _json(figure: Any) -> str:
+    """JSON of a plain figure. Looking at every number takes far longer than writing it, so that is done where one of
+    them is none."""
+    try:
+        return json.dumps(figure, separators=(",", ":"), allow_nan=False, default=_listed)
+    except ValueError:
+        return json.dumps(_plain(figure), separators=(",", ":"), allow_nan=False)
+
+
+def _listed(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    raise TypeError(f"a figure cannot hold {type(value).__name__}")
 
 
 def _plain(value: Any) -> Any:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
 from ..record import Note
 from ..results import LoopReport, ScanResult
+from .columns import NUMBERS, as_columns, numbers, times
 from .json_report import iso_time, strict
 from .safe import spreadsheet
 
@@ -91,24 +93,68 @@ def to_dataframe(result: ScanResult, table: str = "loops") -> pd.DataFrame:
     """
     import pandas as pd
 
-    frame = pd.DataFrame(rows(result, table), columns=list(_columns(table)))
-    for name, kind in _columns(table).items():
+    columns = _columns(table)
+    data = rows(result, table) if table == "loops" else _estimates(result)
+    frame = pd.DataFrame(data, columns=list(columns))
+    for name, kind in columns.items():
         if kind == "time":
             frame[name] = pd.to_datetime(frame[name], utc=True, format="ISO8601")
     kinds = {"text": "string", "number": "float64", "count": "int64", "flag": "bool"}
-    return frame.astype({name: kinds[kind] for name, kind in _columns(table).items() if kind in kinds})
+    return frame.astype({name: kinds[kind] for name, kind in columns.items() if kind in kinds})
+
+
+def _estimates(result: ScanResult) -> dict[str, list[Any]]:
+    """The half periods of all loops, a list per column."""
+    found: dict[str, list[Any]] = {name: [] for name in ESTIMATE_COLUMNS}
+    for report in result.loops:
+        e = as_columns(report.estimates)
+        why = e.why.tolist()
+        found["loop"] += [strict(report.loop)] * len(e)
+        found["start"] += times(e.origin + e.begin)
+        found["end"] += times(e.origin + (e.begin + e.dt_s))
+        for name in NUMBERS:
+            found[name] += [float(text) for text in numbers(getattr(e, name), "nan")]
+        found["direction"] += e.direction.tolist()
+        found["accepted"] += [e.codes[w] == "ok" for w in why]
+        found["why"] += [e.codes[w] for w in why]
+    return found
 
 
 def to_csv(result: ScanResult, table: str = "loops") -> str:
     """Return a table as CSV text; texts that a spreadsheet would run as a formula get an apostrophe in front."""
-    found = rows(result, table)
+    return "".join(csv_parts(result, table))
+
+
+def csv_parts(result: ScanResult, table: str = "loops") -> Iterator[str]:
+    """The same text piece by piece, a piece per loop. Raises UsageError for a table that does not exist."""
+    names = list(_columns(table))
+    return itertools.chain([_csv_lines([names])],
+                           (_csv_loop(r) if table == "loops" else _csv_estimates(r) for r in result.loops))
+
+
+def _csv_loop(report: LoopReport) -> str:
+    return _csv_lines([[_csv_cell(v) for v in strict(_loop_row(report)).values()]])
+
+
+def _csv_lines(lines: Iterable[Sequence[object]]) -> str:
     out = io.StringIO()
     # Every text is quoted, so that a separator of another country's spreadsheet cannot open a new cell.
-    writer = csv.DictWriter(out, list(_columns(table)), quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n")
-    writer.writeheader()
-    for row in found:
-        writer.writerow({k: _csv_cell(v) for k, v in row.items()})
+    csv.writer(out, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n").writerows(lines)
     return out.getvalue()
+
+
+def _csv_estimates(report: LoopReport) -> str:
+    """Lines of all half periods of a loop; only the name and the codes have to be looked at for formulas."""
+    e = as_columns(report.estimates)
+    name = _csv_lines([[_csv_cell(strict(report.loop))]]).rstrip("\n")
+    codes = [_csv_lines([["true" if code == "ok" else "false", _csv_cell(code)]]) for code in e.codes]
+    stamps = (times(t) for t in (e.origin + e.begin, e.origin + (e.begin + e.dt_s)))
+    sizes = (numbers(getattr(e, n), '""') for n in NUMBERS)
+    rows = zip(*stamps, *sizes, e.direction.tolist(), e.why.tolist(), strict=True)
+    return "".join([
+        f'{name},"{start or ""}","{end or ""}",{dt},{dy},{peak},{d},{sign},{codes[why]}'
+        for start, end, dt, dy, peak, d, sign, why in rows
+    ])
 
 
 def _csv_cell(value: object) -> object:
