@@ -12,7 +12,7 @@ from ..results import Estimate
 from ..results.scan import Estimates
 
 NO_DATE = 2.5e11  # seconds from 1970 beyond which a time is no date (year 9892)
-PLAIN = 1e9  # numbers below it are written with ten digits and without an exponent
+PLAIN = 1e9  # below it, and above its inverse, ten digits are what the shortest form of the number has as well
 NUMBERS = ("dt_s", "dy", "e_max", "d")
 
 
@@ -27,7 +27,7 @@ def numbers(values: FloatArray, missing: str = "null") -> list[str]:
 
 def _number(value: float) -> str:
     text = f"{value:.10g}"
-    if abs(value) >= PLAIN:
+    if not 1.0 / PLAIN < abs(value) < PLAIN:
         return repr(float(text))
     return text if "." in text or "e" in text else text + ".0"
 
