@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.reporter.columns import as_columns, estimates_json, numbers, times
@@ -50,6 +50,7 @@ def one_by_one(e: Estimate) -> dict[str, object]:
 
 
 @given(half_periods())
+@settings(deadline=None)  # imports pandas
 def test_json_csv_and_frame_are_those_of_the_rows(found):
     assert estimates_json(found) == json.dumps(strict([one_by_one(e) for e in found]))
     result = ScanResult(tuple(LoopReport(name, Verdict.BACKLASH, estimates=found) for name in ("FIC1", '=a",\n"b')))
