@@ -11,8 +11,8 @@ from .frame import Frame, fill_limit, grid_of
 from .join import Joiner, LoopSeries
 from .loop_settings import Settings
 from .options import ReadOptions
-from .scaling import normalise, spans_of
-from .states import complete, frozen, implausible, saturated, short_holes
+from .scaling import Normalised, normalised, spans_of
+from .states import AT_LIMIT, BEYOND, frozen, implausible, saturated, short_holes
 
 
 def build_record(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOptions) -> Record:
@@ -38,19 +38,21 @@ def build_record(loop: LoopSeries, settings: Settings, joiner: Joiner, options: 
         output = None
     spans = spans_of(settings, measured, setpoint, output)
     notes += spans.notes
-    y = normalise(measured, spans.pv_range)
-    u = None if output is None else normalise(output, spans.op_range)
-    state, y = _states(y, interpolated, u, frame)
+    pv_there = normalised(measured, spans.pv_range)
+    op_there = None if output is None else normalised(output, spans.op_range)
+    state, y = _states(pv_there, interpolated, op_there, frame)
+    u = None if op_there is None else op_there.values
     if setpoint is None:
         text = "no setpoint (SP) column: what needs the control error cannot be done"
         notes.append(Note("no_setpoint", text, {"loop": loop.name}))
         r = np.full(len(y), np.nan)
     else:
-        r = normalise(setpoint, spans.pv_range)
-        if not complete(r):
+        sp_there = normalised(setpoint, spans.pv_range)
+        r = sp_there.values
+        if not sp_there.complete:
             _mark(state, ~np.isfinite(r), SampleState.MISSING, "setpoint_missing", "have no setpoint", notes)
-    if u is not None and not complete(u):
-        _mark(state, ~np.isfinite(u), SampleState.MISSING, "output_missing", "have no output", notes)
+    if op_there is not None and not op_there.complete:
+        _mark(state, ~np.isfinite(op_there.values), SampleState.MISSING, "output_missing", "have no output", notes)
     manual = frame.manual((*options.auto_modes, *settings.auto_modes))
     if manual is not None:
         chosen = manual & (state != SampleState.MISSING) & (state != SampleState.IMPLAUSIBLE)
@@ -85,14 +87,13 @@ def _refuse_missing(loop: LoopSeries) -> None:
 
 
 def _states(
-    y: NDArray[np.float64],
-    interpolated: NDArray[np.bool_] | None,
-    u: NDArray[np.float64] | None,
-    frame: Frame,
+    pv: Normalised, interpolated: NDArray[np.bool_] | None, op: Normalised | None, frame: Frame
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     notes = frame.notes
+    y = pv.values
     state = np.zeros(len(y), np.uint8)
-    wild = implausible(y)
+    near = pv.complete and pv.low >= -BEYOND and pv.high <= 1.0 + BEYOND
+    wild = None if near else implausible(y)
     if wild is not None:
         y = np.where(wild, np.nan, y)
         count = int(wild.sum())
@@ -111,7 +112,7 @@ def _states(
                     {"samples": float(count)},
                 )
             )
-    lost = np.isnan(np.add.reduce(y))
+    lost = not pv.complete or wild is not None
     if lost:
         y, filled = short_holes(y, frame.grid.index, frame.bridge)
         if filled.any():
@@ -130,8 +131,8 @@ def _states(
         _mark(
             state, still, SampleState.FROZEN, "frozen", "repeat one number for too long (PV constant or frozen)", notes
         )
-    if u is not None:
-        limit = saturated(u)
+    if op is not None and not (op.complete and op.low > AT_LIMIT and op.high < 1.0 - AT_LIMIT):
+        limit = saturated(op.values)
         if limit is not None:
             state[limit] = SampleState.SATURATED
             notes.append(marked(SampleState.SATURATED, int(np.count_nonzero(limit)), len(state)))

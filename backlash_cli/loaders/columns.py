@@ -81,7 +81,7 @@ Part = tuple[int, int]  # a column of a Parquet file, from a row group on
 class ParquetFileColumns:
     """The columns of one flat Parquet file, read a few at a time in the order in which they will be wanted."""
 
-    BATCH = 8 << 20  # bytes of decoded columns read ahead at once
+    BATCH = 4 << 20  # bytes of decoded columns read ahead at once
 
     def __init__(self, path: Path | Remote) -> None:
         self.path = path

@@ -15,7 +15,7 @@ from .join import Joiner, LoopSeries, Signal
 from .options import ReadOptions
 from .quality import automatic
 from .series import Axis, Series
-from .states import complete, hold_last
+from .states import hold_last
 from .times import NAT
 
 LONGEST_FILL = 60  # samples, however slow the controller
@@ -99,7 +99,7 @@ class Frame:
     def _expanded(self, signal: Signal, role: str) -> NDArray[np.float64]:
         if signal.axis is self.axis and self.grid.kind == "regular":
             values = on_grid(signal.values, self.grid)
-            if not np.isnan(np.add.reduce(values)):
+            if not _has_nan(values):
                 return values
             if signal.bad is None and role != "sp" and np.count_nonzero(np.isnan(values)) < SPARSE_SHARE * len(values):
                 return self._bridged(values)
@@ -124,9 +124,17 @@ class Frame:
         return out
 
 
+def _has_nan(values: NDArray[np.float64]) -> bool:
+    from .signal_kernel import UNKNOWN, holds
+
+    return bool(holds(values) & UNKNOWN)
+
+
 def grid_of(pv: Signal) -> tuple[Grid, Signal]:
     """The grid is that of the measurement; blank cells in many places mean that it was recorded less often."""
-    if complete(pv.values):
+    from .signal_kernel import FINITE, holds
+
+    if holds(pv.values) == FINITE:
         return pv.axis.grid(pv.values), pv
     blank = np.isnan(pv.values) if pv.bad is None else np.isnan(pv.values) & ~pv.bad
     count = int(blank.sum())

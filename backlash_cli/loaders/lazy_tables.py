@@ -25,6 +25,7 @@ from .hourly_stamps import by_hours
 from .layouts import layout_of
 from .long_files import long_csv, long_parquet
 from .long_tables import LongTable, long_layout
+from .names import is_time_name, split_tag
 from .options import ReadOptions
 from .places import Remote, open_place
 from .store import Room
@@ -42,7 +43,7 @@ from .tables import (
 from .text_blocks import Source, read_up_to, source_of, whole_lines
 from .timecolumns import time_columns
 
-HEAD = 1 << 20
+HEAD = 320 << 10
 FEW_LINES = 40  # in HEAD bytes: more is looked at
 
 
@@ -93,10 +94,9 @@ def _parquet(
     if not flat or large or not 0 < about.num_columns <= MAX_COLUMNS or not about.num_rows:
         return None
     names = tuple(column_name(name) for name in schema.names)
-    # numbers tell nothing about the layout, and reading the first rows of a column decodes much of it
-    seen = [i for i, f in enumerate(schema) if i == 0 or not pa.types.is_floating(f.type)]
-    batch = next(source.file.iter_batches(1000, columns=[schema.names[i] for i in seen]))
-    first = dict(zip(seen, batch.columns, strict=True))
+    seen = [i for i, f in enumerate(schema) if _tells(i, names[i], f.type)]
+    batch = next(source.file.iter_batches(1000, columns=[schema.names[i] for i in seen])) if seen else None
+    first = dict(zip(seen, batch.columns if batch else (), strict=True))
     rows = min(1000, about.num_rows)
     looked = (pa.chunked_array([first[i]]) if i in first else LazyColumn(f.type, rows) for i, f in enumerate(schema))
     head = Table(str(path), stem_of(path), names, tuple(looked), partition=partition)
@@ -105,6 +105,15 @@ def _parquet(
         return None if long is None else long_parquet(source.file, head, long, options, lazily)
     columns = tuple(ParquetColumn(source, i, f.type, about.num_rows) for i, f in enumerate(schema))
     return Table(str(path), stem_of(path), names, columns, partition=partition)
+
+
+def _tells(column: int, name: str, kind: pa.DataType) -> bool:
+    """Say whether the first rows of a column tell about the layout; to read them is to decode much of the column."""
+    if pa.types.is_timestamp(kind):
+        return False
+    if pa.types.is_floating(kind) or pa.types.is_integer(kind):
+        return column == 0 or is_time_name(name) or split_tag(name).role == "time"
+    return True
 
 
 def _csv(
@@ -121,8 +130,11 @@ def _text(
     encoding, prefix = guess_encoding(begun, path, options)
     if encoding != "utf-8" or not begun or begun[:4] == b"PAR1":
         return None
-    if begun.count(b"\n") < FEW_LINES:
-        begun += read_up_to(source, BLOCK)
+    while begun.count(b"\n") < FEW_LINES and len(begun) <= BLOCK:
+        more = read_up_to(source, 2 * len(begun))
+        begun += more
+        if not more:
+            break
     content = Content(path, "text", begun, prefix)
     dialect = find_dialect(content, options, str(path))
     if dialect.quoted_lines or not dialect.delimiter.isascii():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,6 +85,24 @@ def spans_of(
             Kp=None if loop.Kp is None else loop.Kp / ratio,
         )
     return Spans(pv_range, op_range, loop, tuple(notes))
+
+
+class Normalised(NamedTuple):
+    """A signal on 0..1 of its span. values: (samples,) nan where missing. low, high: lowest and highest value, where
+    all are finite (complete)."""
+
+    values: NDArray[np.float64]
+    low: float
+    high: float
+    complete: bool
+
+
+def normalised(values: NDArray[np.float64], span: tuple[float, float]) -> Normalised:
+    """Map a range to 0..1, and look at the result on the way; always a new array."""
+    from .signal_kernel import scale
+
+    low, high = span
+    return Normalised(*scale(values, low, 1.0 / (high - low)))
 
 
 def normalise(values: NDArray[np.float64], span: tuple[float, float]) -> NDArray[np.float64]:

@@ -105,9 +105,11 @@ def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
     chance about n p^L; runs with less than FROZEN_CHANCE are frozen. A signal without noise may stand still, as a
     valve does in its dead band: it must do so for QUIET_SHARE of the record.
     """
+    from .signal_kernel import stands_still
+
     if len(values) < 2 * LEAST_CHANGES:
         return None
-    if not _stands_still(values):
+    if not stands_still(values):
         return None
     equal = values[1:] == values[:-1]
     starts, ends = runs(equal)
@@ -159,15 +161,6 @@ class Repeats:
         """Is there a stretch that noise does not explain?"""
         return self.samples >= 2 * LEAST_CHANGES and self.longest >= _longest_by_chance(
             self.samples, self.stretches, self.total)
-
-
-def _stands_still(values: NDArray[np.float64]) -> bool:
-    """Are there five repeats in a row that start at a multiple of five? Every run of nine repeats holds such five."""
-    count = (len(values) - 1) // 5
-    held = np.flatnonzero(values[1 : 5 * count : 5] == values[0 : 5 * count : 5]) * 5
-    for step in range(1, 5):
-        held = held[values[held + step + 1] == values[held + step]]
-    return len(held) > 0
 
 
 def _noisy(values: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray[np.int64]) -> bool:
