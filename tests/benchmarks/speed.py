@@ -2,8 +2,8 @@
 
     python -m tests.benchmarks.speed [LOOPS]
 
-Start-up is taken off (every step runs once on a small file first); one thread each. The baseline is a plain pandas
-program that makes the same estimate loop by loop.
+Start-up is taken off (every step runs once on a small file first); one thread each. The baseline `plain_pandas` makes
+the same estimate loop by loop.
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
@@ -25,6 +23,7 @@ from backlash_cli import ScanOptions, scan_files
 from backlash_cli.api import open_files
 from backlash_cli.loaders.join import Joiner
 from tests.benchmarks.made_plant import DAY, write
+from tests.benchmarks.plain_pandas import dead_bands
 
 
 def cpu(work: Callable[[], object], times: int = 3) -> float:
@@ -35,26 +34,6 @@ def cpu(work: Callable[[], object], times: int = 3) -> float:
         work()
         found.append(time.process_time() - start)
     return min(found)
-
-
-def plain_pandas(path: Path, K: float = 0.8, Ti: float = 20.0, Kp: float = 1.2) -> dict[str, list[float]]:
-    """The estimate of the paper as one writes it at first: read, filter, walk from crossing to crossing, per loop."""
-    frame = pd.read_csv(path, parse_dates=["time"])
-    found: dict[str, list[float]] = {}
-    for name in sorted({column.split(".")[0] for column in frame.columns if "." in column}):
-        smooth = frame[f"{name}.PV"] / 100.0
-        for T in (Ti / 10.0, Ti / 10.0, Ti / 2.0, Ti / 2.0):
-            smooth = smooth.ewm(alpha=1.0 - np.exp(-1.0 / T), adjust=False).mean()
-        error = frame[f"{name}.SP"] / 100.0 - smooth
-        group = (np.sign(error) != np.sign(error).shift()).cumsum()
-        sizes = []
-        for _, part in error.abs().groupby(group):
-            duration, mean, peak = float(len(part)), part.mean(), part.max()
-            d = (K * duration / Ti - 1.0 / Kp) * mean
-            if duration >= 5.0 * Ti and peak < 2.0 * mean and d > 0.0:
-                sizes.append(d)
-        found[name] = sizes
-    return found
 
 
 def records_of(path: Path) -> int:
@@ -80,9 +59,9 @@ def ratios(path: Path, loops: int) -> None:
     print(f"{path.suffix[1:]}: " + ", ".join(f"{name} {1e9 * t / samples:.0f}" for name, t in steps.items())
           + f" ns a loop-sample; --no-confirm {quick / alone:.2f} times pyarrow alone ({1e3 * quick / loops:.1f} ms a "
           f"loop-day), full verdict {full / alone:.2f} times ({1e3 * full / loops:.1f} ms)", flush=True)
-    if path.suffix == ".csv":
-        plain = cpu(lambda: plain_pandas(path), 1)
-        print(f"plain pandas program: {plain / quick:.1f} times --no-confirm, {plain / full:.1f} times full verdict")
+    plain = cpu(lambda: dead_bands(path), 1)
+    print(f"plain pandas program, the estimate alone: {plain / quick:.1f} times --no-confirm, {plain / full:.1f} times "
+          "full verdict")
 
 
 def main() -> None:
