@@ -67,6 +67,43 @@ def solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
     return x
 
 
+@numba.njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+def _weighed(weights: FloatArray, values: FloatArray) -> float:
+    found = 0.0
+    for w in range(len(weights)):
+        found += weights[w] * values[w]
+    return found
+
+
+@numba.njit(cache=True, nogil=True)
+def _normal(columns: FloatArray, weights: FloatArray, gram: FloatArray, right: FloatArray) -> float:
+    """Write the weighted sums of `columns`: products of the terms with each other and with the output; return that of
+    the output with itself."""
+    n, c = len(right), 1
+    for i in range(n):
+        right[i] = _weighed(weights, columns[c])
+        c += 1
+        for j in range(i + 1):
+            gram[i, j] = gram[j, i] = _weighed(weights, columns[c])
+            c += 1
+    return _weighed(weights, columns[0])
+
+
+@numba.njit(cache=True, nogil=True)
+def _left(columns: FloatArray, values: FloatArray, left: FloatArray) -> None:
+    """Write what is left in each window: the output's square less what the terms make of it."""
+    left[:] = columns[0]
+    c = 1
+    for i in range(len(values)):
+        left -= 2.0 * values[i] * columns[c]
+        c += 1
+        for j in range(i + 1):
+            left += (1.0 if i == j else 2.0) * values[i] * values[j] * columns[c]
+            c += 1
+    for w in range(len(left)):
+        left[w] = max(left[w], 1e-12 * columns[0, w])
+
+
 @numba.njit(cache=True, nogil=True)
 def weighted_fit(sums: FloatArray, terms: IntArray) -> tuple[bool, FloatArray, FloatArray, FloatArray, float]:
     """Fit the output by some terms, each window with a weight of its own.
@@ -76,52 +113,33 @@ def weighted_fit(sums: FloatArray, terms: IntArray) -> tuple[bool, FloatArray, F
     moved the output leaves much more than the others and loses its weight (Cauchy weights on the window residuals).
     """
     windows, n = len(sums), len(terms)
-    scale, gram, right = np.zeros(n), np.zeros((n, n)), np.zeros(n)
-    weights, left, values = np.ones(windows), np.zeros(windows), np.zeros(n)
+    columns = np.empty((1 + n + n * (n + 1) // 2, windows))  # the sums that matter, of all windows in a row
     for w in range(windows):
+        columns[0, w], c = sums[w, 0, 0], 1
         for i in range(n):
-            for j in range(n):
-                gram[i, j] += sums[w, terms[i], terms[j]]
+            columns[c, w] = sums[w, terms[i], 0]
+            c += 1
+            for j in range(i + 1):
+                columns[c, w] = sums[w, terms[i], terms[j]]
+                c += 1
+    scale, gram, right = np.ones(n), np.zeros((n, n)), np.zeros(n)
+    weights, left, values = np.ones(windows), np.zeros(windows), np.zeros(n)
+    _normal(columns, weights, gram, right)
     for i in range(n):
         scale[i] = np.sqrt(max(gram[i, i], 1e-300))
-    for i in range(n):
-        for j in range(n):
-            gram[i, j] /= scale[i] * scale[j]
-    if not condition(gram) <= ILL_CONDITIONED:
+    if not condition(gram / np.outer(scale, scale)) <= ILL_CONDITIONED:
         return False, values, left, weights, 1.0
     for _ in range(TURNS):
-        gram[:] = 0.0
-        right[:] = 0.0
-        for w in range(windows):
-            for i in range(n):
-                right[i] += weights[w] * sums[w, terms[i], 0]
-                for j in range(i + 1):
-                    gram[i, j] += weights[w] * sums[w, terms[i], terms[j]]
-        for i in range(n):
-            right[i] /= scale[i]
-            for j in range(i + 1):
-                gram[i, j] /= scale[i] * scale[j]
-                gram[j, i] = gram[i, j]
-        values = solved(gram, right) / scale
-        for w in range(windows):
-            output = sums[w, 0, 0]
-            found = output
-            for i in range(n):
-                product = -2.0 * sums[w, terms[i], 0]
-                for j in range(n):
-                    product += sums[w, terms[i], terms[j]] * values[j]
-                found += product * values[i]
-            left[w] = max(found, 1e-12 * output)
+        _normal(columns, weights, gram, right)
+        values = solved(gram / np.outer(scale, scale), right / scale) / scale
+        _left(columns, values, left)
         if windows < FEWEST_WINDOWS:
             break
         ordered = np.sort(left)
         middle = 0.5 * (ordered[(windows - 1) // 2] + ordered[windows // 2])
         for w in range(windows):
             weights[w] = 2.0 / (1.0 + left[w] / middle)
-    rest = whole = 0.0
-    for w in range(windows):
-        rest, whole = rest + weights[w] * left[w], whole + weights[w] * sums[w, 0, 0]
-    return True, values, left, weights, rest / whole
+    return True, values, left, weights, _weighed(weights, left) / _weighed(weights, columns[0])
 
 
 @numba.njit(cache=True, nogil=True)

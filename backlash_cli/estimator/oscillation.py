@@ -6,10 +6,11 @@ T. Haegglund, A control-loop performance monitor, Control Engineering Practice 3
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import accumulate
 
+import numba
 import numpy as np
 
+from ..record import FloatArray
 from ..segmenter import Segments
 
 AMPLITUDE = 0.01  # a: an oscillation of 1 % of span must count
@@ -34,6 +35,16 @@ def least_area(Ti: float) -> float:
     return 2.0 * AMPLITUDE / (2.0 * np.pi / Ti)
 
 
+@numba.njit(cache=True, nogil=True)
+def counted(ends: FloatArray, memory: float) -> FloatArray:
+    """Half periods up to each of `ends` [s], those of long ago forgotten: one counts 1/e after `memory` [s]."""
+    counts, x = np.empty(len(ends)), 0.0
+    for k in range(len(ends)):
+        x = x * np.exp((ends[k - 1] - ends[k]) / memory) + 1.0 if k else 1.0
+        counts[k] = x
+    return counts
+
+
 def detect_oscillation(segments: Segments, interval: float, Ti: float) -> Oscillation:
     """Count half periods with IAE > 2 a / w, w = 2 pi / Ti, forgetting over 50 Ti: x <- lambda x + 1.
 
@@ -45,8 +56,7 @@ def detect_oscillation(segments: Segments, interval: float, Ti: float) -> Oscill
     if not large.any():
         return Oscillation(False, 0.0, 0.0)
     ends = segments.end[large] * interval
-    forget = np.exp(-np.diff(ends, prepend=ends[0]) / (SUPERVISION * Ti))
-    counts = np.array(list(accumulate(forget.tolist(), lambda x, keep: keep * x + 1.0, initial=0.0))[1:])
+    counts = counted(ends, SUPERVISION * Ti)
     inside = counts >= ENOUGH
     if not inside.any():
         return Oscillation(False, 0.0, float(counts.max()))

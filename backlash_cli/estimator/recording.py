@@ -17,6 +17,7 @@ EXACT = 1e-9  # of the signal's range: rounding of numbers, not of a recorder
 VISIBLE = 1e-4  # of the signal's range: smaller changes are those of a signal that has settled, not of a recorder
 LEAST_RUN = 4  # samples on one straight line that are no accident
 LEAST_KINKS = 5
+LINEAR = 0.2  # share of the samples on straight lines above which a signal was interpolated
 
 
 __all__ = ["Storage", "fast_noise", "reversals", "rounding_step", "stored_as"]
@@ -62,14 +63,21 @@ def _lattice(ordered: FloatArray) -> float:
 
 def fast_noise(index: IntArray, values: FloatArray) -> float:
     """Return the standard deviation of white noise on a slow signal: 1.4826 MAD of second differences / sqrt 6."""
-    return 1.4826 * _median(bends(index, values)) / 6.0**0.5
+    return _noise(np.sort(bends(index, values)))
+
+
+def _noise(ordered: FloatArray) -> float:
+    """The same from the sizes of the second differences in order."""
+    return 1.4826 * _middle(ordered) / 6.0**0.5
 
 
 def _median(values: FloatArray) -> float:
     """Middle of the values, 0 where there are none."""
-    n = len(values)
-    # sorting takes a third of the time of numpy's median
-    ordered = np.sort(values)
+    return _middle(np.sort(values))  # a third of the time of numpy's median
+
+
+def _middle(ordered: FloatArray) -> float:
+    n = len(ordered)
     return float(0.5 * (ordered[(n - 1) // 2] + ordered[n // 2])) if n else 0.0
 
 
@@ -78,7 +86,8 @@ def stored_as(index: IntArray, values: FloatArray) -> Storage:
     ordered = np.sort(values)
     span = float(ordered[-1] - ordered[0])
     step = _lattice(ordered)
-    noise = fast_noise(index, values)
+    bent = np.sort(bends(index, values))
+    noise = _noise(bent)
     plain = Storage("samples", 0.0, 1.0, 0.0, step, noise)
     if len(values) < 3 * LEAST_RUN or span == 0.0:
         return plain
@@ -94,10 +103,18 @@ def stored_as(index: IntArray, values: FloatArray) -> Storage:
             return Storage("held", held, run, smallest, step, noise)
         if step == 0.0 and held > 0.4:
             return Storage("held", held, run, 0.0, step, noise)
+    # most signals have so few samples on straight lines that no line needs to be looked for
+    if np.searchsorted(bent, _straight(step, span), "right") <= LINEAR * len(values):
+        return plain
     linear, run, deviation = _straight_runs(index, values, step, span)
-    if linear > 0.2:
+    if linear > LINEAR:
         return Storage("linear", linear, run, deviation, step, noise)
     return plain
+
+
+def _straight(step: float, span: float) -> float:
+    """Largest bend of a line that is straight but for rounding."""
+    return max(1.05 * step, EXACT * span)
 
 
 def _straight_runs(index: IntArray, values: FloatArray, step: float, span: float) -> tuple[float, float, float]:
@@ -105,7 +122,7 @@ def _straight_runs(index: IntArray, values: FloatArray, step: float, span: float
 
     A rounded ramp is straight to a step as well; interpolation shows by kinks far larger than that between the lines.
     """
-    tolerance = max(1.05 * step, EXACT * span)
+    tolerance = _straight(step, span)
     straight, kinks, between, rises, lengths = straight_runs(index, values, tolerance, LEAST_RUN - 2,
                                                              max(4.0 * step, VISIBLE * span))
     if len(rises) < LEAST_KINKS or kinks < LEAST_KINKS or between > 0.3 * min(straight, kinks):
