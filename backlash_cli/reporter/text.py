@@ -12,6 +12,7 @@ from rich.text import Text
 
 from ..record import Note
 from ..results import LoopReport, ScanResult, Verdict
+from .plain_table import GAP, Column, lines
 from .safe import clip, terminal
 from .words import MARKS, VERDICTS, advice, by_size, excluded, size
 
@@ -28,7 +29,10 @@ def to_text(result: ScanResult, *, verbose: bool = False, colour: bool = False, 
         highlight=False, markup=False, emoji=False, legacy_windows=False,
     )
     reports = by_size(result.loops)
-    console.print(_table(reports))
+    if colour:
+        console.print(_coloured(reports))
+    else:
+        out.writelines(f"{line}\n" for line in lines(COLUMNS, [_cells(r) for r in reports], min(width, WIDTH)))
     console.print(_summary(reports))
     for report in reports:
         if verbose:
@@ -40,28 +44,37 @@ def to_text(result: ScanResult, *, verbose: bool = False, colour: bool = False, 
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
 
 
-def _table(reports: Sequence[LoopReport]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
-    table.add_column("Loop", min_width=6, max_width=20, no_wrap=True, overflow="ellipsis")
-    table.add_column("Verdict", no_wrap=True)
-    table.add_column("Size", justify="right", no_wrap=True)
-    table.add_column("95 %", justify="right", no_wrap=True)
-    table.add_column("Sure", justify="right", no_wrap=True)
-    table.add_column("Found", justify="right", no_wrap=True)
-    table.add_column("Advice or reason", ratio=1, overflow="fold")
+COLUMNS = (
+    Column("Loop", least=6, most=20), Column("Verdict"), Column("Size", right=True), Column("95 %", right=True),
+    Column("Sure", right=True), Column("Found", right=True), Column("Advice or reason"),
+)
+
+
+def _cells(report: LoopReport) -> list[str]:
+    d = size(report)
+    low, high = report.cluster.ci95 if d is not None and report.cluster is not None else (0.0, 0.0)
+    quiet = report.verdict in (Verdict.ERROR, Verdict.INSUFFICIENT_DATA)
+    return [
+        terminal(report.loop, 40),
+        VERDICTS[report.verdict],
+        _size(report),
+        "" if d is None else f"{100 * low:.2f}–{100 * high:.2f}",
+        "" if quiet else f"{100 * report.confidence:.0f} %",
+        "" if quiet else f"{report.detections} of {report.half_periods}",
+        clip(advice(report), 120),
+    ]
+
+
+def _coloured(reports: Sequence[LoopReport]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, GAP, 0, 0))
+    for column in COLUMNS[:-1]:
+        table.add_column(column.title, justify="right" if column.right else "left", min_width=column.least,
+                         max_width=column.most, no_wrap=True, overflow="ellipsis")
+    table.add_column(COLUMNS[-1].title, ratio=1, overflow="fold")
     for report in reports:
-        d = size(report)
-        low, high = report.cluster.ci95 if d is not None and report.cluster is not None else (0.0, 0.0)
-        quiet = report.verdict in (Verdict.ERROR, Verdict.INSUFFICIENT_DATA)
-        table.add_row(
-            Text(terminal(report.loop, 40)),
-            Text(VERDICTS[report.verdict], style=_COLOURS[MARKS[report.verdict]]),
-            _size(report),
-            "" if d is None else f"{100 * low:.2f}–{100 * high:.2f}",
-            "" if quiet else f"{100 * report.confidence:.0f} %",
-            "" if quiet else f"{report.detections} of {report.half_periods}",
-            Text(clip(advice(report), 120)),
-        )
+        cells = [Text(cell) for cell in _cells(report)]
+        cells[1].stylize(_COLOURS[MARKS[report.verdict]])
+        table.add_row(*cells)
     return table
 
 
