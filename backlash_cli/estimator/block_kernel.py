@@ -63,6 +63,7 @@ def blocks(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, op: F
     stretch, up to each row.
     """
     rows = begin = 0
+    latest = -1  # place of the last row in `out`, where it is not in `before`
     n = len(index)
     k = 0
     while k < n and rows + 1 + BRIDGE <= len(out):
@@ -84,13 +85,15 @@ def blocks(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, op: F
             if moves:
                 for j in range(LANES):
                     W[j] = min(max(W[j], u - W[LANES + j]), u + W[LANES + j])
-            if usable:
-                _setpoint(setpoint[k : k + 1], seen)
             k += 1
             continue
         if here >= at[END]:
             if at[TAKEN] >= ENOUGH * size:
+                if latest >= 0 and at[BLOCK] != at[ROW] + 1:
+                    for j in range(len(before)):
+                        before[j] = out[latest, j]
                 rows, begin = close(W, at, seen, least, before, rows, begin, out_at, out, travel)
+                latest = rows - 1
             at[BLOCK] = here // size
             at[TAKEN] = 0
             at[END] = (at[BLOCK] + 1) * size
@@ -104,7 +107,6 @@ def blocks(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, op: F
         while (end < last and index[end] == index[end - 1] + 1 and state[end] <= FILLED and np.isfinite(op[end])
                and np.isfinite(pv[end])):
             end += 1
-        _setpoint(setpoint[k:end], seen)
         part = op[k:end]
         low = high = u
         for i in range(len(part)):
@@ -117,6 +119,9 @@ def blocks(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, op: F
         at[TAKEN] += end - k
         at[LAST] = index[end - 1]
         k = end
+    for j in range(len(before) if latest >= 0 else 0):
+        before[j] = out[latest, j]
+    _setpoint(setpoint[:k], state[:k], seen)
     return k, rows
 
 
@@ -148,17 +153,15 @@ def close(W: FloatArray, at: NDArray[np.int64], seen: FloatArray, least: float, 
             seen[TRAVEL] += abs(row[1] - seen[AT_ROW])
         travel[rows], seen[AT_ROW] = seen[TRAVEL], row[1]
         rows += 1
-    for j in range(len(before)):
-        before[j] = out[rows - 1, j]
     at[ROW] = at[BLOCK]
     return rows, begin
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _setpoint(setpoint: FloatArray, seen: FloatArray) -> None:
+def _setpoint(setpoint: FloatArray, state: NDArray[np.uint8], seen: FloatArray) -> None:
     """Note whether the setpoint moved."""
     for k in range(len(setpoint)):
         r = setpoint[k]
-        if r != seen[SETPOINT] and np.isfinite(r):
+        if r != seen[SETPOINT] and state[k] <= FILLED and np.isfinite(r):
             seen[MOVED] = 0.0 if np.isnan(seen[SETPOINT]) else 1.0
             seen[SETPOINT] = r

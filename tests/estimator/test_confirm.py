@@ -65,9 +65,10 @@ def test_block_means_with_missing_samples_are_those_of_a_plain_loop(seed: int, s
     n = 3000 * size
     there = np.flatnonzero(rng.random(n) < share)
     u = np.cumsum(rng.normal(0.0, 0.004, n))
-    blocks = BlockMeans(size, 10**6)
+    blocks, few = BlockMeans(size, 10**6), BlockMeans(size, 500)
     for part in np.array_split(there, 3):
-        blocks.update(part, np.full(len(part), 0.5), 2.0 * u[part], u[part], np.zeros(len(part), np.uint8))
+        for one in (blocks, few):
+            one.update(part, np.full(len(part), 0.5), 2.0 * u[part], u[part], np.zeros(len(part), np.uint8))
     at, means = blocks.rows()
     full: dict[int, float] = {}
     for number, members in groupby(there.tolist(), key=lambda k: k // size):
@@ -79,6 +80,13 @@ def test_block_means_with_missing_samples_are_those_of_a_plain_loop(seed: int, s
     np.testing.assert_array_equal(at, sorted(bridged))
     np.testing.assert_allclose(means[:, 1], np.interp(at, known, [full[k] for k in known]), atol=1e-12)
     np.testing.assert_allclose(means[:, 0], 2.0 * means[:, 1], atol=1e-12)
+    some, of_some = few.rows()
+    np.testing.assert_array_equal(of_some, means[np.isin(at, some)])
+    travel = np.bincount(at // STRETCH, np.abs(np.diff(means[:, 1], prepend=means[0, 1])))
+    kept = np.unique(some // STRETCH)
+    left = np.setdiff1d(np.unique(at // STRETCH), kept)
+    assert len(some) <= 500
+    assert not len(left) or travel[left].max() <= travel[kept].min()
 
 
 def test_any_cut_of_the_record_gives_the_same_answer(worn: Record):
