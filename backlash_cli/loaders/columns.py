@@ -79,12 +79,17 @@ Part = tuple[int, int]  # a column of a Parquet file, from a row group on
 
 
 class ParquetFileColumns:
-    """The columns of one flat Parquet file, read a few at a time in the order in which they will be wanted."""
+    """The columns of one flat Parquet file, read a few at a time in the order in which they will be wanted.
+
+    texts: names of columns of text that repeats itself. about: what the file says of itself, where that is known.
+    """
 
     BATCH = 4 << 20  # bytes of decoded columns read ahead at once
 
-    def __init__(self, path: Path | Remote) -> None:
-        self.path = path
+    def __init__(
+        self, path: Path | Remote, texts: tuple[str, ...] = (), about: pa_parquet.FileMetaData | None = None
+    ) -> None:
+        self.path, self.texts, self._about = path, texts, about
         self.read_in_order([])
 
     def read_in_order(self, columns: list[Part]) -> None:
@@ -97,7 +102,8 @@ class ParquetFileColumns:
 
     @cached_property
     def file(self) -> pa_parquet.ParquetFile:
-        return pa_parquet.ParquetFile(self.path.open_bytes() if isinstance(self.path, Remote) else self.path)
+        place = self.path.open_bytes() if isinstance(self.path, Remote) else self.path
+        return pa_parquet.ParquetFile(place, metadata=self._about, read_dictionary=list(self.texts))
 
     def column(self, index: int, first: int = 0) -> pa.ChunkedArray:
         """Return one column from row group `first` on; the next ones of the order are read with it, and kept while they
@@ -143,10 +149,10 @@ class ParquetFileColumns:
         return count
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"path": self.path}
+        return {"path": self.path, "texts": self.texts}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(state["path"])  # type: ignore[misc]
+        self.__init__(**state)  # type: ignore[misc]
 
 
 class ParquetColumn(LazyColumn):
@@ -222,7 +228,7 @@ class StoredColumn(LazyColumn):
         return self.store.parts(self.slot)
 
     def texts(self) -> tuple[NDArray[np.int64], list[str]]:
-        values = self.store.column(self.slot)
+        values, lengths = _runs(self.store.column(self.slot))
         codes = _codes(values)
         number = ~np.isnan(values)
         codes, words = words_that_occur(codes, self.words)
@@ -230,7 +236,7 @@ class StoredColumn(LazyColumn):
             distinct, place = np.unique(values[number], return_inverse=True)
             codes[number] = place + len(words)
             words += [f"{v:.0f}" if v == np.rint(v) and abs(v) < 1e15 else repr(v) for v in distinct.tolist()]
-        return codes, words
+        return codes if lengths is None else np.repeat(codes, lengths), words
 
     def arrow(self) -> pa.ChunkedArray:
         if pa.types.is_null(self.type):
@@ -242,6 +248,16 @@ class StoredColumn(LazyColumn):
         codes, words = self.texts()
         coded = pa.DictionaryArray.from_arrays(pa.array(codes.astype(np.int32), mask=codes < 0), pa.array(words))
         return pa.chunked_array([coded])
+
+
+def _runs(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
+    """Return one value of each run of the same bits, and how long it is; all values and None where runs are short."""
+    bits = values.view(np.int64)
+    starts = np.flatnonzero(bits[1:] != bits[:-1]) + 1
+    if len(starts) > len(values) // 8:
+        return values, None
+    starts = np.concatenate([[0], starts]) if len(values) else starts
+    return values[starts], np.diff(np.append(starts, len(values)))
 
 
 def _codes(values: NDArray[np.float64]) -> NDArray[np.int64]:

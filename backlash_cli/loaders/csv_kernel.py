@@ -114,8 +114,8 @@ def parse_lines(
 
     text: bytes, of which `size` are lines; the last one of these ends a line, and PAD more follow. slots: per column
     its row of `bits`, SKIP or STAMP. bits: (slots, rows) uint64, bits of the numbers, of EVENT plus a number for words.
-    stamps: (rows, columns of stamps, 2) takes where their cells begin and end. words: (words, 3) of slot, start and
-    end of each word that is not the one of the line before. last: (slots,) -1, takes the last word of each.
+    stamps: (rows, columns of stamps, 2) takes where their cells begin and end. words: (words, 4) of slot, start, end
+    and row of each word that is not the one of the line before. last: (slots,) -1, takes the last word of each.
     """
     columns, lines = np.uint64(len(slots)), np.uint64(bits.shape[1])
     if len(text) < size + PAD or size < 1 or text[size - 1] != 10:
@@ -157,6 +157,7 @@ def parse_lines(
                             if found == len(words):
                                 return np.int64(row), found, WORDS_FULL
                             words[found, 0], words[found, 1], words[found, 2] = slot, np.int64(begin), np.int64(at)
+                            words[found, 3] = np.int64(row)
                             last[slot] = found
                             found += 1
                         found_bits = np.uint64(EVENT) + np.uint64(last[slot])
@@ -190,3 +191,13 @@ def parse_lines(
         at += one
         row += one
     return np.int64(row), found, DONE if at == end else STRANGE
+
+
+@compiled
+def put_words(cells: Any, rows: Any, events: Any, meant: Any) -> None:
+    """Put bits where those of events stand: each event from its row on, up to the row of the next."""
+    for k in range(len(rows)):
+        last = rows[k + 1] if k + 1 < len(rows) else len(cells)
+        some, event, bits = cells[rows[k] : last], events[k], meant[k]
+        for i in range(len(some)):
+            some[i] = bits if some[i] == event else some[i]

@@ -18,9 +18,11 @@ class ForeignText(Exception):
 
 @dataclass
 class Signal:
-    """One stored column on its way through the blocks: its words by code, and what has been seen."""
+    """One stored column on its way through the blocks: its words by code, and what has been seen. met: the bits that
+    stand for words met among numbers."""
 
     words: dict[str, int] = field(default_factory=dict)
+    met: dict[str, int] = field(default_factory=dict)
     filled: bool = False
     not_finite: bool = False
 
@@ -40,16 +42,16 @@ class Signal:
         if self.words and self.not_finite:
             raise ForeignText
 
-    def take_words(self, found: list[tuple[int, str]], out: NDArray[np.float64], decimal: str) -> None:
-        """Put words where the bits that stand for them are in `out`. Raises ForeignText."""
-        place = dict.fromkeys(word for _, word in found)
-        self.filled |= any(word not in BLANK and word not in ("", " ") for word in place)
-        bits = dict(zip(place, self._bits(pa.array(place, pa.string()), decimal).tolist(), strict=True))
-        events = np.array([event for event, _ in found])
-        meant = np.array([bits[word] for _, word in found])
-        cells = out.view(np.int64)
-        where = np.flatnonzero((cells >= events[0]) & (cells <= events[-1]))
-        cells[where] = meant[np.searchsorted(events, cells[where])]
+    def take_words(self, found: list[tuple[int, int, str]], out: NDArray[np.float64], decimal: str) -> None:
+        """Put words where the bits that stand for them are in `out`, each from its row on. Raises ForeignText."""
+        from .csv_kernel import put_words
+
+        new = [word for word in dict.fromkeys(word for _, _, word in found) if word not in self.met]
+        if new:
+            self.filled |= any(word not in BLANK and word not in ("", " ") for word in new)
+            self.met.update(zip(new, self._bits(pa.array(new, pa.string()), decimal).tolist(), strict=True))
+        events, rows = np.array([event for event, _, _ in found]), np.array([row for _, row, _ in found])
+        put_words(out.view(np.int64), rows, events, np.array([self.met[word] for _, _, word in found]))
         if self.words and self.not_finite:
             raise ForeignText
 

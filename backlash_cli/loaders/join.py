@@ -64,7 +64,9 @@ def by_loop(
         name = renamed.get(item.loop, item.loop)
         if (item.role in asked.get(name, {})) and item.role:
             continue  # the metadata name another tag for this signal
-        own = loops.setdefault(name, LoopSeries(name))
+        own = loops.get(name)
+        if own is None:
+            own = loops[name] = LoopSeries(name)
         (own.roles if item.role else own.extra).setdefault(item.role or item.signal, []).append(item)
     for loop, tags in asked.items():
         for role, tag in tags.items():

@@ -103,6 +103,10 @@ def _parquet(
     if layout_of(head, options) not in ("wide", "single"):
         long = long_layout(head, options)
         return None if long is None else long_parquet(source.file, head, long, options, lazily)
+    stamps = time_columns(head)
+    texts = tuple(f.name for i, f in enumerate(schema) if pa.types.is_string(f.type) and i not in stamps)
+    if texts:
+        source = ParquetFileColumns(path, texts, about)
     columns = tuple(ParquetColumn(source, i, f.type, about.num_rows) for i, f in enumerate(schema))
     return Table(str(path), stem_of(path), names, columns, partition=partition)
 

@@ -11,6 +11,7 @@ from ..errors import MetadataError, nearest
 from .metadata import LoopValues, Metadata, check_keys, inherit
 from .metadata_table import parse_table
 from .places import place
+from .plain_toml import plain_toml
 
 SIZE_LIMIT = 32 << 20
 
@@ -43,7 +44,9 @@ def read_metadata(path: str | PathLike[str]) -> Metadata:
 def parse_toml(text: str, where: str) -> Metadata:
     """Read metadata from TOML text."""
     try:
-        document = tomllib.loads(text)
+        document = plain_toml(text)
+        if document is None:
+            document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         line = re.search(r"\(at line (\d+)", str(error))
         raise MetadataError(

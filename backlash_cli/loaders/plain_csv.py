@@ -24,11 +24,12 @@ ROWS_AN_HOUR = 4  # fewer: then each stamp is better read by itself
 
 @dataclass
 class PlainBlock:
-    """piece: (slots, rows) float64. stamps: by column. words: slot -> (bits that stand for it, the word)."""
+    """piece: (slots, rows) float64. stamps: by column. words: slot -> (bits that stand for it, the row from which on they
+    do, the word)."""
 
     piece: NDArray[np.float64]
     stamps: dict[int, pa.ChunkedArray | HourlyStamps]
-    words: dict[int, list[tuple[int, str]]]
+    words: dict[int, list[tuple[int, int, str]]]
 
 
 @dataclass
@@ -65,19 +66,19 @@ class PlainLines:
         slots[self.stamps] = STAMP
         bits = np.empty((len(self.stored), lines), np.uint64)
         stamps = np.empty((lines, len(self.stamps), 2), np.int64)
-        words, last = np.empty((MOST_WORDS, 3), np.int64), np.full(len(self.stored), -1)
+        words, last = np.empty((MOST_WORDS, 4), np.int64), np.full(len(self.stored), -1)
         rows, count, ended = parse_lines(
             text.data, len(text), slots, ord(self.dialect.delimiter), ord(self.dialect.decimal), bits, stamps, words,
             last, TENS, WHOLE_TENS, FIVES
         )
         if ended != DONE or rows != lines:
             return None
-        found: dict[int, list[tuple[int, str]]] = defaultdict(list)
-        for event, (slot, start, end) in enumerate(words[:count].tolist()):
+        found: dict[int, list[tuple[int, int, str]]] = defaultdict(list)
+        for event, (slot, start, end, row) in enumerate(words[:count].tolist()):
             word = text.data[start:end].tobytes().decode()
             if _is_float(word):  # inf, nan, or a number in a form that only pyarrow knows
                 return None
-            found[slot].append((EVENT + event, word))
+            found[slot].append((EVENT + event, row, word))
         read = self._stamps(text, stamps) if self.stamps else {}
         return None if read is None else PlainBlock(bits.view(np.float64), read, found)
 

@@ -42,7 +42,7 @@ def good_samples(cells: Cells, further: tuple[str, ...]) -> tuple[NDArray[np.boo
     good = [word.strip().lower() in extra or (bool(_GOOD.match(word)) and not _DOUBT.search(word)) for word in words]
     blank_is_good = not any(good)  # only faults are marked
     table_good = np.array([*good, blank_is_good], bool)
-    if not blank_is_good:
+    if not blank_is_good and codes.min(initial=0) < 0:
         # a change-driven quality column leaves unchanged rows empty: the last word holds
         filled = codes.copy()
         position = np.maximum.accumulate(np.where(filled >= 0, np.arange(len(filled)), 0))

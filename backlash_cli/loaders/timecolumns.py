@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import pyarrow as pa
@@ -20,12 +20,19 @@ from .times import DAY, NAT, Times, to_times
 _BOUNDS = ("start", "stop", "end", "from", "to", "begin", "starttime", "endtime", "stoptime", "intervalstart")
 
 
+_STAMPS = {pa.lib.Type_TIMESTAMP, pa.lib.Type_DATE32, pa.lib.Type_DATE64, pa.lib.Type_TIME32, pa.lib.Type_TIME64}
+
+
+@lru_cache(1 << 16)
+def _of_time(name: str) -> tuple[bool, bool]:
+    """Whether a column is called after the begin or end of something, and whether after the time."""
+    return plain(name) in _BOUNDS, is_time_name(name) or split_tag(name).role == "time"
+
+
 def is_time_like(table: Table, column: int) -> bool:
     """Say whether a column holds dates or times of day (by type, or by what its first cells look like)."""
     kind = table.columns[column].type
-    if pa.types.is_timestamp(kind) or pa.types.is_date(kind) or pa.types.is_time(kind):
-        return True
-    return table.kind(column) in ("time", "clock") and not _is_number(kind)
+    return kind.id in _STAMPS or (table.kind(column) in ("time", "clock") and not _is_number(kind))
 
 
 def _arrow(table: Table, column: int) -> pa.ChunkedArray:
@@ -41,9 +48,9 @@ def time_columns(table: Table) -> list[int]:
     """Return the columns that hold stamps, numeric ones only when their header says so."""
     found = []
     for i, name in enumerate(table.names):
-        if plain(name) in _BOUNDS or pa.types.is_null(table.columns[i].type):
+        bound, named = _of_time(name)
+        if bound or pa.types.is_null(table.columns[i].type):
             continue
-        named = is_time_name(name) or split_tag(name).role == "time"
         if is_time_like(table, i) or (named and _is_number(table.columns[i].type)):
             found.append(i)
     if not found:

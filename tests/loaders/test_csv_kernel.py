@@ -18,11 +18,11 @@ def parsed(text: bytes, slots=(0,), point=".", words=50):
     data = np.frombuffer(text + bytes(PAD), np.uint8)
     lines = look(data[: len(text)])[0]
     bits = np.zeros((sum(s >= 0 for s in slots), lines), np.uint64)
-    stamps, found = np.zeros((lines, sum(s == STAMP for s in slots), 2), np.int64), np.zeros((words, 3), np.int64)
+    stamps, found = np.zeros((lines, sum(s == STAMP for s in slots), 2), np.int64), np.zeros((words, 4), np.int64)
     rows, count, ended = parse_lines(
         data, len(text), np.array(slots), ord(","), ord(point), bits, stamps, found, np.full(len(bits), -1), TENS,
         WHOLE_TENS, FIVES)
-    cells = [text[a:b].decode() for _, a, b in found[:count]]
+    cells = [text[a:b].decode() for _, a, b, _ in found[:count]]
     out = np.zeros(len(text) + stamps.size, np.uint8)
     written = copy_cells(data, stamps[:rows], ord(","), out)
     return bits.view(np.float64)[:, :rows], bytes(out[:written]).decode(), cells, ended

@@ -63,7 +63,7 @@ for k in range(20000):
 names = parsed.__globals__
 for size in (1, 2):
     ended = names["parse_lines"](np.frombuffer(b"1\\n", np.uint8), size, np.array([0]), 44, 46,
-        np.zeros((1, 1), np.uint64), np.zeros((1, 0, 2), np.int64), np.zeros((1, 3), np.int64), np.full(1, -1),
+        np.zeros((1, 1), np.uint64), np.zeros((1, 0, 2), np.int64), np.zeros((1, 4), np.int64), np.full(1, -1),
         *(names[n] for n in ("TENS", "WHOLE_TENS", "FIVES")))[-1]
     assert ended == names["STRANGE"]
 print("room behind the lines is asked for")
