@@ -24,8 +24,8 @@ ROWS_AN_HOUR = 4  # fewer: then each stamp is better read by itself
 
 @dataclass
 class PlainBlock:
-    """piece: (slots, rows) float64. stamps: by column. words: slot -> (bits that stand for it, the row from which on they
-    do, the word)."""
+    """piece: (slots, rows) float64. stamps: by column. words: slot -> (bits that stand for it, the row from which
+    on they do, the word)."""
 
     piece: NDArray[np.float64]
     stamps: dict[int, pa.ChunkedArray | HourlyStamps]

@@ -176,6 +176,6 @@ def test_every_column_of_a_parquet_is_decoded_once(tmp_path, monkeypatch):
             return self._file.reader.read_row_groups(groups, column_indices=column_indices, use_threads=use_threads)
 
     make = pa_parquet.ParquetFile
-    monkeypatch.setattr(pa_parquet, "ParquetFile", lambda source: Counted(make(source)))
+    monkeypatch.setattr(pa_parquet, "ParquetFile", lambda source, **how: Counted(make(source, **how)))
     assert len(read_lazily(tmp_path / "plant.parquet")) == 7
     assert sorted(read_columns) == list(range(1 + len(names)))
