@@ -12,7 +12,8 @@ from backlash_cli.loaders.plain_toml import plain_toml
 VALUES = st.one_of(
     st.integers(-(2**60), 2**60).map(str), st.floats(-1e9, 1e9).map(repr), st.sampled_from([
          "[0, 100]", "[ -1.5,2 ]", "[]", "true", "false", '"0.5 min"', "'x'", '"a\\n"', '"é"', "01", "1_000", "+1",
-         "1.", ".5", "inf", "nan", "0x1F", "1e5", "1E-3", '""', '"#"', "[1, [2]]", "{}", "1979-05-27", "[1,]", "1 2", ""]))
+         "1.", ".5", "inf", "nan", "0x1F", "1e5", "1E-3", '""', '"#"', "[1, [2]]", "{}", "1979-05-27", "[1,]", "1 2",
+         ""]))
 KEYS = st.sampled_from(["K", "Ti", "Td", "pv_range", '"K"', "a.b", "pv", "é", "sp-1", ""])
 NAMES = st.sampled_from(["[defaults]", "[loops]", "[loops.A]", "[loops.B]", '[loops."C D"]', "[loops.'E']",
                          "[ loops.F ]", "[loops.A.x]", "[[loops]]", "[defaults.K]", "[loops.A] # yes", "[loops.A"])
