@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -197,11 +196,11 @@ class LoopScanner:
     def _tally(self, h: HalfPeriods, left_out: int, accepted: np.ndarray, long: np.ndarray) -> dict[str, object]:
         """Counts of all half periods, of which `left_out` were too short to be kept, and the estimates listed."""
         hours = max(self.used * self.interval / 3600.0, 1e-12)
-        reasons = h.why.tolist()
-        counts = Counter(reasons)
-        codes = tuple(sorted(counts))
-        place = {code: number for number, code in enumerate(codes)}
-        why = np.array([place[reason] for reason in reasons], dtype=np.uint8)
+        codes = tuple(sorted(set(h.why.tolist())))
+        why, counts = np.zeros(len(h), dtype=np.uint8), {}
+        for number, code in enumerate(codes):
+            mine = h.why == code
+            why[mine], counts[code] = number, int(np.count_nonzero(mine))
         rejected = {code: n for code, n in counts.items() if code != "ok"}
         if left_out:
             rejected["too_short"] = rejected.get("too_short", 0) + left_out

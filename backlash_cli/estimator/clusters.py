@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import lru_cache
 from statistics import NormalDist
 
+import numba
 import numpy as np
 
 from ..record import FloatArray
@@ -26,13 +27,25 @@ def densest(d: FloatArray) -> Cluster | None:
     values = np.sort(d[d > 0])
     if not len(values):
         return None
-    low = np.searchsorted(values, values * (1 - CLOSE), "left")
-    high = np.searchsorted(values, values * (1 + CLOSE), "right")
-    best = int(np.argmax(high - low))
-    members = values[low[best] : high[best]]
+    low, high = _fullest(values)
+    members = values[low:high]
     q1, centre, q3 = (_quantile(members, q) for q in (0.25, 0.5, 0.75))
     return Cluster(centre, median_interval(members), (q3 - q1) / centre, len(members),
                    len(members) / len(values))
+
+
+@numba.njit(cache=True, nogil=True)
+def _fullest(values: FloatArray) -> tuple[int, int]:
+    """First and one after the last of the values, in order, that lie close to the one with the most neighbours."""
+    low = high = first = last = 0
+    for value in values:
+        while values[low] < value * (1 - CLOSE):
+            low += 1
+        while high < len(values) and values[high] <= value * (1 + CLOSE):
+            high += 1
+        if high - low > last - first:
+            first, last = low, high
+    return first, last
 
 
 def gathered(d: FloatArray) -> tuple[Cluster, ...]:

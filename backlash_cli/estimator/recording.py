@@ -53,12 +53,7 @@ def _lattice(ordered: FloatArray) -> float:
     """The same from the values in order."""
     if len(ordered) < 2 or ordered[0] == ordered[-1]:
         return 0.0
-    step, levels = lattice(ordered, EXACT * float(ordered[-1] - ordered[0]), LATTICE)
-    # A lattice is a finding only where levels recur: a few scattered values always fit some lattice.
-    if step > 0.0 and levels > 0.7 * len(ordered):
-        gaps = np.diff(ordered)
-        step = step if _median(gaps[gaps > EXACT * float(ordered[-1] - ordered[0])]) <= 2.0 * step else 0.0
-    return step
+    return float(lattice(ordered, EXACT * float(ordered[-1] - ordered[0]), LATTICE))
 
 
 def fast_noise(index: IntArray, values: FloatArray) -> float:

@@ -12,16 +12,18 @@ import numpy as np
 from ..record import FloatArray, IntArray
 
 PIECE = 128
+RECUR = 0.7  # share of different values up to which levels recur
 NEVER = 0x7FFFFFFFFFFFFFFF
 LARGEST = 0.2  # of a step that a difference may be off, however many steps it has
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def lattice(ordered: FloatArray, least: float, limit: float) -> tuple[float, int]:
-    """Step of the lattice that values in order lie on, 0 when they lie on none, and how many different ones there are.
+def lattice(ordered: FloatArray, least: float, limit: float) -> float:
+    """Step of the lattice that values in order lie on, 0 when they lie on none.
 
     least: differences up to it are none. limit: how far from a whole number of steps a difference may lie, growing with
-    the square root of the number, up to a fifth.
+    the square root of the number, up to a fifth. A lattice is a finding only where levels recur, or where the typical
+    difference is a step or two: a few scattered values always fit some lattice.
     """
     gaps = ordered[1:] - ordered[:-1]
     bits = gaps.view(np.int64)  # of numbers that are not negative, in the same order as these
@@ -36,8 +38,28 @@ def lattice(ordered: FloatArray, least: float, limit: float) -> tuple[float, int
             break
     for parts in (1.0, 2.0, 3.0, 5.0):
         if _fits(gaps, least, parts / step, limit * limit):
-            return step / parts, levels
-    return 0.0, levels
+            step /= parts
+            return step if levels <= RECUR * len(ordered) or _median_below(gaps, least, 2.0 * step) else 0.0
+    return 0.0
+
+
+@numba.njit(cache=True, nogil=True)
+def _median_below(gaps: FloatArray, least: float, limit: float) -> bool:
+    """Whether the median of the differences above `least` is at most `limit`; without putting them in order."""
+    n = below = 0
+    last, first = 0.0, np.inf  # the nearest to the limit on either side
+    for k in range(len(gaps)):
+        gap = gaps[k]
+        if gap > least:
+            n += 1
+            if gap <= limit:
+                below += 1
+                last = max(last, gap)
+            else:
+                first = min(first, gap)
+    if 2 * below == n:
+        return 0.5 * (last + first) <= limit
+    return 2 * below > n
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
