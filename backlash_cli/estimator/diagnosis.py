@@ -227,8 +227,8 @@ def _curve_fit(test: str, of: Wave) -> Vote:
 def _correlation(measurement: FloatArray, output: FloatArray, period: float) -> Vote:
     reach = round(period)
     pv, op = detrended(measurement, period), detrended(output, period)
-    right = _first_crossing(autocorrelation(op, pv)[: reach + 1])
-    left = _first_crossing(autocorrelation(pv, op)[: reach + 1])
+    right = _first_crossing(autocorrelation(op, pv, reach + 1))
+    left = _first_crossing(autocorrelation(pv, op, reach + 1))
     asymmetry = abs(left - right) / (left + right)
     speaks = "stiction" if asymmetry > 2 / 3 else "not stiction" if asymmetry < 1 / 3 else ""
     return Vote("correlation", asymmetry, speaks, "odd above 2/3, even below 1/3")
@@ -244,11 +244,14 @@ def _first_crossing(values: FloatArray) -> float:
 
 def _setpoint(setpoint: FloatArray, measurement: FloatArray, period: float) -> Vote:
     """Swing of the setpoint at the period, over that of PV."""
+    limits = "setpoint above 0.5 of the swing of PV"
+    if np.ptp(setpoint) == 0.0:
+        return Vote("setpoint", 0.0, "", limits)
     turn = np.exp(-2j * np.pi * np.arange(len(setpoint)) / period)
     of_setpoint = abs(np.sum(detrended(setpoint, period) * turn))
     of_measurement = abs(np.sum(detrended(measurement, period) * turn))
     share = float(of_setpoint / of_measurement) if of_measurement > 0 else 0.0
-    return Vote("setpoint", share, "setpoint" if share > 0.5 else "", "setpoint above 0.5 of the swing of PV")
+    return Vote("setpoint", share, "setpoint" if share > 0.5 else "", limits)
 
 
 def _longest_stretch(record: Record) -> tuple[FloatArray, FloatArray, FloatArray | None]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..kernels import play
 from ..record import FloatArray
-from .wave import crossings, detrended
+from .wave import between, crossings, detrended
 
 POINTS = 128
 HARMONICS = np.arange(1, 10)
@@ -127,8 +127,7 @@ def _cycles(pv: FloatArray, op: FloatArray, period: float) -> tuple[FloatArray, 
     typical = np.flatnonzero((length > 0.6 * period) & (length < 1.5 * period))
     grid = np.arange(POINTS) / POINTS
     time = starts[typical, None] + grid * length[typical, None]
-    samples = np.arange(len(pv))
-    return np.interp(time, samples, pv), np.interp(time, samples, op)
+    return between(pv, time), between(op, time)
 
 
 def _played(cycle: FloatArray, d: float) -> FloatArray:
