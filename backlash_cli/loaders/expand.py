@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .grid import GAP_FACTOR, MAX_HOLE, Grid
+from .grid import Grid
+from .grid_plan import GAP_FACTOR, MAX_HOLE
 from .join import Signal
 
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from ..errors import LoopError
 from ..record import Note
 from .expand import held, hold_limit, linear, on_grid, usual_spacing
-from .grid import GAP_FACTOR, MAX_HOLE, SPARSE_SHARE, Grid
+from .grid import Grid
+from .grid_plan import GAP_FACTOR, MAX_HOLE, SPARSE_SHARE
 from .join import Joiner, LoopSeries, Signal
 from .options import ReadOptions
 from .quality import automatic
