@@ -183,6 +183,40 @@ class ParquetColumn(LazyColumn):
         return (to_numbers(piece).values for piece in self.file.pieces(self.index, self.first))
 
 
+def word_codes(values: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the code of the word of each stored cell, -1 for numbers and empty cells."""
+    return np.where(np.isnan(values), values.view(np.int64) - (TAG + 1), -1)
+
+
+def word_counts(values: NDArray[np.float64], words: int) -> NDArray[np.int64]:
+    """Count the words of stored cells by their codes."""
+    codes = word_codes(values)
+    return np.bincount(codes[codes >= 0], minlength=words)
+
+
+class WordReading:
+    """What the words of a column mean as numbers; counts: how often each stands there.
+
+    tally: words that are no good numbers, counted. unit: the unit behind most of the others.
+    """
+
+    def __init__(self, words: list[str], counts: NDArray[np.int64], decimal: str) -> None:
+        self._found, self._bad, units = parse_words(words, decimal)
+        self.unit, foreign = main_unit([u if c else "" for u, c in zip(units, counts, strict=True)], counts)
+        self._bad |= foreign
+        self._found[self._bad] = np.nan
+        there = [i for i in np.flatnonzero(self._bad) if counts[i]]
+        self.tally = Counter({words[i].strip()[:40]: int(counts[i]) for i in there})
+
+    def apply(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return (numbers, bad) of stored cells."""
+        codes = word_codes(values)
+        said = codes >= 0
+        out = values.copy()
+        out[said] = self._found[codes[said]]
+        return out, np.append(self._bad, False)[codes]
+
+
 class Stored(Protocol):
     """Columns of float64 that a StoredColumn reads: a ColumnStore, or the rows of a tag in one."""
 
@@ -211,17 +245,9 @@ class StoredColumn(LazyColumn):
         values = self.store.column(self.slot)
         if not self.words:
             return Numbers(values)
-        codes = _codes(values)
-        found, bad, units = parse_words(self.words, decimal)
-        counts = np.bincount(codes[codes >= 0], minlength=len(self.words))
-        unit, foreign = main_unit([u if c else "" for u, c in zip(units, counts, strict=True)], counts)
-        bad |= foreign
-        found[bad] = np.nan
-        said = codes >= 0
-        values[said] = found[codes[said]]
-        flags = np.append(bad, False)[codes]
-        tally = Counter({self.words[i].strip()[:40]: int(counts[i]) for i in np.flatnonzero(bad) if counts[i]})
-        return Numbers(values, flags if flags.any() else None, tally, unit)
+        reading = WordReading(self.words, word_counts(values, len(self.words)), decimal)
+        values, flags = reading.apply(values)
+        return Numbers(values, flags if flags.any() else None, reading.tally, reading.unit)
 
     def number_parts(self) -> Iterator[NDArray[np.float64]]:
         """Yield the cells as numbers, some rows at a time; only of a column without words."""
@@ -229,7 +255,7 @@ class StoredColumn(LazyColumn):
 
     def texts(self) -> tuple[NDArray[np.int64], list[str]]:
         values, lengths = _runs(self.store.column(self.slot))
-        codes = _codes(values)
+        codes = word_codes(values)
         number = ~np.isnan(values)
         codes, words = words_that_occur(codes, self.words)
         if number.any():
@@ -258,8 +284,3 @@ def _runs(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.
         return values, None
     starts = np.concatenate([[0], starts]) if len(values) else starts
     return values[starts], np.diff(np.append(starts, len(values)))
-
-
-def _codes(values: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the code of the word of each cell, -1 for numbers and empty cells."""
-    return np.where(np.isnan(values), values.view(np.int64) - (TAG + 1), -1)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from .grid import Grid
 from .grid_plan import GAP_FACTOR, MAX_HOLE
 from .join import Signal
+from .steps import Steps
 
 
 def on_grid(values: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
@@ -37,10 +38,12 @@ def linear(signal: Signal, grid: Grid, limit: float) -> NDArray[np.float64]:
     return out
 
 
-def held(signal: Signal, grid: Grid, limit: float | None, bridge: int, late: int = 0) -> NDArray[np.float64]:
+def held(signal: Signal, grid: Grid, limit: float | None, bridge: int, late: int = 0,
+         spacing: float | None = None) -> NDArray[np.float64]:
     """The last good record at or before each grid point; nan before the first, after `limit` microseconds, and from
     a bad record on when no good one follows within `bridge` samples or a few records. late: microseconds by which a
-    record may be stamped late and still belong to its grid point."""
+    record may be stamped late and still belong to its grid point. spacing: between its records, where only some of
+    them are given [microseconds]."""
     stamps, values, good = _records(signal)
     times = grid.times + late
     if not good.any():
@@ -56,7 +59,8 @@ def held(signal: Signal, grid: Grid, limit: float | None, bridge: int, late: int
         faults = stamps[~good]
         fault = np.searchsorted(faults, times, side="right") - 1
         stale = (fault >= 0) & (faults[fault.clip(0)] > known[last.clip(0)])
-        spacing = float(np.median(np.diff(stamps))) if len(stamps) > 1 else float(grid.step)
+        if spacing is None:
+            spacing = float(np.median(np.diff(stamps))) if len(stamps) > 1 else float(grid.step)
         few = max((bridge + 0.5) * grid.step, (MAX_HOLE + 0.5) * spacing)
         out[stale & (age > few)] = np.nan
     return out
@@ -64,20 +68,28 @@ def held(signal: Signal, grid: Grid, limit: float | None, bridge: int, late: int
 
 def usual_spacing(signal: Signal) -> float:
     """The spacing in microseconds that 99 % of the records of a signal keep."""
-    stamps, _, good = _records(signal)
-    steps = np.diff(stamps[good])
-    return float(np.quantile(steps, 0.99)) if len(steps) else 0.0
+    steps = _good_steps(signal)
+    return 0.0 if steps is None else steps.quantile(0.99)
 
 
 def hold_limit(signal: Signal) -> float:
     """How long in microseconds a value holds: while it is recorded on change, until the next record; while it is
     recorded at regular times, GAP_FACTOR intervals, for then a longer silence is a loss."""
-    stamps, _, good = _records(signal)
-    steps = np.diff(stamps[good])
-    if not len(steps):
+    return longest_hold(_good_steps(signal))
+
+
+def longest_hold(steps: Steps | None) -> float:
+    """As `hold_limit`, from the distances between the good records; None if there are none."""
+    if steps is None:
         return float("inf")
-    usual = float(np.quantile(steps, 0.95))
-    return GAP_FACTOR * usual if usual <= 3.0 * float(np.median(steps)) else float(steps.max())
+    usual = steps.quantile(0.95)
+    return GAP_FACTOR * usual if usual <= 3.0 * steps.median else float(steps.longest)
+
+
+def _good_steps(signal: Signal) -> Steps | None:
+    stamps, _, good = _records(signal)
+    stamps = stamps[good]
+    return Steps.of(stamps) if len(stamps) > 1 else None
 
 
 def _records(signal: Signal) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:

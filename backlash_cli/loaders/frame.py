@@ -22,6 +22,20 @@ from .times import NAT
 LONGEST_FILL = 60  # samples, however slow the controller
 
 
+MODE_EMPTY = Note("mode_empty", "the MODE column is empty; the loop is taken to be in automatic")
+
+
+def mode_before(first: float | None, samples: int) -> tuple[float, Note]:
+    """Return the mode before the first recorded one (1 automatic), and what is to be said of so many samples.
+
+    A first change to manual means automatic before, and the other way round.
+    """
+    automatic_first = first == 0.0
+    text = f"{samples} samples before the first recorded mode are taken as "
+    note = Note("mode_unknown", text + ("automatic" if automatic_first else "not automatic"))
+    return (1.0 if automatic_first else 0.0), note
+
+
 @dataclass
 class Frame:
     """The grid of one loop. axis: that of the measurement. bridge: longest hole in samples that is filled.
@@ -58,12 +72,7 @@ class Frame:
         signal = self.joiner.signal(self.loop.roles[role], role, self.loop.name)
         self.notes += signal.notes
         if signal.axis is not self.axis:
-            how = (
-                "interpolated on straight lines"
-                if self.options.interpolation == "linear"
-                else "held until the next record"
-            )
-            self.notes.append(Note("expanded", f"{role.upper()} is recorded at its own times; it is {how}"))
+            self.notes.append(own_times(role, self.options))
         return self._expanded(signal, role)
 
     def disturbance(self, items: list[Series]) -> NDArray[np.float64] | None:
@@ -74,28 +83,26 @@ class Frame:
             return None
         return self._expanded(signal, "dv") if np.isfinite(signal.values).any() else None
 
-    def manual(self, auto_modes: tuple[str, ...]) -> NDArray[np.bool_] | None:
-        """True where the controller was not in automatic; None when no mode is recorded."""
+    def manual(self, auto_modes: tuple[str, ...]) -> tuple[NDArray[np.bool_] | None, list[Note]]:
+        """True where the controller was not in automatic, None when no mode is recorded; and what is to be said."""
         if "mode" not in self.loop.roles:
-            return None
+            return None, []
         parts = []
+        notes: list[Note] = []
         for item in self.loop.roles["mode"]:
             values, more = automatic(item.cells, auto_modes)
-            self.notes += more
+            notes += more
             parts.append((item.axis, values))
         signal = Signal(self.joiner.axis([a for a, _ in parts]), np.concatenate([v for _, v in parts]), None)
         if not np.isfinite(signal.values).any():
-            self.notes.append(Note("mode_empty", "the MODE column is empty; the loop is taken to be in automatic"))
-            return None
+            return None, [*notes, MODE_EMPTY]
         values = self._expanded(signal, "mode")
         unknown = np.isnan(values)
         if unknown.any():
-            # before the first record: a first change to manual means automatic before, and the other way round
-            automatic_first = not unknown.all() and values[np.flatnonzero(~unknown)[0]] == 0.0
-            values = np.where(unknown, 1.0 if automatic_first else 0.0, values)
-            text = f"{int(unknown.sum())} samples before the first recorded mode are taken as "
-            self.notes.append(Note("mode_unknown", text + ("automatic" if automatic_first else "not automatic")))
-        return values == 0.0
+            before, note = mode_before(None if unknown.all() else float(values[~unknown][0]), int(unknown.sum()))
+            values = np.where(unknown, before, values)
+            notes.append(note)
+        return values == 0.0, notes
 
     def _expanded(self, signal: Signal, role: str) -> NDArray[np.float64]:
         if signal.axis is self.axis and self.grid.kind == "regular":
@@ -103,7 +110,7 @@ class Frame:
             if not _has_nan(values):
                 return values
             if signal.bad is None and role != "sp" and np.count_nonzero(np.isnan(values)) < SPARSE_SHARE * len(values):
-                return self._bridged(values)
+                return bridged(values, self.grid.index, self.bridge)
         limit = None
         if role not in ("sp", "mode"):
             limit = max(hold_limit(signal), (self.bridge + 1.5) * self.grid.step)
@@ -113,16 +120,27 @@ class Frame:
         late = self.grid.step // 2 if self.grid.kind == "jitter" and signal.axis is self.axis else 0
         return held(signal, self.grid, limit, self.bridge, late)
 
-    def _bridged(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Hold a few blank cells, but not across a gap."""
-        out = hold_last(values, self.bridge)
-        index = self.grid.index
-        if index[-1] - index[0] != len(index) - 1:
-            first = np.flatnonzero(np.diff(index) > 1) + 1
-            for position in first[np.isnan(values[first])]:
-                known = np.flatnonzero(np.isfinite(values[position:]))
-                out[position : position + known[0] if len(known) else None] = np.nan
-        return out
+
+def bridged(values: NDArray[np.float64], index: NDArray[np.int64], bridge: int) -> NDArray[np.float64]:
+    """Hold a few blank cells, but not across a gap. index: (samples,) grid numbers."""
+    out = hold_last(values, bridge)
+    if index[-1] - index[0] != len(index) - 1:
+        first = np.flatnonzero(np.diff(index) > 1) + 1
+        for position in first[np.isnan(values[first])]:
+            known = np.flatnonzero(np.isfinite(values[position:]))
+            out[position : position + known[0] if len(known) else None] = np.nan
+    return out
+
+
+def own_times(role: str, options: ReadOptions) -> Note:
+    """Say how a signal that has stamps of its own is brought to those of the measurement."""
+    how = "interpolated on straight lines" if options.interpolation == "linear" else "held until the next record"
+    return Note("expanded", f"{role.upper()} is recorded at its own times; it is {how}")
+
+
+def seldom_recorded(rows: int, blank: int, edges: int) -> bool:
+    """Whether blank cells mean that a measurement was recorded less often. edges: where blank cells begin."""
+    return 0 < blank < rows and (edges > SPARSE_SHARE * (rows - blank) or blank > 0.9 * rows)
 
 
 def _has_nan(values: NDArray[np.float64]) -> bool:
@@ -141,8 +159,7 @@ def grid_of(pv: Signal) -> tuple[Grid, Signal]:
     count = int(blank.sum())
     if count and count < len(blank):
         known = pv.axis.micros != NAT
-        edges = int(np.count_nonzero(blank[1:] & ~blank[:-1] & known[1:]))
-        if edges > SPARSE_SHARE * (len(blank) - count) or count > 0.9 * len(blank):
+        if seldom_recorded(len(blank), count, int(np.count_nonzero(blank[1:] & ~blank[:-1] & known[1:]))):
             rows = np.flatnonzero(~blank)
             bad = None if pv.bad is None else pv.bad[rows]
             pv = replace(pv, axis=pv.axis.take(rows), values=pv.values[rows], bad=bad)

@@ -108,8 +108,8 @@ class GridPlan:
         gaps = int(steps.counts[advance > ABSENT_ROWS + 1 if self.kind == "regular" else steps.values > self.gap].sum())
         if gaps:
             found.append(Note(
-                "gaps", f"{gaps} gap{'s' * (gaps > 1)} in the record, the longest "
-                f"{_length(steps.longest / SECOND)} from {utc_text(steps.before_longest)}; nothing is estimated across a gap",
+                "gaps", f"{gaps} gap{'s' * (gaps > 1)} in the record, the longest {_length(steps.longest / SECOND)} "
+                f"from {utc_text(steps.before_longest)}; nothing is estimated across a gap",
                 {"gaps": float(gaps), "longest_s": float(steps.longest / SECOND)}))
         if self.kind == "regular":
             holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)

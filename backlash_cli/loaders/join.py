@@ -123,8 +123,8 @@ class Joiner:
         bad = None
         if any(part.bad is not None for part in parts):
             bad = np.concatenate([np.zeros(len(p.values), bool) if p.bad is None else p.bad for p in parts])
-        merged = tuple(dict.fromkeys(_shareable(note) for part in parts for note in part.notes))
-        return Signal(self.axis([part.axis for part in parts]), values, bad, (*_unshare(merged), *notes), parts[0].unit)
+        merged = each_once(note for part in parts for note in part.notes)
+        return Signal(self.axis([part.axis for part in parts]), values, bad, (*merged, *notes), parts[0].unit)
 
     def axis(self, axes: list[Axis]) -> Axis:
         """Return the axis of all rows of several axes, the same one for the same axes."""
@@ -147,29 +147,29 @@ class Joiner:
         values, bad = numbers.values, numbers.bad
         notes: list[Note] = []
         if numbers.words:
-            top = ", ".join(f"{word or '(blank)'} ({count})" for word, count in numbers.words.most_common(4))
-            notes.append(
-                Note(
-                    "not_numbers",
-                    f"{sum(numbers.words.values())} cells of {item.tag[:60]} are no good numbers: {top}",
-                    {"samples": float(sum(numbers.words.values()))},
-                )
-            )
+            notes.append(not_numbers(numbers.words, item.tag))
         if item.quality is not None:
             good, more = good_samples(item.quality, self.good_quality)
             notes.extend(more)
             if not good.all():
                 dropped = ~good
-                notes.append(
-                    Note(
-                        "bad_quality",
-                        f"{int(dropped.sum())} samples of {item.tag[:60]} have bad quality and are not used",
-                        {"samples": float(dropped.sum())},
-                    )
-                )
+                notes.append(bad_quality(int(dropped.sum()), item.tag))
                 bad = dropped if bad is None else bad | dropped
                 values = np.where(dropped, np.nan, values)
         return Signal(item.axis, values, bad, tuple(notes), numbers.unit)
+
+
+def not_numbers(words: Counter[str], tag: str) -> Note:
+    """Say which cells of a signal are no numbers."""
+    top = ", ".join(f"{word or '(blank)'} ({count})" for word, count in words.most_common(4))
+    count = sum(words.values())
+    return Note("not_numbers", f"{count} cells of {tag[:60]} are no good numbers: {top}", {"samples": float(count)})
+
+
+def bad_quality(count: int, tag: str) -> Note:
+    """Say how many samples of a signal have bad quality."""
+    return Note("bad_quality", f"{count} samples of {tag[:60]} have bad quality and are not used",
+                {"samples": float(count)})
 
 
 def _first_stamp(axis: Axis) -> int:
@@ -209,9 +209,7 @@ def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Seri
     return chosen, notes
 
 
-def _shareable(note: Note) -> tuple[str, str, tuple]:
-    return note.code, note.message, tuple(sorted(note.values.items()))
-
-
-def _unshare(notes: Iterable[tuple[str, str, tuple]]) -> tuple[Note, ...]:
-    return tuple(Note(code, message, dict(values)) for code, message, values in notes)
+def each_once(notes: Iterable[Note]) -> tuple[Note, ...]:
+    """Leave out notes that were there already."""
+    found = dict.fromkeys((note.code, note.message, tuple(sorted(note.values.items()))) for note in notes)
+    return tuple(Note(code, message, dict(values)) for code, message, values in found)

@@ -1,32 +1,32 @@
 """Records longer than memory should hold, made piece by piece: the same samples, states and notes as `build_record`.
 
-Only of loops where nothing has to be looked at as a whole: even stamps, SP, PV and OP numbers everywhere, known spans,
-PV within them and nowhere frozen. That is found out by reading the loop once; all others are read whole.
+What concerns the record as a whole (its grid, spans, frozen stretches, notes) is found out first, by going through the
+loop some times. Only stamps out of order and columns that are in memory anyway leave it to `build_record`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import Note, Record, SampleState
-from .clean import marked
-from .columns import ParquetColumn, StoredColumn
+from ..record import Note, Record
+from .clean import NO_OUTPUT, no_measurement, refuse_missing, without_setpoint
 from .even import LONG
-from .join import LoopSeries
-from .loop_settings import settings_of
+from .frame import MODE_EMPTY, mode_before
+from .long_frames import LongFrames, long_frames
+from .loop_settings import Settings, settings_of
+from .pieces import MARGIN, NotInPieces, Piece, in_blocks, length, with_margins
+from .ranks import StreamValues
 from .recipes import Recipe
-from .scaling import SLACK, Spans, normalise, spans_of
-from .series import EvenAxis, Series
-from .states import BEYOND, LIMIT_RUN, Repeats, complete, saturated
+from .samples import Counts, Samples
+from .scaling import Spans, normalised, spans_of
+from .standstill import Stretch, flags, still_stretches
+from .states import Repeats
 from .times import SECOND
-
-Piece = dict[str, NDArray[np.float64]]
-ROLES = {"pv", "sp", "op"}
-PIECE = 1 << 18  # samples looked at at once
 
 
 @dataclass(frozen=True)
@@ -34,20 +34,25 @@ class LongRecord:
     """A record that is read anew by every call of `blocks`. notes: of the whole record."""
 
     recipe: Recipe
-    axis: EvenAxis
+    signals: LongSignals
     spans: Spans
+    still: list[Stretch]
     notes: tuple[Note, ...]
 
     def blocks(self, size: int) -> Iterator[Record]:
         """Yield the record in blocks of `size` samples."""
-        first = 0
-        interval = self.axis.step / SECOND
-        pieces = _normalised(_pieces(self.recipe.series, size), self.spans.pv_range, self.spans.op_range)
-        for piece, state in _with_states(pieces):
-            index = np.arange(first, first + len(state))
-            yield Record(self.recipe.loop, self.axis.start / 1e6, interval, index, piece["sp"], piece["pv"],
-                         piece.get("op"), state, self.spans.settings, {}, self.notes)
-            first += len(state)
+        plan = self.signals.frames.plan
+        for piece in in_blocks(self._pieces(), size):
+            yield Record(self.recipe.loop, plan.start / 1e6, plan.step / SECOND, piece["index"], piece["sp"],
+                         piece["pv"], piece.get("op"), piece["state"], self.spans.settings, {}, self.notes)
+
+    def _pieces(self) -> Iterator[Piece]:
+        for samples, first, last in self.signals.marked(self.spans, self.still):
+            piece: Piece = {"index": samples.index, "sp": samples.setpoint, "pv": samples.measurement,
+                            "state": samples.state}
+            if samples.output is not None:
+                piece["op"] = samples.output
+            yield {name: values[first:last] for name, values in piece.items()}
 
 
 def long_record(recipe: Recipe) -> LongRecord | None:
@@ -55,112 +60,116 @@ def long_record(recipe: Recipe) -> LongRecord | None:
 
     Raises BacklashError where the loop cannot be read.
     """
-    axis = _even_axis(recipe.series)
-    if axis is None or recipe.rows <= LONG or recipe.options.good_quality:
+    if recipe.rows <= LONG or recipe.series.extra:
         return None
+    refuse_missing(recipe.series)
     settings = settings_of(recipe.values)
-    if settings.constant_setpoint is not None:
+    try:
+        frames = long_frames(recipe.series, settings, recipe.options)
+    except (NotInPieces, OverflowError):
         return None
-    ranges = settings.pv_range or (0.0, 1.0), settings.op_range or (0.0, 1.0)
-    look = _Look()
-    for piece, state in _with_states(_normalised(_pieces(recipe.series, PIECE), *ranges)):
-        if not look.add(piece, state):
-            return None
-    low, high = look.extremes["pv"]
-    if low < -BEYOND or high > 1.0 + BEYOND or look.repeats.may_be_frozen():
-        return None
-    # spans that are not given are 0..1 where all values lie within; else they are guessed from the whole record
-    within = {role: low >= -SLACK and high <= 1.0 + SLACK for role, (low, high) in look.extremes.items()}
-    if settings.pv_range is None and not (within["pv"] and within["sp"]):
-        return None
-    if settings.op_range is None and not within.get("op", True):
-        return None
-    ends = {role: np.array(values) for role, values in look.extremes.items()}
-    spans = spans_of(settings, ends["pv"], ends["sp"], ends.get("op"))
-    notes = [*recipe.notes, *settings.notes, *axis.notes, *spans.notes]
-    if look.limited:
-        notes.append(marked(SampleState.SATURATED, look.limited, axis.rows))
-    return LongRecord(recipe, axis, spans, tuple(notes))
+    signals = LongSignals.of(frames, settings)
+    ranges = settings.pv_range, settings.op_range
+    spans = spans_of(settings, signals.values("pv", "sp") if ranges[0] is None else NONE,
+                     (signals.values("op") if ranges[1] is None else NONE) if signals.output else None)
+    counts, repeats = Counts(), Repeats()
+    for samples, first, last in signals.marked(spans, []):
+        samples.count(counts, first, last)
+        repeats.add(samples.measurement[first:last])
+    still = still_stretches(repeats, lambda: signals.measured(spans))
+    counts.frozen = sum(end - start for start, end in still)
+    return LongRecord(recipe, signals, spans, still, (*recipe.notes, *signals.notes(recipe, spans, counts)))
+
+
+NONE = StreamValues(lambda: iter(()))  # values that nobody asks for
 
 
 @dataclass
-class _Look:
-    """What is found out by reading a loop once. extremes: of the normalised signals, by role."""
+class LongSignals:
+    """The signals of a long loop, and what was seen in going through them. output: OP holds a number somewhere.
 
-    extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
-    repeats: Repeats = field(default_factory=Repeats)
-    limited: int = 0
+    recorded: samples at which a row stands. unknown: samples without a mode. first_mode: the first one known.
+    """
 
-    def add(self, piece: Piece, state: NDArray[np.uint8]) -> bool:
-        """Take the next samples and say whether they are numbers everywhere."""
-        for role, values in piece.items():
-            if not complete(values):
-                return False
-            low, high = self.extremes.get(role, (np.inf, -np.inf))
-            self.extremes[role] = min(low, float(values.min())), max(high, float(values.max()))
-        self.repeats.add(piece["pv"])
-        self.limited += int(np.count_nonzero(state))
-        return True
+    frames: LongFrames
+    settings: Settings
+    samples: int = 0
+    recorded: int = 0
+    unknown: int = 0
+    first_mode: float | None = None
+    output: bool = False
 
+    @staticmethod
+    def of(frames: LongFrames, settings: Settings) -> LongSignals:
+        """Go through the signals once. Raises LoopError when the measurement holds no number."""
+        found = LongSignals(frames, settings)
+        measured = False
+        for piece in frames.pieces():
+            found.samples += length(piece)
+            measured = measured or bool(np.isfinite(piece["pv"]).any())
+            found.output = found.output or ("op" in piece and bool(np.isfinite(piece["op"]).any()))
+            found.recorded += int(np.count_nonzero(piece["recorded"])) if "recorded" in piece else length(piece)
+            if "mode" in piece:
+                known = piece["mode"][~np.isnan(piece["mode"])]
+                found.unknown += length(piece) - len(known)
+                found.first_mode = float(known[0]) if found.first_mode is None and len(known) else found.first_mode
+        if not measured:
+            raise no_measurement()
+        return found
 
-def _even_axis(loop: LoopSeries) -> EvenAxis | None:
-    if not {"pv", "sp"} <= loop.roles.keys() <= ROLES or loop.missing_tags:
-        return None
-    items = [item for items in loop.roles.values() for item in items]
-    axis = items[0].axis
-    one_each = len(items) == len(loop.roles) and all(item.axis is axis and _in_pieces(item) for item in items)
-    return axis if one_each and isinstance(axis, EvenAxis) else None
+    def values(self, *roles: str) -> StreamValues:
+        """Return all finite values of some signals, as recorded."""
+        held, frames = self.settings.constant_setpoint, self.frames.only(roles)
 
+        def stream() -> Iterator[NDArray[np.float64]]:
+            for piece in frames.pieces():
+                for role in roles:
+                    if role in piece:
+                        yield piece[role]
+                    elif role == "sp" and held is not None:
+                        yield np.full(length(piece), held)
 
-def _in_pieces(item: Series) -> bool:
-    column = item.cells.column
-    if item.quality is not None or item.notes:
-        return False
-    return isinstance(column, ParquetColumn) or (isinstance(column, StoredColumn) and not column.words)
+        return StreamValues(stream)
 
+    def measured(self, spans: Spans) -> Iterator[NDArray[np.float64]]:
+        """Yield the normalised measurement, short holes filled."""
+        return (samples.measurement[first:last] for samples, first, last in self.marked(spans, []))
 
-def _pieces(loop: LoopSeries, size: int) -> Iterator[Piece]:
-    """Yield the signals in pieces of `size` rows."""
-    roles = list(loop.roles)
-    columns = [loop.roles[role][0].cells.column for role in roles]
-    parts = [column.number_parts() for column in columns if isinstance(column, (ParquetColumn, StoredColumn))]
-    waiting: list[list[NDArray[np.float64]]] = [[] for _ in roles]
-    count = 0
-    for part in zip(*parts, strict=True):
-        for kept, values in zip(waiting, part, strict=True):
-            kept.append(values)
-        count += len(part[0])
-        if count < size:
-            continue
-        joined = [kept[0] if len(kept) == 1 else np.concatenate(kept) for kept in waiting]
-        cut = count // size * size
-        for first in range(0, cut, size):
-            yield {role: values[first : first + size] for role, values in zip(roles, joined, strict=True)}
-        waiting = [[values[cut:].copy()] for values in joined]
-        count -= cut
-    if count:
-        yield {role: np.concatenate(kept) for role, kept in zip(roles, waiting, strict=True)}
+    def marked(self, spans: Spans, still: list[Stretch]) -> Iterator[tuple[Samples, int, int]]:
+        """Yield (samples, first, last): of each, samples first..last-1 are new."""
+        begin = 0
+        before = mode_before(self.first_mode, self.unknown)[0]
+        held = self.settings.constant_setpoint
+        for piece, first, last in with_margins(self.frames.pieces(), MARGIN):
+            setpoint = piece.get("sp")
+            if setpoint is None and held is not None:
+                setpoint = np.full(length(piece), held)
+            manual = None
+            if "mode" in piece and self.frames.mode_known:
+                manual = np.where(np.isnan(piece["mode"]), before, piece["mode"]) == 0.0
+            between = ~piece["recorded"] & np.isfinite(piece["pv"]) if "recorded" in piece else None
+            output = normalised(piece["op"], spans.op_range) if self.output else None
+            yield Samples(
+                piece["index"], None if setpoint is None else normalised(setpoint, spans.pv_range),
+                normalised(piece["pv"], spans.pv_range), output, between, manual, self.frames.bridge,
+                partial(flags, still, begin - first),
+            ), first, last
+            begin += last - first
 
-
-def _normalised(
-    pieces: Iterator[Piece], pv_range: tuple[float, float], op_range: tuple[float, float]
-) -> Iterator[Piece]:
-    spans = {"pv": pv_range, "sp": pv_range, "op": op_range}
-    return ({role: normalise(values, spans[role]) for role, values in piece.items()} for piece in pieces)
-
-
-def _with_states(pieces: Iterator[Piece]) -> Iterator[tuple[Piece, NDArray[np.uint8]]]:
-    """Yield each piece with the states of its samples; a run at the limit may go on in the next piece."""
-    reach = LIMIT_RUN - 1
-    before = np.empty(0)
-    coming = next(pieces, None)
-    while coming is not None:
-        piece, coming = coming, next(pieces, None)
-        state = np.zeros(len(piece["pv"]), np.uint8)
-        if "op" in piece:
-            after = np.empty(0) if coming is None else coming["op"][:reach]
-            limit = saturated(np.concatenate([before, piece["op"], after]))
-            if limit is not None:
-                state[limit[len(before) : len(before) + len(state)]] = SampleState.SATURATED
-            before = np.concatenate([before, piece["op"][-reach:]])[-reach:]
-        yield piece, state
+    def notes(self, recipe: Recipe, spans: Spans, counts: Counts) -> list[Note]:
+        """Return what is to be said of the record, in the order in which `build_record` says it."""
+        frames, on = self.frames, self.frames.notes
+        axes = [note for axis in frames.pv.axes for note in axis.notes]
+        found = [*self.settings.notes, *axes, *frames.plan.notes(self.recorded / self.samples), *on["pv"],
+                 *on.get("sp", ()), *on.get("op", ())]
+        if "op" in on and not self.output:
+            found.append(NO_OUTPUT)
+        found += [*spans.notes, *counts.notes(self.samples)]
+        if "sp" not in on and self.settings.constant_setpoint is None:
+            found.append(without_setpoint(recipe.loop))
+        found += [*counts.companion_notes(self.samples), *on.get("mode", ())]
+        if "mode" in on and not frames.mode_known:
+            found.append(MODE_EMPTY)
+        elif "mode" in on and self.unknown:
+            found.append(mode_before(self.first_mode, self.unknown)[1])
+        return [*found, *counts.manual_notes(self.samples)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,39 +35,54 @@ def good_samples(cells: Cells, further: tuple[str, ...]) -> tuple[NDArray[np.boo
     if codes is None:
         numbers = cells.numbers().values
         return _good_numbers(numbers, further, notes), notes
-    extra = {word.strip().lower() for word in further}
     values, _, _ = parse_words(words)
     if words and np.isfinite(values).all():
         table = np.append(values, np.nan)
         return _good_numbers(table[codes], further, notes), notes
+    good, blank_is_good = good_words(words, further, notes)
+    if not blank_is_good and codes.min(initial=0) < 0:
+        codes = last_word(codes)
+    return np.append(good, blank_is_good)[codes], notes
+
+
+def good_words(words: list[str], further: tuple[str, ...], notes: list[Note]) -> tuple[NDArray[np.bool_], bool]:
+    """Return which words say good, and whether an empty cell does."""
+    extra = {word.strip().lower() for word in further}
     good = [word.strip().lower() in extra or (bool(_GOOD.match(word)) and not _DOUBT.search(word)) for word in words]
     blank_is_good = not any(good)  # only faults are marked
-    table_good = np.array([*good, blank_is_good], bool)
-    if not blank_is_good and codes.min(initial=0) < 0:
-        # a change-driven quality column leaves unchanged rows empty: the last word holds
-        filled = codes.copy()
-        position = np.maximum.accumulate(np.where(filled >= 0, np.arange(len(filled)), 0))
-        codes = filled[position]
-    elif words:
+    if blank_is_good and words:
         notes.append(Note("quality_words", f"no quality reads Good; rows marked {_some(words)} are dropped"))
-    return table_good[codes], notes
+    return np.array(good, bool), blank_is_good
+
+
+def last_word(codes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Fill empty cells: a change-driven quality column leaves unchanged rows empty, the last word holds."""
+    return codes[np.maximum.accumulate(np.where(codes >= 0, np.arange(len(codes)), 0))]
 
 
 def _good_numbers(values: NDArray[np.float64], further: tuple[str, ...], notes: list[Note]) -> NDArray[np.bool_]:
+    known = values[np.isfinite(values)]
+    ends = (float(known.min()), float(known.max()), float(np.median(known))) if len(known) else None
+    return good_numbers(ends, further, notes)(values)
+
+
+def good_numbers(
+    ends: tuple[float, float, float] | None, further: tuple[str, ...], notes: list[Note]
+) -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
+    """Return what says of quality numbers whether they are good. ends: least, greatest and median of all of them."""
     wanted = [float(w) for w in further if re.fullmatch(r"\d+(?:\.\d+)?", w)]
     if wanted:
-        return np.isin(values, wanted)
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return np.ones(len(values), bool)
-    if known.max() >= 1 << 30:  # OPC UA status codes: the two highest bits are the severity
-        return np.isfinite(values) & (values < 1 << 30)
-    if known.max() >= 192:
-        return np.isfinite(values) & (values >= 192) & (values < 256)
-    if known.max() == 100:
-        return values == 100
-    usual = float(np.median(known))
-    if known.min() != known.max():
+        return lambda values: np.isin(values, wanted)
+    if ends is None:
+        return lambda values: np.ones(len(values), bool)
+    low, high, usual = ends
+    if high >= 1 << 30:  # OPC UA status codes: the two highest bits are the severity
+        return lambda values: np.isfinite(values) & (values < 1 << 30)
+    if high >= 192:
+        return lambda values: np.isfinite(values) & (values >= 192) & (values < 256)
+    if high == 100:
+        return lambda values: values == 100
+    if low != high:
         notes.append(
             Note(
                 "quality_code",
@@ -75,8 +91,8 @@ def _good_numbers(values: NDArray[np.float64], further: tuple[str, ...], notes: 
             )
         )
     elif usual not in (0.0, 1.0):
-        return np.zeros(len(values), bool)
-    return values == usual
+        return lambda values: np.zeros(len(values), bool)
+    return lambda values: values == usual
 
 
 def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[NDArray[np.float64], list[Note]]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +26,49 @@ class Spans:
     notes: tuple[Note, ...]
 
 
-def spans_of(
-    settings: Settings, pv: NDArray[np.float64], sp: NDArray[np.float64] | None, op: NDArray[np.float64] | None
-) -> Spans:
-    """Decide the spans of one loop after the contract. pv, sp, op: raw values, nan where missing.
+class Values(Protocol):
+    """Finite values of a signal, however many. ends: least and greatest, None if there are none."""
+
+    @property
+    def ends(self) -> tuple[float, float] | None: ...
+
+    def quantiles(self, shares: list[float]) -> list[float]:
+        """Return quantiles, between two values on a straight line."""
+
+    def within(self, low: float, high: float) -> Values:
+        """Return the values between two bounds."""
+
+
+class ArrayValues:
+    """Values in memory; cells without a number do not count."""
+
+    def __init__(self, *parts: NDArray[np.float64] | None) -> None:
+        self.known = np.concatenate([part[np.isfinite(part)] for part in parts if part is not None])
+        self._ordered = False
+
+    @property
+    def ends(self) -> tuple[float, float] | None:
+        return (float(self.known.min()), float(self.known.max())) if len(self.known) else None
+
+    def quantiles(self, shares: list[float]) -> list[float]:
+        if not self._ordered:
+            self.known.sort()  # takes a third of the time of numpy's quantiles
+            self._ordered = True
+        return [quantile(lambda rank: float(self.known[rank]), len(self.known), share) for share in shares]
+
+    def within(self, low: float, high: float) -> ArrayValues:
+        return ArrayValues(self.known[(self.known >= low) & (self.known <= high)])
+
+
+def quantile(at: Callable[[int], float], count: int, share: float) -> float:
+    """Quantile of so many values, straight between neighbours. at: gives the value of a rank, counted from 0."""
+    place = share * (count - 1)
+    low = int(place)
+    return at(low) + (place - low) * (at(min(low + 1, count - 1)) - at(low))
+
+
+def spans_of(settings: Settings, measured: Values, output: Values | None) -> Spans:
+    """Decide the spans of one loop after the contract. measured: PV and SP. output: None if not recorded.
 
     Raises LoopError (missing_range) when a gain is given but the spans it refers to are not known.
     """
@@ -38,7 +78,7 @@ def spans_of(
     guessed = []
     pv_range = settings.pv_range
     if pv_range is None:
-        low, high = _bounds(pv, sp)
+        low, high = _bounds(measured)
         if low >= -SLACK and high <= 1.0 + SLACK:
             pv_range = (0.0, 1.0)
         else:
@@ -48,11 +88,11 @@ def spans_of(
     op_range = settings.op_range
     if op_range is None:
         op_range = (0.0, 1.0)
-        if op is not None:
-            low, high = _bounds(op, None)
+        if output is not None:
+            low, high = _bounds(output)
             if low >= -SLACK and high <= 1.0 + SLACK:
                 pass
-            elif low >= -5.0 and high <= 105.0 and np.nanquantile(op, 0.05) >= -SLACK:
+            elif low >= -5.0 and high <= 105.0 and output.quantiles([0.05])[0] >= -SLACK:
                 op_range = (0.0, 100.0)
                 notes.append(Note("op_percent", "op_range is not given: output within 0..100 is taken as percent"))
             else:
@@ -105,36 +145,20 @@ def normalised(values: NDArray[np.float64], span: tuple[float, float]) -> Normal
     return Normalised(*scale(values, low, 1.0 / (high - low)))
 
 
-def normalise(values: NDArray[np.float64], span: tuple[float, float]) -> NDArray[np.float64]:
-    """Map a range to 0..1; always a new array."""
-    low, high = span
-    out = values - low
-    out *= 1.0 / (high - low)
-    return out
-
-
-def _bounds(a: NDArray[np.float64], b: NDArray[np.float64] | None) -> tuple[float, float]:
+def _bounds(values: Values) -> tuple[float, float]:
     """Lowest and highest value, without the outermost thousandth and without spikes far from all others."""
-    known = a[np.isfinite(a)]
-    if b is not None:
-        known = np.concatenate([known, b[np.isfinite(b)]])
-    if not len(known):
+    ends = values.ends
+    if ends is None:
         return 0.0, 1.0
-    known.sort()  # takes a third of the time of numpy's quantiles
-    low, first, third, high = (_quantile(known, share) for share in (0.001, 0.25, 0.75, 0.999))
+    if ends[0] >= -SLACK and ends[1] <= 1.0 + SLACK:
+        return ends  # normalised: nobody asks further
+    low, first, third, high = values.quantiles([0.001, 0.25, 0.75, 0.999])
     reach = 20.0 * max(third - first, 1e-9 * max(abs(third), abs(first)))
     if low < first - reach or high > third + reach:
-        inside = known[np.searchsorted(known, first - reach) : np.searchsorted(known, third + reach, "right")]
-        if len(inside):
-            low, high = _quantile(inside, 0.001), _quantile(inside, 0.999)
+        inside = values.within(first - reach, third + reach)
+        if inside.ends is not None:
+            low, high = inside.quantiles([0.001, 0.999])
     return low, high
-
-
-def _quantile(ordered: NDArray[np.float64], share: float) -> float:
-    """Quantile of values in order, straight between neighbours."""
-    at = share * (len(ordered) - 1)
-    low = int(at)
-    return float(ordered[low] + (at - low) * (ordered[min(low + 1, len(ordered) - 1)] - ordered[low]))
 
 
 def _round_range(low: float, high: float) -> tuple[float, float]:

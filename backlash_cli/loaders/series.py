@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -70,10 +70,13 @@ class Axis:
 
 
 class LazyAxis(Axis):
-    """Stamps that are read when the first loop needs them."""
+    """Stamps that are read when the first loop needs them. pieces: gives them some rows at a time, if that can be."""
 
-    def __init__(self, read: Callable[[], Times], zoned: bool, where: str) -> None:
-        self._read = read
+    def __init__(
+        self, read: Callable[[], Times], zoned: bool, where: str,
+        pieces: Callable[[], Iterator[NDArray[np.int64]]] | None = None,
+    ) -> None:
+        self._read, self.pieces = read, pieces
         self.absolute, self.zoned, self.where = True, zoned, where
         self.notes, self.first_line, self.parts = (), 0, ()
         self._order, self._grid = None, None
@@ -102,6 +105,25 @@ class EvenAxis(Axis):
     def micros(self) -> NDArray[np.int64]:  # type: ignore[override]
         """(rows,) microseconds since 1970 UTC, made anew each time."""
         return self.start + self.step * np.arange(self.rows)
+
+
+class CutAxis(Axis):
+    """The stamps of another axis from row `first` on, read anew each time. first_line: line of that row."""
+
+    def __init__(self, base: Axis, first: int, first_line: int) -> None:
+        self.base, self.first = base, first
+        self.absolute, self.zoned, self.where, self.first_line = base.absolute, base.zoned, base.where, first_line
+        self.notes, self.parts = base.notes, ()
+        self._order, self._grid = None, None
+
+    @property
+    def micros(self) -> NDArray[np.int64]:  # type: ignore[override]
+        """(rows,) microseconds since 1970 UTC, made anew each time."""
+        return self.base.micros[self.first :]
+
+    def forget(self) -> None:
+        super().forget()
+        self.base.forget()
 
 
 class Lexicon:

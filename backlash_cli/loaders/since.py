@@ -14,7 +14,7 @@ from ..errors import InputError, UsageError
 from ..record import Note
 from .join import LoopSeries
 from .selection import shown
-from .series import Axis, Series
+from .series import Axis, CutAxis, EvenAxis, Series
 from .times import NAT, SECOND, Times
 from .zones import utc_text
 
@@ -68,7 +68,12 @@ def moment_of(since: str, timezone: str | None, last: int | None) -> int:
 def last_stamp(series: Iterable[Series]) -> int | None:
     """Return the last stamp [microseconds since 1970 UTC] of all series, None if there is none."""
     axes = {id(item.axis): item.axis for item in series}
-    return max((last for axis in axes.values() if (last := axis.last()) is not None), default=None)
+    found: list[int] = []
+    for axis in axes.values():
+        last = axis.last()
+        found += [] if last is None else [last]
+        axis.forget()
+    return max(found, default=None)
 
 
 class Cut:
@@ -76,7 +81,7 @@ class Cut:
 
     def __init__(self, moment: int, *, age: bool) -> None:
         self.moment, self.age = moment, age
-        self._axes: dict[tuple[int, bool], tuple[Axis, slice | NDArray[np.int64]]] = {}
+        self._axes: dict[tuple[int, bool], tuple[Axis | None, slice | NDArray[np.int64]]] = {}
         self._kept: list[Axis] = []
 
     def loop(self, loop: LoopSeries) -> LoopSeries | None:
@@ -106,13 +111,15 @@ class Cut:
     def _part(self, item: Series, *, keep_one: bool) -> Series | None:
         key = id(item.axis), keep_one
         if key not in self._axes:
-            rows = self._rows(item.axis.micros, keep_one)
+            micros = item.axis.micros
+            rows = self._rows(micros, keep_one)
             self._kept.append(item.axis)  # ids stay unique while they live
-            self._axes[key] = _shorter(item.axis, rows), rows
+            self._axes[key] = _shorter(item.axis, rows, len(micros)), rows
+            item.axis.forget()
         axis, rows = self._axes[key]
-        if not len(axis.micros):
+        if axis is None:
             return None
-        if len(axis.micros) == len(item.axis.micros):
+        if axis is item.axis:
             return item
         quality = None if item.quality is None else item.quality.part(rows)
         return replace(item, axis=axis, cells=item.cells.part(rows), quality=quality)
@@ -129,10 +136,20 @@ class Cut:
         return np.flatnonzero(~before) if before[first:].any() else slice(first, None)
 
 
-def _shorter(axis: Axis, rows: slice | NDArray[np.int64]) -> Axis:
-    times = Times(axis.micros[rows], axis.absolute, axis.zoned, axis.notes)
-    dropped = int(rows.start or 0) if isinstance(rows, slice) and axis.first_line else 0
-    return Axis(times, axis.where, axis.first_line + dropped)
+def _shorter(axis: Axis, rows: slice | NDArray[np.int64], count: int) -> Axis | None:
+    """The stamps of some of `count` rows; None if there are none, the same axis if they are all."""
+    if isinstance(rows, slice):
+        first = int(rows.start or 0)
+        if first == 0:
+            return axis if rows.stop is None else None
+        line = axis.first_line + first if axis.first_line else 0
+        if isinstance(axis, EvenAxis):
+            return EvenAxis(axis.start + first * axis.step, axis.step, count - first, axis.zoned, axis.where, line)
+        return CutAxis(axis, first, line)
+    if not len(rows):
+        return None
+    return axis if len(rows) == count else Axis(
+        Times(axis.micros[rows], axis.absolute, axis.zoned, axis.notes), axis.where, axis.first_line)
 
 
 def cut_loops(

@@ -12,6 +12,7 @@ FROZEN_RUN = 10  # equal samples below which nothing is called frozen
 FROZEN_CHANCE = 1e-6  # chance that a noisy signal repeats itself this long anywhere in the record
 LEAST_CHANGES = 50  # changes that any working measurement shows in a record, however slow and coarse
 RESOLVED = 3.0  # recorder steps that a usual change of a noisy signal is large
+OPPOSED = -0.2  # correlation of neighbouring changes below which there is noise
 QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still this long to be called frozen
 
 
@@ -139,28 +140,40 @@ class Repeats:
     """Counts the repeats of a long signal piece by piece, to know whether `frozen` could find anything in it."""
 
     def __init__(self) -> None:
-        self.samples = self.stretches = self.total = self.longest = self._open = 0
+        self.samples = self.stretches = self.total = self.longest = self._open = self._begun = 0
+        self.long: list[tuple[int, int]] = []  # first sample and repeats of stretches that may be frozen
         self._last = np.empty(0)
 
     def add(self, values: NDArray[np.float64]) -> None:
         """Take the next samples."""
         joined = np.concatenate([self._last, values])
+        before = self.samples - len(self._last)
         starts, ends = runs(joined[1:] == joined[:-1])
         lengths = ends - starts
         self.samples += len(values)
         self.total += int(lengths.sum())
         goes_on = len(starts) > 0 and starts[0] == 0 and self._open > 0
         self.stretches += len(starts) - goes_on
+        starts = starts + before
         if goes_on:
             lengths[0] += self._open
+            starts[0] = self._begun
+            if self.long and self.long[-1][0] == self._begun:
+                self.long.pop()
         self.longest = max(self.longest, int(lengths.max(initial=0)))
-        self._open = int(lengths[-1]) if len(ends) and ends[-1] == len(joined) - 1 else 0
-        self._last = values[-1:]
+        kept = lengths >= FROZEN_RUN - 1
+        self.long += zip(starts[kept].tolist(), lengths[kept].tolist(), strict=True)
+        still_open = len(ends) > 0 and ends[-1] == len(joined) - 1
+        self._open, self._begun = (int(lengths[-1]), int(starts[-1])) if still_open else (0, 0)
+        self._last = values[-1:] if len(values) else self._last
+
+    def longest_by_chance(self) -> float:
+        """Repeats in a row that noise still explains."""
+        return _longest_by_chance(self.samples, self.stretches, self.total)
 
     def may_be_frozen(self) -> bool:
         """Is there a stretch that noise does not explain?"""
-        return self.samples >= 2 * LEAST_CHANGES and self.longest >= _longest_by_chance(
-            self.samples, self.stretches, self.total)
+        return self.samples >= 2 * LEAST_CHANGES and self.longest >= self.longest_by_chance()
 
 
 def _noisy(values: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray[np.int64]) -> bool:
@@ -173,7 +186,7 @@ def _noisy(values: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray
     both = keep[1:] & keep[:-1]
     a, b = changes[:-1][both], changes[1:][both]
     power = float(a @ a + b @ b) / 2.0
-    if len(a) < FROZEN_RUN or not power > 0 or float(a @ b) / power >= -0.2:
+    if len(a) < FROZEN_RUN or not power > 0 or float(a @ b) / power >= OPPOSED:
         return False
     sizes = np.abs(a[a != 0])
     return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache, partial
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from ..errors import InputError
-from .columns import LazyColumn
+from .columns import LazyColumn, ParquetColumn
 from .even import even_stamps
 from .hourly_stamps import HourlyStamps
 from .names import is_time_name, plain, split_tag
@@ -111,13 +113,18 @@ def _axis(table: Table, column: int, options: ReadOptions) -> Axis:
             even = even_stamps(cells)
             if even is not None and even.micros[1]:
                 return EvenAxis(*even.micros, len(even), kind.tz is not None, table.where, table.first_line)
-            return LazyAxis(partial(_stamps, cells, options, table.where), kind.tz is not None, table.where)
+            pieces = partial(_stamp_pieces, cells, options, table.where) if isinstance(cells, ParquetColumn) else None
+            return LazyAxis(partial(_stamps, cells, options, table.where), kind.tz is not None, table.where, pieces)
         cells = cells if isinstance(cells, HourlyStamps) else cells.arrow()
     return Axis(to_times(cells, table.names[column], options, table.where), table.where, table.first_line)
 
 
 def _stamps(cells: LazyColumn, options: ReadOptions, where: str) -> Times:
     return to_times(cells.arrow(), "", options, where)
+
+
+def _stamp_pieces(cells: ParquetColumn, options: ReadOptions, where: str) -> Iterator[NDArray[np.int64]]:
+    return (to_times(piece, "", options, where).micros for piece in cells.file.pieces(cells.index, cells.first))
 
 
 def _date_and_clock(table: Table, columns: list[int], options: ReadOptions) -> tuple[Axis, set[int]] | None:

@@ -77,3 +77,21 @@ def write_long(path: Path, loops: int, days: float, kinds: int = 3) -> Path:
             writer.write_table(pa.table(columns, schema=schema))
     write_settings(path, loops)
     return path
+
+
+def write_rough(path: Path, days: float) -> Path:
+    """Write one loop as plants really export it: words and blanks among the numbers, modes, missing rows; no settings."""
+    start = np.datetime64("2026-03-17T00:00:00", "s")
+    random = np.random.default_rng(7)
+    with path.open("w", encoding="utf-8") as file:
+        file.write("time,FIC1.SP,FIC1.PV,FIC1.OP,FIC1.MODE\n")
+        for day in range(int(days)):
+            at = np.flatnonzero(random.random(DAY) > 0.001)
+            sp, pv, op = (np.char.mod("%.4f", x[at]) for x in signals(1))
+            pv[random.random(len(at)) < 0.001] = "Bad"
+            op[random.random(len(at)) < 0.001] = ""
+            mode = np.where((at // 3600) % 12 == 5, "MAN", "AUTO")
+            stamps = np.datetime_as_string(start + day * DAY + at)
+            rows = zip(stamps.tolist(), sp.tolist(), pv.tolist(), op.tolist(), mode.tolist(), strict=True)
+            file.writelines(",".join(row) + "\n" for row in rows)
+    return path

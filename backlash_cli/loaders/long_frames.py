@@ -1,0 +1,266 @@
+"""The signals of one long loop on the grid of its measurement, piece by piece: what `Frame` does with them whole."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..record import Note
+from . import pieces as flow
+from .expand import held, linear, longest_hold
+from .frame import bridged, fill_limit, own_times, seldom_recorded
+from .grid import Grid
+from .grid_plan import ABSENT_ROWS, GAP_FACTOR, MAX_GROWTH, MAX_HOLE, SPARSE_SHARE, GridPlan, plan_grid
+from .join import LoopSeries
+from .loop_settings import Settings
+from .options import ReadOptions
+from .pieces import MARGIN, NotInPieces, Piece, cut, in_blocks, in_step, with_margins
+from .signal_pieces import PieceSignal, is_bad, measured_signal, mode_signal
+from .states import hold_last
+from .steps import Steps, StepTally
+from .times import DAY, NAT
+from .windows import Expand, Window
+
+# values of the rows as they are, with small holes bridged, held till the next one; or from records around
+DIRECT, BRIDGED, HELD, OWN = "direct", "bridged", "held", "own"
+
+
+@dataclass(frozen=True, eq=False)
+class SeldomSignal(PieceSignal):
+    """A measurement without its blank rows."""
+
+    def stamps(self) -> Iterator[NDArray[np.int64]]:
+        return (stamps for stamps, _ in self._rows())
+
+    def rows(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+        pieces = ({"stamps": stamps, "values": values} for stamps, values in self._rows())
+        return ((piece["stamps"], piece["values"]) for piece in in_blocks(pieces))
+
+    def _rows(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+        for stamps, values in PieceSignal(self.axes, self.values).rows():
+            keep = ~np.isnan(values) | is_bad(values)
+            yield stamps[keep], values[keep]
+
+    @property
+    def key(self) -> tuple[int, ...]:
+        return ()
+
+
+@dataclass(frozen=True)
+class Companion:
+    """A signal beside the measurement. how: one of the four; expand, ahead, late: as for a Window, if OWN."""
+
+    signal: PieceSignal
+    how: str
+    expand: Expand | None = None
+    ahead: bool = False
+    late: int = 0
+
+    def window(self) -> Window:
+        assert self.expand is not None
+        return Window(self.signal, self.expand, ahead=self.ahead, late=self.late)
+
+
+@dataclass(frozen=True)
+class LongFrames:
+    """The signals of a loop on one grid. bridge: longest hole in samples that is filled. notes: by role.
+
+    mode_known: a mode is recorded somewhere.
+    """
+
+    pv: PieceSignal
+    own: Companion | None  # how the measurement is brought to a grid that is not its own
+    plan: GridPlan
+    companions: dict[str, Companion]
+    bridge: int
+    notes: dict[str, tuple[Note, ...]]
+    mode_known: bool = True
+
+    def only(self, roles: Collection[str]) -> LongFrames:
+        """Return the same with some of the companions."""
+        return replace(self, companions={role: one for role, one in self.companions.items() if role in roles})
+
+    def pieces(self) -> Iterator[Piece]:
+        """Yield the samples in time order, about PIECE at a time.
+
+        Each has "index" and the signals by role, as recorded, nan where there is nothing; and "recorded", where a row
+        stands at the grid point, if the grid is not that of the stamps.
+        """
+        pieces = self._regular() if self.own is None else self._between()
+        roles = [role for role, one in self.companions.items() if one.how == BRIDGED]
+        return self._bridged(pieces, roles) if roles else pieces
+
+    def _bridged(self, pieces: Iterator[Piece], roles: list[str]) -> Iterator[Piece]:
+        for piece, first, last in with_margins(pieces, MARGIN):
+            more = {role: bridged(piece[role], piece["index"], self.bridge) for role in roles}
+            yield cut(piece | more, first, last)
+
+    def _regular(self) -> Iterator[Piece]:
+        beside = [role for role, one in self.companions.items() if one.how != OWN]
+        windows = {role: one.window() for role, one in self.companions.items() if one.how == OWN}
+        stamps_and_pv = self.pv.rows() if not beside else in_step(
+            [self.pv.stamps(), self.pv.values(), *(self.companions[role].signal.values() for role in beside)])
+        last = {role: np.full(1, np.nan) for role in beside if self.companions[role].how == HELD}
+        before: tuple[int, int] | None = None
+        for stamps, *columns in stamps_and_pv:
+            index, rows = self.plan.rows(stamps, before)
+            before = int(stamps[-1]), int(index[-1])
+            if len(rows) > len(stamps):
+                columns = [np.where(rows >= 0, values[rows], np.nan) for values in columns]
+            values = dict(zip(["pv", *beside], columns, strict=True))
+            for role, held_on in last.items():
+                values[role] = hold_last(np.concatenate([held_on, values[role]]))[1:]
+                last[role] = values[role][-1:]
+            grid = Grid(self.plan.start, self.plan.step, index, self.plan.kind)
+            yield {"index": index, **values, **{role: window.at(grid) for role, window in windows.items()}}
+
+    def _between(self) -> Iterator[Piece]:
+        assert self.own is not None
+        windows = {role: one.window() for role, one in {"pv": self.own, **self.companions}.items()}
+        steps = self.plan.steps
+        growth = (steps.last - steps.first) / self.plan.step / max(steps.total, 1)
+        size = int(flow.PIECE / min(max(growth, 1.0), MAX_GROWTH))
+        coming = in_step([self.pv.stamps()], size)
+        earlier = np.zeros(0, np.int64)
+        following = next(coming, None)
+        while following is not None:
+            (stamps,), following = following, next(coming, None)
+            index = self.plan.points(stamps, int(earlier[-1]) if len(earlier) else None)
+            around = np.concatenate([earlier, stamps, *([] if following is None else [following[0][:1]])])
+            earlier = stamps[-1:]
+            if not len(index):
+                continue
+            grid = Grid(self.plan.start, self.plan.step, index, self.plan.kind)
+            values = {role: window.at(grid) for role, window in windows.items()}
+            yield {"index": index, **values, "recorded": self.plan.recorded(around, grid.times)}
+
+
+def long_frames(loop: LoopSeries, settings: Settings, options: ReadOptions) -> LongFrames:
+    """Lay out a loop. Raises NotInPieces where it must be seen as a whole, LoopError where it has no grid."""
+    pv = measured_signal(loop.roles["pv"], options.good_quality)
+    facts = _Facts(pv)
+    rows = facts.rows
+    if seldom_recorded(facts.rows, facts.blank, facts.edges):
+        pv = SeldomSignal(pv.axes, pv.values, pv.notes)
+        rows -= facts.blank
+    plan = plan_grid(_in_order(pv, rows))
+    bridge = fill_limit(settings.loop.Ti, plan.step / 1e6)
+    own = None
+    if plan.kind != "regular":
+        limit = (MAX_HOLE + 1.5) * plan.step
+        around = _Facts(pv, steps=True)
+        if plan.kind == "compressed" and around.good is not None:
+            limit = max(limit, GAP_FACTOR * around.good.quantile(0.99))
+        hold = options.interpolation == "hold"
+        own = Companion(pv, OWN, _expand(not hold, limit, bridge, 0, around, plan.step), ahead=not hold)
+    notes: dict[str, tuple[Note, ...]] = {"pv": pv.notes}
+    companions: dict[str, Companion] = {}
+    mode_known = False
+    for role in ("sp", "op", "mode"):
+        if role not in loop.roles:
+            continue
+        if role == "mode":
+            signal = mode_signal(loop.roles[role], (*options.auto_modes, *settings.auto_modes))
+            mode_known = any(np.isfinite(values).any() for values in signal.values())
+        else:
+            signal = measured_signal(loop.roles[role], options.good_quality)
+        same = signal.key == pv.key
+        notes[role] = (*signal.notes, *(() if same or role == "mode" else (own_times(role, options),)))
+        companions[role] = _companion(role, signal, same, plan, bridge, options)
+    return LongFrames(pv, own, plan, companions, bridge, notes, mode_known)
+
+
+def _companion(
+    role: str, signal: PieceSignal, same: bool, plan: GridPlan, bridge: int, options: ReadOptions
+) -> Companion:
+    if same and plan.kind == "regular":
+        facts = _Facts(signal)
+        absent = absent_rows(plan.steps, plan.step)
+        empty = facts.blank + facts.bad + absent
+        if not empty:
+            return Companion(signal, DIRECT)
+        if not facts.bad and role != "sp" and empty < SPARSE_SHARE * (facts.rows + absent):
+            return Companion(signal, BRIDGED)
+        if not facts.bad and role != "op" and options.interpolation != "linear" and not np.any(
+                plan.steps.values % plan.step):
+            return Companion(signal, HELD)  # every record stands at a grid point
+    around = _Facts(signal, steps=True)
+    if not same:
+        _in_order(signal, around.rows)
+    limit = None if role in ("sp", "mode") else max(longest_hold(around.good), (bridge + 1.5) * plan.step)
+    straight = options.interpolation == "linear" and role != "mode"
+    late = plan.step // 2 if plan.kind == "jitter" and same and not straight else 0
+    return Companion(signal, OWN, _expand(straight, limit, bridge, late, around, plan.step), straight, late)
+
+
+def _expand(
+    straight: bool, limit: float | None, bridge: int, late: int, around: _Facts, step: int
+) -> Expand:
+    if straight:
+        return partial(linear, limit=float("inf") if limit is None else limit)
+    spacing = float(step) if around.records is None else around.records.median
+    return partial(held, limit=limit, bridge=bridge, late=late, spacing=spacing)
+
+
+def absent_rows(steps: Steps, step: int) -> int:
+    """Number of samples of a regular grid that have no row but a place in short holes."""
+    advance = np.maximum(1, np.rint(steps.values / step)).astype(np.int64)
+    holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
+    return int((steps.counts[holes] * (advance[holes] - 1)).sum())
+
+
+class _Facts:
+    """What is found out of a signal by reading it once. blank, bad: cells. edges: where blank cells begin.
+
+    good, records: distances between good records, and between all that are no blank cells; None for less than two.
+    """
+
+    def __init__(self, signal: PieceSignal, *, steps: bool = False) -> None:
+        self.rows = self.blank = self.bad = self.edges = 0
+        good, records = StepTally(), StepTally()
+        last_blank = True
+        stream = signal.rows() if steps else ((None, values) for values in signal.values())
+        for stamps, values in stream:
+            self.rows += len(values)
+            empty = np.isnan(values)
+            if empty.any():
+                bad = is_bad(values)
+                blank = empty & ~bad
+                self.bad += int(np.count_nonzero(bad))
+                self.blank += int(np.count_nonzero(blank))
+                self.edges += int(np.count_nonzero(blank & ~np.append(last_blank, blank[:-1])))
+                last_blank = bool(blank[-1])
+            elif len(values):
+                blank = empty
+                last_blank = False
+            if stamps is not None:
+                good.add(stamps[np.isfinite(values)])
+                records.add(stamps[~blank])
+        self.good = good.steps() if good.rows > 1 else None
+        self.records = records.steps() if records.rows > 1 else None
+
+
+def _in_order(signal: PieceSignal, rows: int) -> Steps:
+    """Return the distances of its stamps. Raises NotInPieces unless they rise, with none far from all others."""
+    tally = StepTally()
+    picks = {rows // 20: 0, rows - 1 - rows // 20: 0}
+    for stamps in signal.stamps():
+        if len(stamps) and stamps.min() == NAT:
+            raise NotInPieces
+        for row in picks:
+            if tally.rows <= row < tally.rows + len(stamps):
+                picks[row] = int(stamps[row - tally.rows])
+        tally.add(stamps)
+        if not tally.rising:
+            raise NotInPieces
+    if tally.rows < 2 or tally.rows != rows:
+        raise NotInPieces
+    steps = tally.steps()
+    low, high = picks.values() if len(picks) == 2 else (0, 0)
+    if rows >= 20 and float(steps.last) - float(steps.first) > 10.0 * (float(high) - float(low)) + 2.0 * DAY:
+        raise NotInPieces
+    return steps
