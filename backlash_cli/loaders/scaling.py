@@ -27,10 +27,11 @@ class Spans:
 
 
 class Values(Protocol):
-    """Finite values of a signal, however many. ends: least and greatest, None if there are none."""
+    """Finite values of a signal, however many."""
 
     @property
-    def ends(self) -> tuple[float, float] | None: ...
+    def ends(self) -> tuple[float, float] | None:
+        """Least and greatest, None if there are none."""
 
     def quantiles(self, shares: list[float]) -> list[float]:
         """Return quantiles, between two values on a straight line."""

@@ -80,7 +80,7 @@ def write_long(path: Path, loops: int, days: float, kinds: int = 3) -> Path:
 
 
 def write_rough(path: Path, days: float) -> Path:
-    """Write one loop as plants really export it: words and blanks among the numbers, modes, missing rows; no settings."""
+    """Write one loop as plants really export it: words and blanks among numbers, modes, missing rows; no settings."""
     start = np.datetime64("2026-03-17T00:00:00", "s")
     random = np.random.default_rng(7)
     with path.open("w", encoding="utf-8") as file:

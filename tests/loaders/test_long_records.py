@@ -147,8 +147,8 @@ STAMPS = {
     "compressed": lambda t, r: np.sort(r.choice(t, len(t) // 3, replace=False)),
     "from 5 to 1 s": lambda t, r: np.cumsum(np.where(t < 2000, 5, 1)),
 }
-QUALITIES = {"": ("", "", 0.0), "words": ("Good", "Bad", 0.01), "codes": ("192", "0", 0.01), "faults": ("", "Bad", 0.01),
-             "changes": ("", "Good", 0.05)}
+QUALITIES = {"": ("", "", 0.0), "words": ("Good", "Bad", 0.01), "codes": ("192", "0", 0.01),
+             "faults": ("", "Bad", 0.01), "changes": ("", "Good", 0.05)}
 MODES = {"": "", "words": "AUTO MAN CAS", "numbers": "0 1", "fieldbus": "16 8", "odd": "AUTO 7 what", "blank": " "}
 
 
@@ -186,7 +186,7 @@ def loop_tables(draw):
 
 
 def write_table(folder, form, columns, seconds):
-    stamps = (np.datetime64("2026-03-17T08:00:00", "ms") + np.round(1000 * seconds).astype(int)).astype("datetime64[ms]")
+    stamps = np.datetime64("2026-03-17T08:00:00", "ms") + np.round(1000 * seconds).astype(int)
     path = folder / ("plant.parquet" if form == "parquet" else "plant.csv")
     if form == "parquet":
         table = {"time": pa.array(stamps)}
