@@ -88,7 +88,8 @@ def crossings(setpoint: FloatArray, errors: FloatArray, sign: float, flips: NDAr
     flips[0] = (errors[0] > 0.0) != (sign > 0.0)
     for k in range(1, len(setpoint)):
         flips[k] = (errors[k] > 0.0) != (errors[k - 1] > 0.0)
-    flips[len(setpoint) :] = 0
+    for k in range(len(setpoint), len(flips)):
+        flips[k] = 0
     return zeros == 0
 
 

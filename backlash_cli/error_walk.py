@@ -206,9 +206,9 @@ def walk(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, state: 
                 cut_clean(errors[1, : n + 1], flips[1], here[0], moved, moves, of_smooth, smooth, 0.0, least[1])
             else:
                 at[0] = here[0] - 1
-                at[1 : n + 1] = here
-                if not moves:
-                    moved[:n] = 0.0
+                for k in range(n):  # slices are not assigned to in compiled loops: that takes seconds to compile
+                    at[k + 1] = here[k]
+                    moved[k] = moved[k] if moves else 0.0
         else:
             n = _filter(here, r, y, state[first:last], filters, carried, at, moved, errors)
             signs = False

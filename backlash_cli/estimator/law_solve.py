@@ -16,7 +16,11 @@ FEWEST_WINDOWS = 6  # of which some may lose their weight
 @numba.njit(cache=True, nogil=True)
 def condition(matrix: FloatArray) -> float:
     """Ratio of the largest to the smallest size of the eigenvalues of a small symmetric matrix (Jacobi rotations)."""
-    a, n = matrix.copy(), len(matrix)
+    n = len(matrix)
+    a = np.empty((n, n))
+    for p in range(n):
+        for q in range(n):
+            a[p, q] = matrix[p, q]
     for _ in range(30):
         rest = 0.0
         for p in range(n):
@@ -41,20 +45,21 @@ def condition(matrix: FloatArray) -> float:
 
 
 @numba.njit(cache=True, nogil=True)
-def solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve a few linear equations by elimination with row exchange; nan where they have no solution."""
-    a, x, n = matrix.copy(), right.copy(), len(right)
+def solve(a: FloatArray, x: FloatArray) -> None:
+    """Solve a few linear equations by elimination with row exchange; x holds the right side, then the solution (nan
+    where there is none), and the matrix a is used up."""
+    n = len(x)
     for p in range(n):
         best = p
         for k in range(p + 1, n):
             best = k if abs(a[k, p]) > abs(a[best, p]) else best
         if a[best, p] == 0.0:
-            x[:] = np.nan
-            return x
-        if best != p:
-            for j in range(n):
-                a[p, j], a[best, j] = a[best, j], a[p, j]
-            x[p], x[best] = x[best], x[p]
+            for k in range(n):
+                x[k] = np.nan
+            return
+        for j in range(n):
+            a[p, j], a[best, j] = a[best, j], a[p, j]
+        x[p], x[best] = x[best], x[p]
         for k in range(p + 1, n):
             share = a[k, p] / a[p, p]
             for j in range(p, n):
@@ -64,7 +69,6 @@ def solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
         for j in range(p + 1, n):
             x[p] -= a[p, j] * x[j]
         x[p] /= a[p, p]
-    return x
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
@@ -90,15 +94,22 @@ def _normal(columns: FloatArray, weights: FloatArray, gram: FloatArray, right: F
 
 
 @numba.njit(cache=True, nogil=True)
+def _add(left: FloatArray, factor: float, column: FloatArray) -> None:
+    for w in range(len(left)):
+        left[w] += factor * column[w]
+
+
+@numba.njit(cache=True, nogil=True)
 def _left(columns: FloatArray, values: FloatArray, left: FloatArray) -> None:
     """Write what is left in each window: the output's square less what the terms make of it."""
-    left[:] = columns[0]
+    for w in range(len(left)):
+        left[w] = columns[0, w]
     c = 1
     for i in range(len(values)):
-        left -= 2.0 * values[i] * columns[c]
+        _add(left, -2.0 * values[i], columns[c])
         c += 1
         for j in range(i + 1):
-            left += (1.0 if i == j else 2.0) * values[i] * values[j] * columns[c]
+            _add(left, (1.0 if i == j else 2.0) * values[i] * values[j], columns[c])
             c += 1
     for w in range(len(left)):
         left[w] = max(left[w], 1e-12 * columns[0, w])
@@ -124,14 +135,20 @@ def weighted_fit(sums: FloatArray, terms: IntArray) -> tuple[bool, FloatArray, F
                 c += 1
     scale, gram, right = np.ones(n), np.zeros((n, n)), np.zeros(n)
     weights, left, values = np.ones(windows), np.zeros(windows), np.zeros(n)
-    _normal(columns, weights, gram, right)
-    for i in range(n):
-        scale[i] = np.sqrt(max(gram[i, i], 1e-300))
-    if not condition(gram / np.outer(scale, scale)) <= ILL_CONDITIONED:
-        return False, values, left, weights, 1.0
-    for _ in range(TURNS):
+    for turn in range(TURNS):
         _normal(columns, weights, gram, right)
-        values = solved(gram / np.outer(scale, scale), right / scale) / scale
+        if turn == 0:
+            for i in range(n):
+                scale[i] = np.sqrt(max(gram[i, i], 1e-300))
+        for i in range(n):
+            right[i] /= scale[i]
+            for j in range(n):
+                gram[i, j] /= scale[i] * scale[j]
+        if turn == 0 and not condition(gram) <= ILL_CONDITIONED:
+            return False, values, left, weights, 1.0
+        solve(gram, right)
+        for i in range(n):
+            values[i] = right[i] / scale[i]
         _left(columns, values, left)
         if windows < FEWEST_WINDOWS:
             break

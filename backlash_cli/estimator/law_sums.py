@@ -138,7 +138,8 @@ def window_sums(signals: FloatArray, index: IntArray, interval: float, filter_ti
                             sums[lane, done, i, j] = sums[lane, done, j, i] = v
                             c += LANES
                 done += 1
-            S[TOTAL:] = 0.0
+            for j in range(TOTAL, PLACES):
+                S[j] = 0.0
             n = 0
         if k == rows:
             break
@@ -149,8 +150,9 @@ def window_sums(signals: FloatArray, index: IntArray, interval: float, filter_ti
             continue
         if new:
             since = 0
-            S[FIRST:SECOND] = S[SECOND:INTEGRAL] = signals[1, k]
-            S[INTEGRAL:DECAY] = 0.0
+            for j in range(LANES):
+                S[FIRST + j] = S[SECOND + j] = signals[1, k]
+                S[INTEGRAL + j] = 0.0
         else:
             since += 1
         late = k - shift if since >= shift else k

@@ -54,7 +54,8 @@ def _slot(stretch: int, held: IntArray, rows: FloatArray) -> int:
             slots[j] = stretch
             held[HELD] += 1
             held[SLOT] = j
-            rows[:, j] = np.nan
+            for i in range(ROWS):
+                rows[0, j, i] = rows[1, j, i] = rows[2, j, i] = np.nan
             return j
     return -1
 
@@ -262,21 +263,25 @@ def gather(stretches: IntArray, slots: IntArray, kept: FloatArray, kinds: NDArra
 
     stretches: the one in each of the slots. only: highest state wanted, of single samples; STATES for means.
     """
-    counts = np.zeros(len(slots), np.int64)
+    counts, total = np.zeros(len(slots), np.int64), 0
     for k in range(len(slots)):
         setpoint, kind = kept[0, slots[k]], kinds[slots[k]]
         n = 0
         for i in range(ROWS):
             n += (setpoint[i] == setpoint[i]) & ((only == STATES) | (kind[i] <= only))
         counts[k] = n
-    index, rows = np.empty(counts.sum(), np.int64), np.empty((3, counts.sum()))
+        total += n
+    index, rows = np.empty(total, np.int64), np.empty((3, total))
     to = 0
     for k in range(len(slots)):
         slot, first = slots[k], stretches[k] * ROWS
         if counts[k] == ROWS:
             for i in range(ROWS):
                 index[to + i] = first + i
-            rows[:, to : to + ROWS] = kept[:, slot]
+            for signal in range(3):
+                row, values = rows[signal], kept[signal, slot]
+                for i in range(ROWS):
+                    row[to + i] = values[i]
             to += ROWS
             continue
         for i in range(ROWS):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.law_solve import condition, solved, standard_errors, weighted_fit
+from backlash_cli.estimator.law_solve import condition, solve, standard_errors, weighted_fit
 from backlash_cli.estimator.law_sums import WIDTH, window_sums
 
 TIMES = (0.0, 0.4, 2.0)
@@ -44,6 +44,12 @@ def test_sums_are_those_of_the_rows_one_by_one(shift, phase, window, settle):
         expected = by_hand(signals, index, 0.5, Tf, shift, phase, window, settle)
         assert sums.shape == expected.shape and len(sums) > 8
         np.testing.assert_allclose(sums, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    found = right.copy()
+    solve(matrix.copy(), found)
+    return found
 
 
 def products(rng: np.random.Generator, windows: int, size: float = 0.1) -> np.ndarray:
