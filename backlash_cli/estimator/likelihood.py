@@ -117,7 +117,8 @@ def _regress(j: int, rows: int, logs: float, ridge: float, lines: int, E: NDArra
             for q in range(nb):
                 bounded[i, q] += v * base[h, q]
     nonnegative(bounded, target, free)
-    r[:] = E[0]
+    for k in range(len(r)):
+        r[k] = E[0, k]
     length = 0.0
     for i in range(nb):
         b[i] = 0.0
@@ -217,7 +218,8 @@ def climb(p: NDArray[Any], which: int, rounds: int, share: float, xa: NDArray[An
                 value = ll[which]
                 for c in range(2):
                     if ll[c] > best[c, 3]:
-                        best[c, :3] = trial
+                        for j in range(3):
+                            best[c, j] = trial[j]
                         best[c, 3] = ll[c]
             if turn < 0 or phase == TOP:
                 break

@@ -70,7 +70,9 @@ def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArra
                 end += 1
             _go_on(S[k - 1 : end], W[k - 1 : end], use[k - 1 : end], scale)
             if len(G):
-                G[k:end] = G[k - 1]
+                for row in range(k, end):
+                    for i in range(4):
+                        G[row, i] = G[k - 1, i]
             used: Any = np.count_nonzero(use[k:end])
             rows += used
             logs += used * np.log(S[k - 1])
