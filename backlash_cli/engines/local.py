@@ -33,15 +33,18 @@ Result = TypeVar("Result")
 Item = TypeVar("Item")
 
 PER_TASK = 16  # loops that a process takes at once; they share their time stamps on the way
-SAMPLES_PER_PROCESS = 2_000_000  # starting a process takes as long as scanning about this many samples
+# CPU time on a machine of 2026, in seconds; a process that takes longer to start than it works is not worth it
+START = 0.8  # of a process
+PER_SAMPLE, PER_SAMPLE_CONFIRMED, PER_LOOP = 40e-9, 150e-9, 0.5e-3  # of a scan
 
 
-def processes(loops: Sequence[Record | Recipe], wanted: int | None = None) -> int:
-    """Number of processes for `loops`: as wanted, else one for small inputs and at most one per core for large."""
+def processes(loops: Sequence[Record | Recipe], wanted: int | None = None, *, confirm: bool = True) -> int:
+    """Number of processes for `loops`: as wanted, else one for little work and at most one per core for much."""
     if wanted is not None:
         return max(1, min(wanted, len(loops)))
     samples = sum(loop.rows if isinstance(loop, Recipe) else len(loop) for loop in loops)
-    return max(1, min(cores(), len(loops), samples // SAMPLES_PER_PROCESS))
+    work = samples * (PER_SAMPLE_CONFIRMED if confirm else PER_SAMPLE) + len(loops) * PER_LOOP
+    return max(1, min(cores(), len(loops), int(work / START)))
 
 
 def cores() -> int:
@@ -54,7 +57,7 @@ def analyse(
 ) -> Iterator[LoopReport]:
     """Yield one report per record, in order; `jobs` processes, None chooses. Closing the iterator stops the work."""
     options = options or ScanOptions()
-    count = processes(records, jobs)
+    count = processes(records, jobs, confirm=options.confirm)
     if count == 1:
         return (analyse_loop(record, options) for record in records)
     return in_processes(records, partial(analyse_loop, options=options), failed, count)
@@ -86,7 +89,7 @@ def analyse_recipes(
     options = options or ScanOptions()
     if keep is not None and any(recipe.key in keep.known for recipe in recipes):
         return _going_on(recipes, options, jobs, keep)
-    count = processes(recipes, jobs)
+    count = processes(recipes, jobs, confirm=options.confirm)
     if count == 1:
         return _in_turn(recipes, options, keep)
     size = max(1, min(PER_TASK, len(recipes) // (4 * count)))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from backlash_cli.engines import local
 from backlash_cli.engines.local import analyse, processes
 from backlash_cli.record import record_from_arrays
 from backlash_cli.results import Verdict
@@ -30,6 +31,13 @@ def test_number_of_processes_follows_the_work():
     assert processes(small) == 1 and processes([]) == 1
     assert processes(small, 3) == 3 and processes(small, 100) == 8
     assert processes(large) == 1
+
+
+def test_a_process_is_started_where_it_works_longer_than_it_starts(monkeypatch):
+    monkeypatch.setattr(local, "cores", lambda: 64)
+    days = [range(86_400)] * 200  # only their length is asked for
+    assert processes(days) > 2 * processes(days, confirm=False) > 1
+    assert processes(days[:40], confirm=False) == 1
 
 
 def left(others):
