@@ -16,10 +16,11 @@ from ..record import FloatArray, LoopSettings, Note, Record
 from ..results import Confirmation
 from .criteria import MOTION
 from .decimate import STEM, WIDTHS, BlockMeans
-from .evidence import Evidence, Rows, counted, weigh
+from .evidence import Evidence, weigh
 from .light import weigh_lightly
 from .periodic import periodic_load
 from .rebuild import OutputRebuilder
+from .rows import Rows, counted
 from .stem import weigh_with_stem
 from .switching_load import switching_load, with_switching_load
 from .whitening import WARM_UP

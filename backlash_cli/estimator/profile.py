@@ -32,14 +32,14 @@ def between(x: FloatArray, widths: FloatArray, d: float) -> FloatArray:
 
 
 def peak(d: FloatArray, values: FloatArray) -> tuple[float, float]:
-    """Return place and height of the top of `values` over evenly spaced widths d, by a parabola."""
+    """Return place and height of the top of `values` over the widths d (ascending), the place by a parabola."""
     i = int(np.argmax(values))
     if 0 < i < len(d) - 1:
-        left, mid, right = values[i - 1 : i + 2]
-        bend = left - 2.0 * mid + right
+        a, b = d[i - 1] - d[i], d[i + 1] - d[i]
+        slope_a, slope_b = (values[i - 1] - values[i]) / a, (values[i + 1] - values[i]) / b
+        bend = (slope_a - slope_b) / (a - b)
         if bend < 0:
-            shift = float(np.clip(0.5 * (left - right) / bend, -1.0, 1.0))
-            return float(d[i] + shift * (d[1] - d[0])), float(mid)
+            return float(d[i] + np.clip(-0.5 * (slope_a - bend * a) / bend, a, b)), float(values[i])
     return float(d[i]), float(values[i])
 
 

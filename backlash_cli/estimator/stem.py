@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray
 from .criteria import MOTION
-from .evidence import Evidence, Fitter, Rows, weigh
+from .evidence import Evidence, weigh
+from .fitter import Fitter
 from .likelihood import T_FREEDOM
+from .rows import Rows
 
 PLACES = (-1.0, -0.5, 0.5, 1.0)  # where in its gap a stem may stand, besides the middle: in half gaps
 CLEARLY = 2.0  # nats by which another place must explain PV better than the middle: it was chosen among five

@@ -13,9 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..record import FloatArray
-from .evidence import Evidence, Fitter, Rows
+from .evidence import Evidence
+from .fitter import Fitter
 from .likelihood import HIGHEST, LOWEST, T_FREEDOM
 from .profile import between, likelihood_interval
+from .rows import Rows
 from .square_wave import Wave, opposed_wave, square
 
 PER_STEP = 7.0  # nats that a single load step costs: its row is one of about a thousand

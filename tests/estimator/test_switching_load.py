@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from backlash_cli.estimator.confirm import ConfirmationScanner
-from backlash_cli.estimator.evidence import Rows, weigh
+from backlash_cli.estimator.evidence import weigh
+from backlash_cli.estimator.rows import Rows
 from backlash_cli.estimator.square_wave import Wave, opposed_wave, square
 from backlash_cli.estimator.switching_load import switching_load, with_switching_load
 from backlash_cli.record import LoopSettings, Record, record_from_arrays

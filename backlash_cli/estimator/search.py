@@ -1,0 +1,231 @@
+"""Search for the numbers that shape the noise, by Gauss and Newton's steps on the residuals.
+
+The slopes of the residuals over the shape numbers are found by differences, for both valve positions together, and
+from then on corrected by every step that is taken (Broyden, Mathematics of Computation 19 (1965) 577-593). A step then
+costs one evaluation of the likelihood instead of four, and a search that goes on after a small change of the model
+begins with what is known already.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from .likelihood import HIGHEST, LOWEST, STEPS, T_FREEDOM, pair
+from .whitening import LAGS
+
+PROBE = (0.02, 0.06, 0.08)  # differences of ln lag, ln ratio, logit phi that the slopes are taken over
+FURTHEST = (1.0, 3.5, 3.5)  # one step changes them by no more
+FLAT = 0.05  # curvature [nats] over one of STEPS that is assumed besides: some are without effect at times
+MOST = 20  # steps
+STALE = 3.0  # STEPS that p may be from where the slopes were taken if they are to say that a top is reached
+LOST = 6.0  # and if they are to be of any use
+
+
+@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def normal_equations(r: NDArray[Any], s2: float, slopes: NDArray[Any], H: NDArray[Any], g: NDArray[Any]) -> None:
+    """Write the gradient g (3,) of the log-likelihood and its expected curvature H (3, 3).
+
+    r (rows + lags,): residuals of Student's t with the squared scale s2, which is the most likely one and goes with
+    them; the last, one for each lag, are normal (see `_laid_out`). slopes (3, rows + lags): how r changes with each
+    number.
+    """
+    a00 = a01 = a02 = a11 = a12 = a22 = b0 = b1 = b2 = rr = 0.0
+    q = 1.0 / s2
+    n = len(r) - len(LAGS)
+    for k in range(n):
+        x, y, z, e = slopes[0, k], slopes[1, k], slopes[2, k], r[k]
+        w = (T_FREEDOM + 1.0) / (T_FREEDOM + e * e * q)
+        b0 += w * e * x
+        b1 += w * e * y
+        b2 += w * e * z
+        rr += w * e * e
+        a00 += w * x * x
+        a01 += w * x * y
+        a02 += w * x * z
+        a11 += w * y * y
+        a12 += w * y * z
+        a22 += w * z * z
+    rr = max(rr, 1e-300)
+    H[0, 0], H[1, 1], H[2, 2] = q * (a00 - b0 * b0 / rr), q * (a11 - b1 * b1 / rr), q * (a22 - b2 * b2 / rr)
+    H[0, 1], H[0, 2], H[1, 2] = q * (a01 - b0 * b1 / rr), q * (a02 - b0 * b2 / rr), q * (a12 - b1 * b2 / rr)
+    g[0], g[1], g[2] = -b0 * q, -b1 * q, -b2 * q
+    for i in range(3):
+        for k in range(n, len(r)):
+            g[i] -= q * slopes[i, k] * r[k]
+            for j in range(i, 3):
+                H[i, j] += q * slopes[i, k] * slopes[j, k]
+        for j in range(i):
+            H[i, j] = H[j, i]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _laid_out(R: NDArray[Any], S: NDArray[Any], use: NDArray[Any], b: NDArray[Any], ridge: float,
+              out: NDArray[Any]) -> float:
+    """Write to out (2, rows + lags) the residuals R (2, rows) and, behind them, what the prior makes of b (2, lags).
+
+    All are multiplied by the geometric mean of the deviations by which the residuals have been divided, so that their
+    scale says how likely they are; the square of it is returned.
+    """
+    logs, product, rows = 0.0, 1.0, 0
+    n = len(S)
+    for k in range(n):
+        if use[k]:
+            product *= S[k]
+            rows += 1
+            if product > 1e200:
+                logs += np.log(product)
+                product = 1.0
+    square = np.exp((logs + np.log(product)) / rows)
+    unit = np.float32(np.sqrt(square))
+    prior = np.sqrt(ridge * square)
+    for c in range(2):
+        for k in range(n):
+            out[c, k] = unit * R[c, k]
+        for i in range(len(LAGS)):
+            out[c, n + i] = prior * b[c, i]
+    return float(square)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def bounded_step(p: NDArray[Any], H: NDArray[Any], g: NDArray[Any], damping: float, d: NDArray[Any]) -> float:
+    """Write the step d (3,) from p within the bounds of the numbers; return the gain [nats] expected of it."""
+    A, c, free = np.empty((3, 3)), np.empty(3), np.ones(3)
+    for _ in range(4):
+        for i in range(3):
+            for j in range(3):
+                A[i, j] = H[i, j] * free[i] * free[j]
+            A[i, i] = (A[i, i] * (1.0 + damping) + FLAT / STEPS[i] ** 2) if free[i] > 0.0 else 1.0
+            c[i] = g[i] * free[i]
+        for i in range(3):
+            for k in range(i + 1, 3):
+                f = A[k, i] / A[i, i]
+                for j in range(i, 3):
+                    A[k, j] -= f * A[i, j]
+                c[k] -= f * c[i]
+        share = 1.0
+        for i in range(2, -1, -1):
+            v = c[i]
+            for j in range(i + 1, 3):
+                v -= A[i, j] * d[j]
+            d[i] = v / A[i, i]
+            share = min(share, FURTHEST[i] / max(abs(d[i]), 1e-300))
+        shut = -1
+        for i in range(3):
+            low, high = LOWEST[i] - p[i], HIGHEST[i] - p[i]
+            d[i] *= share
+            if free[i] > 0.0 and ((d[i] < low and low > -1e-9) or (d[i] > high and high < 1e-9)):
+                shut = i
+            d[i] = min(max(d[i], low), high)
+        if shut < 0:
+            break
+        free[shut] = 0.0
+    gain = 0.0
+    for i in range(3):
+        gain += g[i] * d[i]
+        for j in range(3):
+            gain -= 0.5 * d[i] * H[i, j] * d[j]
+    return gain
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _apart(p: NDArray[Any], q: NDArray[Any]) -> float:
+    """Distance of two points in STEPS."""
+    v = 0.0
+    for i in range(3):
+        v += ((p[i] - q[i]) / STEPS[i]) ** 2
+    return float(np.sqrt(v))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _keep(found: NDArray[Any], p: NDArray[Any], ll: NDArray[Any]) -> None:
+    for c in range(2):
+        if ll[c] > found[c, 3]:
+            found[c, :3] = p
+            found[c, 3] = ll[c]
+
+
+@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _corrected(slopes: NDArray[Any], r: NDArray[Any], now: NDArray[Any], d: NDArray[Any]) -> None:
+    """Correct slopes (3, rows) so that the step d leads from the residuals r (rows,) to `now`; the least change."""
+    length = (d[0] / STEPS[0]) ** 2 + (d[1] / STEPS[1]) ** 2 + (d[2] / STEPS[2]) ** 2
+    d0, d1, d2 = np.float32(d[0]), np.float32(d[1]), np.float32(d[2])
+    f0 = np.float32(d[0] / (STEPS[0] ** 2 * length))
+    f1 = np.float32(d[1] / (STEPS[1] ** 2 * length))
+    f2 = np.float32(d[2] / (STEPS[2] ** 2 * length))
+    for k in range(len(r)):
+        v = now[k] - r[k] - slopes[0, k] * d0 - slopes[1, k] * d1 - slopes[2, k] * d2
+        slopes[0, k] += v * f0
+        slopes[1, k] += v * f1
+        slopes[2, k] += v * f2
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def ascend(found: NDArray[Any], which: int, worth: float, slopes: NDArray[Any], taken: NDArray[Any],
+           xa: NDArray[Any], xb: NDArray[Any], y: NDArray[Any], line: NDArray[Any], first: NDArray[Any],
+           use: NDArray[Any], ridge: float, shock: NDArray[Any], G: NDArray[Any], S: NDArray[Any], T: NDArray[Any],
+           E: NDArray[Any], R: NDArray[Any]) -> None:
+    """Raise the likelihood of xa (which = 0) or xb (1) over p until a step gains less than `worth` [nats].
+
+    found (2, 4): best p of xa and of xb and its log-likelihood, brought up to date by every evaluation. slopes
+    (2, 3, rows + lags): of the residuals of both (see `_laid_out`); taken (2, 4): at which p they hold, and how far in
+    STEPS it is from where they were taken by differences (infinite: not at all). The others as in `likelihood.pair`.
+    """
+    p = found[which, :3].copy()
+    H, g, d, trial = np.empty((3, 3)), np.empty(3), np.empty(3), p.copy()
+    r, now = np.empty((2, len(y) + len(LAGS)), dtype=np.float32), np.empty((2, len(y) + len(LAGS)), dtype=np.float32)
+    ll, noise, b = pair(p, xa, xb, True, y, line, first, use, ridge, shock, G, S, T, E, R)
+    _keep(found, p, ll)
+    level, s2 = ll[which], noise[which] * _laid_out(R, S, use, b, ridge, r)
+    damping, failed = 0.0, 0
+    taken[which, 3] += _apart(p, taken[which])
+    taken[which, :3] = p
+    for _ in range(MOST):
+        if taken[which, 3] > LOST:
+            for i in range(3):
+                h = PROBE[i] if p[i] + PROBE[i] <= HIGHEST[i] else -PROBE[i]
+                trial[:] = p
+                trial[i] += h
+                ll, noise, b = pair(trial, xa, xb, True, y, line, first, use, ridge, shock, G, S, T, E, R)
+                _keep(found, trial, ll)
+                _laid_out(R, S, use, b, ridge, now)
+                slopes[:, i] = (now - r) * np.float32(1.0 / h)
+            for c in range(2):
+                taken[c, :3] = p
+                taken[c, 3] = 0.0
+        normal_equations(r[which], s2, slopes[which], H, g)
+        if bounded_step(p, H, g, damping, d) < 0.5 * worth:
+            if taken[which, 3] < STALE:
+                break
+            taken[which, 3] = np.inf
+            damping, failed = 0.0, 0
+            continue
+        trial[:] = p + d
+        ll, noise, b = pair(trial, xa, xb, True, y, line, first, use, ridge, shock, G, S, T, E, R)
+        _keep(found, trial, ll)
+        square = _laid_out(R, S, use, b, ridge, now)
+        _corrected(slopes[which], r[which], now[which], d)
+        if ll[which] > level:
+            gained = ll[which] - level
+            taken[which, 3] += _apart(trial, p)
+            taken[which, :3] = trial
+            p[:] = trial
+            r[:] = now
+            level, s2 = ll[which], noise[which] * square
+            damping = 0.0 if damping < 1.0 else 0.1 * damping
+            failed = 0
+            if gained < worth:
+                if taken[which, 3] < STALE:
+                    break
+                taken[which, 3] = np.inf
+        else:
+            damping = max(4.0 * damping, 1.0)
+            failed += 1
+            if failed == 2:
+                if taken[which, 3] == 0.0:
+                    break
+                taken[which, 3] = np.inf
+                damping, failed = 0.0, 0

@@ -1,0 +1,49 @@
+"""Load steps that no dead band explains."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from .likelihood import pair
+from .load_steps import load_steps, step_information
+from .whitening import WARM_UP
+
+BESIDE = 2  # rows on either side beyond which a load step must stand out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def add_load_steps(p: NDArray[Any], x: NDArray[Any], some: NDArray[Any], limit: float, y: NDArray[Any],
+                   line: NDArray[Any], first: NDArray[Any], use: NDArray[Any], ridge: float, shock: NDArray[Any],
+                   G: NDArray[Any], S: NDArray[Any], T: NDArray[Any], E: NDArray[Any], R: NDArray[Any]) -> bool:
+    """Add to `shock` (rows,) the variance of load steps; True where there are any.
+
+    A load step must stand out by `limit` deviations with every one of the valve positions x[i] (rows,), i in `some`,
+    and more than its neighbours; its size is the smallest of them. The others as in `likelihood.pair`.
+    """
+    n = len(y)
+    a, phi = 1.0 - np.exp(-1.0 / np.exp(p[0])), 1.0 / (1.0 + np.exp(-p[2]))
+    least, size, e = np.full(n, np.inf), np.full(n, np.inf), np.empty(n)
+    information = e
+    for i in range(0, len(some), 2):
+        two = min(2, len(some) - i)
+        noise = pair(p, x[some[i]], x[some[i + two - 1]], two == 2, y, line, first, use, ridge, shock, G, S, T, E, R)[1]
+        if i == 0:
+            information = step_information(G, S, a, phi, first)
+        for c in range(two):
+            e[:] = R[c]
+            e /= np.sqrt(noise[c])
+            t, step = load_steps(e, information, G, S, a, phi, first)
+            for k in range(n):
+                least[k] = min(least[k], abs(t[k]))
+                size[k] = min(size[k], step[k] * step[k])
+    least[: WARM_UP - 4] = 0.0
+    found = False
+    for k in range(n):
+        if least[k] > limit and least[k] >= least[max(k - BESIDE, 0) : k + BESIDE + 1].max():
+            shock[k] += size[k]
+            found = True
+    return found
