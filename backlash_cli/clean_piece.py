@@ -49,48 +49,61 @@ def usable(index: IntArray, state: NDArray[np.uint8]) -> bool:
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
-def filtered(pv: FloatArray, filters: FloatArray, z: FloatArray, plain: FloatArray, smooth: FloatArray) -> None:
+def filtered(setpoint: FloatArray, pv: FloatArray, filters: FloatArray, z: FloatArray, errors: FloatArray,
+             sums: FloatArray) -> None:
     """Run a piece of the measurement through both filters of a walk, the second behind the first.
 
     z: the states of both, in direct form II transposed, changed in place. Inside, each filter keeps its last two
-    outputs instead: the way from one sample to the next is then one multiplication long.
+    outputs instead: the way from one sample to the next is then one multiplication long, and while it lasts the errors
+    are summed. errors, sums: (2, samples + 1) the control error behind each filter from place 1 on, and the sum of
+    those before each.
     """
     b10, b11, b12, a11, a12 = filters[0, 0], filters[0, 1], filters[0, 2], filters[0, 3], filters[0, 4]
     b20, b21, b22, a21, a22 = filters[1, 0], filters[1, 1], filters[1, 2], filters[1, 3], filters[1, 4]
+    plain, smooth, sum1, sum2 = errors[0], errors[1], sums[0], sums[1]
     x = pv[0]
     before1, before2 = z[0], z[2]
     y = before1 + b10 * x
     now1 = (b11 * x + z[1]) - a11 * before1
     now2 = (b21 * y + z[3]) - a21 * before2
-    plain[0], smooth[0] = y, before2 + b20 * y
+    total1, total2 = setpoint[0] - y, setpoint[0] - (before2 + b20 * y)
+    plain[1], smooth[1] = total1, total2
+    sum1[0], sum2[0], sum1[1], sum2[1] = 0.0, 0.0, total1, total2
     for k in range(1, len(pv)):
         x_before, y_before = x, y
         x = pv[k]
         y = now1 + b10 * x
+        error1, error2 = setpoint[k] - y, setpoint[k] - (now2 + b20 * y)
         next1 = ((b11 * x + b12 * x_before) - a12 * before1) - a11 * now1
         next2 = ((b21 * y + b22 * y_before) - a22 * before2) - a21 * now2
-        plain[k], smooth[k] = y, now2 + b20 * y
+        total1, total2 = total1 + error1, total2 + error2
+        plain[k + 1], smooth[k + 1], sum1[k + 1], sum2[k + 1] = error1, error2, total1, total2
         before1, now1, before2, now2 = now1, next1, now2, next2
     z[0], z[1] = now1, b12 * x - a12 * before1
     z[2], z[3] = now2, b22 * y - a22 * before2
 
 
 @numba.njit(cache=True, nogil=True)
-def crossings(setpoint: FloatArray, errors: FloatArray, sign: float, flips: NDArray[np.uint8]) -> bool:
-    """Turn a filtered measurement into the control error, in place, and mark where its sign changes.
-
-    sign: that of the error before the first. Returns False where an error is exactly zero, which has no sign.
-    """
-    zeros = 0
-    for k in range(len(setpoint)):
-        errors[k] = setpoint[k] - errors[k]
-        zeros += errors[k] == 0.0
+def crossings(errors: FloatArray, sign: float, flips: NDArray[np.uint8], at: IntArray) -> int:
+    """Write to `at` where the sign of the errors changes; return how often, -1 where an error is exactly zero, which
+    has no sign. sign: that of the error before the first. flips: room for a mark per error and for seven more."""
+    zeros, n = 0, len(errors)
     flips[0] = (errors[0] > 0.0) != (sign > 0.0)
-    for k in range(1, len(setpoint)):
+    for k in range(1, n):
         flips[k] = (errors[k] > 0.0) != (errors[k - 1] > 0.0)
-    for k in range(len(setpoint), len(flips)):
+    for k in range(n):
+        zeros += errors[k] == 0.0
+    if zeros:
+        return -1
+    for k in range(n, n + 7):
         flips[k] = 0
-    return zeros == 0
+    eights, found = flips.view(np.uint64), 0
+    for eight in range((n + 7) // 8):
+        if eights[eight]:
+            for k in range(8 * eight, 8 * eight + 8):
+                at[found] = k
+                found += flips[k]
+    return found
 
 
 @numba.njit(cache=True, nogil=True)

@@ -37,7 +37,7 @@ def start() -> FloatArray:
 def _filter(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, state: NDArray[np.uint8],
             filters: FloatArray, c: FloatArray, at: NDArray[np.int64], moved: FloatArray, errors: FloatArray) -> int:
     """Run the measurement through both filters; write position, change of setpoint and both errors of each sample
-    that may be used, and return how many these are. `at` begins with the one before."""
+    that may be used, and return how many these are. `at` begins with the one before, errors with an empty place."""
     b10, b11, b12, a11, a12 = filters[0, 0], filters[0, 1], filters[0, 2], filters[0, 3], filters[0, 4]
     b20, b21, b22, a21, a22 = filters[1, 0], filters[1, 1], filters[1, 2], filters[1, 3], filters[1, 4]
     z11, z12, z21, z22 = c[0], c[1], c[2], c[3]
@@ -62,8 +62,8 @@ def _filter(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, stat
         r = setpoint[k]
         if what > FILLED or not np.isfinite(r):
             continue
-        errors[0, n] = r - y
-        errors[1, n] = r - smooth
+        errors[0, n + 1] = r - y
+        errors[1, n + 1] = r - smooth
         moved[n] = abs(r - last)
         last = r
         n += 1
@@ -115,49 +115,41 @@ def cut(errors: FloatArray, at: NDArray[np.int64], moved: FloatArray, n: int, c:
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
-def cut_clean(errors: FloatArray, flips: NDArray[np.uint8], first: int, moved: FloatArray, moves: bool, c: FloatArray,
-              out: FloatArray, least_area: float, least_length: float) -> None:
+def cut_clean(errors: FloatArray, sums: FloatArray, n: int, crossed_at: IntArray, crossings: int, first: int,
+              moved: FloatArray, moves: bool, c: FloatArray, out: FloatArray, least_area: float,
+              least_length: float) -> None:
     """Cut one error into half periods where none is zero and no sample is missing; the same as `cut`.
 
-    errors: (samples + 1,), its last place is used to turn bits into a number. flips: where the sign changes. first:
-    position of the first sample. moves: whether the setpoint does; if not, `moved` is not looked at.
+    errors: from place 1 on those of n samples, sums: of all before each. crossed_at: where the sign changes. first:
+    position of the first sample. moves: whether the setpoint does; if not, `moved` is not looked at. Between crossings
+    the sum of the errors is the area, and their peak is looked for only where the half period is kept.
     """
-    begin, crossed, area, peak, move, last = c[BEGIN], c[CROSSED], c[AREA], c[PEAK], c[MOVE], c[LAST]
+    begin, crossed, area, peak, move = c[BEGIN], c[CROSSED], c[AREA], c[PEAK], c[MOVE]
     sign, stored, left_out = c[SIGN], np.int64(c[STORED]), c[LEFT_OUT]
-    n = len(errors) - 1
-    bits, eights = errors.view(np.int64), flips.view(np.uint64)
-    done = 0
-    flips[n] = 1  # where the piece ends
-    for eight in range(n // 8 + 1):
-        if eights[eight] == 0:
-            continue
-        for k in range(8 * eight, min(8 * eight + 8, n + 1)):
-            if not flips[k]:
-                continue
-            if k > done:
-                bits[n] = largest(bits[done:k])
-                peak = max(peak, errors[n])
-                area += 0.5 * abs(last) + total(errors[done:k]) - 0.5 * abs(errors[k - 1])
-                move += total(moved[done:k]) if moves else 0.0
-                last = errors[k - 1]
-            if k == n:
-                break
-            share = last / (last - errors[k])
-            end = first + k - 1 + share
-            area += 0.5 * abs(last) * share
-            if crossed > 0.0 and ((stored > 0 and area < least_area) or end - begin < least_length):
-                left_out += 1.0
-            else:
-                row = out[stored]
-                row[0], row[1], row[2], row[3] = begin, end, area, peak
-                row[4], row[5], row[6] = sign, move, crossed
-                stored += 1
-            last, sign, done = errors[k], -sign, k + 1
-            begin, crossed, peak = end, 1.0, abs(last)
-            area, move = 0.5 * peak * (1.0 - share), moved[k] if moves else 0.0
-    c[SIGN], c[BEGIN], c[CROSSED], c[AREA] = sign, begin, crossed, area
-    c[PEAK], c[MOVE], c[LAST] = peak, move, last
-    c[STORED], c[LEFT_OUT] = stored, left_out
+    errors[0] = c[LAST]
+    bits, spare = errors.view(np.int64), len(errors) - 1
+    start = summed = 0  # samples of the open half period in this piece begin here; up to here they are in its area
+    for i in range(crossings):
+        k = crossed_at[i]
+        last, error = errors[k], errors[k + 1]
+        share = last / (last - error)
+        end = first + k - 1 + share
+        area += 0.5 * abs(errors[summed]) + abs(sums[k] - sums[summed]) - 0.5 * abs(last) * (1.0 - share)
+        if crossed > 0.0 and ((stored > 0 and area < least_area) or end - begin < least_length):
+            left_out += 1.0
+        else:
+            bits[spare] = largest(bits[start + 1 : k + 1])
+            row = out[stored]
+            row[0], row[1], row[2], row[3] = begin, end, area, max(peak, errors[spare])
+            row[4], row[5], row[6] = sign, move + total(moved[start:k]) if moves else move, crossed
+            stored += 1
+        begin, crossed, sign, peak, move = end, 1.0, -sign, 0.0, 0.0
+        area, start, summed = 0.5 * abs(error) * (1.0 - share), k, k + 1
+    bits[spare] = largest(bits[start + 1 : n + 1])
+    c[SIGN], c[BEGIN], c[CROSSED] = sign, begin, crossed
+    c[AREA] = area + 0.5 * abs(errors[summed]) + abs(sums[n] - sums[summed]) - 0.5 * abs(errors[n])
+    c[PEAK], c[MOVE] = max(peak, errors[spare]), move + total(moved[start:n]) if moves else move
+    c[LAST], c[STORED], c[LEFT_OUT] = errors[n], stored, left_out
 
 
 @numba.njit(cache=True, nogil=True)
@@ -182,9 +174,10 @@ def walk(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, state: 
     behind the first. least: area [span samples] of plain and length [samples] of smooth half periods below which
     complete ones are counted and not stored (the first plain one always is). plain, smooth: (rows, COLUMNS) tables.
     """
-    at, moved, errors = np.empty(ROOM + 1, np.int64), np.empty(ROOM), np.empty((2, ROOM + 1))
-    flips, setpoint_before = np.zeros((2, ROOM + 8), np.uint8), carried[SETPOINT : SETPOINT + 1].view(np.int64)
-    of_plain, of_smooth = carried[PLAIN:SMOOTH], carried[SMOOTH:]
+    at, moved = np.empty(ROOM + 1, np.int64), np.empty(ROOM)
+    errors, sums = np.empty((2, ROOM + 2)), np.empty((2, ROOM + 1))
+    flips, crossed_at = np.zeros(ROOM + 8, np.uint8), np.empty((2, ROOM + 8), np.int64)
+    of_plain, of_smooth, setpoint_before = carried[PLAIN:SMOOTH], carried[SMOOTH:], carried[SETPOINT : SETPOINT + 1]
     while first < len(index):
         if of_plain[STORED] + ROOM > len(plain) or of_smooth[STORED] + ROOM > len(smooth):
             break
@@ -193,17 +186,20 @@ def walk(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, state: 
         here, r, y = index[first:last], setpoint[first:last], pv[first:last]
         clean, low, high = _clean(here, y.view(np.int64), r.view(np.int64), state[first:last], carried)
         if clean:
-            moves = low != high or low != in_order(setpoint_before[0])
+            moves = low != high or low != in_order(setpoint_before.view(np.int64)[0])
             if moves:
                 changes(r, carried[SETPOINT], moved)
-            filtered(y, filters, carried, errors[0], errors[1])
-            signs = crossings(r, errors[0, :n], of_plain[SIGN], flips[0])
-            signs = crossings(r, errors[1, :n], of_smooth[SIGN], flips[1]) and signs
+            filtered(r, y, filters, carried, errors, sums)
+            of_0 = crossings(errors[0, 1 : n + 1], of_plain[SIGN], flips, crossed_at[0])
+            of_1 = crossings(errors[1, 1 : n + 1], of_smooth[SIGN], flips, crossed_at[1])
             carried[KNOWN] = carried[USED] = here[-1]
             carried[SETPOINT] = r[-1]
-            if signs:
-                cut_clean(errors[0, : n + 1], flips[0], here[0], moved, moves, of_plain, plain, least[0], 0.0)
-                cut_clean(errors[1, : n + 1], flips[1], here[0], moved, moves, of_smooth, smooth, 0.0, least[1])
+            clean = of_0 >= 0 and of_1 >= 0
+            if clean:
+                cut_clean(errors[0], sums[0], n, crossed_at[0], of_0, here[0], moved, moves, of_plain, plain,
+                          least[0], 0.0)
+                cut_clean(errors[1], sums[1], n, crossed_at[1], of_1, here[0], moved, moves, of_smooth, smooth,
+                          0.0, least[1])
             else:
                 at[0] = here[0] - 1
                 for k in range(n):  # slices are not assigned to in compiled loops: that takes seconds to compile
@@ -211,9 +207,8 @@ def walk(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, state: 
                     moved[k] = moved[k] if moves else 0.0
         else:
             n = _filter(here, r, y, state[first:last], filters, carried, at, moved, errors)
-            signs = False
-        if not signs:
-            cut(errors[0], at, moved, n, of_plain, plain, least[0], 0.0)
-            cut(errors[1], at, moved, n, of_smooth, smooth, 0.0, least[1])
+        if not clean:
+            cut(errors[0, 1:], at, moved, n, of_plain, plain, least[0], 0.0)
+            cut(errors[1, 1:], at, moved, n, of_smooth, smooth, 0.0, least[1])
         first = last
     return first
