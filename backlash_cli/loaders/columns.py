@@ -84,12 +84,14 @@ class ParquetFileColumns:
     texts: names of columns of text that repeats itself. about: what the file says of itself, where that is known.
     """
 
-    BATCH = 4 << 20  # bytes of decoded columns read ahead at once
+    BATCH = 1 << 20  # bytes of decoded columns read ahead at once: what a core keeps near itself
+    FAR = 8  # times as much at once where each reading is a request
 
     def __init__(
         self, path: Path | Remote, texts: tuple[str, ...] = (), about: pa_parquet.FileMetaData | None = None
     ) -> None:
         self.path, self.texts, self._about = path, texts, about
+        self._batch = self.BATCH * (self.FAR if isinstance(path, Remote) else 1)
         self.read_in_order([])
 
     def read_in_order(self, columns: list[Part]) -> None:
@@ -102,8 +104,9 @@ class ParquetFileColumns:
 
     @cached_property
     def file(self) -> pa_parquet.ParquetFile:
+        far = isinstance(self.path, Remote)
         place = self.path.open_bytes() if isinstance(self.path, Remote) else self.path
-        return pa_parquet.ParquetFile(place, metadata=self._about, read_dictionary=list(self.texts))
+        return pa_parquet.ParquetFile(place, metadata=self._about, read_dictionary=list(self.texts), pre_buffer=far)
 
     def column(self, index: int, first: int = 0) -> pa.ChunkedArray:
         """Return one column from row group `first` on; the next ones of the order are read with it, and kept while they
@@ -114,7 +117,7 @@ class ParquetFileColumns:
             place = self._place.get(key, -1)
             rows = self.file.metadata.num_rows - self.begins[first]
             if place >= self._next:
-                ahead = self._order[place:][: max(1, self.BATCH // max(8 * rows, 1))]
+                ahead = self._order[place:][: max(1, self._batch // max(8 * rows, 1))]
                 wanted = list(takewhile(lambda other: other[1] == first, ahead))
                 self._next = place + len(wanted)
                 # what was left lying belongs to loops that could not be used, unless loops share it

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -44,8 +45,13 @@ class ArrayValues:
     """Values in memory; cells without a number do not count."""
 
     def __init__(self, *parts: NDArray[np.float64] | None) -> None:
-        self.known = np.concatenate([part[np.isfinite(part)] for part in parts if part is not None])
+        self._parts = [part for part in parts if part is not None]
         self._ordered = False
+
+    @cached_property
+    def known(self) -> NDArray[np.float64]:
+        """The finite values; most loops have spans, and nobody asks for them."""
+        return np.concatenate([part[np.isfinite(part)] for part in self._parts])
 
     @property
     def ends(self) -> tuple[float, float] | None:
