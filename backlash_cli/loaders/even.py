@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from .columns import LazyColumn, ParquetColumn
+from .csv_signal import ForeignText
+from .options import ReadOptions
+from .store import ColumnStore, Room
+from .times import NAT, Times, to_times
 
 LONG = 1 << 20  # rows from which on a record is worth reading in pieces
 
@@ -28,18 +35,54 @@ class EvenColumn(LazyColumn):
         return pa.chunked_array([pa.array(self.start + self.step * np.arange(self.rows)).cast(self.type)])
 
 
-class EvenStamps:
-    """Joins pieces of a column of stamps, and keeps two numbers instead as long as they are even."""
+class StampColumn(LazyColumn):
+    """Time stamps at any intervals, in a column store."""
 
-    def __init__(self) -> None:
+    def __init__(self, kind: pa.TimestampType, room: Room) -> None:
+        super().__init__(pa.timestamp("us", kind.tz), 0)
+        self._store = ColumnStore(room)
+
+    def add(self, part: pa.ChunkedArray) -> None:
+        """Take the next rows. Raises ForeignText when they are of another kind."""
+        if not pa.types.is_timestamp(part.type) or part.type.tz != self.type.tz:
+            raise ForeignText
+        micros = to_times(part, "", ReadOptions(), "").micros
+        self._store.add(micros.view(np.float64).reshape(1, -1))
+        self.rows += len(part)
+
+    def pieces(self) -> Iterator[NDArray[np.int64]]:
+        """Yield the stamps [microseconds since 1970 UTC], some rows at a time."""
+        return (part.view(np.int64) for part in self._store.parts(0))
+
+    def times(self) -> Times:
+        """Return all stamps."""
+        return Times(self._store.column(0).view(np.int64), zoned=self.type.tz is not None)
+
+    def arrow(self) -> pa.ChunkedArray:
+        micros = self.times().micros
+        return pa.chunked_array([pa.array(micros, pa.int64(), mask=micros == NAT).cast(self.type)])
+
+
+class EvenStamps:
+    """Joins pieces of a column of stamps, and keeps two numbers instead as long as they are even.
+
+    room: for stamps that are not, which go to a column store; None keeps them in `parts`.
+    """
+
+    def __init__(self, room: Room | None = None) -> None:
         self.parts: list[pa.ChunkedArray] = []
         self._even: EvenColumn | None = None
+        self._room = room
+        self._stored: StampColumn | None = None
 
     def add(self, part: pa.ChunkedArray) -> None:
         """Take the next rows."""
         if not len(part):
             return
         known = self._even
+        if self._stored is not None:
+            self._stored.add(part)
+            return
         if known is None and self.parts:
             self.parts.append(part)
             return
@@ -52,13 +95,24 @@ class EvenStamps:
                 first, rows = (start, 0) if known is None else (known.start, known.rows)
                 self._even = EvenColumn(first, step, rows + len(part), kind)
                 return
-        self.parts = [part] if known is None else [known.arrow(), part]
+        before = [] if known is None else [known.arrow()]
         self._even = None
+        if self._room is not None and pa.types.is_timestamp(kind):
+            self._stored = StampColumn(kind, self._room)
+            for rows_before in (*before, part):
+                self._stored.add(rows_before)
+            return
+        self.parts = [*before, part]
 
     @property
-    def column(self) -> EvenColumn | None:
-        """The column, None where its stamps are not even: then it is in `parts`."""
+    def even(self) -> EvenColumn | None:
+        """The column if its stamps are even."""
         return self._even
+
+    @property
+    def column(self) -> EvenColumn | StampColumn | None:
+        """The column, None where it is in `parts`."""
+        return self._even or self._stored
 
 
 def even_stamps(cells: LazyColumn) -> EvenColumn | None:
@@ -70,6 +124,6 @@ def even_stamps(cells: LazyColumn) -> EvenColumn | None:
     stamps = EvenStamps()
     for piece in cells.file.pieces(cells.index):
         stamps.add(piece)
-        if stamps.column is None:
+        if stamps.even is None:
             return None
-    return stamps.column
+    return stamps.even

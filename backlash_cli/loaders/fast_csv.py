@@ -119,9 +119,10 @@ def read_blocks(
     kinds: types of all columns in the first lines, for those that are not stored. progress: called with the bytes of
     each block.
     """
+    room = room or Room()
     signals = [Signal() for _ in layout.stored]
     store = ColumnStore(room)
-    stamps = [_Stamps() for _ in layout.stamps]
+    stamps = [_Stamps(room) for _ in layout.stamps]
     bad: list[tuple[int, int, int]] = []
     rows = 0
     try:
@@ -193,8 +194,8 @@ def parsed_blocks(blocks: Iterator[Lines], layout: Layout, threads: int) -> Iter
 class _Stamps:
     """A column of time stamps on its way through the blocks."""
 
-    def __init__(self) -> None:
-        self._even = EvenStamps()
+    def __init__(self, room: Room) -> None:
+        self._even = EvenStamps(room)
         self._written: list[Hours] = []
 
     def add(self, part: pa.ChunkedArray | HourlyStamps) -> None:

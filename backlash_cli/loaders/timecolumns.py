@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from .columns import LazyColumn, ParquetColumn
-from .even import even_stamps
+from .even import StampColumn, even_stamps
 from .hourly_stamps import HourlyStamps
 from .names import is_time_name, plain, split_tag
 from .options import ReadOptions
@@ -110,6 +110,10 @@ def _axis(table: Table, column: int, options: ReadOptions) -> Axis:
     if isinstance(cells, LazyColumn):
         kind = cells.type
         if pa.types.is_timestamp(kind) and (kind.tz is not None or not options.timezone):
+            if isinstance(cells, StampColumn):
+                axis = LazyAxis(cells.times, kind.tz is not None, table.where, cells.pieces)
+                axis.first_line = table.first_line
+                return axis
             even = even_stamps(cells)
             if even is not None and even.micros[1]:
                 return EvenAxis(*even.micros, len(even), kind.tz is not None, table.where, table.first_line)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.benchmarks.made_plant import write, write_long
+from tests.benchmarks.made_plant import write, write_long, write_rough
 from tests.benchmarks.memory import peak_of
 
 
@@ -26,3 +26,8 @@ def test_a_long_file_four_times_as_long_takes_hardly_more_memory(tmp_path, suffi
     before, after = (peak_of(write_long(tmp_path / f"plant.{suffix}", 24, days, kinds=1), room=1 << 20)[1]
                      for days in (0.5, 2.0))
     assert after - before < 100.0  # [MB]; kept whole, its 9 million rows more would take 1,500
+
+
+def test_a_rough_record_three_times_as_long_takes_hardly_more_memory(tmp_path):
+    before, after = (peak_of(write_rough(tmp_path / "plant.csv", days), room=1 << 20)[1] for days in (13.0, 39.0))
+    assert after - before < 80.0  # [MB]; kept whole, its 2.2 million samples more would take 310
