@@ -15,6 +15,7 @@ from ..record import LoopSettings, Note
 from .loop_settings import Settings
 
 SLACK = 0.05  # of the span: noise around the end of a range
+ASKED = (0.001, 0.05, 0.25, 0.75, 0.999)  # quantiles from which spans are guessed
 
 
 @dataclass(frozen=True)
