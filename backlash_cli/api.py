@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -99,16 +99,18 @@ def open_files(
     reading: ReadOptions | None = None,
     jobs: int | None = None,
     taken: Callable[[int], None] | None = None,
+    done: Collection[str] = (),
 ) -> OpenPlant:
     """Find the loops of exports without keeping their samples; `scan` reads one loop after the other.
 
-    Parameters as for `scan_files`; jobs: threads that parse the text of large CSV files. The temporary file of a large
+    Parameters as for `scan_files`; jobs: threads that parse the text of large CSV files. done: names of
+    loops whose samples need not be kept: `recipes.left_out` tells which were not. The temporary file of a large
     CSV lives as long as the result. Raises BacklashError when nothing can be read.
     """
     from .engines.local import cores
     from .loaders.lazy_tables import Lazily
 
-    lazily = Lazily(threads=min(cores(), MOST_THREADS) if jobs is None else jobs, progress=taken)
+    lazily = Lazily(threads=min(cores(), MOST_THREADS) if jobs is None else jobs, progress=taken, done=done)
     return open_plant(inputs, loops=loops, options=reading, lazily=lazily)
 
 

@@ -64,6 +64,10 @@ class Unfinished:
             raise BacklashError(f"the history may not be written: {error.strerror}", where=str(history),
                                 code="history_unusable", remedy="check the rights of its folder") from None
 
+    def loops(self) -> frozenset[str]:
+        """Return the names of the loops that were finished before."""
+        return frozenset(kept.report.loop for kept in self.known.values())
+
     def add(self, key: str, report: LoopReport, notes: tuple[Note, ...] | None = None,
             failures: tuple[Note, ...] = ()) -> None:
         """Keep the report of a finished loop; one that failed is tried again next time. key: empty, nothing is kept.

@@ -6,7 +6,7 @@ encodings, text that only a full CSV reader understands. It raises nothing about
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -52,13 +52,15 @@ class Lazily:
     """How to read lazily. needed: tells from the first rows of a table which columns the wanted loops use; all if not.
     wanted: tells of a tag (or of a loop, in rows of loops) whether the wanted loops use it.
 
-    threads: of parsing. progress: called with the bytes of a file that were taken in.
+    threads: of parsing. progress: called with the bytes of a file that were taken in. done: names of loops whose
+    samples nobody will need.
     """
 
     needed: Callable[[Table], set[int]] = lambda table: set(range(len(table.names)))
     wanted: Callable[[str], bool] = lambda tag: True
     threads: int = 1
     progress: Callable[[int], None] | None = None
+    done: Collection[str] = ()
     room: Room = field(default_factory=Room)
 
 

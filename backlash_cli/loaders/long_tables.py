@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import BacklashError, InputError
 from ..record import Note
-from .columns import StoredColumn
+from .columns import LazyColumn, StoredColumn
 from .csv_signal import ForeignText, Signal
 from .layouts import layout_of
 from .long_layouts import LongColumns, long_columns, tag_series, tall_columns
@@ -136,21 +136,23 @@ class LongReader:
         found: list[Series] = []
         for code, name in tags:
             if name := name.strip():
-                found += self._of_tag(name, self._store.tag(code), clock)
+                found += self._of_tag(name, self._store.tag(code), clock, self._names.kept[code])
         return found
 
-    def _of_tag(self, name: str, rows: TagRows, clock: Clock) -> list[Series]:
+    def _of_tag(self, name: str, rows: TagRows, clock: Clock, kept: bool) -> list[Series]:
         axis = TagAxis(rows, clock, self.head.where)
         names = self.head.names
         if self.layout.tall:
             there = [(k, names[i]) for k, i in enumerate(self.layout.columns.values) if self.signals[k].filled]
-            return [Series(f"{name}.{column}", name, signal_role(column), column, axis, self._cells(rows, k), None,
-                           self.head.where) for k, column in there]
-        marks = None if self.layout.columns.quality is None else replace(self._cells(rows, 1), decimal=".")
-        return [tag_series(name, axis, self._cells(rows, 0), marks, self.head.where)]
+            return [Series(f"{name}.{column}", name, signal_role(column), column, axis, self._cells(rows, k, kept),
+                           None, self.head.where) for k, column in there]
+        marks = None if self.layout.columns.quality is None else replace(self._cells(rows, 1, kept), decimal=".")
+        return [tag_series(name, axis, self._cells(rows, 0, kept), marks, self.head.where)]
 
-    def _cells(self, rows: TagRows, slot: int) -> Cells:
+    def _cells(self, rows: TagRows, slot: int, kept: bool = True) -> Cells:
         signal = self.signals[slot]
+        if not kept:
+            return Cells(LazyColumn(pa.float64(), 0), self.head.decimal)
         return Cells(StoredColumn(rows, VALUE + slot, list(signal.words), not signal.filled), self.head.decimal)
 
     def _clock(self, codes: list[int]) -> Clock:

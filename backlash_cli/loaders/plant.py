@@ -136,8 +136,8 @@ def open_plant(
     sources = find_sources(given)
     metadata, warnings = metadata_of(given, sources, loops)
     if lazily is not None:
-        lazily = replace(lazily, needed=partial(needed_columns, metadata=metadata, options=options),
-                         wanted=wanted_tags(metadata, options))
+        lazily = replace(lazily, wanted=wanted_tags(metadata, options, lazily.done),
+                         needed=partial(needed_columns, metadata=metadata, options=options, done=lazily.done))
     found, more, failures, first_problem = _series(sources, options, lazily)
     warnings += more
     if options.share is not None:

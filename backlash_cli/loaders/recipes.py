@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+
+import pyarrow as pa
 
 from ..errors import BacklashError
 from ..record import Note, Record
@@ -124,19 +126,31 @@ def _columns(loop: LoopSeries) -> Iterator[object]:
             yield None if item.quality is None else item.quality.column
 
 
-def needed_columns(table: Table, metadata: Metadata, options: ReadOptions) -> set[int]:
-    """Return the columns of a table that the wanted loops use, seen from its first rows."""
+def needed_columns(
+    table: Table, metadata: Metadata, options: ReadOptions, done: Collection[str] = ()
+) -> set[int]:
+    """Return the columns of a table that the wanted loops use, seen from its first rows. done: loops that are not."""
     renamed = dict(options.share.renamed) if options.share is not None else None
     loops = by_loop(series_of(table, options), metadata, renamed)
     place = {id(column): i for i, column in enumerate(table.columns)}
-    used = {place[id(c)] for name in _perhaps_wanted(loops, options) for c in _columns(loops[name]) if id(c) in place}
+    wanted = [name for name in _perhaps_wanted(loops, options) if name not in done]
+    used = {place[id(c)] for name in wanted for c in _columns(loops[name]) if id(c) in place}
     # what is still empty may be a tag of the loops file
     return used | {i for i, column in enumerate(table.columns) if column.null_count == table.rows}
 
 
-def wanted_tags(metadata: Metadata, options: ReadOptions) -> Callable[[str], bool]:
-    """Return what says of a tag whether a loop that the options do not rule out may use it."""
-    if options.share is None and not (options.only_loops or options.loops_matching):
+def left_out(recipe: Recipe) -> bool:
+    """Whether samples of a loop were not kept when its files were read, as nobody seemed to need them."""
+    columns = (column.base if isinstance(column, SlicedColumn) else column for column in _columns(recipe.series))
+    return any(type(column) is LazyColumn and not pa.types.is_null(column.type) for column in columns)
+
+
+def wanted_tags(
+    metadata: Metadata, options: ReadOptions, done: Collection[str] = ()
+) -> Callable[[str], bool]:
+    """Return what says of a tag whether a loop that the options do not rule out may use it. done: loops that do not."""
+    done = frozenset(done if options.since is None else ())  # what has no samples would not count as data since then
+    if options.share is None and not (options.only_loops or options.loops_matching or done):
         return lambda tag: True
     renamed = dict(options.share.renamed) if options.share is not None else None
     owners = explicit_tags(metadata)[0]
@@ -147,7 +161,7 @@ def wanted_tags(metadata: Metadata, options: ReadOptions) -> Callable[[str], boo
         for name in (tag, loop):
             found = (metadata.match(name), metadata.part_of(name)) if renamed is None else (renamed.get(name),)
             names.update(match for match in found if match)
-        return bool(_perhaps_wanted(dict.fromkeys(names), options))
+        return done.isdisjoint(names) and bool(_perhaps_wanted(dict.fromkeys(names), options))
 
     return wanted
 
