@@ -17,6 +17,7 @@ from backlash_cli.loaders.lazy_tables import Lazily, lazy_table
 from backlash_cli.loaders.long_tables import LongTable
 from backlash_cli.loaders.store import Room
 from backlash_cli.loaders.tag_store import TagStore
+from backlash_cli.scan import ScanOptions
 from tests.loaders.test_lazy import assert_same, outcome, read_lazily
 from tests.small_plant import records
 
@@ -200,7 +201,8 @@ def test_loops_of_a_long_file_are_analysed_alike_in_several_processes(tmp_path):
     opened = open_files(write(tmp_path / "plant.csv", long_frame()))
     recipe = pickle.loads(pickle.dumps(opened.recipes[0]))
     np.testing.assert_array_equal(recipe.record().measurement, opened.recipes[0].record().measurement)
-    assert scan(opened, jobs=2) == scan(opened, jobs=1)
+    options = ScanOptions(confirm=False)
+    assert scan(opened, options, jobs=2) == scan(opened, options, jobs=1)
 
 
 def test_stamps_are_given_back_after_each_loop(tmp_path):
