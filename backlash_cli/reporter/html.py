@@ -11,7 +11,7 @@ from ..record import Record
 from ..results import LoopReport, ScanResult
 from .folder import links_to, write_pages
 from .loop_page import loop_sections, note_table
-from .page import Cell, Section, Table, page
+from .page import Cell, Section, Table, drawn, page
 from .safe import file_names, shorten
 from .words import MARKS, VERDICTS, advice, by_size, excluded, interval, moment, percent, size
 
@@ -32,7 +32,7 @@ def single_page(result: ScanResult, records: Mapping[str, Record]) -> str:
     loops = [
         Section(
             shorten(r.loop, 120), folded=True, anchor=f"loop-{i}", mark=MARKS[r.verdict], summary=_brief(r),
-            parts=loop_sections(r, records.get(r.loop) if i < DRAWN else None),
+            parts=drawn(loop_sections(r, records.get(r.loop) if i < DRAWN else None)),
         )
         for i, r in enumerate(reports)
     ]

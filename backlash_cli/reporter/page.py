@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -66,6 +66,25 @@ class Section:
     anchor: str = ""
     mark: str = ""
     summary: str = ""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure as JSON text, a fifth of the memory that its numbers take."""
+
+    text: str
+
+    def to_json(self) -> str:
+        return self.text
+
+
+def drawn(sections: Sequence[Section]) -> list[Section]:
+    """The same sections with figures as text, for pages of many."""
+    return [
+        replace(s, figure=s.figure if s.figure is None or hasattr(s.figure, "to_json") else Drawn(_json(s.figure)),
+                parts=drawn(s.parts))
+        for s in sections
+    ]
 
 
 def page(
