@@ -12,7 +12,7 @@ from ..record import FloatArray
 WIDTHS: FloatArray = 0.002 * 1.22 ** np.arange(24, dtype=np.float64)
 HOLE = 8  # blocks without a sample after which the stem may stand anywhere in its gap (two Ti)
 ENOUGH = 0.7  # share of its samples that a block needs
-STRETCH = 250  # blocks that are kept or dropped together
+STRETCH = 250  # blocks that come and go together
 BRIDGE = 2  # blocks missing in a row that are bridged by a straight line
 LANES = 32  # OP and the widths side by side, filled up: the processor works on eight of them at a time
 FILLED = 1  # highest SampleState that may be used
@@ -54,15 +54,14 @@ def _play(u: FloatArray, W: FloatArray) -> None:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def blocks(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, op: FloatArray, state: NDArray[np.uint8],
-           size: int, least: float, W: FloatArray, at: NDArray[np.int64], seen: FloatArray, before: FloatArray,
+           size: int, W: FloatArray, at: NDArray[np.int64], seen: FloatArray, before: FloatArray,
            out_at: NDArray[np.int64], out: FloatArray, travel: FloatArray) -> tuple[int, int]:
     """Go through the samples until they end or there is no room for more rows; return how many were taken, and rows.
 
     W: places, half widths and sums of each lane, sum of PV. at, seen: see the places above. before (columns,): the
-    last row. Stretches in which OP travels less than `least` are left out. travel (rows,): of OP in its
-    stretch, up to each row.
+    last row. travel (rows,): of OP in its stretch, up to each row.
     """
-    rows = begin = 0
+    rows = 0
     latest = -1  # place of the last row in `out`, where it is not in `before`
     n = len(index)
     k = 0
@@ -92,7 +91,7 @@ def blocks(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, op: F
                 if latest >= 0 and at[BLOCK] != at[ROW] + 1:
                     for j in range(len(before)):
                         before[j] = out[latest, j]
-                rows, begin = close(W, at, seen, least, before, rows, begin, out_at, out, travel)
+                rows = close(W, at, seen, before, rows, out_at, out, travel)
                 latest = rows - 1
             at[BLOCK] = here // size
             at[TAKEN] = 0
@@ -126,19 +125,16 @@ def blocks(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, op: F
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def close(W: FloatArray, at: NDArray[np.int64], seen: FloatArray, least: float, before: FloatArray, rows: int,
-          begin: int, out_at: NDArray[np.int64], out: FloatArray, travel: FloatArray) -> tuple[int, int]:
-    """Write the row of the open block, and of up to BRIDGE missing ones before it; the stretch of `out` begins at
-    row `begin`. Returns how many rows there are, and where the stretch begins."""
+def close(W: FloatArray, at: NDArray[np.int64], seen: FloatArray, before: FloatArray, rows: int,
+          out_at: NDArray[np.int64], out: FloatArray, travel: FloatArray) -> int:
+    """Write the row of the open block, and of up to BRIDGE missing ones before it, and return how many there are."""
     missing = at[BLOCK] - at[ROW] - 1
     missing = missing if 0 < missing <= BRIDGE else 0
     share = 1.0 / at[TAKEN]
     for m in range(missing, -1, -1):
         stretch = (at[BLOCK] - m) // STRETCH
         if stretch != at[IN_STRETCH]:
-            if seen[TRAVEL] < least:
-                rows = begin
-            begin, at[IN_STRETCH], seen[TRAVEL] = rows, stretch, 0.0
+            at[IN_STRETCH], seen[TRAVEL] = stretch, 0.0
         row = out[rows]
         row[0] = W[3 * LANES] * share
         for j in range(1 + len(WIDTHS)):
@@ -154,7 +150,7 @@ def close(W: FloatArray, at: NDArray[np.int64], seen: FloatArray, least: float, 
         travel[rows], seen[AT_ROW] = seen[TRAVEL], row[1]
         rows += 1
     at[ROW] = at[BLOCK]
-    return rows, begin
+    return rows
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

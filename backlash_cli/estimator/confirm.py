@@ -20,7 +20,7 @@ from .evidence import Evidence, weigh
 from .light import weigh_lightly
 from .periodic import periodic_load
 from .rebuild import OutputRebuilder
-from .rows import Rows, counted
+from .rows import Rows, beginning, counted
 from .stem import weigh_with_stem
 from .switching_load import switching_load, with_switching_load
 from .whitening import WARM_UP
@@ -28,6 +28,8 @@ from .whitening import WARM_UP
 BLOCKS_PER_TI = 4.0  # sensitivity is that of 3 and 6; 6 makes fewer false calls on square loads, in twice the time
 FEWEST_ROWS = 150
 MOST_ROWS = 2000  # of a longer record the stretches with the most motion of OP are used
+PLENTY = 4 * MOST_ROWS  # in the record: then a costly fit, that of a switching load, is made to half of them
+SWITCHING_ROWS = MOST_ROWS // 2
 LAG_ROWS = 1.0  # where the search for the lag of the process begins: about Ti / 4
 SPREAD_FLOOR = 0.06  # of d: what the model of the process costs, whatever the noise
 SPREAD_PER_STEP = 0.005  # of d: what each load step found adds to that
@@ -97,12 +99,15 @@ class ConfirmationScanner:
         rows = self.rows()
         if isinstance(rows, Note):
             return rows
-        load = None if self._blocks.setpoint_moves else switching_load(rows)
-        if load is not None:
-            found = with_switching_load(rows, weigh(rows), load)
-        else:
-            found = weigh_with_stem(rows, weigh_lightly(rows))
+        found = self._with_switching_load(rows) or weigh_with_stem(rows, weigh_lightly(rows))
         return self._confirmation(found, bool(len(rows.line)))
+
+    def _with_switching_load(self, rows: Rows) -> Evidence | None:
+        """The evidence beside a load that switches to and fro; None where there is no such load."""
+        part = beginning(rows, SWITCHING_ROWS) if self._blocks.count > PLENTY else rows
+        load = None if self._blocks.setpoint_moves else switching_load(part)
+        found = None if load is None else with_switching_load(part, weigh(part), load)
+        return found if found is not None and found.half_period > 0.0 else None
 
     def _confirmation(self, e: Evidence, swings: bool) -> Confirmation:
         low, high = widened(e.d, e.interval, e.steps, swings, e.half_period > 0)

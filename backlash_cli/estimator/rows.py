@@ -57,3 +57,10 @@ def part_of(rows: Rows, use: IntArray) -> Rows:
     x = x - np.take(x, start, axis=1)
     stem = None if rows.stem is None else rows.stem[:, use]
     return replace(rows, y=y - y[start], x=x, first=first, line=rows.line[:, use], at=at[use], stem=stem)
+
+
+def beginning(rows: Rows, most: int) -> Rows:
+    """Return the first `most` of `rows`."""
+    return replace(rows, y=rows.y[:most], x=np.ascontiguousarray(rows.x[:, :most]), first=rows.first[:most],
+                   line=np.ascontiguousarray(rows.line[:, :most]), at=None if rows.at is None else rows.at[:most],
+                   stem=None if rows.stem is None else rows.stem[:, :most])

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray
 
@@ -27,15 +30,20 @@ class Wave:
     phase: float
 
 
-def square(rows_from_middle: FloatArray, half: float, phase: float) -> FloatArray:
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def square(rows_from_middle: NDArray[Any], half: float, phase: float) -> NDArray[Any]:
     """Return the means over each row (one row long) of a wave of +1 and -1; exact, so smooth in half and phase."""
-    at = rows_from_middle - phase
-    return _area(at + 1.0, half) - _area(at, half)
+    out = np.empty(len(rows_from_middle))
+    for k in range(len(out)):
+        at = rows_from_middle[k] - phase
+        out[k] = _area(at + 1.0, half) - _area(at, half)
+    return out
 
 
-def _area(time: FloatArray, half: float) -> FloatArray:
-    turn = np.mod(time, 2.0 * half)
-    return np.minimum(turn, 2.0 * half - turn)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _area(time: float, half: float) -> float:
+    turn = time - 2.0 * half * np.floor(time / (2.0 * half))
+    return float(min(turn, 2.0 * half - turn))
 
 
 def opposed_wave(output: FloatArray, measurement: FloatArray, at: IntArray) -> Wave | None:

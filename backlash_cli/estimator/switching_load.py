@@ -26,7 +26,7 @@ REACH = 100.0  # nats that a dead band may still add to it: on simulated square 
 AMPLITUDES = (0.6, 0.85, 1.0)  # of the swing of OP: a dead band makes OP swing wider than the load
 DELAYS = (0.0, 0.07, 0.14, 0.21, 0.3)  # half periods that OP may lag behind the load
 SHAPES = tuple((share, ratio) for ratio in (-11.0, -5.0, 0.0) for share in (0.6, 1.4))
-NEARLY = 40.0  # nats below the best: widths within are searched more closely
+NEARLY = 12.0  # nats below the best: widths within are searched more closely
 LEAST_GAIN = 0.05  # nats: smaller steps of the fit are its end
 
 
