@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, LoopSettings, Note, Record
 from ..results import Confirmation
-from .criteria import MOTION
+from .criteria import EVIDENCE, MOTION
 from .decimate import STEM, WIDTHS, BlockMeans
 from .evidence import Evidence, weigh
 from .light import weigh_lightly
@@ -28,8 +28,7 @@ from .whitening import WARM_UP
 BLOCKS_PER_TI = 4.0  # sensitivity is that of 3 and 6; 6 makes fewer false calls on square loads, in twice the time
 FEWEST_ROWS = 150
 MOST_ROWS = 2000  # of a longer record the stretches with the most motion of OP are used
-PLENTY = 4 * MOST_ROWS  # in the record: then a costly fit, that of a switching load, is made to half of them
-SWITCHING_ROWS = MOST_ROWS // 2
+PLENTY = 4 * MOST_ROWS  # rows of a record that is very long
 LAG_ROWS = 1.0  # where the search for the lag of the process begins: about Ti / 4
 SPREAD_FLOOR = 0.06  # of d: what the model of the process costs, whatever the noise
 SPREAD_PER_STEP = 0.005  # of d: what each load step found adds to that
@@ -99,15 +98,24 @@ class ConfirmationScanner:
         rows = self.rows()
         if isinstance(rows, Note):
             return rows
-        found = self._with_switching_load(rows) or weigh_with_stem(rows, weigh_lightly(rows))
-        return self._confirmation(found, bool(len(rows.line)))
+        return self._confirmation(self._weighed(rows), bool(len(rows.line)))
 
-    def _with_switching_load(self, rows: Rows) -> Evidence | None:
-        """The evidence beside a load that switches to and fro; None where there is no such load."""
-        part = beginning(rows, SWITCHING_ROWS) if self._blocks.count > PLENTY else rows
+    def _weighed(self, rows: Rows) -> Evidence:
+        """The evidence in `rows`, beside a load that switches to and fro where there is one.
+
+        The fit of such a load is costly: of a very long record half of the rows are taken for it, and only where a
+        dead band is to be seen without it.
+        """
+        long = self._blocks.count > PLENTY
+        part = beginning(rows, MOST_ROWS // 2) if long else rows
         load = None if self._blocks.setpoint_moves else switching_load(part)
-        found = None if load is None else with_switching_load(part, weigh(part), load)
-        return found if found is not None and found.half_period > 0.0 else None
+        if load is not None and not long:
+            return with_switching_load(rows, weigh(rows), load)
+        found = weigh_with_stem(rows, weigh_lightly(rows))
+        if load is None or found.gain <= EVIDENCE:
+            return found
+        beside = with_switching_load(part, weigh(part), load)
+        return beside if beside.half_period > 0.0 else found
 
     def _confirmation(self, e: Evidence, swings: bool) -> Confirmation:
         low, high = widened(e.d, e.interval, e.steps, swings, e.half_period > 0)

@@ -135,7 +135,7 @@ class Kept:
         """Return one to which rows can be added without a change of this one."""
         other = Kept(self.most)
         other.last = [Stretch(s.number, s.travel, s.rows, list(s.parts)) for s in self.last]
-        other.best, other.lively = self.best, self.lively
+        other.count, other.best, other.lively = self.count, self.best, self.lively
         return other
 
     def add(self, at: IntArray, means: FloatArray, travel: FloatArray) -> None:
