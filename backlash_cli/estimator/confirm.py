@@ -75,7 +75,7 @@ class ConfirmationScanner:
             usable, needed = (n * self.size * self.interval for n in (min(len(at), useful), FEWEST_ROWS))
             return Note("short_record", f"the record holds {_in_words(usable)} that can be used; {_in_words(needed)} "
                         "are needed", {"usable_s": usable, "needed_s": needed})
-        span = self._blocks.range
+        span = self._covered(means)
         widths = WIDTHS[span >= WIDTHS * LEAST_TURN]
         if len(widths) < 2:
             return Note("output_still", f"OP covers only {100 * max(span, 0.0):.2g} % of its span: too little to show "
@@ -92,6 +92,11 @@ class ConfirmationScanner:
         y = np.sign(float(self.settings.K or 1.0)) * level[:, 0]
         y = with_least_noise(y, first)
         return Rows(y, x, widths, first, lag, line, at, np.ascontiguousarray(means[:, -STEM:].T))
+
+    def _covered(self, means: FloatArray) -> float:
+        """How much of its span OP covered in one go: between recordings the stem may have moved, nobody knows how."""
+        run, _, low, high = means[:, -STEM:].T
+        return self._blocks.range if run[0] == run[-1] else min(self._blocks.range, float(np.max(high - low)))
 
     def finish(self) -> Confirmation | Note:
         """Return what the record says about a dead band, or why it says nothing."""
