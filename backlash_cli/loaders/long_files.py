@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -50,7 +51,8 @@ def long_parquet(
     reader = LongReader(head, layout, options, lazily.wanted, lazily.room)
     names = file.schema_arrow.names
     columns = sorted({*layout.stored, *layout.others})
-    for batch in file.iter_batches(BATCH_ROWS, columns=[names[i] for i in columns], use_threads=False):
+    batches = file.iter_batches(BATCH_ROWS, columns=[names[i] for i in columns], use_threads=False)
+    for batch in _ahead(batches, lazily.threads):
         cells = {i: pa.chunked_array([batch.column(names[i])]) for i in columns}
         values = np.empty((len(layout.stored), batch.num_rows))
         for signal, i, out in zip(reader.signals, layout.stored, values, strict=True):
@@ -58,6 +60,18 @@ def long_parquet(
         reader.take(cells, values)
     found = reader.finish()
     return LongTable(found) if found else None
+
+
+def _ahead(batches: Iterator[pa.RecordBatch], threads: int) -> Iterator[pa.RecordBatch]:
+    """Yield each batch while the next one is decoded by another thread."""
+    if threads <= 1:
+        yield from batches
+        return
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(next, batches, None)
+        while (batch := coming.result()) is not None:
+            coming = pool.submit(next, batches, None)
+            yield batch
 
 
 def _storable(column: pa.ChunkedArray) -> pa.ChunkedArray:

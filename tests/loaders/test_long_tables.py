@@ -1,6 +1,7 @@
 """Long files read block by block through the store give the records, notes and messages of long files read whole."""
 
 import pickle
+import threading
 
 import numpy as np
 import pandas as pd
@@ -12,14 +13,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.api import open_files, scan
-from backlash_cli.loaders import ReadOptions, lazy_tables, long_files, plain_csv, read, tag_store
+from backlash_cli.loaders import ReadOptions, fast_csv, lazy_tables, long_files, plain_csv, read, tag_store
 from backlash_cli.loaders.lazy_tables import Lazily, lazy_table
-from backlash_cli.loaders.long_tables import LongTable
+from backlash_cli.loaders.long_tables import LongReader, LongTable
 from backlash_cli.loaders.store import Room
 from backlash_cli.loaders.tag_store import TagStore
 from backlash_cli.scan import ScanOptions
 from tests.loaders.test_lazy import assert_same, outcome, read_lazily
-from tests.small_plant import records
+from tests.small_plant import records, write_plant
 
 START = np.datetime64("2026-10-25T00:00:00", "ms")
 SETTINGS = "[defaults]\nK = 0.6\nTi = 8\npv_range = [0, 1]\nop_range = [0, 1]\n"
@@ -228,3 +229,53 @@ def test_a_tag_store_gives_each_tag_its_rows_in_order(rows, size, gathered, memo
             assert found.rows == np.count_nonzero(codes == code)
             np.testing.assert_array_equal(found.column(0), values[codes == code])
             np.testing.assert_array_equal(found.column(1), -values[codes == code])
+
+
+def test_the_next_batch_of_a_parquet_is_decoded_while_one_is_taken(tmp_path, monkeypatch):
+    path = write(tmp_path / "plant.parquet", long_frame())
+    monkeypatch.setattr(long_files, "BATCH_ROWS", 7001)
+    decoded, taken = [], []
+    make, take = pa_parquet.ParquetFile.iter_batches, LongReader.take
+    following = threading.Condition()
+
+    def batches(file, size, **kwargs):
+        for batch in make(file, size, **kwargs):
+            with following:
+                decoded.append((size, threading.get_ident()))
+                following.notify()
+            yield batch
+
+    def taking(reader, *args):
+        taken.append(threading.get_ident())
+        with following:  # the next one is decoded meanwhile
+            assert following.wait_for(lambda: of_size() > min(len(taken), 6), 20.0)
+        take(reader, *args)
+
+    def of_size():
+        return sum(size == 7001 for size, _ in decoded)
+
+    expected = read(path)
+    monkeypatch.setattr(pa_parquet.ParquetFile, "iter_batches", batches)
+    monkeypatch.setattr(LongReader, "take", taking)
+    assert_same(expected, read_lazily(path, None, Lazily(threads=2)))
+    assert len(taken) == of_size() == 7 and set(taken) == {threading.get_ident()}
+    assert {thread for size, thread in decoded if size == 7001}.isdisjoint(taken)
+
+
+@pytest.mark.parametrize("layout", ["wide", "long"])
+def test_two_blocks_of_a_csv_are_parsed_at_once_while_others_are_taken(tmp_path, monkeypatch, layout):
+    path = write_plant(tmp_path) if layout == "wide" else write(tmp_path / "plant.csv", long_frame())
+    monkeypatch.setattr(lazy_tables, "HEAD", 60_000)
+    monkeypatch.setattr(lazy_tables, "BLOCK", 60_000)
+    both, real, met = threading.Barrier(2), fast_csv.Layout.parse, []
+
+    def parse(self, text):
+        if not met:
+            both.wait(20.0)  # goes on when a second block is being parsed
+            met.append(True)
+        return real(self, text)
+
+    expected = read(path)
+    monkeypatch.setattr(fast_csv.Layout, "parse", parse)
+    assert_same(expected, read_lazily(path, None, Lazily(threads=2)))
+    assert met
