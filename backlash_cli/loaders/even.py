@@ -87,9 +87,11 @@ class EvenStamps:
             self.parts.append(part)
             return
         kind = part.type if known is None else known.type
-        if pa.types.is_timestamp(kind) and part.type == kind and not part.null_count and len(part) > 1:
+        enough = len(part) > 1 or known is not None  # a last line without an end comes by itself
+        if pa.types.is_timestamp(kind) and part.type == kind and not part.null_count and enough:
             stamps = part.cast(pa.int64()).to_numpy()
-            start, step = int(stamps[0]), int(stamps[1] - stamps[0])
+            start = int(stamps[0])
+            step = int(stamps[1]) - start if len(stamps) > 1 or known is None else known.step
             goes_on = known is None or (start == known.start + known.step * known.rows and step == known.step)
             if step > 0 and goes_on and not np.any(np.diff(stamps) != step):
                 first, rows = (start, 0) if known is None else (known.start, known.rows)

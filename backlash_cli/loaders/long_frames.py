@@ -45,10 +45,6 @@ class SeldomSignal(PieceSignal):
             keep = ~np.isnan(values) | is_bad(values)
             yield stamps[keep], values[keep]
 
-    @property
-    def key(self) -> tuple[int, ...]:
-        return ()
-
 
 @dataclass(frozen=True)
 class Companion:
@@ -145,7 +141,7 @@ def long_frames(loop: LoopSeries, settings: Settings, options: ReadOptions) -> L
     facts = _Facts(pv)
     rows = facts.rows
     if seldom_recorded(facts.rows, facts.blank, facts.edges):
-        pv = SeldomSignal(pv.axes, pv.values, pv.notes)
+        pv = SeldomSignal(pv.axes, pv.values, pv.notes, apart=True)
         rows -= facts.blank
     plan = plan_grid(_in_order(pv, rows))
     bridge = fill_limit(settings.loop.Ti, plan.step / 1e6)
@@ -168,7 +164,7 @@ def long_frames(loop: LoopSeries, settings: Settings, options: ReadOptions) -> L
             mode_known = any(np.isfinite(values).any() for values in signal.values())
         else:
             signal = measured_signal(loop.roles[role], options.good_quality)
-        same = signal.key == pv.key
+        same = signal.beside(pv)
         notes[role] = (*signal.notes, *(() if same or role == "mode" else (own_times(role, options),)))
         companions[role] = _companion(role, signal, same, plan, bridge, options)
     return LongFrames(pv, own, plan, companions, bridge, notes, mode_known)

@@ -19,7 +19,7 @@ from .minutes import whole_minutes
 from .numbers import codes_and_words, to_numbers
 from .options import ReadOptions
 from .tag_store import Clock
-from .times import NAT, Times, from_numbers, from_text, to_times, unit_of_numbers
+from .times import NAT, Times, from_numbers, from_text, in_zone, to_times, unit_of_numbers
 
 MOST_TEXTS = 1 << 21  # different written stamps, without their seconds
 _SECONDS = 27  # bits of the seconds of a minute in microseconds
@@ -39,7 +39,7 @@ def stamps_for(kind: pa.DataType, name: str, options: ReadOptions, where: str) -
     elif pa.types.is_integer(kind) or pa.types.is_floating(kind):
         made = NumberStamps
     zoned = pa.types.is_timestamp(kind) and kind.tz is not None
-    if made is None or (options.timezone and not zoned):
+    if made is None:
         raise ForeignText
     return made(name, options, where, zoned)
 
@@ -60,14 +60,17 @@ class Stamps:
         kind = column.type
         if not pa.types.is_timestamp(kind) or (kind.tz is not None) != self.zoned:
             raise ForeignText
-        micros = to_times(column, self.name, self.options, self.where).micros
-        self.last = max(self.last, int(micros.max(initial=NAT)))
-        known = micros != NAT
-        return micros, None if known.all() else known
+        return self._known(_row_by_row(to_times(column, self.name, self.options, self.where)).micros)
 
     def clock(self) -> Clock:
         """Return how the raw stamps are read. Raises ForeignText when that depends on all of them."""
-        return Clock(_as_they_are, Times(np.zeros(0, np.int64), zoned=self.zoned), self.last)
+        zoned = self.zoned or bool(self.options.timezone)
+        return Clock(_as_they_are, Times(np.zeros(0, np.int64), zoned=zoned), self.last)
+
+    def _known(self, micros: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
+        self.last = max(self.last, int(micros.max(initial=NAT)))
+        known = micros != NAT
+        return micros, None if known.all() else known
 
 
 class WrittenStamps(Stamps):
@@ -103,7 +106,8 @@ class WrittenStamps(Stamps):
 
     def clock(self) -> Clock:
         try:
-            times = from_text(pa.array(list(self._texts), pa.string()), self.name, self.options, self.where)
+            texts = pa.array(list(self._texts), pa.string())
+            times = _row_by_row(in_zone(from_text(texts, self.name, self.options, self.where), self.options))
         except InputError:
             raise ForeignText from None
         used = np.array(list(self._latest), np.int64)
@@ -132,21 +136,26 @@ class NumberStamps(Stamps):
             self._unit, self._first = unit, values[known][:1000]
         if unit != self._unit:
             raise ForeignText
-        micros = self._read(values).micros
-        self.last = max(self.last, int(micros.max(initial=NAT)))
-        usable = micros != NAT
-        return micros, None if usable.all() else usable
+        return self._known(self._read(values).micros)
 
     def _read(self, values: NDArray[np.float64]) -> Times:
         assert self._unit is not None
         try:
-            return from_numbers(values, self.name, self.options, self.where, self._unit)
+            times = from_numbers(values, self.name, self.options, self.where, self._unit)
+            return _row_by_row(in_zone(times, self.options))
         except InputError:
             raise ForeignText from None
 
     def clock(self) -> Clock:
         times = self._read(self._first)
         return Clock(_as_they_are, replace(times, micros=times.micros[:0]), self.last)
+
+
+def _row_by_row(times: Times) -> Times:
+    """Return the stamps if each means the same without the others. Raises ForeignText for an hour that occurs twice."""
+    if any(note.code == "dst_repeated_hour" for note in times.notes):
+        raise ForeignText
+    return times
 
 
 class Minutes:

@@ -35,11 +35,11 @@ class PieceSignal:
     axes: tuple[Axis, ...]
     values: Stream
     notes: tuple[Note, ...] = ()
+    apart: bool = False  # its rows are not taken as those of any other signal
 
-    @property
-    def key(self) -> tuple[int, ...]:
-        """The same for signals that stand in the same rows."""
-        return tuple(map(id, self.axes))
+    def beside(self, other: PieceSignal) -> bool:
+        """Whether two signals stand in the same rows."""
+        return not (self.apart or other.apart) and list(map(id, self.axes)) == list(map(id, other.axes))
 
     def stamps(self) -> Iterator[NDArray[np.int64]]:
         """Yield the stamps of all rows [microseconds since 1970 UTC]."""
@@ -65,6 +65,7 @@ def mode_signal(series: Sequence[Series], auto_modes: tuple[str, ...]) -> PieceS
     """Return 1 where a controller was in automatic, 0 where not. Raises NotInPieces where it must be seen whole."""
     found = []
     notes: list[Note] = []
+    in_order = sorted(series, key=lambda item: _first_stamp(item.axis))
     for item in series:
         coded = _coded(raw_column(item.cells))
         cells = Cells(values=coded.numbers)
@@ -73,8 +74,10 @@ def mode_signal(series: Sequence[Series], auto_modes: tuple[str, ...]) -> PieceS
         states, more = automatic(cells, auto_modes)
         notes += more
         found.append((coded, np.append(states, np.nan)))
-    return PieceSignal(tuple(item.axis for item in series),
-                       lambda: (table[codes] for coded, table in found for codes in coded.codes()), tuple(notes))
+    turned = [found[series.index(item)] for item in in_order]
+    return PieceSignal(tuple(item.axis for item in in_order),
+                       lambda: (table[codes] for coded, table in turned for codes in coded.codes()), tuple(notes),
+                       apart=in_order != list(series))
 
 
 @dataclass(frozen=True)

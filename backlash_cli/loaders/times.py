@@ -41,7 +41,7 @@ class Times:
 def to_times(column: pa.ChunkedArray | pa.Array | HourlyStamps, name: str, options: ReadOptions, where: str) -> Times:
     """Read a column of stamps. Raises InputError when it holds none or day and month cannot be told apart."""
     if isinstance(column, HourlyStamps):
-        return _zoned(_hour_by_hour(column, name, options, where), options)
+        return in_zone(_hour_by_hour(column, name, options, where), options)
     kind = column.type
     if pa.types.is_dictionary(kind) and not pa.types.is_string(kind.value_type):
         column = column.cast(kind.value_type)
@@ -60,10 +60,11 @@ def to_times(column: pa.ChunkedArray | pa.Array | HourlyStamps, name: str, optio
         times = from_numbers(to_numbers(column).values, name, options, where)
     else:
         raise InputError(f"column {name!r} holds no time stamps ({kind})", where=where, remedy="name the time column")
-    return _zoned(times, options)
+    return in_zone(times, options)
 
 
-def _zoned(times: Times, options: ReadOptions) -> Times:
+def in_zone(times: Times, options: ReadOptions) -> Times:
+    """Return stamps in UTC, where they are written in the zone that the options name."""
     if not times.zoned and times.absolute and options.timezone:
         from .zones import localise
 

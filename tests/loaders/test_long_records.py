@@ -245,3 +245,26 @@ def test_repeats_are_counted_alike_in_pieces(lengths, size, random):
     assert found == (len(values), len(starts), int((ends - starts).sum()), int((ends - starts).max(initial=0)))
     if states.frozen(values) is not None:
         assert counted.may_be_frozen()
+
+
+@pytest.mark.parametrize("form", ["wide", "long", "parquet"])
+@pytest.mark.parametrize("later", [0.0, 40.0, 5000.0])
+def test_a_loop_of_several_files_is_made_in_pieces_too(tmp_path, form, later):
+    record = records()[0]
+    columns = {"SP": record.setpoint, "PV": noisy(record.measurement), "OP": record.output}
+    columns = {role: np.char.mod("%.6g", values).astype("U20") for role, values in columns.items()}
+    columns["PV"][4000:4100] = "Bad Input"
+    columns["MODE"] = np.where(np.arange(7200) // 1000 % 3 == 1, "MAN", "AUTO").astype("U5")
+    seconds = np.arange(7200.0)
+    seconds[3000:] += later
+    for name, rows in (("2", slice(0, 3000)), ("1", slice(3000, None))):
+        folder = tmp_path / name
+        folder.mkdir()
+        write_table(folder, form, {role: values[rows] for role, values in columns.items()}, seconds[rows])
+    (tmp_path / "loops.toml").write_text(f"[defaults]\n{SETTINGS}{RANGES}")
+    files = sorted(path for path in tmp_path.glob("*/plant*") if path.suffix != ".toml")
+    names = [path.rename(tmp_path / f"{path.parent.name}{path.suffix}") for path in files]
+    recipe = open_files(names, loops=tmp_path / "loops.toml").recipes[0]
+    if form == "wide" and later == 40.0:
+        assert {type(axis).__name__ for axis in recipe.axes()} == {"EvenAxis"}
+    assert len(assert_long(recipe)) >= 7200

@@ -194,8 +194,21 @@ def test_what_only_the_whole_table_tells_is_left_to_the_whole_read(tmp_path):
     frame["time"] = frame["time"].astype(str)
     frame.loc[20_000, "time"] = "time"
     assert lazy_table(write(tmp_path / "plant.csv", frame), ReadOptions(), {}, Lazily()) is None
-    zone = ReadOptions(timezone="Europe/Berlin")
-    assert lazy_table(write(tmp_path / "plant.csv", long_frame()), zone, {}, Lazily()) is None
+    frame = long_frame()
+    frame["time"] = np.datetime64("2026-10-25T01:30:00", "s") + (frame["time"] - frame["time"][0]).to_numpy()
+    autumn = write(tmp_path / "plant.csv", frame)
+    assert lazy_table(autumn, ReadOptions(timezone="Europe/Berlin"), {}, Lazily()) is None
+    assert lazily_long(autumn, ReadOptions(timezone="UTC"))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_stamps_of_a_zone_are_read_block_by_block(tmp_path, form):
+    frame = long_frame()
+    frame["time"] = np.asarray(FORMS[form](pd.DatetimeIndex(frame["time"])))
+    path = write(tmp_path / "plant.csv", frame)
+    options = ReadOptions(timezone="America/Chicago")
+    lazily_long(path, options)
+    assert_same(read(path, options=options), read_lazily(path, options))
 
 
 def test_loops_of_a_long_file_are_analysed_alike_in_several_processes(tmp_path):
