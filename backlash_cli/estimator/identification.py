@@ -14,6 +14,7 @@ NOISE_UNSEEN = 0.125  # h / Ti above which the record misses what the controller
 WIDE = 2.0  # ratio of the ends of an interval that is worth a note
 COARSEST = 1.0  # rows per Ti below which the P part is not seen any more
 T95 = (np.inf, np.inf, 12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26, 2.23, 2.2, 2.18, 2.16, 2.14, 2.13, 2.12)
+DIGITS = 6  # of identified settings
 
 
 @dataclass(frozen=True)
@@ -51,11 +52,14 @@ class Identification:
         return not self.notes or all(note.code == "one_frequency" for note in self.notes)
 
     def settings(self, base: LoopSettings) -> LoopSettings:
-        """Return `base` with the values it lacks filled in from the data and named as identified."""
+        """Return `base` with the values it lacks filled in from the data and named as identified.
+
+        Rounded to what can be known, so that the last digits of a sum do not go into everything that follows.
+        """
         missing = {n: getattr(self, n).value for n in ("K", "Ti") if getattr(base, n) is None}
         if missing and base.Td == 0.0 and self.Td.value > 0.0:
             missing["Td"] = self.Td.value
-        return base.with_values("identified", **missing)
+        return base.with_values("identified", **{n: float(f"{value:.{DIGITS}g}") for n, value in missing.items()})
 
 
 def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[Note, ...] = ()) -> Identification:

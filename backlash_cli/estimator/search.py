@@ -14,6 +14,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from .lanes import dot
 from .likelihood import HIGHEST, LOWEST, STEPS, T_FREEDOM, pair
 from .whitening import LAGS
 
@@ -25,7 +26,7 @@ STALE = 3.0  # STEPS that p may be from where the slopes were taken if they are 
 LOST = 6.0  # and if they are to be of any use
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def normal_equations(r: NDArray[Any], s2: float, slopes: NDArray[Any], H: NDArray[Any], g: NDArray[Any]) -> None:
     """Write the gradient g (3,) of the log-likelihood and its expected curvature H (3, 3).
 
@@ -33,22 +34,17 @@ def normal_equations(r: NDArray[Any], s2: float, slopes: NDArray[Any], H: NDArra
     them; the last, one for each lag, are normal (see `_laid_out`). slopes (3, rows + lags): how r changes with each
     number.
     """
-    a00 = a01 = a02 = a11 = a12 = a22 = b0 = b1 = b2 = rr = 0.0
     q = 1.0 / s2
     n = len(r) - len(LAGS)
+    least, freedom, both = np.float32(q), np.float32(T_FREEDOM), np.float32(T_FREEDOM + 1.0)
+    x, y, z, e = slopes[0, :n], slopes[1, :n], slopes[2, :n], r[:n]
+    weighted = np.empty((4, n), dtype=np.float32)
     for k in range(n):
-        x, y, z, e = slopes[0, k], slopes[1, k], slopes[2, k], r[k]
-        w = (T_FREEDOM + 1.0) / (T_FREEDOM + e * e * q)
-        b0 += w * e * x
-        b1 += w * e * y
-        b2 += w * e * z
-        rr += w * e * e
-        a00 += w * x * x
-        a01 += w * x * y
-        a02 += w * x * z
-        a11 += w * y * y
-        a12 += w * y * z
-        a22 += w * z * z
+        w = both / (freedom + e[k] * e[k] * least)
+        weighted[0, k], weighted[1, k], weighted[2, k], weighted[3, k] = w * x[k], w * y[k], w * z[k], w * e[k]
+    b0, b1, b2, rr = dot(weighted[0], e), dot(weighted[1], e), dot(weighted[2], e), dot(weighted[3], e)
+    a00, a01, a02 = dot(weighted[0], x), dot(weighted[0], y), dot(weighted[0], z)
+    a11, a12, a22 = dot(weighted[1], y), dot(weighted[1], z), dot(weighted[2], z)
     rr = max(rr, 1e-300)
     H[0, 0], H[1, 1], H[2, 2] = q * (a00 - b0 * b0 / rr), q * (a11 - b1 * b1 / rr), q * (a22 - b2 * b2 / rr)
     H[0, 1], H[0, 2], H[1, 2] = q * (a01 - b0 * b1 / rr), q * (a02 - b0 * b2 / rr), q * (a12 - b1 * b2 / rr)
@@ -148,7 +144,7 @@ def _keep(found: NDArray[Any], p: NDArray[Any], ll: NDArray[Any]) -> None:
             found[c, 3] = ll[c]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _corrected(slopes: NDArray[Any], r: NDArray[Any], now: NDArray[Any], d: NDArray[Any]) -> None:
     """Correct slopes (3, rows) so that the step d leads from the residuals r (rows,) to `now`; the least change."""
     length = (d[0] / STEPS[0]) ** 2 + (d[1] / STEPS[1]) ** 2 + (d[2] / STEPS[2]) ** 2

@@ -25,6 +25,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from .lanes import fma
+
 LAGS = (1, 2, 4, 6, 8, 11)
 DIFFUSE = 1e6  # variance of the unknown state where a stretch begins
 WARM_UP = 12  # rows at the start of a stretch that only settle the filter
@@ -36,7 +38,7 @@ WEIGHTS = 5  # of a row: what its innovation adds to the prediction of the next 
 CHUNK = 128  # rows that go through the filter at a time: they stay in the processor's nearest cache
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _go_on(S: NDArray[Any], W: NDArray[Any], use: NDArray[Any], scale: Any) -> None:
     """Give all rows what the first has; rows that are not in `use` get no weight."""
     w0, w1, w2, w3, s = W[0, 0], W[0, 1], W[0, 2], W[0, 3], S[0]
@@ -45,7 +47,7 @@ def _go_on(S: NDArray[Any], W: NDArray[Any], use: NDArray[Any], scale: Any) -> N
         W[k, 0], W[k, 1], W[k, 2], W[k, 3], W[k, 4] = w0, w1, w2, w3, use[k] * scale
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArray[Any], use: NDArray[Any],
           G: NDArray[Any], S: NDArray[Any], W: NDArray[Any]) -> Any:
     """Write Kalman gains G (rows, 4; or no rows where they are not wanted) and variances S (rows,) of the innovations.
@@ -89,20 +91,20 @@ def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArra
         p23 *= phi
         p33 *= phi * phi
         # w = w + s
-        p22 += 2.0 * p23 + p33
+        p22 += fma(2.0, p23, p33)
         p02 += p03
         p12 += p13
         p23 += p33
         # z1 = (1 - a) z1 + a w
-        p00 = bb * p00 + ab * p02 + aa * p22
-        p01 = b * p01 + a * p12
-        p02 = b * p02 + a * p22
-        p03 = b * p03 + a * p23
+        p00 = fma(bb, p00, fma(ab, p02, aa * p22))
+        p01 = fma(b, p01, a * p12)
+        p02 = fma(b, p02, a * p22)
+        p03 = fma(b, p03, a * p23)
         # z2 = (1 - a) z2 + a z1
-        p11 = bb * p11 + ab * p01 + aa * p00
-        p01 = b * p01 + a * p00
-        p12 = b * p12 + a * p02
-        p13 = b * p13 + a * p03
+        p11 = fma(bb, p11, fma(ab, p01, aa * p00))
+        p01 = fma(b, p01, a * p00)
+        p12 = fma(b, p12, a * p02)
+        p13 = fma(b, p13, a * p03)
         # the increment of the load reaches all four, a load step the first three
         step = ratio + shock[k]
         p00 += step * g0 * g0
@@ -118,12 +120,12 @@ def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArra
         s = p11 + 1.0
         inverse = 1.0 / s
         h0, h1, h2, h3 = p01 * inverse, p11 * inverse, p12 * inverse, p13 * inverse
-        p00 -= p01 * h0
-        p02 -= p01 * h2
-        p03 -= p01 * h3
-        p22 -= p12 * h2
-        p23 -= p12 * h3
-        p33 -= p13 * h3
+        p00 = fma(-p01, h0, p00)
+        p02 = fma(-p01, h2, p02)
+        p03 = fma(-p01, h3, p03)
+        p22 = fma(-p12, h2, p22)
+        p23 = fma(-p12, h3, p23)
+        p33 = fma(-p13, h3, p33)
         p01, p11, p12, p13 = h0, h1, h2, h3
         still = k > 0 and shock[k] == 0.0 and abs(s - S[k - 1]) < 1e-4 * s
         settled = settled + 1 if still and abs(h2 - before) < 1e-4 * abs(h2) + 1e-12 else 0
@@ -147,7 +149,7 @@ def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArra
     return rows, logs + np.log(product)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def innovations(y: NDArray[Any], line: NDArray[Any], xa: NDArray[Any], xb: NDArray[Any], a: float, phi: float,
                 first: NDArray[Any], W: NDArray[Any], f: NDArray[Any], T: NDArray[Any], E: NDArray[Any]) -> None:
     """Write the innovations of y, of `line` (columns, rows) and of every lag of both valve positions behind two lags,
@@ -168,10 +170,10 @@ def innovations(y: NDArray[Any], line: NDArray[Any], xa: NDArray[Any], xb: NDArr
                 begin = k
                 ua = va = xa[k]
                 ub = vb = xb[k]
-            ua = b * ua + a * xa[k]
-            va = b * va + a * ua
-            ub = b * ub + a * xb[k]
-            vb = b * vb + a * ub
+            ua = fma(b, ua, a * xa[k])
+            va = fma(b, va, a * ua)
+            ub = fma(b, ub, a * xb[k])
+            vb = fma(b, vb, a * ub)
             f[k, 0], f[k, 1] = va, vb
             T[i, 0] = y[k]
             for h in range(len(line)):
@@ -188,14 +190,14 @@ def innovations(y: NDArray[Any], line: NDArray[Any], xa: NDArray[Any], xb: NDArr
                 E[c, low + i] = T[i, c]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def whiten(T: NDArray[Any], W: NDArray[Any], a: Any, phi: Any, first: NDArray[Any], Z: NDArray[Any]) -> None:
     """Replace the columns T (rows, LANES) by their innovations over their deviation; Z is carried to the next rows.
 
     All numbers in single precision.
     """
     b = np.float32(1.0) - a
-    c1, c2, c3, c4 = a * b, a * a, a * a * phi, a * phi
+    ab, aa = a * b, a * a
     for k in range(len(T)):
         if first[k]:
             for c in range(4 * LANES):
@@ -205,7 +207,8 @@ def whiten(T: NDArray[Any], W: NDArray[Any], a: Any, phi: Any, first: NDArray[An
             z1, z2, w, s = Z[c], Z[LANES + c], Z[2 * LANES + c], Z[3 * LANES + c]
             e = T[k, c] - z2
             T[k, c] = e * scale
-            Z[LANES + c] = b * z2 + c1 * z1 + c2 * w + c3 * s + k1 * e
-            Z[c] = b * z1 + a * w + c4 * s + k0 * e
-            Z[2 * LANES + c] = w + phi * s + k2 * e
-            Z[3 * LANES + c] = phi * s + k3 * e
+            load = fma(phi, s, w)
+            Z[LANES + c] = fma(k1, e, fma(b, z2, fma(ab, z1, aa * load)))
+            Z[c] = fma(k0, e, fma(b, z1, a * load))
+            Z[2 * LANES + c] = fma(k2, e, load)
+            Z[3 * LANES + c] = fma(k3, e, phi * s)
