@@ -185,7 +185,7 @@ def _companion(
                 plan.steps.values % plan.step):
             return Companion(signal, HELD)  # every record stands at a grid point
     around = _Facts(signal, steps=True)
-    if not same:
+    if not same and around.rows > 1:
         _in_order(signal, around.rows)
     limit = None if role in ("sp", "mode") else max(longest_hold(around.good), (bridge + 1.5) * plan.step)
     straight = options.interpolation == "linear" and role != "mode"

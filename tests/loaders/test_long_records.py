@@ -211,6 +211,17 @@ def write_table(folder, form, columns, seconds):
     return path
 
 
+@pytest.mark.parametrize("first", [1, 2000, 3999])
+def test_a_setpoint_may_be_recorded_once(tmp_path, first):
+    record = records()[0].slice(0, 4000)
+    columns = {"SP": record.setpoint, "PV": record.measurement, "OP": record.output}
+    columns = {role: np.char.mod("%.5f", values).astype("U20") for role, values in columns.items()}
+    columns["SP"][:first] = ""
+    path = write_table(tmp_path, "long", columns, np.arange(4000.0))
+    (tmp_path / "loops.toml").write_text(f"[defaults]\n{SETTINGS}{RANGES}")
+    assert_long(open_files(path).recipes[0])
+
+
 @given(table=loop_tables(), interpolation=st.sampled_from([None, None, "hold", "linear"]),
        since=st.sampled_from([None, None, "3000s"]), ranges=st.booleans(), size=st.sampled_from([333, 5000]),
        constant=st.booleans(), gathered=st.sampled_from([2500, 1 << 20]))
