@@ -20,8 +20,8 @@ STARTS = ((0.6, -11.0, -2.0), (0.6, -2.0, -1.0), (1.4, -5.0, -2.0), (1.4, 1.0, -
           (1.4, 4.0, 0.0), (3.0, 2.5, 0.0), (10.0, -11.0, -2.0), (22.0, -11.0, -2.0))
 CALM = (-11.0, -2.0)  # ratio and phi of a load that hardly wanders
 STEP_PASSES = 3
-WORTH = 0.2  # nats: smaller gains are not followed
-ROUGHLY = 1.0  # nats: the same while load steps are still to be found
+WORTH = 0.5  # nats: smaller gains are not followed
+ROUGHLY = 2.0  # nats: the same while load steps are still to be found
 AGAIN = 60.0  # nats that CALM may lie behind what was found if the search is to go on from there
 HOPELESS = 40.0  # nats by which a dead band may lie behind before its search is not refined any further
 CHANGES = 3  # how often the best width may change at the end
@@ -71,7 +71,25 @@ def final_models(fit: Fitter, m: Models) -> tuple[Models, list[int], FloatArray]
             break
         m.j, m.best[1, 3] = top, -np.inf
         fit.ascend(m.best, 1, top, WORTH)
+    if _walked(fit, m):
+        some, levels = widths_and_levels(fit, m)
     return m, some, levels
+
+
+def _walked(fit: Fitter, m: Models) -> bool:
+    """Go on to the next width as long as the dead band, searched for there, explains PV better; whether it did."""
+    begin = m.j
+    for side in (-1, 1):
+        while 1 <= m.j + side <= len(fit.r.widths):
+            beside = m.best.copy()
+            beside[1, 3] = -np.inf
+            fit.ascend(beside, 1, m.j + side, WORTH)
+            if beside[1, 3] < m.best[1, 3] + WORTH:
+                break
+            m.best, m.j = beside, m.j + side
+        if m.j != begin:
+            break
+    return m.j != begin
 
 
 def widths_and_levels(fit: Fitter, m: Models) -> tuple[list[int], FloatArray]:

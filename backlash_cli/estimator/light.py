@@ -13,13 +13,13 @@ from .evidence import Evidence, weigh, weighed
 from .fitter import Fitter
 from .rows import Rows, counted, liveliest, part_of
 
-PARTS = (500, 1000)  # rows: with a dead band of evidence 8 in 2,000 rows, 2 are left in 500
+PARTS = (500, 750)  # rows: with a dead band of evidence 8 in 2,000 rows, 2 are left in 500
 LONG = 1500  # rows; for shorter records the parts cost more than they save
 EXCLUDED = 6.0  # nats by which every width must lie behind: the same that the limit of detection asks for
 STEP_ROWS = 40  # rows (ten Ti) per load step; where it steps more often, single steps are a poor model of the load
-ENOUGH = 1000  # rows: of 170 simulated days, 500 give the size with twice the error of all 2,000, 1,000 with the same
+ENOUGH = 750  # rows: on simulated days 500 give the size with twice the error of all 2,000, 750 with the same
 SHOWN, SHOWN_PER_STEP = 16.0, 2.0  # nats: twice what a verdict asks for (criteria.EVIDENCE)
-KNOWN = 0.075  # half interval of the likelihood over d: beyond, more rows still make it narrower
+KNOWN = 0.1  # half interval of the likelihood over d: beyond, more rows still make it narrower
 UNPLACED = 0.05  # share of rows before OP has covered the gap: with more, it matters where the stem stood at first
 PER_STEP = 7.0  # nats that a load step costs: its row is one of about a thousand
 
@@ -47,7 +47,8 @@ def weigh_lightly(rows: Rows) -> Evidence:
         return weigh(rows)
     fit = Fitter(rows, shock)
     found = weighed(fit, further_models(fit, m))
-    if not found.steps or excludes(found) or found.gain > max(_asked(found.steps), found.half):
+    clear = found.gain > max(_asked(found.steps), found.half) or _highest(found) < -EXCLUDED
+    if clear or not found.steps:
         return found
     # load steps of a part may have led astray
     return max(found, weigh(rows), key=lambda e: e.level - PER_STEP * e.steps)
@@ -55,13 +56,17 @@ def weigh_lightly(rows: Rows) -> Evidence:
 
 def excludes(e: Evidence) -> bool:
     """Whether every width lies behind none, although PV answers to OP."""
-    return max(v for _, v in e.profile) < -EXCLUDED < EXCLUDED < e.responds and e.steps * STEP_ROWS <= e.rows
+    return _highest(e) < -EXCLUDED < EXCLUDED < e.responds and e.steps * STEP_ROWS <= e.rows
 
 
 def shows(e: Evidence) -> bool:
     """Whether there is a dead band beyond doubt, and its size known as well as the model of the process allows."""
     low, high = e.interval
     return e.gain > max(_asked(e.steps), e.half) and high - low < 2.0 * KNOWN * e.d
+
+
+def _highest(e: Evidence) -> float:
+    return max(v for _, v in e.profile)
 
 
 def _covered(rows: Rows, d: float) -> bool:

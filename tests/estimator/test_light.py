@@ -56,12 +56,12 @@ def test_a_healthy_valve_ends_there_with_a_limit_that_the_whole_record_bears_out
     assert excludes(full)
 
 
-def test_a_worn_valve_that_shows_beyond_doubt_is_sized_from_half_of_them_as_from_all() -> None:
+def test_a_worn_valve_that_shows_beyond_doubt_is_sized_from_a_part_of_them_as_from_all() -> None:
     rows = long_rows(0.02)
     some, full = weigh_lightly(rows), weigh(rows)
     assert PARTS[0] < some.rows < PARTS[1] < full.rows
     assert shows(some)
-    assert some.d == pytest.approx(full.d, rel=0.05)
+    assert some.d == pytest.approx(full.d, rel=0.08)
     assert some.interval[0] < 0.02 < some.interval[1]
 
 
@@ -71,7 +71,7 @@ def test_a_dead_band_that_a_part_leaves_in_doubt_gets_the_whole_test() -> None:
 
 
 @pytest.mark.parametrize(("change", "still"), [
-    ({}, True), ({"gain": 17.0}, False), ({"half": 61.0}, False), ({"interval": (0.017, 0.0205)}, False),
+    ({}, True), ({"gain": 17.0}, False), ({"half": 61.0}, False), ({"interval": (0.016, 0.0205)}, False),
 ])
 def test_what_shows_beyond_doubt(change: dict[str, object], still: bool) -> None:
     e = replace(weigh(long_rows(0.02)), d=0.02, gain=60.0, half=3.0, steps=1, interval=(0.0195, 0.0205))
