@@ -34,6 +34,7 @@ SPREAD_FLOOR = 0.06  # of d: what the model of the process costs, whatever the n
 SPREAD_PER_STEP = 0.005  # of d: what each load step found adds to that
 SPREAD_OF_LINE = 0.06  # of d: the same for a load that swings with one period
 SPREAD_OF_SWITCHING = 0.2  # of d: the same for a load that switches to and fro
+SPREAD_OF_START = 0.15  # of d: where the stem stood at the start of recordings that cover the gap late or never
 WIDENING = 1.6  # half intervals of the likelihood come out this much too short on simulated loops
 LEAST_NOISE = 0.02  # of the deviation of PV: the model of the process is not better than that
 MOST_ADDED = 0.0005  # span: and where PV moves far, this is enough
@@ -103,7 +104,9 @@ class ConfirmationScanner:
         rows = self.rows()
         if isinstance(rows, Note):
             return rows
-        return self._confirmation(self._weighed(rows), bool(len(rows.line)))
+        found = self._weighed(rows)
+        loose = 0.0 if rows.stem is None else float(np.mean(rows.stem[3] - rows.stem[2] < found.d))
+        return self._confirmation(found, bool(len(rows.line)), loose)
 
     def _weighed(self, rows: Rows) -> Evidence:
         """The evidence in `rows`, beside a load that switches to and fro where there is one.
@@ -122,8 +125,8 @@ class ConfirmationScanner:
         beside = with_switching_load(part, weigh(part), load)
         return beside if beside.half_period > 0.0 else found
 
-    def _confirmation(self, e: Evidence, swings: bool) -> Confirmation:
-        low, high = widened(e.d, e.interval, e.steps, swings, e.half_period > 0)
+    def _confirmation(self, e: Evidence, swings: bool, loose: float) -> Confirmation:
+        low, high = widened(e.d, e.interval, e.steps, swings, e.half_period > 0, loose)
         span = self._blocks.range
         details: dict[str, float | str] = {
             "evidence": e.gain, "half": e.half, "mirror": e.mirror, "responds": e.responds, "steps": float(e.steps),
@@ -160,9 +163,13 @@ def with_least_noise(y: FloatArray, first: NDArray[np.bool_]) -> FloatArray:
 
 
 def widened(d: float, interval: tuple[float, float], steps: int, swings: bool,
-            switches: bool = False) -> tuple[float, float]:
-    """Return the 95 % interval of d: the likelihood interval, widened to hold the truth in 96 % of simulated loops."""
-    floor = (SPREAD_FLOOR + SPREAD_PER_STEP * steps + SPREAD_OF_LINE * swings + SPREAD_OF_SWITCHING * switches) * d
+            switches: bool = False, loose: float = 0.0) -> tuple[float, float]:
+    """Return the 95 % interval of d: the likelihood interval, widened to hold the truth in 96 % of simulated loops.
+
+    loose: share of the rows before OP has covered d since its run began.
+    """
+    floor = d * (SPREAD_FLOOR + SPREAD_PER_STEP * steps + SPREAD_OF_LINE * swings + SPREAD_OF_SWITCHING * switches
+                 + SPREAD_OF_START * loose)
     low = d - float(np.hypot(WIDENING * (d - interval[0]), floor))
     high = d + float(np.hypot(WIDENING * (interval[1] - d), floor))
     return max(low, 0.0), high

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_cli import read
-from backlash_cli.estimator.confirm import ConfirmationScanner
+from backlash_cli.estimator.confirm import ConfirmationScanner, widened
 from backlash_cli.estimator.evidence import weigh
 from backlash_cli.estimator.rows import Rows
 from backlash_cli.estimator.stem import placed_at, weigh_with_stem
@@ -82,3 +82,9 @@ def test_the_real_valve_pooled_has_the_size_seen_by_eye() -> None:
     report = scan(record)
     assert report.verdict is Verdict.BACKLASH and report.cluster is not None
     assert 0.015 <= report.cluster.d <= 0.021
+
+
+def test_a_gap_covered_late_has_a_wider_interval() -> None:
+    narrow, wide = (widened(0.02, (0.0195, 0.0205), 0, False, loose=share) for share in (0.0, 0.5))
+    assert wide[0] < narrow[0] < 0.0195 < 0.0205 < narrow[1] < wide[1]
+    assert wide[1] - 0.02 == pytest.approx(0.02 - wide[0])
