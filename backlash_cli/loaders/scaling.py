@@ -160,10 +160,11 @@ def _bounds(values: Values) -> tuple[float, float]:
         return 0.0, 1.0
     if ends[0] >= -SLACK and ends[1] <= 1.0 + SLACK:
         return ends  # normalised: nobody asks further
-    low, first, third, high = values.quantiles([0.001, 0.25, 0.75, 0.999])
-    reach = 20.0 * max(third - first, 1e-9 * max(abs(third), abs(first)))
-    if low < first - reach or high > third + reach:
-        inside = values.within(first - reach, third + reach)
+    # a setpoint that stands still is half of all values: quartiles would say no more than where it stands
+    low, first, last, high = values.quantiles([0.001, 0.05, 0.95, 0.999])
+    reach = 8.0 * max(last - first, 1e-9 * max(abs(last), abs(first)))
+    if low < first - reach or high > last + reach:
+        inside = values.within(first - reach, last + reach)
         if inside.ends is not None:
             low, high = inside.quantiles([0.001, 0.999])
     return low, high

@@ -254,6 +254,18 @@ def test_unknown_and_failed_loops(tmp_path):
     assert [r.loop for r in read(tmp_path / "plant.csv", options=ReadOptions(only_loops=("p*",)))] == ["PIC303"]
 
 
+def test_a_setpoint_that_stands_still_does_not_narrow_the_guessed_range(tmp_path):
+    rng = np.random.default_rng(1)
+    pv = -20.0 + 0.01 * rng.normal(size=4000) + 15.0 * np.sin(np.arange(4000) / 60.0) * (np.arange(4000) % 1000 < 300)
+    lines = [f"{t},-20,{y:.3f},{50 + y:.3f}" for t, y in enumerate(pv.tolist())]
+    path = tmp_path / "P1.csv"
+    path.write_text("time,SP,PV,OP\n" + "\n".join(lines))
+    record = read(path)["P1"]
+    low, high = record.settings.pv_range
+    assert low <= np.quantile(pv, 0.001) and np.quantile(pv, 0.999) <= max(high, 0.0)
+    assert "implausible" not in codes(record.notes)
+
+
 def test_ranges(tmp_path):
     def settings(text):
         return f"[loops.FIC101]\n{text}\n[loops.PIC303]\nK = 1\nTi = 9\npv_range = [0, 16]\n"
