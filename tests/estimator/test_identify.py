@@ -172,7 +172,7 @@ def test_coarse_samples_leave_only_the_quotient() -> None:
 def test_missing_settings_are_filled_in_and_named() -> None:
     found = identified(run(Loop(), 4000, load=load_steps(4000)))
     filled = found.settings(LoopSettings(Ti=21.0, source={"Ti": "metadata"}))
-    assert filled.Ti == 21.0 and filled.K == float(f"{found.K.value:.6g}")
+    assert filled.Ti == 21.0 and float(f"{found.K.value:.6g}") == filled.K
     assert filled.source == {"Ti": "metadata", "K": "identified"}
 
 
