@@ -114,16 +114,20 @@ class ConfirmationScanner:
         The fit of such a load is costly: of a very long record half of the rows are taken for it, and only where a
         dead band is to be seen without it.
         """
-        long = self._blocks.count > PLENTY
-        part = beginning(rows, MOST_ROWS // 2) if long else rows
-        load = None if self._blocks.setpoint_moves else switching_load(part)
-        if load is not None and not long:
-            return with_switching_load(rows, weigh(rows), load)
+        still = not self._blocks.setpoint_moves
+        if self._blocks.count <= PLENTY:
+            load = switching_load(rows) if still else None
+            if load is not None:
+                return with_switching_load(rows, weigh(rows), load)
+            return weigh_with_stem(rows, weigh_lightly(rows))
         found = weigh_with_stem(rows, weigh_lightly(rows))
-        if load is None or found.gain <= EVIDENCE:
-            return found
-        beside = with_switching_load(part, weigh(part), load)
-        return beside if beside.half_period > 0.0 else found
+        if still and found.gain > EVIDENCE:
+            part = beginning(rows, MOST_ROWS // 2)
+            load = switching_load(part)
+            if load is not None:
+                beside = with_switching_load(part, weigh(part), load)
+                return beside if beside.half_period > 0.0 else found
+        return found
 
     def _confirmation(self, e: Evidence, swings: bool, loose: float) -> Confirmation:
         low, high = widened(e.d, e.interval, e.steps, swings, e.half_period > 0, loose)
