@@ -24,6 +24,8 @@ WORTH = 0.5  # nats: smaller gains are not followed
 ROUGHLY = 2.0  # nats: the same while load steps are still to be found
 AGAIN = 60.0  # nats that CALM may lie behind what was found if the search is to go on from there
 HOPELESS = 40.0  # nats by which a dead band may lie behind before its search is not refined any further
+PER_STEP = 7.0  # nats that a load step costs: its row is one of about a thousand
+SLOW = -5.0  # ln ratio of a load that hardly wanders or slowly
 CHANGES = 3  # how often the best width may change at the end
 
 
@@ -50,6 +52,38 @@ def first_models(fit: Fitter) -> Models:
     starts = [np.array([np.log(fit.r.lag * share), ratio, smooth]) for share, ratio, smooth in STARTS]
     m = _with_load_steps(fit, _begun(fit, starts), _coarse(fit.r))
     return m if m.hopeless else _calmed(fit, m)
+
+
+def best_of_two(fit: Fitter) -> Models:
+    """Return the best models from two beginnings: a load that wanders as PV asks for, and one that does so slowly.
+
+    In the first what are load steps passes for wandering for a while, in the second wandering for load steps; which of
+    them ends higher is not known before. A load step has its price.
+    """
+    one = first_models(fit)
+    shock = fit.shock
+    if not shock.any():
+        return one
+    fit.shock = np.zeros_like(shock)
+    fit.forget()
+    starts = [np.array([np.log(fit.r.lag * share), *rest]) for share, *rest in STARTS if rest[0] <= SLOW]
+    x, coarse = fit.r.x, _coarse(fit.r)
+    levels = np.array([fit.ll(p, x, coarse) for p in starts])
+    k, j = np.unravel_index(int(np.argmax(levels)), levels.shape)
+    best = _from(starts[k])
+    best[:, 3] = 0.0, 1.0
+    two = _with_load_steps(fit, _moved(fit, Models(best, coarse[j]), coarse), coarse)
+    if not two.hopeless:
+        two = _calmed(fit, two)
+    if _worth(two, fit.shock) > _worth(one, shock):
+        return two
+    fit.shock = shock
+    fit.forget()
+    return one
+
+
+def _worth(m: Models, shock: FloatArray) -> float:
+    return float(m.best[:, 3].max()) - PER_STEP * int(np.count_nonzero(shock))
 
 
 def further_models(fit: Fitter, before: Models) -> Models:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..record import FloatArray
-from .best_models import Models, around, final_models, first_models
+from .best_models import Models, around, best_of_two, final_models
 from .fitter import Fitter
 from .profile import between, likelihood_interval, peak
 from .rows import Rows
@@ -57,7 +57,7 @@ class Evidence:
 def weigh(rows: Rows) -> Evidence:
     """Return the evidence for a dead band in `rows` (at least two widths)."""
     fit = Fitter(rows)
-    return weighed(fit, first_models(fit))
+    return weighed(fit, best_of_two(fit))
 
 
 def weighed(fit: Fitter, m: Models) -> Evidence:

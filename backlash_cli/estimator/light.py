@@ -8,20 +8,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from .best_models import Models, first_models, further_models
+from .best_models import PER_STEP, Models, first_models, further_models
 from .evidence import Evidence, weigh, weighed
 from .fitter import Fitter
 from .rows import Rows, counted, liveliest, part_of
 
-PARTS = (500, 750)  # rows: with a dead band of evidence 8 in 2,000 rows, 2 are left in 500
+PARTS = (500, 1000)  # rows: with a dead band of evidence 8 in 2,000 rows, 2 are left in 500
 LONG = 1500  # rows; for shorter records the parts cost more than they save
 EXCLUDED = 6.0  # nats by which every width must lie behind: the same that the limit of detection asks for
 STEP_ROWS = 40  # rows (ten Ti) per load step; where it steps more often, single steps are a poor model of the load
-ENOUGH = 750  # rows: on simulated days 500 give the size with twice the error of all 2,000, 750 with the same
+ENOUGH = 1000  # rows: on simulated days 500 give the size with twice the error of all 2,000, 1,000 with the same
 SHOWN, SHOWN_PER_STEP = 16.0, 2.0  # nats: twice what a verdict asks for (criteria.EVIDENCE)
 KNOWN = 0.1  # half interval of the likelihood over d: beyond, more rows still make it narrower
 UNPLACED = 0.05  # share of rows before OP has covered the gap: with more, it matters where the stem stood at first
-PER_STEP = 7.0  # nats that a load step costs: its row is one of about a thousand
 
 
 def weigh_lightly(rows: Rows) -> Evidence:
@@ -51,7 +50,8 @@ def weigh_lightly(rows: Rows) -> Evidence:
     if clear or not found.steps:
         return found
     # load steps of a part may have led astray
-    return max(found, weigh(rows), key=lambda e: e.level - PER_STEP * e.steps)
+    fit = Fitter(rows)
+    return max(found, weighed(fit, first_models(fit)), key=lambda e: e.level - PER_STEP * e.steps)
 
 
 def excludes(e: Evidence) -> bool:

@@ -10,7 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from backlash_cli.estimator.best_models import STARTS, around, final_models, first_models
+from backlash_cli.estimator.best_models import (
+    PER_STEP,
+    STARTS,
+    Models,
+    around,
+    best_of_two,
+    final_models,
+    first_models,
+)
 from backlash_cli.estimator.confirm import ConfirmationScanner
 from backlash_cli.estimator.fitter import ASIDE, STEP_LIMIT, Fitter
 from backlash_cli.estimator.likelihood import HIGHEST, LOWEST, STEPS, T_FREEDOM
@@ -175,6 +183,19 @@ def test_the_width_at_the_end_is_the_best_of_those_tried(worn: Rows) -> None:
     assert worn.widths[m.j - 1] == pytest.approx(0.02, rel=0.25)
     assert set(around(worn, m.j, (-1, 0, 1))) <= set(some)
     assert m.gain > 10.0
+
+
+def test_the_better_of_two_beginnings_is_kept_with_its_load_steps() -> None:
+    rows = rows_of(0.02, STEPPED)
+    one, two = Fitter(rows), Fitter(rows)
+    first, best = first_models(one), best_of_two(two)
+
+    def worth(m: Models, fit: Fitter) -> float:
+        return float(m.best[:, 3].max()) - PER_STEP * np.count_nonzero(fit.shock)
+
+    assert worth(best, two) >= worth(first, one)
+    for c, j in enumerate((0, best.j)):
+        assert two.ll(best.best[c, :3], rows.x, [j])[0] == pytest.approx(best.best[c, 3], abs=0.05)
 
 
 def test_the_top_of_a_parabola_over_uneven_widths() -> None:
