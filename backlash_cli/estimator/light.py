@@ -47,7 +47,7 @@ def weigh_lightly(rows: Rows) -> Evidence:
     fit = Fitter(rows, shock)
     found = weighed(fit, further_models(fit, m))
     clear = found.gain > max(_asked(found.steps), found.half) or _highest(found) < -EXCLUDED
-    if clear or not found.steps:
+    if clear or not 0 < found.steps * STEP_ROWS <= found.rows:
         return found
     # load steps of a part may have led astray
     fit = Fitter(rows)
