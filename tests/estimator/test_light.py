@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.confirm import ConfirmationScanner
 from backlash_cli.estimator.evidence import weigh
 from backlash_cli.estimator.light import LONG, PARTS, excludes, shows, weigh_lightly
 from backlash_cli.estimator.rows import Rows, liveliest, part_of
@@ -15,19 +14,14 @@ from backlash_cli.record import LoopSettings
 from backlash_cli.results import Verdict
 from backlash_cli.scan import scan
 from tests.benchmarks.random_loops import draw
-from tests.estimator.closed_loop import Loop, run
+from tests.estimator.closed_loop import Loop, rows_of, run
 
 SETTINGS = LoopSettings(K=0.6, Ti=20.0, Kp=1.0)
 STEPS = np.repeat(np.random.default_rng(5).normal(0.0, 0.03, 10), 1000)
 
 
 def long_rows(d: float, n: int = 10_000) -> Rows:
-    record = replace(run(Loop(dead_band=d), n, load=STEPS[:n]), settings=SETTINGS)
-    scanner = ConfirmationScanner(record.settings, record.interval)
-    scanner.update(record)
-    rows = scanner.rows()
-    assert isinstance(rows, Rows)
-    return rows
+    return rows_of(replace(run(Loop(dead_band=d), n, load=STEPS[:n]), settings=SETTINGS))
 
 
 def test_the_stretches_where_op_travels_most_are_taken() -> None:

@@ -19,7 +19,6 @@ from backlash_cli.estimator.best_models import (
     final_models,
     first_models,
 )
-from backlash_cli.estimator.confirm import ConfirmationScanner
 from backlash_cli.estimator.fitter import ASIDE, STEP_LIMIT, Fitter
 from backlash_cli.estimator.likelihood import HIGHEST, LOWEST, STEPS, T_FREEDOM
 from backlash_cli.estimator.load_steps import load_steps, step_information
@@ -29,7 +28,7 @@ from backlash_cli.estimator.search import FLAT, FURTHEST, bounded_step, normal_e
 from backlash_cli.estimator.whitening import LAGS
 from backlash_cli.record import LoopSettings
 
-from .closed_loop import Loop, run
+from .closed_loop import Loop, rows_of, run
 
 STEP_AT = 4000
 TIME = np.arange(8000)
@@ -37,18 +36,14 @@ SMOOTH = 0.03 * np.sin(TIME / 160.0) + 0.02 * np.sin(TIME / 71.0 + 1.0)
 STEPPED = SMOOTH + np.where(TIME < STEP_AT, 0.0, 0.06)
 
 
-def rows_of(d: float, load: np.ndarray = SMOOTH, seed: int = 0) -> Rows:
-    record = replace(run(Loop(dead_band=d), 8000, load=load, seed=seed), settings=LoopSettings(K=0.6, Ti=20.0, Kp=1.0))
-    scanner = ConfirmationScanner(record.settings, record.interval)
-    scanner.update(record)
-    rows = scanner.rows()
-    assert isinstance(rows, Rows)
-    return rows
+def loop_rows(d: float, load: np.ndarray = SMOOTH, seed: int = 0) -> Rows:
+    given = LoopSettings(K=0.6, Ti=20.0, Kp=1.0)
+    return rows_of(replace(run(Loop(dead_band=d), 8000, load=load, seed=seed), settings=given))
 
 
 @pytest.fixture(scope="module")
 def worn() -> Rows:
-    return rows_of(0.02)
+    return loop_rows(0.02)
 
 
 def from_start(fit: Fitter, number: int) -> np.ndarray:
@@ -146,7 +141,7 @@ def test_a_step_stays_within_bounds_and_promises_no_loss(seed: int) -> None:
 
 
 def test_load_steps_are_those_that_stand_out_with_every_width() -> None:
-    rows = rows_of(0.02, STEPPED)
+    rows = loop_rows(0.02, STEPPED)
     fit, p, j = Fitter(rows), np.array([0.6, -6.0, -2.0]), 12
     assert fit.add_load_steps(p, j)
     a, phi = 1.0 - np.exp(-1.0 / np.exp(p[0])), 1.0 / (1.0 + np.exp(-p[2]))
@@ -186,7 +181,7 @@ def test_the_width_at_the_end_is_the_best_of_those_tried(worn: Rows) -> None:
 
 
 def test_the_better_of_two_beginnings_is_kept_with_its_load_steps() -> None:
-    rows = rows_of(0.02, STEPPED)
+    rows = loop_rows(0.02, STEPPED)
     one, two = Fitter(rows), Fitter(rows)
     first, best = first_models(one), best_of_two(two)
 

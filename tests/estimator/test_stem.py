@@ -10,15 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_cli import read
-from backlash_cli.estimator.confirm import ConfirmationScanner, widened
+from backlash_cli.estimator.confirm import widened
 from backlash_cli.estimator.evidence import weigh
-from backlash_cli.estimator.rows import Rows
 from backlash_cli.estimator.stem import placed_at, weigh_with_stem
 from backlash_cli.kernels import play
 from backlash_cli.record import LoopSettings, Record
 from backlash_cli.results import Verdict
 from backlash_cli.scan import scan
-from tests.estimator.closed_loop import Loop, run
+from tests.estimator.closed_loop import Loop, rows_of, run
 from tests.shared_data import shared_data
 
 
@@ -45,14 +44,6 @@ def recordings(seed: int, d: float, count: int = 6) -> Record:
                    measurement=record.measurement[keep], output=record.output[keep], state=record.state[keep])
 
 
-def rows_of(record: Record) -> Rows:
-    scanner = ConfirmationScanner(record.settings, record.interval)
-    scanner.update(record)
-    rows = scanner.rows()
-    assert isinstance(rows, Rows)
-    return rows
-
-
 def test_pooled_recordings_that_hardly_cross_the_gap_give_its_size() -> None:
     middle, placed = [], []
     for seed in range(5):
@@ -62,7 +53,6 @@ def test_pooled_recordings_that_hardly_cross_the_gap_give_its_size() -> None:
         better = weigh_with_stem(rows, found)
         assert better.gain > found.gain
         placed.append(better.d / 0.03 - 1.0)
-    print(np.round(middle, 3), np.round(placed, 3))
     assert abs(np.median(placed)) < 0.07 < np.median(np.abs(middle))
     assert np.max(np.abs(placed)) < 0.2
 

@@ -7,16 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.confirm import ConfirmationScanner
 from backlash_cli.estimator.evidence import weigh
-from backlash_cli.estimator.rows import Rows
 from backlash_cli.estimator.square_wave import Wave, opposed_wave, square
 from backlash_cli.estimator.switching_load import switching_load, with_switching_load
 from backlash_cli.record import LoopSettings, Record, record_from_arrays
 from backlash_cli.results import Confirmation, Verdict
 from backlash_cli.scan import scan
 
-from .closed_loop import Loop, run
+from .closed_loop import Loop, rows_of, run
 
 TIME = np.arange(9000)
 SQUARE = 0.03 * np.sign(np.sin(2 * np.pi * (TIME + 0.5) / 430.0))
@@ -25,14 +23,6 @@ GIVEN = LoopSettings(K=Loop.K, Ti=Loop.Ti)
 
 def simulated(load: np.ndarray, dead_band: float = 0.0, seed: int = 0) -> Record:
     return replace(run(Loop(dead_band=dead_band), 9000, load=load, seed=seed), settings=GIVEN)
-
-
-def rows_of(record: Record) -> Rows:
-    scanner = ConfirmationScanner(record.settings, record.interval)
-    scanner.update(record)
-    rows = scanner.rows()
-    assert isinstance(rows, Rows)
-    return rows
 
 
 @pytest.mark.parametrize(("half", "phase"), [(7.3, 0.0), (20.0, 3.4), (11.1, -25.7)])
