@@ -6,6 +6,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from ..clean_piece import FILLED
 from ..record import FloatArray
 
 # Dead bands that are tried: 0.2 % to 19 % of the output span.
@@ -15,7 +16,6 @@ ENOUGH = 0.7  # share of its samples that a block needs
 STRETCH = 250  # blocks that come and go together
 BRIDGE = 2  # blocks missing in a row that are bridged by a straight line
 LANES = 32  # OP and the widths side by side, filled up: the processor works on eight of them at a time
-FILLED = 1  # highest SampleState that may be used
 STEM = 4  # columns at the end of a row: what is known of where the stem stood, see `decimate.BlockMeans`
 COLUMNS = 2 + len(WIDTHS) + STEM
 # Places in the two vectors that the kernel carries: whole numbers (open block, samples in it, its end, last sample,

@@ -20,7 +20,7 @@ from .evidence import Evidence, weigh
 from .light import weigh_lightly
 from .periodic import periodic_load
 from .rebuild import OutputRebuilder
-from .rows import Rows, beginning, counted
+from .rows import Rows, beginning, begins, counted
 from .stem import weigh_with_stem
 from .switching_load import switching_load, with_switching_load
 from .whitening import WARM_UP
@@ -84,7 +84,7 @@ class ConfirmationScanner:
         if not np.ptp(means[:, 0]) > 0:
             return Note("measurement_constant", "PV is the same number throughout")
         line = np.empty((0, len(at))) if self._blocks.setpoint_moves else periodic_load(means[:, 0], at)
-        start = np.maximum.accumulate(np.where(first, np.arange(len(first)), 0))
+        start = begins(first)
         level = means[:, : 2 + len(widths)]
         level = level - level[start]
         assert self.settings.Ti is not None

@@ -29,10 +29,14 @@ class Rows:
     stem: FloatArray | None = None
 
 
+def begins(first: NDArray[np.bool_]) -> IntArray:
+    """Return the place at which the stretch of each row (rows,) begins. first (rows,): True where one does."""
+    return np.maximum.accumulate(np.where(first, np.arange(len(first)), 0))
+
+
 def counted(first: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which rows (rows,) count: not those in which the filter settles, where a stretch begins (`first`)."""
-    rows = np.arange(len(first))
-    counts: NDArray[np.bool_] = rows - np.maximum.accumulate(np.where(first, rows, 0)) >= WARM_UP
+    counts: NDArray[np.bool_] = np.arange(len(first)) - begins(first) >= WARM_UP
     return counts
 
 
@@ -52,7 +56,7 @@ def part_of(rows: Rows, use: IntArray) -> Rows:
     """Return the rows of the places `use` (ascending), each run of neighbours as a stretch of its own."""
     at = np.arange(len(rows.y)) if rows.at is None else rows.at
     first = rows.first[use] | (np.diff(at[use], prepend=at[use[0]] - 2) != 1)
-    start = np.maximum.accumulate(np.where(first, np.arange(len(use)), 0))
+    start = begins(first)
     y, x = rows.y[use], np.take(rows.x, use, axis=1)
     x = x - np.take(x, start, axis=1)
     stem = None if rows.stem is None else rows.stem[:, use]

@@ -22,7 +22,7 @@ from .criteria import MOTION
 from .evidence import Evidence, weigh
 from .fitter import Fitter
 from .likelihood import T_FREEDOM
-from .rows import Rows
+from .rows import Rows, begins
 
 PLACES = (-1.0, -0.5, 0.5, 1.0)  # where in its gap a stem may stand, besides the middle: in half gaps
 CLEARLY = 2.0  # nats by which another place must explain PV better than the middle: it was chosen among five
@@ -65,7 +65,7 @@ def with_stem_placed(rows: Rows, found: Evidence) -> Rows | None:
     fit = Fitter(rows)
     fit.shock = found.shock
     run = np.unique(rows.stem[0], return_inverse=True)[1]
-    stretch = np.maximum.accumulate(np.where(rows.first, np.arange(len(run)), 0))
+    stretch = begins(rows.first)
     places, heights = zip(*found.profile, strict=True)
     x, useful = rows.x.copy(), False
     for j in asked.tolist():

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from ..clean_piece import extremes, in_order, usable
+from ..clean_piece import FILLED, extremes, in_order, usable
 from ..record import FloatArray, IntArray, SampleState
 
 ROWS = 1024
@@ -18,7 +18,7 @@ SLOTS = 16
 LEVELS = 5
 SLOWER = 4  # rows of one picture in a row of the next
 SETPOINT, MEASUREMENT, OUTPUT = range(3)
-GOOD, FILLED = 0, 1
+GOOD = 0
 STATES = len(SampleState)
 NOWHERE = -(2**62)
 ROOM = 512  # samples taken at a time: what is worked out in between stays in the processor's nearest cache
