@@ -118,6 +118,12 @@ def _without_lines(lines: int, E: NDArray[Any]) -> None:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def shape_of(p: NDArray[Any]) -> tuple[float, float, float]:
+    """Share a of a lag that a row takes, variance ratio of the load, and phi (see `whitening`) of shape numbers p."""
+    return 1.0 - np.exp(-1.0 / np.exp(p[0])), np.exp(p[1]), 1.0 / (1.0 + np.exp(-p[2]))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def pair(p: NDArray[Any], xa: NDArray[Any], xb: NDArray[Any], two: bool, y: NDArray[Any], line: NDArray[Any],
          first: NDArray[Any], use: NDArray[Any], ridge: float, shock: NDArray[Any], G: NDArray[Any], S: NDArray[Any],
          T: NDArray[Any], E: NDArray[Any], R: NDArray[Any]) -> Any:
@@ -129,9 +135,9 @@ def pair(p: NDArray[Any], xa: NDArray[Any], xb: NDArray[Any], two: bool, y: NDAr
     has rows) and variances to G, S, whitened columns to E and residuals to R (2, rows); these and T, room
     (CHUNK, LANES), are in single precision.
     """
-    a, phi = 1.0 - np.exp(-1.0 / np.exp(p[0])), 1.0 / (1.0 + np.exp(-p[2]))
+    a, ratio, phi = shape_of(p)
     W, f = np.empty((len(y), WEIGHTS), dtype=np.float32), np.empty((len(y), 2), dtype=np.float32)
-    rows, logs = gains(a, np.exp(p[1]), phi, shock, first, use, G, S, W)
+    rows, logs = gains(a, ratio, phi, shock, first, use, G, S, W)
     innovations(y, line, xa, xb, a, phi, first, W, f, T, E)
     _without_lines(len(line), E)
     ll, noise, b = np.zeros(2), np.zeros(2), np.zeros((2, len(LAGS)))
@@ -145,9 +151,9 @@ def several(p: NDArray[Any], x: NDArray[Any], which: NDArray[Any], y: NDArray[An
             first: NDArray[Any], use: NDArray[Any], ridge: float, shock: NDArray[Any], G: NDArray[Any],
             S: NDArray[Any], T: NDArray[Any], E: NDArray[Any], R: NDArray[Any]) -> NDArray[Any]:
     """Log-likelihood of the valve positions x[which], each as in `pair`; what they share is worked out once."""
-    a, phi = 1.0 - np.exp(-1.0 / np.exp(p[0])), 1.0 / (1.0 + np.exp(-p[2]))
+    a, ratio, phi = shape_of(p)
     W, f = np.empty((len(y), WEIGHTS), dtype=np.float32), np.empty((len(y), 2), dtype=np.float32)
-    rows, logs = gains(a, np.exp(p[1]), phi, shock, first, use, G, S, W)
+    rows, logs = gains(a, ratio, phi, shock, first, use, G, S, W)
     ll, b = np.empty(len(which)), np.empty(len(LAGS))
     for i in range(0, len(which), 2):
         two = min(2, len(which) - i)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from .lanes import dot
 from .likelihood import HIGHEST, LOWEST, STEPS, T_FREEDOM, pair
+from .step_response import solve_free
 from .whitening import LAGS
 
 PROBE = (0.02, 0.06, 0.08)  # differences of ln lag, ln ratio, logit phi that the slopes are taken over
@@ -89,25 +90,13 @@ def _laid_out(R: NDArray[Any], S: NDArray[Any], use: NDArray[Any], b: NDArray[An
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def bounded_step(p: NDArray[Any], H: NDArray[Any], g: NDArray[Any], damping: float, d: NDArray[Any]) -> float:
     """Write the step d (3,) from p within the bounds of the numbers; return the gain [nats] expected of it."""
-    A, c, free = np.empty((3, 3)), np.empty(3), np.ones(3)
+    A, free, room = H.copy(), np.ones(3), np.empty((3, 4))
+    for i in range(3):
+        A[i, i] = A[i, i] * (1.0 + damping) + FLAT / STEPS[i] ** 2
     for _ in range(4):
-        for i in range(3):
-            for j in range(3):
-                A[i, j] = H[i, j] * free[i] * free[j]
-            A[i, i] = (A[i, i] * (1.0 + damping) + FLAT / STEPS[i] ** 2) if free[i] > 0.0 else 1.0
-            c[i] = g[i] * free[i]
-        for i in range(3):
-            for k in range(i + 1, 3):
-                f = A[k, i] / A[i, i]
-                for j in range(i, 3):
-                    A[k, j] -= f * A[i, j]
-                c[k] -= f * c[i]
+        solve_free(A, g, free, d, room)
         share = 1.0
-        for i in range(2, -1, -1):
-            v = c[i]
-            for j in range(i + 1, 3):
-                v -= A[i, j] * d[j]
-            d[i] = v / A[i, i]
+        for i in range(3):
             share = min(share, FURTHEST[i] / max(abs(d[i]), 1e-300))
         shut = -1
         for i in range(3):

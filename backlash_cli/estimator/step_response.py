@@ -16,7 +16,7 @@ DIP = 0.15  # an inverse response may reach this share of the final value
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _solve_free(A: NDArray[Any], c: NDArray[Any], free: NDArray[Any], z: NDArray[Any], work: NDArray[Any]) -> None:
+def solve_free(A: NDArray[Any], c: NDArray[Any], free: NDArray[Any], z: NDArray[Any], work: NDArray[Any]) -> None:
     """Solve A z = c for the free entries, z = 0 elsewhere; work: (n, n + 1). Elimination of a positive matrix."""
     n = len(c)
     for i in range(n):
@@ -63,7 +63,7 @@ def nonnegative(A: NDArray[Any], c: NDArray[Any], x: NDArray[Any]) -> None:
             break
         free[best] = 1.0
         for _ in range(n):
-            _solve_free(A, c, free, z, work)
+            solve_free(A, c, free, z, work)
             step, stop = 1.0, -1
             for i in range(n):
                 if free[i] > 0.0 and z[i] <= 0.0:

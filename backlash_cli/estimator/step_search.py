@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from .likelihood import pair
+from .likelihood import pair, shape_of
 from .load_steps import load_steps, step_information
 from .whitening import WARM_UP
 
@@ -25,7 +25,7 @@ def add_load_steps(p: NDArray[Any], x: NDArray[Any], some: NDArray[Any], limit: 
     and more than its neighbours; its size is the smallest of them. The others as in `likelihood.pair`.
     """
     n = len(y)
-    a, phi = 1.0 - np.exp(-1.0 / np.exp(p[0])), 1.0 / (1.0 + np.exp(-p[2]))
+    a, _, phi = shape_of(p)
     least, size, e = np.full(n, np.inf), np.full(n, np.inf), np.empty(n)
     information = e
     for i in range(0, len(some), 2):
