@@ -15,6 +15,7 @@ from ..record import Note
 from .compression import codec_of, decompress, first_pieces
 from .options import ReadOptions
 from .places import Remote, open_place
+from .text_blocks import Source
 
 CHUNK = 1 << 20
 FETCHED_WHOLE = 256 << 20  # bytes of a remote text that is kept in memory rather than fetched twice
@@ -84,7 +85,7 @@ def open_content(path: Path | Remote, options: ReadOptions) -> Content:
             encoding, prefix = guess_encoding(head, path, options)
             if encoding == "utf-8":
                 file.seek(prefix)
-                if is_utf8(file):
+                if is_utf8(file):  # type: ignore[arg-type]
                     return Content(path, "text", None, prefix)
                 encoding = "cp1252"
             if size > options.max_bytes:
@@ -161,12 +162,12 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> tu
     return "utf-8", 0
 
 
-def is_utf8(file: BinaryIO) -> bool:
+def is_utf8(file: Source) -> bool:
     """Say whether the rest of a file is UTF-8; read through one small buffer that stays in the processor's cache."""
     space = bytearray(CHUNK // 2)
     view = memoryview(space)
     kept = 0
-    while count := file.readinto(view[kept:]):  # type: ignore[attr-defined]
+    while count := file.readinto(view[kept:]):
         filled = kept + count
         cut = space.rfind(b"\n", 0, filled) + 1 or _whole_characters(space, filled)
         if not valid_utf8(view[:cut]):

@@ -7,7 +7,9 @@ encodings, text that only a full CSV reader understands. It raises nothing about
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import pyarrow as pa
@@ -19,7 +21,7 @@ from .compression import codec_of
 from .csv_signal import ForeignText
 from .fast_csv import BLOCK, read_blocks
 from .fast_csv import Layout as CsvLayout
-from .files import Content, guess_encoding
+from .files import Content, guess_encoding, is_utf8
 from .heap import keep_freed_memory
 from .hourly_stamps import by_hours
 from .layouts import layout_of
@@ -28,6 +30,7 @@ from .long_tables import LongTable, long_layout
 from .names import is_time_name, split_tag
 from .options import ReadOptions
 from .places import Remote, open_place
+from .recoded import Recoded, Western
 from .store import Room
 from .tables import (
     MAX_COLUMNS,
@@ -125,17 +128,31 @@ def _tells(column: int, name: str, kind: pa.DataType) -> bool:
 def _csv(
     path: Path | Remote, magic: bytes, options: ReadOptions, partition: dict[str, str], lazily: Lazily
 ) -> Table | LongTable | None:
-    with source_of(path, codec_of(magic), BLOCK) as source:
-        return _text(path, source, options, partition, lazily)
+    opened = partial(source_of, path, codec_of(magic), BLOCK)
+    with opened() as source:
+        begun = read_up_to(source, HEAD)
+        encoding, prefix = guess_encoding(begun, path, options)
+        if not begun or begun[:4] == b"PAR1":
+            return None
+        if encoding == "utf-8":
+            with suppress(ForeignText):
+                return _text(path, source, begun, prefix, options, partition, lazily)
+    with opened() as source:
+        if encoding == "utf-8" and is_utf8(source):
+            return None
+    with opened() as source:
+        begun = read_up_to(source, HEAD)[prefix:]
+        western = encoding in ("utf-8", "cp1252")
+        text = Western(begun, source, opened) if western else Recoded(begun, source, encoding)
+        table = _text(path, text, read_up_to(text, HEAD), 0, options, partition, lazily)
+        return None if table is None else replace(table, notes=(*text.notes, *table.notes))
 
 
 def _text(
-    path: Path | Remote, source: Source, options: ReadOptions, partition: dict[str, str], lazily: Lazily
+    path: Path | Remote, source: Source, begun: bytes, prefix: int, options: ReadOptions, partition: dict[str, str],
+    lazily: Lazily,
 ) -> Table | LongTable | None:
-    begun = read_up_to(source, HEAD)
-    encoding, prefix = guess_encoding(begun, path, options)
-    if encoding != "utf-8" or not begun or begun[:4] == b"PAR1":
-        return None
+    """Read text that has begun, after a mark of so many bytes. Raises ForeignText, as where it is not UTF-8."""
     while begun.count(b"\n") < FEW_LINES and len(begun) <= BLOCK:
         more = read_up_to(source, 2 * len(begun))
         begun += more
@@ -162,7 +179,9 @@ def _text(
     texts = {i for i in stored if head.is_text(i)}
     layout = CsvLayout(dialect, convert_options(dialect), stored, stamps, texts, by_hours(options.time_format))
     read = read_blocks(rest, layout, kinds, room=lazily.room, threads=lazily.threads, progress=lazily.progress)
-    if read is None or not len(read[0][0]):
+    if read is None:
+        raise ForeignText
+    if not len(read[0][0]):
         return None
     columns, bad = read
     notes: tuple[Note, ...] = (ragged_note(bad, dialect, str(path)),) if bad else ()

@@ -20,7 +20,7 @@ _TAIL = 1 << 16
 _LONGEST = 64 << 20  # bytes of a line that is no line of an export
 
 
-class EndlessLine(Exception):
+class EndlessLine(ValueError):
     """There is no end of a line for very long."""
 
 

@@ -1,9 +1,11 @@
 """Peak resident memory of a whole scan of an export made on the fly, for two lengths of the same plant.
 
     python -m tests.benchmarks.memory [LOOPS] [DAYS] [--confirm] [--long] [--parquet]
+    python -m tests.benchmarks.memory --kinds [DAYS] [NAME ...]
 
---long: rows of tag, time and value instead of a wide file. The file is made below TMPDIR and deleted again; the scan
-needs as much room beside it for its column store.
+--long: rows of tag, time and value instead of a wide file. --kinds: one loop in the less usual ways of `made_kinds`,
+nothing kept in the column store's memory, so that the two peaks tell what grows with the file. Files are made below
+TMPDIR and deleted again; the scan needs as much room beside them for its column store.
 """
 
 from __future__ import annotations
@@ -14,32 +16,53 @@ import tempfile
 from pathlib import Path
 
 from backlash_cli.loaders.store import IN_MEMORY
+from tests.benchmarks.made_kinds import KINDS, write_kind
 from tests.benchmarks.made_plant import write, write_long
 
 _SCAN = """
 import resource, sys, time
 from backlash_cli import ScanOptions, scan
 from backlash_cli.loaders.lazy_tables import Lazily
+from backlash_cli.loaders.options import ReadOptions
 from backlash_cli.loaders.plant import open_plant
 from backlash_cli.loaders.store import Room
-opened = open_plant(sys.argv[1], lazily=Lazily(room=Room(int(sys.argv[3]))))
+options = ReadOptions(timezone=sys.argv[4] or None)
+opened = open_plant(sys.argv[1], options=options, lazily=Lazily(room=Room(int(sys.argv[3]))))
 result = scan(opened, ScanOptions(confirm=sys.argv[2] == "confirm"), jobs=1)
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 10)
 print(len(result.loops), peak, time.process_time())
 """
 
 
-def peak_of(path: Path, confirm: bool = False, room: int = IN_MEMORY) -> tuple[int, float, float]:
+def peak_of(path: Path, confirm: bool = False, room: int = IN_MEMORY, zone: str = "") -> tuple[int, float, float]:
     """Return (loops, peak resident memory [MB], CPU time [s]) of a process that scans a file.
 
-    room: bytes of samples that the column store keeps in memory.
+    room: bytes of samples that the column store keeps in memory. zone: of the stamps.
     """
-    run = [sys.executable, "-c", _SCAN, str(path), "confirm" if confirm else "", str(room)]
+    run = [sys.executable, "-c", _SCAN, str(path), "confirm" if confirm else "", str(room), zone]
     loops, peak, seconds = subprocess.run(run, capture_output=True, text=True, check=True).stdout.split()
     return int(loops), float(peak), float(seconds)
 
 
+def kinds(days: int, names: list[str]) -> None:
+    """Print the peaks of one loop in several kinds of files, of so many days and of a quarter of them."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name in names or KINDS:
+            peaks = []
+            for length in (max(days // 4, 1), days):
+                path = write_kind(Path(folder, "plant.csv"), KINDS[name], length)
+                _, peak, seconds = peak_of(path, room=0, zone=KINDS[name].zone)
+                peaks.append(peak)
+            print(f"{name:20} {path.stat().st_size / 1e6:5.0f} MB: peak {peaks[0]:4.0f} MB of a quarter, "
+                  f"{peaks[1]:4.0f} MB of the whole, CPU {seconds:.1f} s", flush=True)
+
+
 def main() -> None:
+    if "--kinds" in sys.argv:
+        words = [word for word in sys.argv[1:] if word[0] != "-"]
+        given = [int(word) for word in words if word.isdigit()]
+        kinds(given[0] if given else 60, [word for word in words if not word.isdigit()])
+        return
     numbers = [float(word) for word in sys.argv[1:] if word[0] != "-"]
     loops, days = int(numbers[0]) if numbers else 100, numbers[1] if len(numbers) > 1 else 1.0
     with tempfile.TemporaryDirectory() as folder:
