@@ -2,32 +2,38 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray
 from .block_kernel import (
-    BRIDGE,
     COLUMNS,
+    COMPLETE,
     ENOUGH,
+    FREE,
     HIGH,
     LANES,
     LOW,
     MOVED,
     NOWHERE,
+    NUMBER,
+    ROWS,
+    SHELF,
     STEM,
     STRETCH,
     TAKEN,
+    TRAVEL,
     WIDTHS,
     blocks,
     close,
 )
+from .kept import WHOLE, Kept, Stretch
 
-WHOLE = 0.8  # share of its rows that a stretch in a row with others needs
-ROOM = 1000  # rows made at a time: what they need stays in the processor's cache
+__all__ = ["STEM", "STRETCH", "WHOLE", "WIDTHS", "BlockMeans"]
+
+AT_ONCE = 4  # stretches made at a time
+SHELVES = 40  # at first; more only for records with many holes. They take memory where something lies on them
+LINE = 64  # bytes that the processor loads at a time
 
 
 class BlockMeans:
@@ -47,13 +53,17 @@ class BlockMeans:
     """
 
     def __init__(self, size: int, most: int) -> None:
-        self.size, self.most = size, most
-        self._lanes = np.zeros(3 * LANES + 1)
-        self._lanes[LANES + 1 : LANES + 1 + len(WIDTHS)] = 0.5 * WIDTHS
-        self._at = np.array([0, 0, NOWHERE, 2**61, 1, NOWHERE, NOWHERE], dtype=np.int64)
+        self.size = size
+        self._lanes = _aligned(3 * LANES + 2)
+        self._lanes[LANES : 2 * LANES] = 0.5 * WIDTHS
+        self._at = np.array([0, 0, NOWHERE, 2**61, 1, NOWHERE, NOWHERE, 0, 0, SHELVES, 0], dtype=np.int64)
         self._seen = np.array([np.inf, -np.inf, np.nan, 0.0, np.nan, 0.0, -1.0, *[np.nan] * (3 + STEM)])
-        self._before = np.empty(COLUMNS)  # the last complete row
+        self._complete, self._travel = np.empty((AT_ONCE, 3), dtype=np.int64), np.empty(AT_ONCE)
         self._kept = Kept(most)
+        # shelves with the rows of one stretch each, and the numbers of those on which nothing lies
+        self._numbers = np.empty((SHELVES, STRETCH), dtype=np.int64)
+        self._means = np.empty((SHELVES, STRETCH, COLUMNS))
+        self._free = np.arange(SHELVES)[::-1].copy()
 
     @property
     def range(self) -> float:
@@ -63,7 +73,7 @@ class BlockMeans:
     @property
     def count(self) -> int:
         """Number of rows that the record made, kept or not."""
-        return self._kept.count
+        return self._kept.count + int(self._at[ROWS])
 
     @property
     def setpoint_moves(self) -> bool:
@@ -73,122 +83,59 @@ class BlockMeans:
     def update(self, index: IntArray, setpoint: FloatArray, pv: FloatArray, op: FloatArray,
                state: NDArray[np.uint8]) -> None:
         """Take in samples: index (samples,) strictly increasing over all calls; state: SampleState of each."""
-        at, means, travel = _room(ROOM)
-        while len(index):
-            taken, rows = blocks(index, setpoint, pv, op, state, self.size, self._lanes, self._at, self._seen,
-                                 self._before, at, means, travel)
-            index, setpoint, pv = index[taken:], setpoint[taken:], pv[taken:]
-            op, state = op[taken:], state[taken:]
-            if rows:
-                self._kept.add(at[:rows], means[:rows], travel[:rows])
+        pv, op = np.ascontiguousarray(pv), np.ascontiguousarray(op)
+        k = 0
+        while k < len(index):
+            k = blocks(k, index, setpoint, pv, op, state, self.size, self._lanes, self._at, self._seen, self._free,
+                       self._complete, self._travel, self._numbers, self._means)
+            if self._at[COMPLETE]:
+                self._keep()
+
+    def _keep(self) -> None:
+        """Keep the complete stretches that may be needed, and make sure that some shelves are free."""
+        complete = self._complete[: self._at[COMPLETE]].tolist()
+        free = int(self._at[FREE])
+        for (number, shelf, rows), travel in zip(complete, self._travel.tolist(), strict=False):
+            s = Stretch(number, travel, rows, shelf)
+            if not s.whole:
+                s.own = self._rows_of(s)
+                self._free[free] = shelf
+                free += 1
+            for gone in self._kept.add(s):
+                if gone.own is None:
+                    self._free[free] = gone.shelf
+                    free += 1
+        if free <= AT_ONCE:
+            n = len(self._free)
+            self._numbers = np.concatenate([self._numbers, np.empty_like(self._numbers)])
+            self._means = np.concatenate([self._means, np.empty_like(self._means)])
+            self._free = np.concatenate([self._free[:free], np.arange(2 * n)[n:][::-1], np.empty(n - free, np.int64)])
+            free += n
+        self._at[FREE], self._at[COMPLETE] = free, 0
+
+    def _rows_of(self, s: Stretch) -> tuple[IntArray, FloatArray]:
+        if s.own is not None:
+            return s.own
+        return self._numbers[s.shelf, : s.rows].copy(), self._means[s.shelf, : s.rows].copy()
 
     def rows(self) -> tuple[IntArray, FloatArray]:
         """Block numbers (rows,) and means (rows, COLUMNS): PV, OP, OP through each of WIDTHS; what is known of the
         stem."""
-        kept = self._kept
-        if self._at[TAKEN] >= ENOUGH * self.size:
-            at, means, travel = _room(1 + BRIDGE)
-            n = close(self._lanes, self._at.copy(), self._seen.copy(), self._before.copy(), 0, at, means, travel)
-            kept = kept.copy()
-            kept.add(at[:n], means[:n], travel[:n])
-        parts = kept.rows()
+        at, seen = self._at.copy(), self._seen.copy()
+        if at[TAKEN] >= ENOUGH * self.size:
+            close(self._lanes, at, seen, self._free, self._complete, self._travel, self._numbers, self._means)
+        also = [Stretch(number, float(self._travel[0]), rows, shelf)
+                for number, shelf, rows in self._complete[: at[COMPLETE]].tolist()]
+        if at[ROWS]:
+            also.append(Stretch(int(at[NUMBER]), float(seen[TRAVEL]), int(at[ROWS]), int(at[SHELF])))
+        parts = [self._rows_of(s) for s in self._kept.chosen(*also)]
         if not parts:
             return np.empty(0, dtype=np.int64), np.empty((0, COLUMNS))
         return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
 
 
-def _room(rows: int) -> tuple[IntArray, FloatArray, FloatArray]:
-    return np.empty(rows, dtype=np.int64), np.empty((rows, COLUMNS)), np.empty(rows)
-
-
-@dataclass
-class Stretch:
-    """Rows of up to STRETCH blocks, and how far OP travels in them."""
-
-    number: int
-    travel: float = 0.0
-    rows: int = 0
-    parts: list[tuple[IntArray, FloatArray]] = field(default_factory=list)
-
-    def follows(self, number: int) -> bool:
-        """Whether the stretch of that number goes on where this one ends, which has few holes itself."""
-        return number == self.number + 1 and self.rows >= WHOLE * STRETCH
-
-
-class Kept:
-    """Of all stretches those in a row, of at most `most` rows together, in which OP travels most; and the ones in which
-    it travels most wherever they are, for records that have no so many rows without a hole."""
-
-    def __init__(self, most: int) -> None:
-        self.most = most
-        self.count = 0
-        self.last: list[Stretch] = []  # in a row; they may become part of a better choice
-        self.best: list[Stretch] = []
-        self.lively: list[Stretch] = []
-
-    @property
-    def stored(self) -> int:
-        """Number of rows in memory."""
-        return sum(s.rows for s in {s.number: s for s in (*self.last, *self.best, *self.lively)}.values())
-
-    def copy(self) -> Kept:
-        """Return one to which rows can be added without a change of this one."""
-        other = Kept(self.most)
-        other.last = [Stretch(s.number, s.travel, s.rows, list(s.parts)) for s in self.last]
-        other.count, other.best, other.lively = self.count, self.best, self.lively
-        return other
-
-    def add(self, at: IntArray, means: FloatArray, travel: FloatArray) -> None:
-        """Take in rows in the order of time: block numbers (rows,), means (rows, COLUMNS) and how far OP has travelled
-        in the stretch up to each row."""
-        self.count += len(at)
-        number = at // STRETCH
-        edges = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(at)]
-        for low, high in pairwise(edges):
-            if not self.last or self.last[-1].number != number[low]:
-                self._close()
-                in_a_row = self.last and self.last[-1].follows(int(number[low]))
-                self.last = [*(_ending(self.last, self.most) if in_a_row else ()), Stretch(int(number[low]))]
-            s = self.last[-1]
-            s.travel = float(travel[high - 1])
-            s.rows += high - low
-            s.parts.append((at[low:high].copy(), means[low:high].copy()))
-
-    def rows(self) -> list[tuple[IntArray, FloatArray]]:
-        """Return the parts of the stretches that are to be used, in the order of time."""
-        whole = self.copy()
-        whole._close()
-        if whole.best:
-            chosen = whole.best
-        else:
-            chosen = whole.lively
-            while sum(s.rows for s in chosen) > self.most:
-                calmest = _calmest(chosen)
-                chosen = [s for s in chosen if s is not calmest]
-        return [part for s in chosen for part in s.parts]
-
-    def _close(self) -> None:
-        """The last stretch is complete."""
-        if not self.last:
-            return
-        end = _ending(self.last, self.most)
-        if sum(s.rows for s in end) > self.most - STRETCH and sum(s.travel for s in end) > sum(
-                s.travel for s in self.best):
-            self.best = end
-        self.lively = [*self.lively, self.last[-1]]
-        while sum(s.rows for s in self.lively) - (calmest := _calmest(self.lively)).rows >= self.most:
-            self.lively = [s for s in self.lively if s is not calmest]
-
-
-def _calmest(stretches: list[Stretch]) -> Stretch:
-    return min(stretches, key=lambda s: (s.travel, -s.number))
-
-
-def _ending(stretches: list[Stretch], most: int) -> list[Stretch]:
-    """The last of them that have no more than `most` rows together."""
-    rows = 0
-    for k in range(len(stretches), 0, -1):
-        rows += stretches[k - 1].rows
-        if rows > most:
-            return stretches[k:]
-    return stretches
+def _aligned(n: int) -> FloatArray:
+    """Return n zeros that begin where the processor loads: it takes twice as long across two such lines."""
+    room = np.zeros(n + LINE // 8)
+    begin = -room.ctypes.data % LINE // 8
+    return room[begin : begin + n]
