@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from .estimator.carry import CarryRecorder
 from .estimator.carry_bytes import pack
 from .estimator.compensator import recommend
 from .estimator.confirm import ConfirmationScanner
-from .estimator.haegglund import DEFAULT_KP, ErrorScanner, HalfPeriods, error_scanner, estimate
+from .estimator.haegglund import DEFAULT_KP, ErrorScanner, error_scanner, estimate
 from .estimator.identify import settings_of
 from .estimator.law_check import check_quickly
 from .estimator.oscillation import detect_oscillation, follows_setpoint
@@ -18,9 +16,10 @@ from .estimator.quality import quality_of
 from .estimator.reading import known_noise, read_half_periods
 from .estimator.survey import Survey
 from .estimator.survey_walk import FIRST, LAST, WITH_SETPOINT
+from .estimator.tally import tally_of
 from .estimator.verdict import Findings, decide
 from .record import LoopSettings, Note, Record, SampleState
-from .results import Confirmation, Estimates, LoopReport, Verdict
+from .results import Confirmation, LoopReport, Verdict
 
 OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
 COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
@@ -140,14 +139,14 @@ class LoopScanner:
         quality = quality_of(self._survey, self.settings.Ti)
         reading = read_half_periods(half_periods, settings, self.interval,
                                     known_noise(quality.pv, quality.filled_share))
-        accepted = half_periods.why == "ok"
-        long = (half_periods.why != "too_short") & (half_periods.why != "incomplete")
+        tally = tally_of(half_periods, self._errors.smooth.left_out)
+        accepted = tally.accepted
         confirmation = self._confirm.finish() if self._confirm else None
         rounding = quality.op.step if quality.op else 0.0
         driven = follows_setpoint(oscillation, quality.setpoint_moves, quality.setpoint_range, self.interval)
         on_settings = self._settings_notes()
         warnings += on_settings
-        decision = decide(Findings(reading.cluster, int(accepted.sum()), int(long.sum()), oscillation, confirmation,
+        decision = decide(Findings(reading.cluster, accepted, tally.long, oscillation, confirmation,
                                    (*quality.notes, *on_settings), self.settings.Ti / self.interval, rounding, driven,
                                    reading.notes))
         if decision.verdict is Verdict.CANNOT_TELL:
@@ -157,12 +156,12 @@ class LoopScanner:
         if decision.verdict is Verdict.BACKLASH:
             output_noise = quality.op.noise if quality.op else 0.0
             compensator = recommend(decision.cluster, confirmed, derivative=settings.Td > 0, output_noise=output_noise,
-                                    oscillating=oscillation.share > OSCILLATING and not accepted.any())
+                                    oscillating=oscillation.share > OSCILLATING and not accepted)
         return self._report(decision.verdict, decision.reasons, decision.confidence, warnings=tuple(warnings),
                             settings=settings, cluster=decision.cluster, confirmation=confirmed,
                             compensator=compensator,
                             carry=self._packed(),
-                            **self._tally(half_periods, self._errors.smooth.left_out, accepted, long))
+                            **tally.of_report(half_periods, self.start, self.used * self.interval))
 
     def _packed(self) -> bytes | None:
         """What the next night needs to go on from here, also where this one is too short to be judged."""
@@ -192,31 +191,6 @@ class LoopScanner:
         if not self.has_setpoint:
             return Note("no_setpoint", "no setpoint (SP) in the data: without it there is no control error to judge")
         return None
-
-    def _tally(self, h: HalfPeriods, left_out: int, accepted: np.ndarray, long: np.ndarray) -> dict[str, object]:
-        """Counts of all half periods, of which `left_out` were too short to be kept, and the estimates listed."""
-        hours = max(self.used * self.interval / 3600.0, 1e-12)
-        codes = tuple(sorted(set(h.why.tolist())))
-        why, counts = np.zeros(len(h), dtype=np.uint8), {}
-        for number, code in enumerate(codes):
-            mine = h.why == code
-            why[mine], counts[code] = number, int(np.count_nonzero(mine))
-        rejected = {code: n for code, n in counts.items() if code != "ok"}
-        if left_out:
-            rejected["too_short"] = rejected.get("too_short", 0) + left_out
-        listed = h.why != "too_short"
-        return {
-            "half_periods": len(h) + left_out,
-            "long_half_periods": int(long.sum()),
-            "detections": int(accepted.sum()),
-            "detection_rate": float(accepted.sum() / max(len(h) + left_out, 1)),
-            "detections_per_hour": float(accepted.sum() / hours),
-            "rejected": dict(sorted(rejected.items())),
-            "estimates": Estimates(
-                self.start, h.begin[listed], h.duration[listed], h.dy[listed], h.e_max[listed], h.d[listed],
-                h.direction[listed].astype(np.int8), why[listed], codes,
-            ),
-        }
 
     def _report(self, verdict: Verdict, reasons: tuple[Note, ...], confidence: float,
                 warnings: tuple[Note, ...] = (), settings: LoopSettings | None = None, **rest: object) -> LoopReport:

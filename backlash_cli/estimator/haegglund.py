@@ -35,6 +35,10 @@ DEFAULT_KP = 1.5  # section 4: errors below 20 % for 1 < Kp < 3.4
 SLOW_ENOUGH = 5.0  # gate dt >= 5 Ti: the signals are slow, the valve moves through statics
 SHAPE_LIMIT = 2.0  # gate e_max < 2 dy: a half period flattened by the dead band, not a load disturbance
 
+# Why a half period is refused, as it is named in reports; inside, its place here.
+WHY = ("ok", "shape", "too_short", "incomplete", "not_positive", "setpoint_move", "below_noise")
+OK, SHAPE, TOO_SHORT, INCOMPLETE, NOT_POSITIVE, SETPOINT_MOVE, BELOW_NOISE = range(len(WHY))
+
 
 def mean_error(area: FloatArray, duration: FloatArray) -> FloatArray:
     """Return dy, the mean of |e| over each half period (12). area [span s], duration [s] -> [span]."""
@@ -56,12 +60,12 @@ def dead_band(dy: FloatArray, duration: FloatArray, K: float, Ti: float, Kp: flo
 
 
 def gates(duration: FloatArray, dy: FloatArray, e_max: FloatArray, complete: NDArray[np.bool_],
-          Ti: float) -> NDArray[np.str_]:
-    """Return for each half period the code why it is refused, "ok" if it is not."""
-    why = np.full(len(duration), "ok", dtype="<U16")
-    why[e_max >= SHAPE_LIMIT * dy] = "shape"
-    why[duration < SLOW_ENOUGH * Ti] = "too_short"
-    why[~complete] = "incomplete"
+          Ti: float) -> NDArray[np.uint8]:
+    """Return for each half period why it is refused, as its place in WHY; OK if it is not."""
+    why = np.zeros(len(duration), dtype=np.uint8)
+    why[e_max >= SHAPE_LIMIT * dy] = SHAPE
+    why[duration < SLOW_ENOUGH * Ti] = TOO_SHORT
+    why[~complete] = INCOMPLETE
     return why
 
 
@@ -69,7 +73,7 @@ def gates(duration: FloatArray, dy: FloatArray, e_max: FloatArray, complete: NDA
 class HalfPeriods:
     """Half periods with their estimates, (half_periods,) arrays; seconds and spans.
 
-    begin: seconds since the record's start. why: code of the gate that refused it, else "ok".
+    begin: seconds since the record's start. refused: place in WHY of the gate that refused it, else OK.
     """
 
     begin: FloatArray
@@ -79,7 +83,12 @@ class HalfPeriods:
     d: FloatArray
     direction: NDArray[np.int64]
     setpoint_move: FloatArray
-    why: NDArray[np.str_]
+    refused: NDArray[np.uint8]
+
+    @property
+    def why(self) -> NDArray[np.str_]:
+        """The name of the gate that refused each half period, else "ok"."""
+        return np.array(WHY)[self.refused]
 
     def __len__(self) -> int:
         return len(self.begin)
@@ -93,7 +102,7 @@ def estimate(segments: Segments, interval: float, settings: LoopSettings) -> Hal
     dy = mean_error(segments.area * interval, duration)
     why = gates(duration, dy, segments.e_max, segments.complete, Ti)
     d = dead_band(dy, duration, K, Ti, Kp)
-    why[(why == "ok") & (d <= 0)] = "not_positive"
+    why[(why == OK) & (d <= 0)] = NOT_POSITIVE
     return HalfPeriods(segments.begin * interval, duration, dy, segments.e_max, d, segments.direction,
                        segments.setpoint_move, why)
 

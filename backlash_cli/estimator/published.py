@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..record import Record
 from ..results import Estimate
-from .haegglund import error_scanner, estimate
+from .haegglund import INCOMPLETE, TOO_SHORT, error_scanner, estimate
 
 
 def published_estimates(record: Record) -> tuple[Estimate, ...]:
@@ -15,9 +15,10 @@ def published_estimates(record: Record) -> tuple[Estimate, ...]:
     scanner = error_scanner(record.settings, record.interval)
     scanner.update(record)
     h = estimate(scanner.smooth.finish(), record.interval, record.settings)
+    why = h.why.tolist()
     return tuple(
         Estimate(record.start + float(h.begin[i]), record.start + float(h.begin[i] + h.duration[i]),
                  float(h.duration[i]), float(h.dy[i]), float(h.e_max[i]), float(h.d[i]), int(h.direction[i]),
-                 bool(h.why[i] == "ok"), str(h.why[i]))
-        for i in range(len(h)) if h.why[i] not in ("too_short", "incomplete")
+                 why[i] == "ok", why[i])
+        for i in range(len(h)) if h.refused[i] not in (TOO_SHORT, INCOMPLETE)
     )

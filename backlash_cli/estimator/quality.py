@@ -10,6 +10,7 @@ verdict is at most "suspected" on this evidence alone) or "blocks" ("cannot tell
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -52,7 +53,11 @@ class Quality:
     measurement_range: float
     output_range: float | None
     output_reversals_per_hour: float | None
-    notes: tuple[Note, ...] = ()
+
+    @cached_property
+    def notes(self) -> tuple[Note, ...]:
+        """What the numbers mean for the verdict, the heaviest first."""
+        return quality_notes(self)
 
     @property
     def effect(self) -> str:
@@ -85,7 +90,7 @@ def quality_of(survey: Survey, Ti: float | None = None) -> Quality:
     index, measured, output_index, outputs = survey.samples()
     op = stored_as(output_index, outputs) if len(output_index) else None
     usable = numbers[SampleState.GOOD] + numbers[SampleState.FILLED]
-    quality = Quality(
+    return Quality(
         samples=samples,
         interval=interval,
         duration=points * interval,
@@ -107,7 +112,6 @@ def quality_of(survey: Survey, Ti: float | None = None) -> Quality:
         output_range=survey.spread(OUTPUT) if op is not None else None,
         output_reversals_per_hour=None,
     )
-    return replace(quality, notes=quality_notes(quality))
 
 
 def _turns(index: IntArray, outputs: FloatArray, op: Storage, interval: float, Ti: float | None) -> float:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, LoopSettings, Note
 from ..results import Cluster
-from .clusters import CLOSE, densest, gathered
-from .haegglund import DEFAULT_KP, SLOW_ENOUGH, HalfPeriods
+from .clusters import CLOSE, SEVERAL, densest, gathered
+from .haegglund import BELOW_NOISE, DEFAULT_KP, OK, SETPOINT_MOVE, SLOW_ENOUGH, WHY, HalfPeriods
 from .recording import Storage
 
 FLOOR = 3.0  # smallest mean error of a half period, in standard deviations of the filtered error
@@ -28,13 +28,13 @@ DITHER = 3.0  # 2.3 to 3.4 on the publication's second example with noise of six
 MATTERS = 0.1  # of the estimate: smaller corrections are made and not told
 LEAST_GAP = 5.0  # smallest dead band in standard deviations of the output's noise: below, the valve never rests
 FILLED = 0.2  # share of interpolated samples from which the noise on PV is not known
-REFUSED = {"setpoint_move": "the setpoint moved", "below_noise": "the error is no larger than noise"}
+REFUSED = {SETPOINT_MOVE: "the setpoint moved", BELOW_NOISE: "the error is no larger than noise"}
 FEWEST = 4  # estimates in each of two directions that can be compared
 
 
 @dataclass(frozen=True)
 class Reading:
-    """half_periods: with `setpoint_move` and `below_noise` among the codes. cluster: the densest group of estimates,
+    """half_periods: with SETPOINT_MOVE and BELOW_NOISE among the refusals. cluster: the densest group of estimates,
     the effect of noise on OP added, None without any. notes: groups, directions and noise worth telling."""
 
     half_periods: HalfPeriods
@@ -75,32 +75,38 @@ def read_half_periods(h: HalfPeriods, settings: LoopSettings, interval: float, n
     """Return what the half periods of a loop say. noise: standard deviation of the fast noise on PV [span]."""
     assert settings.K is not None and settings.Ti is not None
     floor = FLOOR * filtered_noise(noise, interval, settings.Ti)
-    why = h.why.copy()
-    open_ = why == "ok"
-    why[open_ & _setpoint_moved(h, settings)] = "setpoint_move"
-    why[(why == "ok") & (h.dy <= floor)] = "below_noise"
-    used = why == "ok"
+    why = h.refused.copy()
+    used = why == OK
+    accepted = int(np.count_nonzero(used))
+    if not accepted:
+        return Reading(h, None)
+    if h.setpoint_move.any():
+        why[used & _setpoint_moved(h, settings)] = SETPOINT_MOVE
+    why[(why == OK) & (h.dy <= floor)] = BELOW_NOISE
+    used = why == OK
     sd = output_noise(noise, interval, settings)
     d = h.d[used] + DITHER * sd
-    cluster, aside = densest(d), _set_aside(why, int(open_.sum()))
+    cluster, aside = densest(d), _set_aside(why, accepted)
+    if aside:
+        h = replace(h, refused=why)
     if cluster is None:
-        return Reading(replace(h, why=why), None, aside)
+        return Reading(h, None, aside)
     limit = _limit(settings, floor, sd)
-    notes = [*aside, *_groups(d), *_directions(d, h.direction[used])]
+    notes = [*aside, *_groups(d, cluster), *_directions(d, h.direction[used])]
     if DITHER * sd > MATTERS * cluster.d:
         notes.append(Note(
             "dither", f"noise of about {100 * sd:.2g} % on OP walks the valve across its gap; the estimates (15) read "
             f"low by about three times that, and {100 * DITHER * sd:.2g} % was added to their centre",
             {"output_noise": sd, "added": DITHER * sd}))
-    return Reading(replace(h, why=why), replace(cluster, limit_of_detection=limit), tuple(notes))
+    return Reading(h, replace(cluster, limit_of_detection=limit), tuple(notes))
 
 
-def _set_aside(why: NDArray[np.str_], accepted: int) -> tuple[Note, ...]:
+def _set_aside(why: NDArray[np.uint8], accepted: int) -> tuple[Note, ...]:
     """A note on the half periods that pass the publication's gates and still do not count."""
-    counts = {code: int(np.count_nonzero(why == code)) for code in REFUSED}
-    if not any(counts.values()):
+    counts = {WHY[code]: int(np.count_nonzero(why == code)) for code in REFUSED}
+    if not sum(counts.values()):
         return ()
-    told = " and ".join(f"{REFUSED[code]} in {n}" for code, n in counts.items() if n)
+    told = " and ".join(f"{text} in {n}" for text, n in zip(REFUSED.values(), counts.values(), strict=True) if n)
     return (Note("half_periods_set_aside", f"of {accepted} half periods that pass the published gates some do not "
                  f"count: {told}", {code: float(n) for code, n in counts.items()}),)
 
@@ -122,7 +128,10 @@ def _setpoint_moved(h: HalfPeriods, settings: LoopSettings) -> NDArray[np.bool_]
     return np.asarray(moved / abs(settings.Kp or DEFAULT_KP) > CLOSE * h.d)
 
 
-def _groups(d: FloatArray) -> list[Note]:
+def _groups(d: FloatArray, first: Cluster) -> list[Note]:
+    """A note where the estimates gather in several places. first: the densest of them."""
+    if np.count_nonzero(np.abs(d / first.d - 1.0) > CLOSE) < SEVERAL:
+        return []
     found = gathered(d)
     if len(found) < 2:
         return []
@@ -134,7 +143,11 @@ def _groups(d: FloatArray) -> list[Note]:
 
 def _directions(d: FloatArray, direction: NDArray[np.int64]) -> list[Note]:
     """A note where the estimates of one direction lie clear of those of the other."""
-    up, down = (densest(d[direction == sign]) for sign in (1, -1))
+    above = direction == 1
+    upwards, downwards = d[above], d[~above]
+    if min(len(upwards), len(downwards)) < FEWEST:
+        return []
+    up, down = densest(upwards), densest(downwards)
     if up is None or down is None or min(up.n, down.n) < FEWEST:
         return []
     if up.ci95[0] <= down.ci95[1] and down.ci95[0] <= up.ci95[1]:

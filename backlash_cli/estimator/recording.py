@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..record import FloatArray, IntArray
-from .recording_loops import bends, changes, lattice, reversals, straight_runs
+from .recording_loops import bends, changes, differences, lattice, reversals, straight_runs
 
 LATTICE = 0.02  # how far from a whole number of steps a difference may lie
 EXACT = 1e-9  # of the signal's range: rounding of numbers, not of a recorder
@@ -58,22 +58,22 @@ def _lattice(ordered: FloatArray) -> float:
 
 def fast_noise(index: IntArray, values: FloatArray) -> float:
     """Return the standard deviation of white noise on a slow signal: 1.4826 MAD of second differences / sqrt 6."""
-    return _noise(np.sort(bends(index, values)))
+    return _noise(bends(index, values))
 
 
-def _noise(ordered: FloatArray) -> float:
-    """The same from the sizes of the second differences in order."""
-    return 1.4826 * _middle(ordered) / 6.0**0.5
+def _noise(bent: FloatArray) -> float:
+    """The same from the sizes of the second differences."""
+    return 1.4826 * _median(bent) / 6.0**0.5
 
 
 def _median(values: FloatArray) -> float:
     """Middle of the values, 0 where there are none."""
-    return _middle(np.sort(values))  # a third of the time of numpy's median
-
-
-def _middle(ordered: FloatArray) -> float:
-    n = len(ordered)
-    return float(0.5 * (ordered[(n - 1) // 2] + ordered[n // 2])) if n else 0.0
+    n = len(values)
+    if not n:
+        return 0.0
+    parted = np.partition(values, n // 2)  # a fifth of the time of numpy's median
+    above = parted[n // 2]
+    return float(0.5 * ((above if n % 2 else np.maximum.reduce(parted[: n // 2])) + above))
 
 
 def stored_as(index: IntArray, values: FloatArray) -> Storage:
@@ -81,16 +81,14 @@ def stored_as(index: IntArray, values: FloatArray) -> Storage:
     ordered = np.sort(values)
     span = float(ordered[-1] - ordered[0])
     step = _lattice(ordered)
-    bent = np.sort(bends(index, values))
+    bent, neighbours, moves = differences(index, values, EXACT * span)
     noise = _noise(bent)
     plain = Storage("samples", 0.0, 1.0, 0.0, step, noise)
-    if len(values) < 3 * LEAST_RUN or span == 0.0:
+    if len(values) < 3 * LEAST_RUN or span == 0.0 or not neighbours:
         return plain
-    neighbours, moved = changes(index, values, EXACT * span)
-    if not neighbours:
-        return plain
-    held = 1.0 - len(moved) / neighbours
-    if held > 0.2 and len(moved) >= LEAST_KINKS:
+    held = 1.0 - moves / neighbours
+    if held > 0.2 and moves >= LEAST_KINKS:
+        moved = changes(index, values, EXACT * span)
         smallest = float(np.quantile(moved, 0.01))
         run = 1.0 / max(1.0 - held, 1e-9)
         # Without a deviation jumps thin out towards zero: one in a hundred of a normal law is below 2 % of the median.
@@ -99,7 +97,7 @@ def stored_as(index: IntArray, values: FloatArray) -> Storage:
         if step == 0.0 and held > 0.4:
             return Storage("held", held, run, 0.0, step, noise)
     # most signals have so few samples on straight lines that no line needs to be looked for
-    if np.searchsorted(bent, _straight(step, span), "right") <= LINEAR * len(values):
+    if np.count_nonzero(bent <= _straight(step, span)) <= LINEAR * len(values):
         return plain
     linear, run, deviation = _straight_runs(index, values, step, span)
     if linear > LINEAR:

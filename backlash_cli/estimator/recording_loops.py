@@ -47,19 +47,18 @@ def lattice(ordered: FloatArray, least: float, limit: float) -> float:
 def _median_below(gaps: FloatArray, least: float, limit: float) -> bool:
     """Whether the median of the differences above `least` is at most `limit`; without putting them in order."""
     n = below = 0
+    for k in range(len(gaps)):  # no branches: which way the next one goes cannot be guessed
+        n += gaps[k] > least
+        below += (gaps[k] > least) & (gaps[k] <= limit)
+    if 2 * below != n:
+        return 2 * below > n
     last, first = 0.0, np.inf  # the nearest to the limit on either side
     for k in range(len(gaps)):
         gap = gaps[k]
         if gap > least:
-            n += 1
-            if gap <= limit:
-                below += 1
-                last = max(last, gap)
-            else:
-                first = min(first, gap)
-    if 2 * below == n:
-        return 0.5 * (last + first) <= limit
-    return 2 * below > n
+            last = max(last, gap) if gap <= limit else last
+            first = first if gap <= limit else min(first, gap)
+    return 0.5 * (last + first) <= limit
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -92,18 +91,27 @@ def bends(index: IntArray, values: FloatArray) -> FloatArray:
 
 
 @numba.njit(cache=True, nogil=True)
-def changes(index: IntArray, values: FloatArray, least: float) -> tuple[int, FloatArray]:
-    """Number of neighbours, and the sizes of the differences between them that are above `least`."""
-    out = np.empty(max(len(index) - 1, 0))
-    n = pairs = 0
+def differences(index: IntArray, values: FloatArray, least: float) -> tuple[FloatArray, int, int]:
+    """What `bends` gives, the number of neighbours, and of these that differ by more than `least`."""
+    pairs = moves = 0
     for k in range(len(index) - 1):
-        if index[k + 1] - index[k] == 1:
-            pairs += 1
-            change = abs(values[k + 1] - values[k])
-            if change > least:
-                out[n] = change
-                n += 1
-    return pairs, out[:n]
+        joined = index[k + 1] - index[k] == 1
+        pairs += joined
+        moves += joined & (abs(values[k + 1] - values[k]) > least)
+    return bends(index, values), pairs, moves
+
+
+@numba.njit(cache=True, nogil=True)
+def changes(index: IntArray, values: FloatArray, least: float) -> FloatArray:
+    """Sizes of the differences between neighbours that are above `least`."""
+    out = np.empty(max(len(index) - 1, 0))
+    n = 0
+    for k in range(len(index) - 1):
+        change = abs(values[k + 1] - values[k])
+        if index[k + 1] - index[k] == 1 and change > least:
+            out[n] = change
+            n += 1
+    return out[:n]
 
 
 @numba.njit(cache=True, nogil=True)

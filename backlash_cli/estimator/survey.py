@@ -28,6 +28,14 @@ from .survey_walk import (
     look,
 )
 
+_NUMBERS = np.zeros(NUMBERS, dtype=np.int64)
+_NUMBERS[[FIRST, *range(OPEN, NUMBERS, 2)]] = NOWHERE
+_SIGNALS = np.zeros(SUMS + 3 * LEVELS)
+_SIGNALS[[0, 2, 4]], _SIGNALS[[1, 3, 5]] = np.inf, -np.inf
+_SIGNALS[LAST_SETPOINT] = np.nan
+_HELD = np.full((LEVELS, IN_SLOTS + SLOTS), NOWHERE, dtype=np.int64)
+_HELD[:, [STRIDE, SLOT, HELD]] = 1, -1, 0
+
 
 class Survey:
     """Takes the blocks of one loop's record; signals are setpoint, measurement and output, in this order.
@@ -37,14 +45,9 @@ class Survey:
 
     def __init__(self, interval: float, *, slower: bool = True) -> None:
         self.interval = interval
-        self.numbers = np.zeros(NUMBERS, dtype=np.int64)
-        self.numbers[[FIRST, *range(OPEN, NUMBERS, 2)]] = NOWHERE
-        self._signals = np.zeros(SUMS + 3 * LEVELS)
-        self._signals[[0, 2, 4]], self._signals[[1, 3, 5]] = np.inf, -np.inf
-        self._signals[LAST_SETPOINT] = np.nan
+        self.numbers, self._signals = _NUMBERS.copy(), _SIGNALS.copy()
         levels = LEVELS if slower else 1
-        self._held = np.full((levels, IN_SLOTS + SLOTS), NOWHERE, dtype=np.int64)
-        self._held[:, [STRIDE, SLOT, HELD]] = 1, -1, 0
+        self._held = _HELD[:levels].copy()
         self._raw = np.empty((3, SLOTS, ROWS))
         self._kinds = np.empty((SLOTS, ROWS), dtype=np.uint8)
         self._slower = np.empty((levels - 1, 3, SLOTS, ROWS))

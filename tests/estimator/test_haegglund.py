@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.haegglund import dead_band, estimate, gates, mean_error, output_change
+from backlash_cli.estimator.haegglund import WHY, dead_band, estimate, gates, mean_error, output_change
 from backlash_cli.record import LoopSettings
 from backlash_cli.segmenter import Segments
 
@@ -35,7 +35,8 @@ def test_gates_at_their_edges():
     duration = np.array([9.99, 10.0, 10.0, 10.0])
     dy, e_max = np.full(4, 0.01), np.array([0.01, 0.0199, 0.02, 0.01])
     complete = np.array([True, True, True, False])
-    assert gates(duration, dy, e_max, complete, Ti).tolist() == ["too_short", "ok", "shape", "incomplete"]
+    refused = gates(duration, dy, e_max, complete, Ti)
+    assert [WHY[code] for code in refused] == ["too_short", "ok", "shape", "incomplete"]
 
 
 def test_an_exact_dead_band_transit_gives_d_back():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from backlash_cli.estimator.clusters import densest, gathered
-from backlash_cli.estimator.haegglund import HalfPeriods, error_scanner, estimate
+from backlash_cli.estimator.haegglund import OK, TOO_SHORT, HalfPeriods, error_scanner, estimate
 from backlash_cli.estimator.quality import data_quality
 from backlash_cli.estimator.reading import filtered_noise, output_noise, read_half_periods
 from backlash_cli.filters import double_lag
@@ -20,7 +20,7 @@ def half_periods(d: list[float], *, dy: float = 0.004, moves: list[float] | None
     """Half periods of 200 s with these estimates, of alternating direction, all accepted by the publication."""
     n = len(d)
     return HalfPeriods(200.0 * np.arange(n), np.full(n, 200.0), np.full(n, dy), np.full(n, 1.2 * dy), np.array(d),
-                       np.where(np.arange(n) % 2, -1, 1), np.array(moves or [0.0] * n), np.full(n, "ok", dtype="<U16"))
+                       np.where(np.arange(n) % 2, -1, 1), np.array(moves or [0.0] * n), np.full(n, OK, np.uint8))
 
 
 def test_a_half_period_with_a_setpoint_move_says_nothing() -> None:
@@ -33,7 +33,7 @@ def test_a_half_period_with_a_setpoint_move_says_nothing() -> None:
 
 def test_a_short_half_period_passes_its_setpoint_move_on() -> None:
     h = HalfPeriods(np.array([0.0, 30.0]), np.array([30.0, 200.0]), np.full(2, 0.004), np.full(2, 0.005),
-                    np.full(2, 0.03), np.array([1, -1]), np.array([0.02, 0.0]), np.array(["too_short", "ok"], "<U16"))
+                    np.full(2, 0.03), np.array([1, -1]), np.array([0.02, 0.0]), np.array([TOO_SHORT, OK], np.uint8))
     assert read_half_periods(h, SETTINGS, 1.0, 0.0).half_periods.why.tolist() == ["too_short", "setpoint_move"]
 
 
