@@ -7,6 +7,7 @@ whole numbers (see `in_order`), because compilers do that for eight at a time as
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numba
@@ -20,6 +21,13 @@ REST = 0x7FFFFFFFFFFFFFFF  # all bits of a number but its sign
 INFINITE = 0x7FF0000000000000  # bits of infinity; what is larger in size is no number
 
 
+# Arrays are not counted on their way into a function: for pieces of a few hundred samples that took as long as the
+# work itself. So a function compiled like this may not make an array.
+_bare: Any = partial(numba.njit, cache=True, nogil=True, _nrt=False)
+bare: Any = _bare()
+summing: Any = _bare(fastmath={"contract"})  # a product may go into a sum unrounded
+
+
 @numba.njit(cache=True, nogil=True, inline="always")
 def in_order(bits: Any) -> Any:
     """Turn the bits of a float into a whole number such that the order of floats is that of the whole numbers; the
@@ -27,7 +35,7 @@ def in_order(bits: Any) -> Any:
     return bits ^ ((bits >> 63) & REST)
 
 
-@numba.njit(cache=True, nogil=True)
+@bare
 def extremes(bits: IntArray) -> tuple[Any, Any, Any]:
     """Lowest and highest number of a piece, both `in_order`, and whether all are finite. bits: (samples,) of floats."""
     low, high = np.int64(REST), np.int64(-REST)
@@ -37,7 +45,7 @@ def extremes(bits: IntArray) -> tuple[Any, Any, Any]:
     return low, high, low > in_order(INFINITE | ~np.int64(REST)) and high < INFINITE
 
 
-@numba.njit(cache=True, nogil=True)
+@bare
 def usable(index: IntArray, state: NDArray[np.uint8]) -> bool:
     """Whether the samples follow each other on the grid and may all enter an estimate."""
     if index[-1] - index[0] != len(index) - 1:
@@ -48,7 +56,7 @@ def usable(index: IntArray, state: NDArray[np.uint8]) -> bool:
     return worst <= FILLED
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@summing
 def filtered(setpoint: FloatArray, pv: FloatArray, filters: FloatArray, z: FloatArray, errors: FloatArray,
              sums: FloatArray) -> None:
     """Run a piece of the measurement through both filters of a walk, the second behind the first.
@@ -83,7 +91,7 @@ def filtered(setpoint: FloatArray, pv: FloatArray, filters: FloatArray, z: Float
     z[2], z[3] = now2, b22 * y - a22 * before2
 
 
-@numba.njit(cache=True, nogil=True)
+@bare
 def crossings(errors: FloatArray, sign: float, flips: NDArray[np.uint8], at: IntArray) -> int:
     """Write to `at` where the sign of the errors changes; return how often, -1 where an error is exactly zero, which
     has no sign. sign: that of the error before the first. flips: room for a mark per error and for seven more."""
@@ -106,7 +114,7 @@ def crossings(errors: FloatArray, sign: float, flips: NDArray[np.uint8], at: Int
     return found
 
 
-@numba.njit(cache=True, nogil=True)
+@bare
 def changes(setpoint: FloatArray, before: float, moved: FloatArray) -> None:
     """Write the size of each change of the setpoint."""
     moved[0] = abs(setpoint[0] - before)
@@ -114,7 +122,7 @@ def changes(setpoint: FloatArray, before: float, moved: FloatArray) -> None:
         moved[k] = abs(setpoint[k] - setpoint[k - 1])
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
+@partial(_bare, fastmath={"contract", "reassoc", "nsz"})
 def total(values: FloatArray) -> float:
     """Sum of the sizes."""
     found = 0.0
@@ -123,7 +131,7 @@ def total(values: FloatArray) -> float:
     return found
 
 
-@numba.njit(cache=True, nogil=True)
+@bare
 def largest(bits: IntArray) -> Any:
     """Bits of the largest size. bits: (samples,) of floats."""
     found = np.int64(0)

@@ -5,11 +5,22 @@ What is carried from block to block is one vector of numbers, so the cut into bl
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from .clean_piece import FILLED, changes, crossings, extremes, filtered, in_order, largest, total, usable
+from .clean_piece import (
+    FILLED,
+    bare,
+    changes,
+    crossings,
+    extremes,
+    filtered,
+    in_order,
+    largest,
+    summing,
+    total,
+    usable,
+)
 from .record import FloatArray, IntArray
 
 MISSING, IMPLAUSIBLE = 2, 6  # the states in which the measurement itself is not known
@@ -33,7 +44,13 @@ def start() -> FloatArray:
     return carried
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+def desk() -> tuple[IntArray, FloatArray, FloatArray, FloatArray, NDArray[np.uint8], IntArray]:
+    """Return the arrays that a walk works in; nothing in them is carried."""
+    return (np.empty(ROOM + 1, np.int64), np.empty(ROOM), np.empty((2, ROOM + 2)), np.empty((2, ROOM + 1)),
+            np.zeros(ROOM + 8, np.uint8), np.empty((2, ROOM + 8), np.int64))
+
+
+@summing
 def _filter(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, state: NDArray[np.uint8],
             filters: FloatArray, c: FloatArray, at: NDArray[np.int64], moved: FloatArray, errors: FloatArray) -> int:
     """Run the measurement through both filters; write position, change of setpoint and both errors of each sample
@@ -73,7 +90,7 @@ def _filter(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, stat
     return n
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@summing
 def cut(errors: FloatArray, at: NDArray[np.int64], moved: FloatArray, n: int, c: FloatArray, out: FloatArray,
         least_area: float, least_length: float) -> None:
     """Cut one error into half periods, from the open one in c on; see `walk`. at[0] is the sample before the first."""
@@ -114,7 +131,7 @@ def cut(errors: FloatArray, at: NDArray[np.int64], moved: FloatArray, n: int, c:
     c[STORED], c[LEFT_OUT] = stored, left_out
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@summing
 def cut_clean(errors: FloatArray, sums: FloatArray, n: int, crossed_at: IntArray, crossings: int, first: int,
               moved: FloatArray, moves: bool, c: FloatArray, out: FloatArray, least_area: float,
               least_length: float) -> None:
@@ -152,7 +169,7 @@ def cut_clean(errors: FloatArray, sums: FloatArray, n: int, crossed_at: IntArray
     c[LAST], c[STORED], c[LEFT_OUT] = errors[n], stored, left_out
 
 
-@numba.njit(cache=True, nogil=True)
+@bare
 def _clean(index: IntArray, pv: IntArray, setpoint: IntArray, state: NDArray[np.uint8],
            c: FloatArray) -> tuple[bool, int, int]:
     """Whether a piece goes on where the last one ended and has no doubtful sample; then its lowest and highest
@@ -165,18 +182,18 @@ def _clean(index: IntArray, pv: IntArray, setpoint: IntArray, state: NDArray[np.
     return finite, low, high
 
 
-@numba.njit(cache=True, nogil=True)
+@bare
 def walk(index: NDArray[np.int64], setpoint: FloatArray, pv: FloatArray, state: NDArray[np.uint8], first: int,
-         filters: FloatArray, least: FloatArray, carried: FloatArray, plain: FloatArray, smooth: FloatArray) -> int:
+         filters: FloatArray, least: FloatArray, carried: FloatArray, plain: FloatArray, smooth: FloatArray,
+         at: IntArray, moved: FloatArray, errors: FloatArray, sums: FloatArray, flips: NDArray[np.uint8],
+         crossed_at: IntArray) -> int:
     """Take samples from `first` on until all are taken or a table is full; return how many were taken.
 
     index, setpoint, pv, state: (samples,). filters: (2, 5) numerator and denominator of the two filters, the second
     behind the first. least: area [span samples] of plain and length [samples] of smooth half periods below which
     complete ones are counted and not stored (the first plain one always is). plain, smooth: (rows, COLUMNS) tables.
+    The rest is what `desk` gives.
     """
-    at, moved = np.empty(ROOM + 1, np.int64), np.empty(ROOM)
-    errors, sums = np.empty((2, ROOM + 2)), np.empty((2, ROOM + 1))
-    flips, crossed_at = np.zeros(ROOM + 8, np.uint8), np.empty((2, ROOM + 8), np.int64)
     of_plain, of_smooth, setpoint_before = carried[PLAIN:SMOOTH], carried[SMOOTH:], carried[SETPOINT : SETPOINT + 1]
     while first < len(index):
         if of_plain[STORED] + ROOM > len(plain) or of_smooth[STORED] + ROOM > len(smooth):

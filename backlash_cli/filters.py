@@ -50,9 +50,11 @@ class DoubleLag:
         return len(self.denominator) == 1
 
     @property
-    def coefficients(self) -> FloatArray:
-        """(5,) b0, b1, b2, a1, a2, also of the identity."""
-        return np.array([1.0, 0.0, 0.0, 0.0, 0.0] if self.is_identity else [*self.numerator, *self.denominator[1:]])
+    def coefficients(self) -> tuple[float, ...]:
+        """b0, b1, b2, a1, a2, also of the identity."""
+        if self.is_identity:
+            return 1.0, 0.0, 0.0, 0.0, 0.0
+        return (*self.numerator.tolist(), *self.denominator[1:].tolist())
 
     def settled(self, value: float) -> FloatArray:
         """Return the filter state that has rested at `value` for ever."""

@@ -89,7 +89,7 @@ class LoopScanner:
     @property
     def used(self) -> int:
         """Number of samples taken so far that may enter an estimate."""
-        return int(self._survey.states[: SampleState.FILLED + 1].sum())
+        return sum(self._survey.states[: SampleState.FILLED + 1].tolist())
 
     def second_pass(self) -> LoopScanner | None:
         """Return the scanner that all blocks must be given to once more, None where `finish` can answer now.
@@ -195,7 +195,7 @@ class LoopScanner:
     def _report(self, verdict: Verdict, reasons: tuple[Note, ...], confidence: float,
                 warnings: tuple[Note, ...] = (), settings: LoopSettings | None = None, **rest: object) -> LoopReport:
         first, last = self._survey.numbers[[FIRST, LAST]].tolist()
-        samples = int(self._survey.states.sum())
+        samples = sum(self._survey.states.tolist())
         return LoopReport(
             self.loop, verdict, reasons, confidence,
             start=self.start + first * self.interval if samples else None,

@@ -23,6 +23,7 @@ from ..error_walk import (
     SMOOTH,
     STORED,
     USED,
+    desk,
     start,
     walk,
 )
@@ -141,9 +142,10 @@ class ErrorTrack:
     def finish(self) -> Segments:
         """All half periods, the open one as incomplete."""
         self.make_room()
-        ended, o = int(self._own[STORED]), self.open
-        if o is not None and o.sign:
-            self.table[ended] = o.begin, o.last_index, o.area, o.e_max, o.sign, o.move, 0.0
+        sign, begin, _, area, peak, move, _, stored, _ = self._own.tolist()
+        ended, last = int(stored), self._carried[USED]
+        if sign and last != NEVER:
+            self.table[ended] = begin, last, area, peak, sign, move, 0.0
             ended += 1
         return Segments.of(self.table[:ended])
 
@@ -191,12 +193,12 @@ class ErrorScanner:
         index = np.ascontiguousarray(block.index, dtype=np.int64)
         setpoint, pv = (np.ascontiguousarray(x, dtype=np.float64) for x in (block.setpoint, block.measurement))
         state = np.ascontiguousarray(block.state, dtype=np.uint8)
-        taken = 0
+        taken, room = 0, desk()
         while taken < len(index):
             self.plain.make_room()
             self.smooth.make_room()
             taken = walk(index, setpoint, pv, state, taken, self._filters, self._least, self._carried,
-                         self.plain.table, self.smooth.table)
+                         self.plain.table, self.smooth.table, *room)
 
 
 def error_scanner(settings: LoopSettings, interval: float, *, every: bool = True) -> ErrorScanner:

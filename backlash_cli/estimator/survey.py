@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..record import FloatArray, IntArray, Record
+from .survey_rows import gather
 from .survey_walk import (
     FIRST,
     GOOD,
@@ -18,13 +19,13 @@ from .survey_walk import (
     NOWHERE,
     NUMBERS,
     OPEN,
+    ROOM,
     ROWS,
     SLOT,
     SLOTS,
     STATES,
     STRIDE,
     SUMS,
-    gather,
     look,
 )
 
@@ -58,7 +59,7 @@ class Survey:
         r, y, u = (np.ascontiguousarray(x, dtype=np.float64) for x in (block.setpoint, block.measurement, output))
         look(np.ascontiguousarray(block.index, dtype=np.int64), r, y, u,
              np.ascontiguousarray(block.state, dtype=np.uint8), self.numbers, self._signals, self._held, self._raw,
-             self._kinds, self._slower)
+             self._kinds, self._slower, np.empty(ROOM, np.int64), np.empty((3, ROOM)), np.empty((3, 2), np.int64))
 
     @property
     def states(self) -> IntArray:

@@ -6,11 +6,10 @@ them; every second stretch is dropped, and only every second one taken from then
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from ..clean_piece import FILLED, extremes, in_order, usable
+from ..clean_piece import FILLED, bare, extremes, in_order, usable
 from ..record import FloatArray, IntArray, SampleState
 
 ROWS = 1024
@@ -33,7 +32,7 @@ STRIDE, CURRENT, SLOT, HELD, IN_SLOTS = range(5)
 LAST_SETPOINT, SUMS = 6, 7
 
 
-@numba.njit(cache=True, nogil=True)
+@bare
 def _slot(stretch: int, held: IntArray, rows: FloatArray) -> int:
     """Slot of a stretch that begins, -1 where it is not wanted; empties what is no longer held."""
     held[CURRENT] = stretch
@@ -54,13 +53,13 @@ def _slot(stretch: int, held: IntArray, rows: FloatArray) -> int:
             slots[j] = stretch
             held[HELD] += 1
             held[SLOT] = j
-            for i in range(ROWS):
-                rows[0, j, i] = rows[1, j, i] = rows[2, j, i] = np.nan
+            for i in range(ROWS):  # the setpoint tells where there is a row
+                rows[SETPOINT, j, i] = np.nan
             return j
     return -1
 
 
-@numba.njit(cache=True, nogil=True)
+@bare
 def _means(at: IntArray, rows: FloatArray, n: int, open_: IntArray, sums: FloatArray) -> int:
     """Means over complete groups of SLOWER rows, in place of these; returns how many. The open group is carried."""
     group, taken = open_[0], open_[1]
@@ -85,7 +84,7 @@ def _means(at: IntArray, rows: FloatArray, n: int, open_: IntArray, sums: FloatA
     return done
 
 
-@numba.njit(cache=True, nogil=True)
+@bare
 def _keep(at: IntArray, rows: FloatArray, n: int, held: IntArray, kept: FloatArray) -> None:
     """Put rows into their slots."""
     current, slot = held[CURRENT], held[SLOT]
@@ -98,15 +97,15 @@ def _keep(at: IntArray, rows: FloatArray, n: int, held: IntArray, kept: FloatArr
             kept[0, slot, i], kept[1, slot, i], kept[2, slot, i] = rows[0, k], rows[1, k], rows[2, k]
 
 
-@numba.njit(cache=True, nogil=True)
+@bare
 def look(index: IntArray, setpoint: FloatArray, pv: FloatArray, op: FloatArray, state: NDArray[np.uint8],
          numbers: IntArray, signals: FloatArray, held: IntArray, raw: FloatArray, kinds: NDArray[np.uint8],
-         slower: FloatArray) -> None:
+         slower: FloatArray, at: IntArray, rows: FloatArray, found: IntArray) -> None:
     """Take a block of samples; op is empty where there is no output. held: first of `raw`, then of each of `slower`.
 
-    raw: (3, slots, ROWS) samples with their `kinds`, nan where none; slower: (levels, 3, slots, ROWS) means.
+    raw: (3, slots, ROWS) samples with their `kinds`, nan where none; slower: (levels, 3, slots, ROWS) means. at, rows,
+    found: (ROOM,), (3, ROOM) and (3, 2), to work in.
     """
-    at, rows, found = np.empty(ROOM, np.int64), np.empty((3, ROOM)), np.empty((3, 2), np.int64)
     wanted = len(slower) > 0
     if len(index) and numbers[FIRST] == NOWHERE:
         numbers[FIRST], numbers[LAST] = index[0], index[0] - 1
@@ -123,21 +122,29 @@ def look(index: IntArray, setpoint: FloatArray, pv: FloatArray, op: FloatArray, 
             _keep(at, rows, n, held[1 + level], slower[level])
 
 
-@numba.njit(cache=True, nogil=True)
+@bare
 def _clean(index: IntArray, setpoint: FloatArray, pv: FloatArray, op: FloatArray, state: NDArray[np.uint8],
            found: IntArray) -> bool:
     """Whether a piece has no hole and no doubtful sample; writes lowest and highest of each signal to `found`."""
     if not usable(index, state):
         return False
-    finite = True
-    for signal, values in enumerate((setpoint, pv, op)):
-        if len(values):
-            found[signal, 0], found[signal, 1], known = extremes(values.view(np.int64))
-            finite = finite and known
+    found[SETPOINT, 0], found[SETPOINT, 1], finite = extremes(setpoint.view(np.int64))
+    found[MEASUREMENT, 0], found[MEASUREMENT, 1], known = extremes(pv.view(np.int64))
+    finite = finite and known
+    if len(op):
+        found[OUTPUT, 0], found[OUTPUT, 1], known = extremes(op.view(np.int64))
+        finite = finite and known
     return finite
 
 
-@numba.njit(cache=True, nogil=True)
+@bare
+def _put(values: FloatArray, row: FloatArray) -> None:
+    """Copy values to the beginning of a row; by themselves, so that the compiler copies many at once."""
+    for k in range(len(values)):
+        row[k] = values[k]
+
+
+@bare
 def _count_clean(index: IntArray, setpoint: FloatArray, pv: FloatArray, op: FloatArray, state: NDArray[np.uint8],
                  found: IntArray, numbers: IntArray, signals: FloatArray, held: IntArray, raw: FloatArray,
                  kinds: NDArray[np.uint8], at: IntArray, rows: FloatArray, wanted: bool) -> int:
@@ -178,10 +185,16 @@ def _count_clean(index: IntArray, setpoint: FloatArray, pv: FloatArray, op: Floa
         end = min(n, (stretch + 1) * ROWS - index[0])
         slot, to = held[SLOT], (index[0] + done) % ROWS
         if slot >= 0:
-            for k in range(end - done):
-                raw[0, slot, to + k], raw[1, slot, to + k] = setpoint[done + k], pv[done + k]
-                raw[2, slot, to + k] = op[done + k] if has_output else np.nan
-                kinds[slot, to + k] = state[done + k]
+            _put(setpoint[done:end], raw[SETPOINT, slot, to:])
+            _put(pv[done:end], raw[MEASUREMENT, slot, to:])
+            if has_output:
+                _put(op[done:end], raw[OUTPUT, slot, to:])
+            else:
+                for k in range(end - done):
+                    raw[OUTPUT, slot, to + k] = np.nan
+            kind, what = kinds[slot, to:], state[done:end]
+            for k in range(len(what)):
+                kind[k] = what[k]
         done = end
     if not (has_output and wanted):
         return n if has_output else 0
@@ -190,7 +203,7 @@ def _count_clean(index: IntArray, setpoint: FloatArray, pv: FloatArray, op: Floa
     return n
 
 
-@numba.njit(cache=True, nogil=True)
+@bare
 def _count(index: IntArray, setpoint: FloatArray, pv: FloatArray, op: FloatArray, state: NDArray[np.uint8],
            numbers: IntArray, signals: FloatArray, held: IntArray, raw: FloatArray, kinds: NDArray[np.uint8],
            at: IntArray, rows: FloatArray, wanted: bool) -> int:
@@ -254,40 +267,3 @@ def _count(index: IntArray, setpoint: FloatArray, pv: FloatArray, op: FloatArray
     signals[0], signals[1], signals[2], signals[3], signals[4], signals[5] = low0, high0, low1, high1, low2, high2
     signals[LAST_SETPOINT] = last
     return used
-
-
-@numba.njit(cache=True, nogil=True)
-def gather(stretches: IntArray, slots: IntArray, kept: FloatArray, kinds: NDArray[np.uint8],
-           only: int) -> tuple[IntArray, FloatArray]:
-    """Grid numbers (rows,) and signals (3, rows) of what is kept of one picture, in the order of `slots`.
-
-    stretches: the one in each of the slots. only: highest state wanted, of single samples; STATES for means.
-    """
-    counts, total = np.zeros(len(slots), np.int64), 0
-    for k in range(len(slots)):
-        setpoint, kind = kept[0, slots[k]], kinds[slots[k]]
-        n = 0
-        for i in range(ROWS):
-            n += (setpoint[i] == setpoint[i]) & ((only == STATES) | (kind[i] <= only))
-        counts[k] = n
-        total += n
-    index, rows = np.empty(total, np.int64), np.empty((3, total))
-    to = 0
-    for k in range(len(slots)):
-        slot, first = slots[k], stretches[k] * ROWS
-        if counts[k] == ROWS:
-            for i in range(ROWS):
-                index[to + i] = first + i
-            for signal in range(3):
-                row, values = rows[signal], kept[signal, slot]
-                for i in range(ROWS):
-                    row[to + i] = values[i]
-            to += ROWS
-            continue
-        for i in range(ROWS):
-            if np.isnan(kept[0, slot, i]) or (only != STATES and kinds[slot, i] > only):
-                continue
-            index[to], rows[0, to], rows[1, to] = first + i, kept[0, slot, i], kept[1, slot, i]
-            rows[2, to] = kept[2, slot, i]
-            to += 1
-    return index, rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,7 +117,7 @@ class Joiner:
         chosen, notes = _one_per_file(series, role, loop)
         parts = [self._part(item) for item in chosen]
         if len(parts) == 1:
-            return Signal(parts[0].axis, parts[0].values, parts[0].bad, (*parts[0].notes, *notes), parts[0].unit)
+            return replace(parts[0], notes=(*parts[0].notes, *notes)) if notes else parts[0]
         parts = sorted(parts, key=lambda part: _first_stamp(part.axis))
         values = np.concatenate([part.values for part in parts])
         bad = None

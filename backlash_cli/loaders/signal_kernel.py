@@ -53,6 +53,27 @@ def _still(values: Any) -> bool:
     return False
 
 
+@compiled
+def _outside(values: Any, low: float, high: float, least: int, out: Any) -> bool:
+    found, run = False, 0
+    for first in range(0, len(values), _ROOM):
+        some, beyond = values[first : first + _ROOM], False
+        for k in range(len(some)):
+            beyond |= (some[k] <= low) | (some[k] >= high)
+        if not beyond:
+            run = 0
+            continue
+        for k in range(len(some)):
+            run = run + 1 if some[k] <= low or some[k] >= high else 0
+            if run == least:
+                found = True
+                for back in range(least):
+                    out[first + k - back] = True
+            elif run > least:
+                out[first + k] = True
+    return found
+
+
 def _read_only(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """The same numbers in the one form for which the functions above are compiled."""
     view = np.ascontiguousarray(values).view()
@@ -77,6 +98,15 @@ def scale(
     ends = (key ^ ((key >> 63) & 0x7FFF_FFFF_FFFF_FFFF) for key in keys)
     lowest, highest = unpack("=dd", pack("=qq", *ends))
     return out, lowest, highest, finite
+
+
+def stays_outside(
+    values: NDArray[np.float64], low: float, high: float, least: int
+) -> NDArray[np.bool_] | None:
+    """(samples,) True where a signal is at most `low` or at least `high` for `least` samples or more; None if it never
+    is."""
+    out = np.zeros(len(values), bool)
+    return out if _outside(_read_only(values), low, high, least, out) else None
 
 
 def stands_still(values: NDArray[np.float64]) -> bool:

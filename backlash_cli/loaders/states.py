@@ -32,15 +32,6 @@ def runs(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return edges[0::2], edges[1::2]
 
 
-def long_runs(flags: NDArray[np.bool_], least: int) -> NDArray[np.bool_]:
-    """Keep only the stretches of at least `least` samples."""
-    starts, ends = runs(flags)
-    out = np.zeros(len(flags), bool)
-    for start, end in zip(starts[ends - starts >= least], ends[ends - starts >= least], strict=True):
-        out[start:end] = True
-    return out
-
-
 def short_holes(
     values: NDArray[np.float64], index: NDArray[np.int64], longest: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -83,12 +74,9 @@ def hold_last(values: NDArray[np.float64], longest: int | None = None) -> NDArra
 
 def saturated(output: NDArray[np.float64]) -> NDArray[np.bool_] | None:
     """(samples,) True where a normalised output stays at 0 or 1 for several samples; None when it never does."""
-    with np.errstate(invalid="ignore"):
-        low, high = np.fmin.reduce(output), np.fmax.reduce(output)
-        if low > AT_LIMIT and high < 1.0 - AT_LIMIT:
-            return None
-        flags = long_runs((output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT), LIMIT_RUN)
-    return flags if flags.any() else None
+    from .signal_kernel import stays_outside
+
+    return stays_outside(output, AT_LIMIT, 1.0 - AT_LIMIT, LIMIT_RUN)
 
 
 def implausible(measurement: NDArray[np.float64]) -> NDArray[np.bool_] | None:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from backlash_cli.loaders.scaling import normalised
-from backlash_cli.loaders.signal_kernel import ENDLESS, UNKNOWN, holds, stands_still
+from backlash_cli.loaders.signal_kernel import ENDLESS, UNKNOWN, holds, stands_still, stays_outside
 
 ANY = arrays.arrays(np.float64, st.integers(1, 1200), elements=st.floats(-1e300, 1e300) | st.sampled_from(
     [0.0, -0.0, np.nan, -np.nan, np.inf, -np.inf, 5e-324, 50.0]), fill=st.just(50.0))
@@ -37,3 +37,17 @@ def test_a_run_of_nine_repeats_is_always_seen(numbers):
     five = any(len(set(numbers[k : k + 6])) == 1 for k in range(0, len(numbers) - 5, 5))
     assert stands_still(values) == five
     assert stands_still(np.append(values, [7.0] * 10)) and stands_still(np.append(values[::-1], [7.0] * 10)[::-1])
+
+
+@given(st.lists(st.sampled_from([0.0, 0.5, 0.5, 1.0, np.nan, -np.inf]), max_size=60),
+       st.sampled_from([0, 500, 511, 1023]), st.integers(1, 4))
+@settings(max_examples=300, deadline=None)
+def test_where_a_signal_stays_at_its_limits(numbers, before, least):
+    values = np.concatenate([np.full(before, 0.5), np.array(numbers, np.float64)])
+    expected = np.zeros(len(values), bool)
+    for first in range(len(values) - least + 1):
+        some = values[first : first + least]
+        expected[first : first + least] |= ((some <= 0.1) | (some >= 0.9)).all()
+    found = stays_outside(values, 0.1, 0.9, least)
+    assert (found is None) == (not expected.any())
+    assert found is None or found.tolist() == expected.tolist()
