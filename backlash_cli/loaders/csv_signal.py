@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from .arrays import to_array, to_texts
 from .columns import TAG
 from .numbers import BLANK, plain_numbers
 
@@ -30,14 +31,14 @@ class Signal:
         """Put the cells of a block into `out`. Raises ForeignText."""
         self.filled |= column.null_count < len(column)
         if pa.types.is_floating(column.type):
-            out[:] = column.to_numpy()
+            out[:] = to_array(column)
             # as words they would count as bad values of a column of text
             self.not_finite |= bool(np.count_nonzero(~np.isfinite(out)) > column.null_count)
         else:
             coded = column.combine_chunks().dictionary_encode()
             coded = coded.combine_chunks() if isinstance(coded, pa.ChunkedArray) else coded
             bits = self._bits(coded.dictionary, decimal)
-            codes = coded.indices.fill_null(len(bits)).to_numpy(zero_copy_only=False)
+            codes = to_array(coded.indices.fill_null(len(bits)))
             out[:] = np.append(bits, TAG).view(np.float64)[codes]
         if self.words and self.not_finite:
             raise ForeignText
@@ -49,7 +50,7 @@ class Signal:
         new = [word for word in dict.fromkeys(word for _, _, word in found) if word not in self.met]
         if new:
             self.filled |= any(word not in BLANK and word not in ("", " ") for word in new)
-            self.met.update(zip(new, self._bits(pa.array(new, pa.string()), decimal).tolist(), strict=True))
+            self.met.update(zip(new, self._bits(to_texts(new), decimal).tolist(), strict=True))
         events, rows = np.array([event for event, _, _ in found]), np.array([row for _, row, _ in found])
         put_words(out.view(np.int64), rows, events, np.array([self.met[word] for _, _, word in found]))
         if self.words and self.not_finite:

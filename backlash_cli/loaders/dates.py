@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..record import Note
+from .arrays import to_array, to_texts
 
 NAT = np.iinfo(np.int64).min
 _WEEKDAY = r"(?:\pL{2,10}\.?,?\s+)?"
@@ -57,7 +58,7 @@ def parse_dates(
     order: None, or "ymd", "dmy", "mdy" (or "iso") when the user says it. codes: which word each row holds; rows
     in file order help to tell day from month. Raises InputError when both readings are possible.
     """
-    text = _tidy(pa.array(words, pa.string()))
+    text = _tidy(to_texts(words))
     micros = np.full(len(words), NAT)
     zoned = np.zeros(len(words), bool)
     notes: list[Note] = []
@@ -65,7 +66,7 @@ def parse_dates(
         parts = pc.extract_regex(text, expression)
         if not parts.null_count:
             break
-    dated = parts.is_valid().to_numpy(zero_copy_only=False)
+    dated = to_array(parts.is_valid())
     if dated.any():
         chosen = np.flatnonzero(dated)
         found = _dated(parts.take(chosen), order, where, name, notes)
@@ -74,7 +75,7 @@ def parse_dates(
     clock_only = False
     if len(rest):
         compact = pc.extract_regex(text.take(rest), _COMPACT)
-        valid = compact.is_valid().to_numpy(zero_copy_only=False)
+        valid = to_array(compact.is_valid())
         if valid.any():
             chosen = rest[valid]
             fields = compact.take(np.flatnonzero(valid))
@@ -82,7 +83,7 @@ def parse_dates(
             micros[chosen], zoned[chosen] = _with_clock(days, fields)
         elif not dated.any():
             clock = pc.extract_regex(text.take(rest), _CLOCK_ONLY)
-            valid = clock.is_valid().to_numpy(zero_copy_only=False)
+            valid = to_array(clock.is_valid())
             if valid.sum() > len(rest) / 2:
                 fields = clock.take(np.flatnonzero(valid))
                 micros[rest[valid]], _ = _with_clock(np.zeros(valid.sum(), np.int64), fields)
@@ -171,11 +172,11 @@ def _with_clock(days: NDArray[np.int64], fields: pa.StructArray) -> tuple[NDArra
     bad = (days == NAT) | (hour > 24) | (minute > 59) | (second > 60)
     if "ap" in [fields.type.field(i).name for i in range(fields.type.num_fields)]:
         half = pc.utf8_lower(pc.utf8_slice_codeunits(fields.field("ap"), 0, 1))
-        pm = pc.equal(half, "p").fill_null(False).to_numpy(zero_copy_only=False)
-        am = pc.equal(half, "a").fill_null(False).to_numpy(zero_copy_only=False)
+        pm = to_array(pc.equal(half, "p").fill_null(False))
+        am = to_array(pc.equal(half, "a").fill_null(False))
         hour = np.where(pm & (hour < 12), hour + 12, np.where(am & (hour == 12), 0, hour))
     fraction = pc.utf8_slice_codeunits(pc.utf8_rpad(pc.fill_null(fields.field("f"), ""), 6, "0"), 0, 6)
-    micros = np.asarray(fraction.cast(pa.int64()).to_numpy(zero_copy_only=False), np.int64)
+    micros = np.asarray(to_array(fraction.cast(pa.int64())), np.int64)
     offset, zoned, unknown = _offsets(fields.field("z"))
     out = ((np.where(bad, 0, days) * 24 + hour) * 60 + minute - offset) * 60_000_000 + second * 1_000_000 + micros
     out[bad | unknown] = NAT
@@ -194,7 +195,7 @@ def _offsets(zone: pa.Array) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDAr
             base = int(match[2]) * 60 + sign * int(match[3] or 0)
         minutes.append(base or 0)
         known.append(base is not None)
-    index = coded.indices.to_numpy(zero_copy_only=False)
+    index = to_array(coded.indices)
     given = np.array([bool(t) for t in coded.dictionary.to_pylist()], bool)[index]
     return np.array(minutes, np.int64)[index], given, ~np.array(known, bool)[index]
 
@@ -217,7 +218,7 @@ def days_of(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.i
 def _int(fields: pa.StructArray, name: str, missing: int = -1) -> NDArray[np.int64]:
     column = fields.field(name)
     filled = pc.if_else(pc.equal(pc.fill_null(column, ""), ""), str(missing), column)
-    return np.asarray(filled.cast(pa.int64()).to_numpy(zero_copy_only=False), np.int64)
+    return np.asarray(to_array(filled.cast(pa.int64())), np.int64)
 
 
 def _month_or_int(fields: pa.StructArray, name: str) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -232,12 +233,12 @@ def _month_or_int(fields: pa.StructArray, name: str) -> tuple[NDArray[np.int64],
             key = word.lower().rstrip(".")
             numbers.append(MONTH.get(key, MONTH.get(key[:3], -1)))
             names.append(True)
-    index = coded.indices.to_numpy(zero_copy_only=False)
+    index = to_array(coded.indices)
     return np.array(numbers, np.int64)[index], np.array(names, bool)[index]
 
 
 def _length(fields: pa.StructArray, name: str) -> NDArray[np.int64]:
-    return pc.utf8_length(fields.field(name)).to_numpy(zero_copy_only=False)
+    return to_array(pc.utf8_length(fields.field(name)))
 
 
 def _first(fields: pa.StructArray, name: str, rows: NDArray[np.bool_]) -> str:

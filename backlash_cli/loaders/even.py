@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from .arrays import to_array, to_column
 from .columns import LazyColumn, ParquetColumn
 from .csv_signal import ForeignText
 from .options import ReadOptions
@@ -32,7 +33,7 @@ class EvenColumn(LazyColumn):
         return (self.start * many // few, self.step * many // few if whole else 0)
 
     def arrow(self) -> pa.ChunkedArray:
-        return pa.chunked_array([pa.array(self.start + self.step * np.arange(self.rows)).cast(self.type)])
+        return pa.chunked_array([to_column(self.start + self.step * np.arange(self.rows), self.type)])
 
 
 class StampColumn(LazyColumn):
@@ -89,7 +90,7 @@ class EvenStamps:
         kind = part.type if known is None else known.type
         enough = len(part) > 1 or known is not None  # a last line without an end comes by itself
         if pa.types.is_timestamp(kind) and part.type == kind and not part.null_count and enough:
-            stamps = part.cast(pa.int64()).to_numpy()
+            stamps = to_array(part.cast(pa.int64()))
             start = int(stamps[0])
             step = int(stamps[1]) - start if len(stamps) > 1 or known is None else known.step
             goes_on = known is None or (start == known.start + known.step * known.rows and step == known.step)

@@ -11,6 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from .arrays import to_array, to_column, to_texts, where_true
+
 BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"])  # words for an empty cell
 _NUMBER = r"^[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?$"
 _UNITED = re.compile(r"^([+-]?(?:\d[\d.,'’ \u00a0\u202f]*\d|\d|[.,]\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s].*)?$", re.DOTALL)
@@ -64,9 +66,10 @@ def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[NDArray[np.int6
         column = column.unify_dictionaries().combine_chunks()
         if isinstance(column, pa.ChunkedArray):  # no chunks at all
             return np.zeros(0, np.int64), []
-    indices = column.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int64)
+    indices = to_array(column.indices)  # nan where a cell is empty
+    indices = (np.where(np.isnan(indices), -1, indices) if column.indices.null_count else indices).astype(np.int64)
     words = _as_text(column.dictionary)
-    texts = _decoded(words.fill_null(""))
+    texts = _decoded(words.fill_null("") if words.null_count else words)
     empty = [i for i, text in enumerate(texts) if not text or text in BLANK or text.isspace()]
     if empty:
         keep = np.ones(len(texts) + 1, bool)
@@ -108,11 +111,7 @@ def _plain(values: NDArray[np.float64]) -> Numbers:
 def _floats(column: pa.ChunkedArray | pa.Array) -> NDArray[np.float64]:
     if not pa.types.is_float64(column.type):
         column = column.cast(pa.float64(), safe=False)
-    if isinstance(column, pa.ChunkedArray) and column.num_chunks == 1:
-        column = column.chunk(0)
-    if isinstance(column, pa.Array):
-        return column.to_numpy(zero_copy_only=False)
-    return column.to_numpy()
+    return to_array(column)
 
 
 def _coded(column: pa.ChunkedArray | pa.Array, decimal: str) -> Numbers:
@@ -131,7 +130,7 @@ def _coded(column: pa.ChunkedArray | pa.Array, decimal: str) -> Numbers:
 
 def parse_words(words: list[str], decimal: str = ".") -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
     """Return (values, bad, units) of distinct texts. Blank text gives nan and is not bad."""
-    array = pa.array(words, pa.string())
+    array = to_texts(words)
     text = pc.utf8_trim_whitespace(array)
     values = np.full(len(words), np.nan)
     bad = np.zeros(len(words), bool)
@@ -139,11 +138,11 @@ def parse_words(words: list[str], decimal: str = ".") -> tuple[NDArray[np.float6
     if decimal == ",":
         simple = np.zeros(len(words), bool)
     else:
-        simple = pc.match_substring_regex(text, _NUMBER).fill_null(False).to_numpy(zero_copy_only=False)
+        simple = where_true(pc.match_substring_regex(text, _NUMBER))
         if simple.any():
             chosen = np.flatnonzero(simple)
-            plain = pc.replace_substring_regex(text.take(chosen), r"^\+", "")
-            values[chosen] = plain.cast(pa.float64()).to_numpy(zero_copy_only=False)
+            plain = pc.replace_substring_regex(text.take(to_column(chosen, pa.int64())), r"^\+", "")
+            values[chosen] = to_array(plain.cast(pa.float64()))
             bad |= np.isinf(values)
             values[bad] = np.nan
     rest = np.flatnonzero(~simple)
@@ -159,9 +158,10 @@ def plain_numbers(words: pa.Array, decimal: str = ".") -> NDArray[np.float64]:
     text = pc.utf8_trim_whitespace(words)
     if decimal != ".":
         text = pc.replace_substring(text, decimal, ".")
-    chosen = np.flatnonzero(pc.match_substring_regex(text, _NUMBER).fill_null(False).to_numpy(zero_copy_only=False))
+    chosen = np.flatnonzero(where_true(pc.match_substring_regex(text, _NUMBER)))
     values = np.full(len(words), np.nan)
-    values[chosen] = pc.replace_substring_regex(text.take(pa.array(chosen)), r"^\+", "").cast(pa.float64()).to_numpy()
+    plain = pc.replace_substring_regex(text.take(to_column(chosen, pa.int64())), r"^\+", "")
+    values[chosen] = to_array(plain.cast(pa.float64()))
     values[np.isinf(values)] = np.nan
     return values
 

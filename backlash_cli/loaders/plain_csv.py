@@ -11,6 +11,7 @@ import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
 
+from .arrays import to_array, to_column
 from .dialect import Dialect
 from .files import valid_utf8
 from .hourly_stamps import HourlyStamps, Hours
@@ -112,8 +113,8 @@ class PlainLines:
         kind = column.type
         if pa.types.is_timestamp(kind):
             later = nanos // 1_000_000_000 if kind.unit == "s" else nanos
-            stamps = column.cast(pa.int64()).to_numpy()[which] + later
-            return pa.chunked_array([pa.array(stamps).cast(kind)])
+            stamps = to_array(column.cast(pa.int64()))[which] + later
+            return pa.chunked_array([to_column(stamps, kind)])
         if pa.types.is_dictionary(kind) or pa.types.is_string(kind):
             return HourlyStamps([Hours(pc.cast(column, pa.string()).combine_chunks(), which, nanos)])
         return None

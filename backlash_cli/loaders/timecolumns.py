@@ -10,6 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from .arrays import to_array
 from .columns import LazyColumn, ParquetColumn
 from .even import StampColumn, even_stamps
 from .hourly_stamps import HourlyStamps
@@ -68,7 +69,7 @@ def time_columns(table: Table) -> list[int]:
 
 
 def _rising(column: pa.ChunkedArray) -> bool:
-    head = column.slice(0, 200).cast(pa.float64(), safe=False).to_numpy()
+    head = to_array(column.slice(0, 200).cast(pa.float64(), safe=False))
     return len(head) > 1 and bool(np.all(np.diff(head) > 0))
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..record import Note
+from .arrays import to_array
 from .hourly_stamps import HourlyStamps
 from .minutes import whole_minutes
 from .names import plain
@@ -248,11 +249,7 @@ def _micros(column: pa.ChunkedArray | pa.Array, unit: str) -> NDArray[np.int64]:
 def _integers(column: pa.ChunkedArray | pa.Array) -> NDArray[np.int64]:
     if column.null_count:
         column = pc.fill_null(column, NAT)
-    if isinstance(column, pa.ChunkedArray):
-        column = column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
-        if isinstance(column, pa.ChunkedArray):
-            return column.to_numpy()
-    return column.to_numpy(zero_copy_only=False)
+    return to_array(column)
 
 
 def _scaled(integers: NDArray[np.int64], unit: str) -> NDArray[np.int64]:
