@@ -72,7 +72,7 @@ def best_of_two(fit: Fitter) -> Models:
     k, j = np.unravel_index(int(np.argmax(levels)), levels.shape)
     best = _from(starts[k])
     best[:, 3] = 0.0, 1.0
-    two = _with_load_steps(fit, _moved(fit, Models(best, coarse[j]), coarse), coarse)
+    two = _with_load_steps(fit, _moved(fit, Models(best, coarse[j]), coarse), coarse, moved=True)
     if not two.hopeless:
         two = _calmed(fit, two)
     if _worth(two, fit.shock) > _worth(one, shock):
@@ -88,7 +88,7 @@ def _worth(m: Models, shock: FloatArray) -> float:
 
 def further_models(fit: Fitter, before: Models) -> Models:
     """Return the best models of rows that those of `before`, found with their load steps, are a part of."""
-    return _with_load_steps(fit, _moved(fit, before))
+    return _with_load_steps(fit, _moved(fit, before), moved=True)
 
 
 def final_models(fit: Fitter, m: Models) -> tuple[Models, list[int], FloatArray]:
@@ -165,24 +165,31 @@ def _from(p: FloatArray) -> FloatArray:
     return best
 
 
-def _with_load_steps(fit: Fitter, m: Models, also: Sequence[int] = ()) -> Models:
+def _with_load_steps(fit: Fitter, m: Models, also: Sequence[int] = (), moved: bool = False) -> Models:
+    """The models with load steps added, as many times as there are more; moved: m comes from `_moved`."""
     for _ in range(STEP_PASSES):
         if not fit.add_load_steps(m.best[int(m.gain > 0), :3], m.j):
             break
-        m = _moved(fit, m, also)
+        m, moved = _moved(fit, m, also), True
+    if moved:
+        fit.ascend(m.best, int(m.gain <= 0), m.j, ROUGHLY)
     return m
 
 
 def _moved(fit: Fitter, m: Models, also: Sequence[int] = ()) -> Models:
-    """The models after a change of the rows or load steps; the width is one near that before or one of `also`."""
+    """The models after a change of the rows or load steps; the width is one near that before or one of `also`.
+
+    Only the better of the two is searched for: the next load steps are looked for beside it. The other follows it.
+    """
     which = int(m.gain > 0)
     near = sorted({*also, *around(fit.r, m.j, (-3, -1, 0, 1, 3))})
     j = near[int(np.argmax(fit.ll(m.best[which, :3], fit.r.x, near)))]
     best = m.best.copy()
     best[:, 3] = -np.inf
     fit.forget()
-    for c in (which, 1 - which):
-        fit.ascend(best, c, j, ROUGHLY)
+    fit.ascend(best, which, j, ROUGHLY)
+    if best[1 - which, 3] > best[which, 3]:
+        fit.ascend(best, 1 - which, j, ROUGHLY)
     return Models(best, j)
 
 
