@@ -6,7 +6,7 @@ Both are searched side by side: every evaluation of the likelihood is one of eac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +35,7 @@ class Models:
 
     best: FloatArray
     j: int
+    passes: tuple[tuple[FloatArray, int], ...] = ()
 
     @property
     def gain(self) -> float:
@@ -88,6 +89,8 @@ def _worth(m: Models, shock: FloatArray) -> float:
 
 def further_models(fit: Fitter, before: Models) -> Models:
     """Return the best models of rows that those of `before`, found with their load steps, are a part of."""
+    for p, j in before.passes:
+        fit.add_load_steps(p, j)
     return _with_load_steps(fit, _moved(fit, before), moved=True)
 
 
@@ -168,9 +171,10 @@ def _from(p: FloatArray) -> FloatArray:
 def _with_load_steps(fit: Fitter, m: Models, also: Sequence[int] = (), moved: bool = False) -> Models:
     """The models with load steps added, as many times as there are more; moved: m comes from `_moved`."""
     for _ in range(STEP_PASSES):
-        if not fit.add_load_steps(m.best[int(m.gain > 0), :3], m.j):
+        p = m.best[int(m.gain > 0), :3]
+        if not fit.add_load_steps(p, m.j):
             break
-        m, moved = _moved(fit, m, also), True
+        m, moved = replace(_moved(fit, m, also), passes=(*m.passes, (p, m.j))), True
     if moved:
         fit.ascend(m.best, int(m.gain <= 0), m.j, ROUGHLY)
     return m
@@ -190,7 +194,7 @@ def _moved(fit: Fitter, m: Models, also: Sequence[int] = ()) -> Models:
     fit.ascend(best, which, j, ROUGHLY)
     if best[1 - which, 3] > best[which, 3]:
         fit.ascend(best, 1 - which, j, ROUGHLY)
-    return Models(best, j)
+    return replace(m, best=best, j=j)
 
 
 def _calmed(fit: Fitter, m: Models) -> Models:
@@ -207,4 +211,4 @@ def _calmed(fit: Fitter, m: Models) -> Models:
         fit.ascend(calm.best, which, calm.j, ROUGHLY)
     fit.forget()
     better = calm.best[:, 3:] > m.best[:, 3:]
-    return Models(np.where(better, calm.best, m.best), calm.j if better[1] else m.j)
+    return replace(m, best=np.where(better, calm.best, m.best), j=calm.j if better[1] else m.j)
