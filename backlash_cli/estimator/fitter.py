@@ -32,7 +32,7 @@ class Fitter:
         self.G, self.S = np.empty((n, 4)), np.empty(n)
         self.R = np.empty((2, n), dtype=np.float32)
         self._room = (np.zeros((core.CHUNK, core.LANES), dtype=np.float32),
-                      np.empty((core.USED, n), dtype=np.float32))
+                      np.empty((core.LANES, n), dtype=np.float32))
         self._slopes, self._taken = np.empty((2, 3, n + len(core.LAGS)), dtype=np.float32), np.zeros((2, 4))
         self.forget()
 

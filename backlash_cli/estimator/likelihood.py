@@ -12,10 +12,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from .lane_loops import HIGHEST_TERM, grow, sums_of_products
 from .lanes import STRIPES, add, dot, fma, folded
 from .step_response import nonnegative, response_base
-from .whitening import FIRST_LAG, LAGS, LANES, WEIGHTS, gains, innovations
+from .vector_code import LANES
+from .whitening import FIRST_LAG, LAGS, WEIGHTS, gains, innovations
 
+FACTORS = 31  # of at most 1 + HIGHEST_TERM: their product is still a number, also times 1e10
 T_FREEDOM = 6.0  # tails of the residuals: Student t
 STEPS = (0.35, 0.8, 1.0)  # by which the likelihood is looked at: ln lag, ln ratio, logit phi
 LOWEST = (-1.0, -16.0, -4.0)
@@ -52,17 +55,39 @@ def t_scale(r: NDArray[Any], rows: int) -> tuple[float, float]:
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _log_products(r: NDArray[Any], q: Any) -> float:
     """Sum of ln(1 + q r^2): the logarithm of products, because it is slow; several side by side."""
-    logs = 0.0
-    products = np.empty(LANES)
-    for begin in range(0, len(r), 32 * LANES):
-        products[:] = 1.0
-        for low in range(begin, min(begin + 32 * LANES, len(r)), LANES):
-            piece = r[low : low + LANES]
-            for i in range(len(piece)):
-                products[i] *= 1.0 + min(q * piece[i] * piece[i], np.float32(1e9))
+    logs, product = 0.0, 1.0
+    side = np.empty(LANES)
+    whole = len(r) - len(r) % LANES
+    for begin in range(0, whole, FACTORS * LANES):
+        side[:] = 1.0
+        grow(r, begin, min(begin + FACTORS * LANES, whole), q, side)
         for i in range(LANES):
-            logs += np.log(products[i])
-    return logs
+            product *= side[i]
+            if product > 1e10:
+                logs += np.log(product)
+                product = 1.0
+    for k in range(whole, len(r)):
+        product *= 1.0 + min(q * r[k] * r[k], np.float32(HIGHEST_TERM))
+        if product > 1e10:
+            logs += np.log(product)
+            product = 1.0
+    return logs + np.log(product)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _gram(j: int, E: NDArray[Any], A: NDArray[Any], c: NDArray[Any]) -> None:
+    """Write the sums of products of the lags of valve position j with each other to A and with y to c."""
+    nb = len(c)
+    sums = np.empty((nb + 1) * (nb + 2) // 2)
+    columns = (0, FIRST_LAG + j, FIRST_LAG + 2 + j, FIRST_LAG + 4 + j, FIRST_LAG + 6 + j, FIRST_LAG + 8 + j,
+               FIRST_LAG + 10 + j)
+    sums_of_products(E, columns, sums)
+    m = 1  # y with itself is not needed
+    for i in range(nb):
+        c[i] = sums[m]
+        for q in range(i + 1):
+            A[i, q] = A[q, i] = sums[m + 1 + q]
+        m += i + 2
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -76,13 +101,12 @@ def _regress(j: int, rows: int, logs: float, ridge: float, lines: int, E: NDArra
     base = response_base(nb)
     A, c, free = np.empty((nb, nb)), np.empty(nb), np.empty(nb)
     for i in range(nb):
-        column = E[FIRST_LAG + 2 * i + j]
         for h in range(lines):
+            column = E[FIRST_LAG + 2 * i + j]
             add(column, -dot(column, E[1 + h]), E[1 + h])
-        for q in range(i + 1):
-            A[i, q] = A[q, i] = dot(column, E[FIRST_LAG + 2 * q + j])
+    _gram(j, E, A, c)
+    for i in range(nb):
         A[i, i] += ridge
-        c[i] = dot(column, E[0])
     bounded, target = np.zeros((nb, nb)), np.zeros(nb)
     for i in range(nb):
         for h in range(nb):
@@ -136,7 +160,7 @@ def pair(p: NDArray[Any], xa: NDArray[Any], xb: NDArray[Any], two: bool, y: NDAr
     (CHUNK, LANES), are in single precision.
     """
     a, ratio, phi = shape_of(p)
-    W, f = np.empty((len(y), WEIGHTS), dtype=np.float32), np.empty((len(y), 2), dtype=np.float32)
+    W, f = np.empty((WEIGHTS, len(y)), dtype=np.float32), np.empty((len(y), 2), dtype=np.float32)
     rows, logs = gains(a, ratio, phi, shock, first, use, G, S, W)
     innovations(y, line, xa, xb, a, phi, first, W, f, T, E)
     _without_lines(len(line), E)
@@ -152,7 +176,7 @@ def several(p: NDArray[Any], x: NDArray[Any], which: NDArray[Any], y: NDArray[An
             S: NDArray[Any], T: NDArray[Any], E: NDArray[Any], R: NDArray[Any]) -> NDArray[Any]:
     """Log-likelihood of the valve positions x[which], each as in `pair`; what they share is worked out once."""
     a, ratio, phi = shape_of(p)
-    W, f = np.empty((len(y), WEIGHTS), dtype=np.float32), np.empty((len(y), 2), dtype=np.float32)
+    W, f = np.empty((WEIGHTS, len(y)), dtype=np.float32), np.empty((len(y), 2), dtype=np.float32)
     rows, logs = gains(a, ratio, phi, shock, first, use, G, S, W)
     ll, b = np.empty(len(which)), np.empty(len(LAGS))
     for i in range(0, len(which), 2):

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from .lanes import dot
+from .lane_loops import sums_of_products
 from .likelihood import HIGHEST, LOWEST, STEPS, T_FREEDOM, pair
 from .step_response import solve_free
 from .whitening import LAGS
@@ -38,15 +38,20 @@ def normal_equations(r: NDArray[Any], s2: float, slopes: NDArray[Any], H: NDArra
     q = 1.0 / s2
     n = len(r) - len(LAGS)
     least, freedom, both = np.float32(q), np.float32(T_FREEDOM), np.float32(T_FREEDOM + 1.0)
-    x, y, z, e = slopes[0, :n], slopes[1, :n], slopes[2, :n], r[:n]
-    weighted = np.empty((4, n), dtype=np.float32)
+    e = r[:n]
+    weighted, sums = np.empty((4, n), dtype=np.float32), np.zeros(10)
+    roots = weighted[3]
     for k in range(n):
-        w = both / (freedom + e[k] * e[k] * least)
-        weighted[0, k], weighted[1, k], weighted[2, k], weighted[3, k] = w * x[k], w * y[k], w * z[k], w * e[k]
-    b0, b1, b2, rr = dot(weighted[0], e), dot(weighted[1], e), dot(weighted[2], e), dot(weighted[3], e)
-    a00, a01, a02 = dot(weighted[0], x), dot(weighted[0], y), dot(weighted[0], z)
-    a11, a12, a22 = dot(weighted[1], y), dot(weighted[1], z), dot(weighted[2], z)
-    rr = max(rr, 1e-300)
+        roots[k] = np.sqrt(both / (freedom + e[k] * e[k] * least))
+    for i in range(3):
+        of, to = slopes[i], weighted[i]
+        for k in range(n):
+            to[k] = roots[k] * of[k]
+    for k in range(n):
+        roots[k] *= e[k]
+    sums_of_products(weighted, (0, 1, 2, 3), sums)
+    a00, a01, a11, a02, a12, a22 = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
+    b0, b1, b2, rr = sums[6], sums[7], sums[8], max(sums[9], 1e-300)
     H[0, 0], H[1, 1], H[2, 2] = q * (a00 - b0 * b0 / rr), q * (a11 - b1 * b1 / rr), q * (a22 - b2 * b2 / rr)
     H[0, 1], H[0, 2], H[1, 2] = q * (a01 - b0 * b1 / rr), q * (a02 - b0 * b2 / rr), q * (a12 - b1 * b2 / rr)
     g[0], g[1], g[2] = -b0 * q, -b1 * q, -b2 * q

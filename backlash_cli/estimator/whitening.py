@@ -25,26 +25,32 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from .lane_loops import columns_of, whiten_rows
 from .lanes import fma
+from .vector_code import LANES
 
 LAGS = (1, 2, 4, 6, 8, 11)
+BACK = tuple(np.uint64(lag) for lag in LAGS)
 DIFFUSE = 1e6  # variance of the unknown state where a stretch begins
 WARM_UP = 12  # rows at the start of a stretch that only settle the filter
-LANES = 16  # columns side by side: y, two lines, six lags of two valve positions, one spare
-LINES = 2  # at most so many shapes of a periodic load
-FIRST_LAG = 1 + LINES  # lane of the first lag of the first valve position; its partner's is the next
-USED = FIRST_LAG + 2 * len(LAGS)
+# Lanes: y, LINES shapes of a periodic load, a spare one, and each lag of both valve positions.
+LINES = 2
+FIRST_LAG = 4  # lane of the first lag of the first valve position; its partner's is the next
 WEIGHTS = 5  # of a row: what its innovation adds to the prediction of the next state (four), 1 / deviation
 CHUNK = 128  # rows that go through the filter at a time: they stay in the processor's nearest cache
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _go_on(S: NDArray[Any], W: NDArray[Any], use: NDArray[Any], scale: Any) -> None:
-    """Give all rows what the first has; rows that are not in `use` get no weight."""
-    w0, w1, w2, w3, s = W[0, 0], W[0, 1], W[0, 2], W[0, 3], S[0]
-    for k in range(1, len(S)):
-        S[k] = s
-        W[k, 0], W[k, 1], W[k, 2], W[k, 3], W[k, 4] = w0, w1, w2, w3, use[k] * scale
+def _go_on(begin: int, end: int, S: NDArray[Any], W: NDArray[Any], use: NDArray[Any], scale: Any) -> None:
+    """Give the rows from begin to end what the row before has; rows that are not in `use` get no weight."""
+    for i in range(WEIGHTS - 1):
+        w, weights = W[i, begin - 1], W[i, begin:end]
+        for k in range(len(weights)):
+            weights[k] = w
+    s, variances, scales, used = S[begin - 1], S[begin:end], W[WEIGHTS - 1, begin:end], use[begin:end]
+    for k in range(len(variances)):
+        variances[k] = s
+        scales[k] = scale if used[k] else np.float32(0.0)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -55,7 +61,7 @@ def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArra
     `first` (rows,) marks the start of stretches. The covariance (ten numbers, it is symmetric) goes through one
     equation of the model after the other.
 
-    Also writes the weights W (rows, WEIGHTS) that `innovations` needs, the last of them 0 for rows not in `use`, and
+    Also writes the weights W (WEIGHTS, rows) that `innovations` needs, the last of them 0 for rows not in `use`, and
     returns the number of rows in use and the sum of ln S over them.
     """
     b = 1.0 - a
@@ -70,7 +76,7 @@ def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArra
             end = k
             while end < n and shock[end] == 0.0 and not first[end]:
                 end += 1
-            _go_on(S[k - 1 : end], W[k - 1 : end], use[k - 1 : end], scale)
+            _go_on(k, end, S, W, use, scale)
             if len(G):
                 for row in range(k, end):
                     for i in range(4):
@@ -136,9 +142,9 @@ def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArra
         k3 = phi * h3
         k2 = h2 + k3
         k0 = b * h0 + a * k2
-        W[k, 0], W[k, 1], W[k, 2], W[k, 3] = k0, b * h1 + a * k0, k2, k3
+        W[0, k], W[1, k], W[2, k], W[3, k] = k0, b * h1 + a * k0, k2 + phi * k3, k3
         scale = np.float32(np.sqrt(inverse))
-        W[k, 4] = scale if use[k] else np.float32(0.0)
+        W[4, k] = scale if use[k] else np.float32(0.0)
         if use[k]:
             rows += 1
             product *= s
@@ -150,16 +156,38 @@ def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArra
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _behind(both: NDArray[Any], low: int, first: NDArray[Any], begin: int, lanes: NDArray[Any]) -> int:
+    """Write to each row of `lanes` what both valve positions were so many rows before as LAGS say, or at its `begin`.
+
+    both (all rows,): two numbers in one; first: of the rows from `low` on. Returns where the last stretch begins.
+    """
+    for i in range(len(first)):
+        k = low + i
+        if first[i]:
+            begin = k
+        lane = np.uint64(i * (LANES // 2) + FIRST_LAG // 2)
+        if k - begin >= LAGS[-1]:
+            at = np.uint64(k)  # numbers without sign, so that none is taken to count from the end
+            for m in range(len(BACK)):
+                lanes[lane + np.uint64(m)] = both[at - BACK[m]]
+        else:
+            for m in range(len(BACK)):
+                lanes[lane + np.uint64(m)] = both[max(k - LAGS[m], begin)]
+    return begin
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def innovations(y: NDArray[Any], line: NDArray[Any], xa: NDArray[Any], xb: NDArray[Any], a: float, phi: float,
                 first: NDArray[Any], W: NDArray[Any], f: NDArray[Any], T: NDArray[Any], E: NDArray[Any]) -> None:
     """Write the innovations of y, of `line` (columns, rows) and of every lag of both valve positions behind two lags,
-    each divided by its deviation, to E (USED, rows).
+    each divided by its deviation, to E (LANES, rows).
 
-    W (rows, WEIGHTS): see `gains`. Room: f (rows, 2), T (CHUNK, LANES), Z below for the states of all columns.
+    W (WEIGHTS, rows): see `gains`. Room: f (rows, 2), T (CHUNK, LANES), Z below for the states of all columns.
     """
     b = 1.0 - a
     state = np.zeros(4)  # positions behind the first lag, then behind the second
-    Z = np.zeros(4 * LANES, dtype=np.float32)  # predicted z1, z2, w, s of each column
+    Z = np.zeros(4 * LANES, dtype=np.float32)  # predicted z1, z2, load (w and what s adds to it) and s of each column
+    both, lanes = f.reshape(-1).view(np.int64), T.reshape(-1).view(np.int64)  # two valve positions in one
     begin = 0
     for low in range(0, len(y), CHUNK):
         rows = min(CHUNK, len(y) - low)
@@ -167,7 +195,6 @@ def innovations(y: NDArray[Any], line: NDArray[Any], xa: NDArray[Any], xb: NDArr
         for i in range(rows):
             k = low + i
             if first[k]:
-                begin = k
                 ua = va = xa[k]
                 ub = vb = xb[k]
             ua = fma(b, ua, a * xa[k])
@@ -175,40 +202,36 @@ def innovations(y: NDArray[Any], line: NDArray[Any], xa: NDArray[Any], xb: NDArr
             ub = fma(b, ub, a * xb[k])
             vb = fma(b, vb, a * ub)
             f[k, 0], f[k, 1] = va, vb
-            T[i, 0] = y[k]
-            for h in range(len(line)):
-                T[i, 1 + h] = line[h, k]
-            lane = FIRST_LAG
-            for lag in LAGS:
-                at = max(k - lag, begin)
-                T[i, lane], T[i, lane + 1] = f[at, 0], f[at, 1]
-                lane += 2
         state[0], state[1], state[2], state[3] = ua, ub, va, vb
-        whiten(T[:rows], W[low : low + rows], np.float32(a), np.float32(phi), first[low : low + rows], Z)
+        for h in range(len(line)):
+            for i in range(rows):
+                T[i, 1 + h] = line[h, low + i]
         for i in range(rows):
-            for c in range(USED):
+            T[i, 0] = y[low + i]
+        begin = _behind(both, low, first[low : low + rows], begin, lanes)
+        whiten(T[:rows], W, low, np.float32(a), np.float32(phi), first[low : low + rows], Z)
+        columns_of(T, rows, E, low)
+        for i in range(rows - rows % LANES, rows):
+            for c in range(LANES):
                 E[c, low + i] = T[i, c]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def whiten(T: NDArray[Any], W: NDArray[Any], a: Any, phi: Any, first: NDArray[Any], Z: NDArray[Any]) -> None:
+def whiten(T: NDArray[Any], W: NDArray[Any], low: int, a: Any, phi: Any, first: NDArray[Any],
+           Z: NDArray[Any]) -> None:
     """Replace the columns T (rows, LANES) by their innovations over their deviation; Z is carried to the next rows.
 
-    All numbers in single precision.
+    Their weights W (WEIGHTS, all rows) begin at row `low`. All numbers in single precision; see
+    `lane_loops.whiten_rows`.
     """
-    b = np.float32(1.0) - a
-    ab, aa = a * b, a * a
-    for k in range(len(T)):
+    n = len(T)
+    k = 0
+    while k < n:
         if first[k]:
             for c in range(4 * LANES):
                 Z[c] = np.float32(0.0)
-        k0, k1, k2, k3, scale = W[k, 0], W[k, 1], W[k, 2], W[k, 3], W[k, 4]
-        for c in range(LANES):
-            z1, z2, w, s = Z[c], Z[LANES + c], Z[2 * LANES + c], Z[3 * LANES + c]
-            e = T[k, c] - z2
-            T[k, c] = e * scale
-            load = fma(phi, s, w)
-            Z[LANES + c] = fma(k1, e, fma(b, z2, fma(ab, z1, aa * load)))
-            Z[c] = fma(k0, e, fma(b, z1, a * load))
-            Z[2 * LANES + c] = fma(k2, e, load)
-            Z[3 * LANES + c] = fma(k3, e, phi * s)
+        end = k + 1
+        while end < n and not first[end]:
+            end += 1
+        whiten_rows(T, W, low, k, end, a, phi, Z)
+        k = end

@@ -34,14 +34,14 @@ def test_the_base_keeps_every_step_response_above_its_bound(v: list[float]):
 def room(n: int):
     """Room for gains, variances, columns in the filter, whitened columns and residuals of n rows."""
     return (np.empty((n, 4)), np.empty(n), np.zeros((core.CHUNK, core.LANES), np.float32),
-            np.empty((core.USED, n), np.float32), np.empty((2, n), np.float32))
+            np.empty((core.LANES, n), np.float32), np.empty((2, n), np.float32))
 
 
 def whitened(y, a, ratio, phi, shock, first):
     """Innovations of y over their deviation, gains and variances."""
     n = len(y)
     G, S, T, E, _ = room(n)
-    W, f = np.empty((n, core.WEIGHTS), np.float32), np.empty((n, 2), np.float32)
+    W, f = np.empty((core.WEIGHTS, n), np.float32), np.empty((n, 2), np.float32)
     rows, logs = core.gains(a, ratio, phi, shock, first, np.ones(n, dtype=bool), G, S, W)
     assert rows == n
     assert logs == pytest.approx(np.sum(np.log(S)))
