@@ -27,16 +27,24 @@ def densest(d: FloatArray) -> Cluster | None:
     values = np.sort(d[d > 0])
     if not len(values):
         return None
-    low, high = _fullest(values)
+    low, high, q1, centre, q3 = _fullest(values)
     members = values[low:high]
-    q1, centre, q3 = (_quantile(members, q) for q in (0.25, 0.5, 0.75))
     return Cluster(centre, median_interval(members), (q3 - q1) / centre, len(members),
                    len(members) / len(values))
 
 
 @numba.njit(cache=True, nogil=True)
-def _fullest(values: FloatArray) -> tuple[int, int]:
-    """First and one after the last of the values, in order, that lie close to the one with the most neighbours."""
+def _quantile(ordered: FloatArray, q: float) -> float:
+    """Quantile of values in order, straight between neighbours, as numpy gives it."""
+    at = q * (len(ordered) - 1)
+    low = int(at)
+    return float(ordered[low] + (at - low) * (ordered[min(low + 1, len(ordered) - 1)] - ordered[low]))
+
+
+@numba.njit(cache=True, nogil=True)
+def _fullest(values: FloatArray) -> tuple[int, int, float, float, float]:
+    """First and one after the last of the values, in order, that lie close to the one with the most neighbours; and
+    the three quartiles of these."""
     low = high = first = last = 0
     for value in values:
         while values[low] < value * (1 - CLOSE):
@@ -45,32 +53,27 @@ def _fullest(values: FloatArray) -> tuple[int, int]:
             high += 1
         if high - low > last - first:
             first, last = low, high
-    return first, last
+    members = values[first:last]
+    return first, last, _quantile(members, 0.25), _quantile(members, 0.5), _quantile(members, 0.75)
 
 
-def gathered(d: FloatArray) -> tuple[Cluster, ...]:
+def gathered(d: FloatArray, first: Cluster | None = None) -> tuple[Cluster, ...]:
     """Return all groups of at least SEVERAL estimates and a quarter of them each, the largest first.
 
-    Each is the densest of what the groups before it left. Neighbours whose intervals touch are one group.
+    Each is the densest of what the groups before it left. Neighbours whose intervals touch are one group. first: the
+    densest of all, where that is known already.
     """
     found: list[Cluster] = []
-    left = np.sort(d[d > 0])
+    left = d[d > 0]
     total = len(left)
     while len(left) >= SEVERAL:
-        group = densest(left)
+        group = first if first is not None and not found else densest(left)
         if group is None or group.n < max(SEVERAL, A_QUARTER * total):
             break
         if all(group.ci95[0] > c.ci95[1] or group.ci95[1] < c.ci95[0] for c in found):
             found.append(replace(group, share=group.n / total))
         left = left[np.abs(left / group.d - 1.0) > CLOSE]
     return tuple(found)
-
-
-def _quantile(ordered: FloatArray, q: float) -> float:
-    """Quantile of values in order, straight between neighbours: what numpy gives, in a tenth of the time."""
-    at = q * (len(ordered) - 1)
-    low = int(at)
-    return float(ordered[low] + (at - low) * (ordered[min(low + 1, len(ordered) - 1)] - ordered[low]))
 
 
 def median_interval(values: FloatArray, level: float = 0.95) -> tuple[float, float]:

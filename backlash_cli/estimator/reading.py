@@ -132,7 +132,7 @@ def _groups(d: FloatArray, first: Cluster) -> list[Note]:
     """A note where the estimates gather in several places. first: the densest of them."""
     if np.count_nonzero(np.abs(d / first.d - 1.0) > CLOSE) < SEVERAL:
         return []
-    found = gathered(d)
+    found = gathered(d, first)
     if len(found) < 2:
         return []
     told = " and ".join(f"{100 * c.d:.2g} % ({c.n})" for c in found)

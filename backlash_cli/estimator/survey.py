@@ -92,8 +92,5 @@ class Survey:
 
         Grid numbers (rows,) and signals (3, rows). only: highest state of the samples wanted.
         """
-        slots = self._held[level, IN_SLOTS:]
-        order = np.argsort(slots)[np.count_nonzero(slots == NOWHERE) :]
-        order = order[::2] if len(order) > most else order
-        return gather(slots[order], order, self._slower[level - 1] if level else self._raw, self._kinds,
+        return gather(self._held[level, IN_SLOTS:], most, self._slower[level - 1] if level else self._raw, self._kinds,
                       STATES if level else only)

@@ -7,16 +7,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray
-from .survey_walk import ROWS, STATES
+from .survey_walk import NOWHERE, ROWS, STATES
 
 
 @numba.njit(cache=True, nogil=True)
-def gather(stretches: IntArray, slots: IntArray, kept: FloatArray, kinds: NDArray[np.uint8],
+def gather(held: IntArray, most: int, kept: FloatArray, kinds: NDArray[np.uint8],
            only: int) -> tuple[IntArray, FloatArray]:
-    """Grid numbers (rows,) and signals (3, rows) of what is kept of one picture, in the order of `slots`.
+    """Grid numbers (rows,) and signals (3, rows) of what is kept of one picture, in time order.
 
-    stretches: the one in each of the slots. only: highest state wanted, of single samples; STATES for means.
+    held: the stretch in each slot, NOWHERE in empty ones; every second is taken where there are more than `most`. only:
+    highest state wanted, of single samples; STATES for means.
     """
+    order, n = np.empty(len(held), np.int64), 0
+    for slot in range(len(held)):
+        if held[slot] != NOWHERE:
+            place = n
+            while place > 0 and held[order[place - 1]] > held[slot]:
+                order[place] = order[place - 1]
+                place -= 1
+            order[place] = slot
+            n += 1
+    slots = order[: n : 2 if n > most else 1]
+    stretches = held[slots]
     counts, total = np.zeros(len(slots), np.int64), 0
     for k in range(len(slots)):
         setpoint, kind = kept[0, slots[k]], kinds[slots[k]]

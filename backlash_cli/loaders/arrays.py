@@ -6,6 +6,7 @@ Arrow's own `to_numpy` looks for pandas first, and to import that takes longer t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -34,9 +35,9 @@ def where_true(cells: pa.Array) -> NDArray[np.bool_]:
 
 
 def _of_one(cells: pa.Array) -> NDArray[Any]:
-    if pa.types.is_boolean(cells.type):
-        return _of_one(cells.cast(pa.uint8())).astype(bool)
     kind = _kind(cells.type)
+    if kind.kind == "b":
+        return _of_one(cells.cast(pa.uint8())).astype(bool)
     buffer = cells.buffers()[1]
     if buffer is None or not len(cells):
         return np.full(len(cells), np.nan) if len(cells) else np.empty(0, kind)
@@ -49,6 +50,7 @@ def _of_one(cells: pa.Array) -> NDArray[Any]:
     return out
 
 
+@cache
 def _kind(kind: pa.DataType) -> np.dtype[Any]:
     letter = "f" if pa.types.is_floating(kind) else "u" if pa.types.is_unsigned_integer(kind) else "i"
     return np.dtype(bool) if pa.types.is_boolean(kind) else np.dtype(f"{letter}{kind.bit_width // 8}")

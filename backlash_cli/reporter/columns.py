@@ -16,6 +16,11 @@ PLAIN = 1e9  # below it, and above its inverse, ten digits are what the shortest
 NUMBERS = ("dt_s", "dy", "e_max", "d")
 
 
+def shown(value: float) -> float:
+    """A finite number to the ten digits that reports show."""
+    return float(f"{value:.10g}")
+
+
 def numbers(values: FloatArray, missing: str = "null") -> list[str]:
     """Numbers to ten digits as JSON writes them; `missing` for what is none.
 

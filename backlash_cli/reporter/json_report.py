@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
 from .._version import __version__
 from ..record import LoopSettings, Note
-from ..results import Cluster, Compensator, Confirmation, LoopReport, ScanResult
-from .columns import estimates_json
+from ..results import Cluster, Compensator, Confirmation, Estimate, LoopReport, ScanResult
+from .columns import estimates_json, shown
 
 SCHEMA_VERSION = 1
 
@@ -41,13 +40,16 @@ def json_parts(result: ScanResult) -> Iterator[str]:
 
 
 def _line(report: LoopReport) -> str:
-    text = _dumped(loop(replace(report, estimates=())))
+    text = _dumped(loop(report, ()))
     # within a string a quotation mark has a backslash before it, so this is found once only
     return text.replace('"estimates": []', f'"estimates": {estimates_json(report.estimates)}', 1)
 
 
+_encoder = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
+
+
 def _dumped(value: Any) -> str:
-    return json.dumps(strict(value), ensure_ascii=False, allow_nan=False)
+    return _encoder.encode(strict(value))
 
 
 def document(result: ScanResult) -> dict[str, Any]:
@@ -66,8 +68,8 @@ def _document(result: ScanResult, loops: Sequence[LoopReport]) -> dict[str, Any]
     }
 
 
-def loop(report: LoopReport) -> dict[str, Any]:
-    """Return one loop's report as plain values, names as in the contract."""
+def loop(report: LoopReport, listed: Sequence[Estimate] | None = None) -> dict[str, Any]:
+    """Return one loop's report as plain values, names as in the contract. listed: half periods, if not all."""
     return {
         "loop": report.loop,
         "verdict": str(report.verdict),
@@ -96,7 +98,7 @@ def loop(report: LoopReport) -> dict[str, Any]:
                 "accepted": e.accepted,
                 "why": e.why,
             }
-            for e in report.estimates
+            for e in (report.estimates if listed is None else listed)
         ],
         "cluster": _cluster(report.cluster),
         "confirmation": _confirmation(report.confirmation),
@@ -120,13 +122,13 @@ def iso_time(epoch: float | None) -> str | None:
 def strict(value: Any) -> Any:
     """Return `value` as JSON can say it: NaN and infinity as null, arrays as lists, anything else as text."""
     if isinstance(value, float):
-        return float(f"{value:.10g}") if math.isfinite(value) else None
+        return shown(value) if math.isfinite(value) else None
     if isinstance(value, str):
         return value if value.isascii() else value.encode("utf-8", "backslashreplace").decode()
-    if value is None or isinstance(value, bool | int):
+    if value is None or isinstance(value, int):
         return value
     if isinstance(value, Mapping):
-        return {strict(str(k)): strict(v) for k, v in value.items()}
+        return {k if type(k) is str and k.isascii() else strict(str(k)): strict(v) for k, v in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
         return [strict(v) for v in value]
     return strict(value.tolist() if hasattr(value, "tolist") else str(value))

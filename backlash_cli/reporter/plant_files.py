@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import BacklashError, UsageError
 from ..record import FloatArray, LoopSettings, Record, SampleState
+from .columns import shown
 from .files import write_bytes, write_text
 
 if TYPE_CHECKING:
@@ -154,10 +155,10 @@ def _settings(settings: LoopSettings) -> Iterable[tuple[str, object]]:
     yield "op_range", settings.op_range
 
 
-def _toml(value: object) -> str:
+def _toml(value: Any) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(_toml(v) for v in value) + "]"
-    return repr(float(f"{value:.10g}"))
+    return repr(shown(value))
 
 
 def _key(name: str) -> str:
