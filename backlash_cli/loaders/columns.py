@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pa_parquet
 from numpy.typing import NDArray
 
-from .numbers import Numbers, codes_and_words, main_unit, parse_words, to_numbers, words_that_occur
+from .numbers import Numbers, as_texts, codes_and_words, main_unit, parse_words, to_numbers, words_that_occur
 from .places import Remote
 
 TAG = 0x7FF8_0000_0000_0000  # bits of nan, an empty cell; a word has its code plus one added
@@ -264,7 +264,7 @@ class StoredColumn(LazyColumn):
         if number.any():
             distinct, place = np.unique(values[number], return_inverse=True)
             codes[number] = place + len(words)
-            words += [f"{v:.0f}" if v == np.rint(v) and abs(v) < 1e15 else repr(v) for v in distinct.tolist()]
+            words += as_texts(distinct)
         return codes if lengths is None else np.repeat(codes, lengths), words
 
     def arrow(self) -> pa.ChunkedArray:

@@ -153,6 +153,11 @@ def parse_words(words: list[str], decimal: str = ".") -> tuple[NDArray[np.float6
     return values, bad, units
 
 
+def as_texts(values: NDArray[np.float64]) -> list[str]:
+    """Return finite numbers as texts, whole ones without a point."""
+    return [f"{v:.0f}" if v == np.rint(v) and abs(v) < 1e15 else repr(v) for v in values.tolist()]
+
+
 def plain_numbers(words: pa.Array, decimal: str = ".") -> NDArray[np.float64]:
     """Return the values of the texts that are plain finite numbers, nan for all others."""
     text = pc.utf8_trim_whitespace(words)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..record import Note
 from .columns import WordReading, word_codes, word_counts
 from .join import bad_quality, each_once, not_numbers
-from .numbers import parse_words
+from .numbers import as_texts, parse_words
 from .pieces import NotInPieces, RawColumn, in_step, raw_column, stamp_parts
 from .quality import automatic, good_numbers, good_words, last_word
 from .series import Axis, Cells, Lexicon, Series
@@ -165,7 +165,7 @@ def _coded(raw: RawColumn) -> _Coded:
     places[there] = np.arange(len(there))
     words = [raw.words()[i] for i in there]
     if raw.text:
-        words += [f"{v:.0f}" if v == np.rint(v) and abs(v) < 1e15 else repr(v) for v in numbers.tolist()]
+        words += as_texts(numbers)
     return _Coded(raw, numbers, words, np.concatenate([of_words[there], of_numbers]), places)
 
 
