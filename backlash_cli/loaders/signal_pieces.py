@@ -103,9 +103,7 @@ def _part(item: Series, further: tuple[str, ...]) -> _Part:
     if raw.text:
         counts = np.zeros(0, np.int64)
         for part in raw.parts():
-            more = word_counts(part, len(raw.words()))
-            more[: len(counts)] += counts
-            counts = more
+            counts = _counted(counts, part, raw)
         reading = WordReading(raw.words(), counts, raw.decimal)
         if reading.tally:
             notes.append(not_numbers(reading.tally, item.tag))
@@ -120,6 +118,13 @@ def _part(item: Series, further: tuple[str, ...]) -> _Part:
         values = lambda: (np.where(flags, numbers, BAD)  # noqa: E731
                           for numbers, flags in in_step([plain(), good()]))
     return _Part(values, tuple(notes))
+
+
+def _counted(counts: NDArray[np.int64], values: NDArray[np.float64], raw: RawColumn) -> NDArray[np.int64]:
+    """Add how often each word occurs in some cells to the counts so far; words may be new."""
+    found = word_counts(values, len(raw.words()))
+    found[: len(counts)] += counts
+    return found
 
 
 def _with_bad(values: NDArray[np.float64], bad: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -157,9 +162,7 @@ def _coded(raw: RawColumn) -> _Coded:
         if len(numbers) > MOST_DISTINCT:
             raise NotInPieces
         if raw.text:
-            more = word_counts(values, len(raw.words()))
-            more[: len(of_words)] += of_words
-            of_words = more
+            of_words = _counted(of_words, values, raw)
     there = np.flatnonzero(of_words)
     places = np.full(len(of_words), -1)
     places[there] = np.arange(len(there))
