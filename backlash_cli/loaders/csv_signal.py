@@ -9,8 +9,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from .arrays import to_array, to_texts
-from .columns import TAG
 from .numbers import BLANK, plain_numbers
+from .stored_columns import TAG
 
 
 class ForeignText(Exception):

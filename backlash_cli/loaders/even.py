@@ -9,9 +9,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from .arrays import to_array, to_column
-from .columns import LazyColumn, ParquetColumn
+from .columns import LazyColumn
 from .csv_signal import ForeignText
 from .options import ReadOptions
+from .parquet_columns import ParquetColumn
 from .store import ColumnStore, Room
 from .times import NAT, Times, to_times
 

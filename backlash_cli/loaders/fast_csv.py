@@ -22,7 +22,7 @@ import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
 
-from .columns import LazyColumn, StoredColumn
+from .columns import LazyColumn
 from .csv_signal import ForeignText, Signal
 from .dialect import Dialect
 from .even import EvenStamps
@@ -30,6 +30,7 @@ from .files import valid_utf8
 from .hourly_stamps import HourlyStamps, Hours, as_written
 from .plain_csv import PlainBlock, PlainLines
 from .store import ColumnStore, Room
+from .stored_columns import StoredColumn
 from .text_blocks import EndlessLine, Lines
 
 BLOCK = 8 << 20  # bytes of text per block

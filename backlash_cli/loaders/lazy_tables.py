@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from ..errors import InputError
 from ..record import Note
-from .columns import LazyColumn, ParquetColumn, ParquetFileColumns
+from .columns import LazyColumn
 from .compression import codec_of
 from .csv_signal import ForeignText
 from .fast_csv import BLOCK, read_blocks
@@ -29,6 +29,7 @@ from .long_files import long_csv, long_parquet
 from .long_tables import LongTable, long_layout
 from .names import is_time_name, split_tag
 from .options import ReadOptions
+from .parquet_columns import ParquetColumn, ParquetFileColumns
 from .places import Remote, open_place
 from .recoded import Recoded, Western
 from .store import Room

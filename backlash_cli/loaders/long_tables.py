@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import BacklashError, InputError
 from ..record import Note
-from .columns import LazyColumn, StoredColumn
+from .columns import LazyColumn
 from .csv_signal import ForeignText, Signal
 from .layouts import layout_of
 from .long_layouts import LongColumns, long_columns, tag_series, tall_columns
@@ -25,6 +25,7 @@ from .options import ReadOptions
 from .order import CLOCK_CODES
 from .series import Cells, Series
 from .store import Room
+from .stored_columns import StoredColumn
 from .tables import Table
 from .tag_names import TagNames
 from .tag_store import VALUE, Clock, TagAxis, TagRows, TagStore

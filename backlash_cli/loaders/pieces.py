@@ -10,9 +10,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from .columns import LazyColumn, ParquetColumn, SlicedColumn, StoredColumn
+from .columns import LazyColumn, SlicedColumn
 from .csv_signal import ForeignText, Signal
+from .parquet_columns import ParquetColumn
 from .series import Axis, Cells, CutAxis, EvenAxis, LazyAxis
+from .stored_columns import StoredColumn
 from .tag_store import TagAxis
 
 PIECE = 1 << 18  # rows looked at at once

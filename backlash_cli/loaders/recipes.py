@@ -11,13 +11,14 @@ import pyarrow as pa
 from ..errors import BacklashError
 from ..record import Note, Record
 from .clean import build_record
-from .columns import LazyColumn, ParquetColumn, ParquetFileColumns, SlicedColumn
+from .columns import LazyColumn, SlicedColumn
 from .join import Joiner, LoopSeries, by_loop, explicit_tags
 from .layouts import series_of
 from .loop_settings import settings_of
 from .metadata import LoopValues, Metadata
 from .names import split_tag
 from .options import ReadOptions
+from .parquet_columns import ParquetColumn, ParquetFileColumns
 from .selection import check_pattern
 from .series import Axis
 from .tables import Table

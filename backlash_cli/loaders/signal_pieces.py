@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import Note
-from .columns import WordReading, word_codes, word_counts
 from .join import bad_quality, each_once, not_numbers
 from .numbers import as_texts, parse_words
 from .pieces import NotInPieces, RawColumn, in_step, raw_column, stamp_parts
 from .quality import automatic, good_numbers, good_words, last_word
 from .series import Axis, Cells, Lexicon, Series
+from .stored_columns import WordReading, word_codes, word_counts
 
 BAD = np.array([0x7FF8_BAD0_0000_0000]).view(np.float64)[0]  # a nan that stands where something was no good measurement
 MOST_DISTINCT = 10_000  # different numbers in a column of modes or qualities

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from .arrays import to_array
-from .columns import LazyColumn, ParquetColumn
+from .columns import LazyColumn
 from .even import StampColumn, even_stamps
 from .hourly_stamps import HourlyStamps
 from .names import is_time_name, plain, split_tag
 from .options import ReadOptions
+from .parquet_columns import ParquetColumn
 from .series import Axis, EvenAxis, LazyAxis
 from .tables import Table
 from .times import DAY, NAT, Times, to_times
