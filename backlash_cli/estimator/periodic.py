@@ -12,6 +12,7 @@ FEWEST_PERIODS = 6
 FEWEST_ROWS = 8  # per period
 WHOLE = 0.8  # of the rows that a record without large holes has
 TOGETHER = 8  # rows added up in a record in pieces, where periods of 32 rows (8 Ti) and more are looked for
+STEPS = 41  # frequencies tried within two bins
 NEARLY = 0.8  # of SHARE at the first guess of the frequency, before it is refined
 
 
@@ -41,8 +42,20 @@ def _left(frequency: float, y: FloatArray, at: IntArray) -> float:
 
 
 def _refined(frequency: float, bin_width: float, y: FloatArray, at: IntArray) -> float:
-    grid = frequency + bin_width * np.linspace(-1.0, 1.0, 41)
-    return float(grid[int(np.argmin([_left(f, y, at) for f in grid]))])
+    """The frequency within a bin's width at which the best sine explains most of y, of a grid of STEPS.
+
+    The waves are turned on from one frequency to the next, which takes a tenth of the time of making each.
+    """
+    grid = frequency + bin_width * np.linspace(-1.0, 1.0, STEPS)
+    wave, turn = (np.exp(2j * np.pi * f * at) for f in (grid[0], 2.0 * bin_width / (STEPS - 1)))
+    values, explained = y.astype(complex), np.empty(STEPS)
+    for i in range(STEPS):
+        of_y, squares = values @ wave, wave @ wave
+        coscos, sinsin, cossin = 0.5 * (len(y) + squares.real), 0.5 * (len(y) - squares.real), 0.5 * squares.imag
+        explained[i] = (sinsin * of_y.real**2 - 2.0 * cossin * of_y.real * of_y.imag + coscos * of_y.imag**2) / (
+            coscos * sinsin - cossin**2)
+        wave = wave * turn
+    return float(grid[int(np.argmax(explained))])
 
 
 def _of_whole(y: FloatArray, at: IntArray, span: int) -> float | None:

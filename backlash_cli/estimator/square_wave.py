@@ -66,22 +66,35 @@ def opposed_wave(output: FloatArray, measurement: FloatArray, at: IntArray) -> W
     frequency = (first + int(np.argmax(padded[first:last]))) / fine
     if _share(power, span, frequency) < NEARLY * IN_LINES:
         return None
-    middle = np.arange(span) - 0.5 * time[-1]
-
-    def line(frequency: float) -> complex:
-        return complex(np.sum(u * np.exp(-2j * np.pi * frequency * middle)))
-
     grid = frequency + np.linspace(-1.0, 1.0, 41) / (4.0 * span)
-    frequency = float(grid[int(np.argmax([sum(abs(line(f * m)) ** 2 for m in HARMONICS[:3]) for f in grid]))])
+    frequency = float(grid[int(np.argmax(sum(np.abs(fourier_sums(u, grid * m)) ** 2 for m in HARMONICS[:3])))])
     half = 0.5 / frequency
     if span / half < FEWEST_HALF_PERIODS or _share(power, span, frequency) < IN_LINES:
         return None
     of_pv = np.abs(np.fft.rfft(_windowed(measurement, at, span))) ** 2
     if _band(of_pv, span, 3 * frequency) < THIRD**2 * _band(of_pv, span, frequency):
         return None
-    swing = line(frequency)
+    swing = complex(np.sum(u * np.exp(-2j * np.pi * frequency * (np.arange(span) - 0.5 * time[-1]))))
     phase = (-(np.angle(swing) + 1.5 * np.pi) / (2.0 * np.pi * frequency) + half) % (2.0 * half) - half
     return Wave(0.25 * np.pi * 4.0 * abs(swing) / span, half, float(phase))
+
+
+def fourier_sums(x: FloatArray, frequencies: FloatArray) -> NDArray[np.complex128]:
+    """Return the sums (frequencies,) of x (rows,), each times exp(-2 pi i frequency row); frequencies: periods a row.
+
+    Rows are taken as those of a square: a phase is that of where a line of it begins, and that within the line. A
+    hundred waves are then worked out for two thousand rows in place of two thousand.
+    """
+    side = int(np.ceil(np.sqrt(max(len(x), 1))))
+    lines = np.zeros(side * side)
+    lines[: len(x)] = x
+    square = lines.reshape(side, side)
+    phase = 2.0 * np.pi * frequencies[:, None] * np.arange(side)
+    cosines, sines = np.cos(phase) @ square.T, np.sin(phase) @ square.T
+    begin = np.cos(side * phase), np.sin(side * phase)
+    sums: NDArray[np.complex128] = (np.sum(begin[0] * cosines - begin[1] * sines, axis=1)
+                                    - 1j * np.sum(begin[0] * sines + begin[1] * cosines, axis=1))
+    return sums
 
 
 def _windowed(x: FloatArray, at: IntArray, span: int) -> FloatArray:

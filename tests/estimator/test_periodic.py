@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.periodic import periodic_load
+from backlash_cli.estimator.periodic import _left, _refined, periodic_load
 
 WHOLE = np.arange(1600)
 PIECES = np.concatenate([np.arange(k, k + 250) for k in (0, 2250, 3000, 7750, 8000, 11_500, 14_250, 16_750)])
@@ -39,3 +39,17 @@ def test_nothing_else_is_taken_for_one(at: np.ndarray, y) -> None:
 def test_a_swing_that_drifts_in_phase_is_none_in_pieces() -> None:
     y = np.sin(2 * np.pi * PIECES / 97.0 + 4.0 * np.sin(PIECES / 3000.0))
     assert len(periodic_load(y, PIECES)) == 0
+
+
+@pytest.mark.parametrize("start", [0, 10**7])
+def test_the_refined_frequency_leaves_least(start: int) -> None:
+    """Against a fit of every frequency of the grid by itself, also far from the first row and with holes."""
+    rng = np.random.default_rng(start)
+    at = start + np.cumsum(np.where(rng.random(1500) < 0.02, rng.integers(2, 400, 1500), 1))
+    width = 1.0 / (at[-1] - at[0])
+    for frequency in (0.02, 0.11):
+        y = np.sin(2.0 * np.pi * (frequency + 0.37 * width) * at) + 0.5 * rng.normal(size=len(at))
+        found = _refined(frequency, width, y, at)
+        assert abs(found - frequency) <= width
+        grid = frequency + width * np.linspace(-1.0, 1.0, 41)
+        assert _left(found, y, at) == pytest.approx(min(_left(f, y, at) for f in grid), rel=1e-9)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backlash_cli.estimator.evidence import weigh
-from backlash_cli.estimator.square_wave import Wave, opposed_wave, square
+from backlash_cli.estimator.square_wave import Wave, fourier_sums, opposed_wave, square
 from backlash_cli.estimator.switching_load import switching_load, with_switching_load
 from backlash_cli.record import LoopSettings, Record, record_from_arrays
 from backlash_cli.results import Confirmation, Verdict
@@ -31,6 +31,14 @@ def test_the_means_of_a_square_wave_are_exact(half: float, phase: float) -> None
     time = (np.arange(80 * fine) + 0.5) / fine - 40.0
     wave = np.where(np.mod(time - phase, 2 * half) < half, 1.0, -1.0)
     np.testing.assert_allclose(square(rows.astype(float), half, phase), wave.reshape(80, fine).mean(1), atol=2e-3)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 99, 100, 2000])
+def test_sums_over_a_square_of_rows_are_those_over_each(rows: int) -> None:
+    rng = np.random.default_rng(rows)
+    x, frequencies = rng.normal(size=rows), np.array([0.0, 1e-4, 0.013, 0.2, 0.49])
+    plain = [np.sum(x * np.exp(-2j * np.pi * f * np.arange(rows))) for f in frequencies]
+    np.testing.assert_allclose(fourier_sums(x, frequencies), plain, atol=1e-10)
 
 
 def test_the_wave_that_op_opposes_is_found() -> None:
