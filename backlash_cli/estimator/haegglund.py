@@ -31,43 +31,9 @@ from ..filters import DoubleLag, double_lag
 from ..record import FloatArray, LoopSettings, Record
 from ..segmenter import OpenHalfPeriod, Segments, opened, put
 from .oscillation import least_area
+from .rule import SLOW_ENOUGH, WHY, judged
 
 DEFAULT_KP = 1.5  # section 4: errors below 20 % for 1 < Kp < 3.4
-SLOW_ENOUGH = 5.0  # gate dt >= 5 Ti: the signals are slow, the valve moves through statics
-SHAPE_LIMIT = 2.0  # gate e_max < 2 dy: a half period flattened by the dead band, not a load disturbance
-
-# Why a half period is refused, as it is named in reports; inside, its place here.
-WHY = ("ok", "shape", "too_short", "incomplete", "not_positive", "setpoint_move", "below_noise")
-OK, SHAPE, TOO_SHORT, INCOMPLETE, NOT_POSITIVE, SETPOINT_MOVE, BELOW_NOISE = range(len(WHY))
-
-
-def mean_error(area: FloatArray, duration: FloatArray) -> FloatArray:
-    """Return dy, the mean of |e| over each half period (12). area [span s], duration [s] -> [span]."""
-    return np.divide(area, duration, out=np.zeros_like(area), where=duration > 0)
-
-
-def output_change(dy: FloatArray, duration: FloatArray, K: float, Ti: float) -> FloatArray:
-    """Return du = K/Ti dy dt (11): how far the integral part moved the output [output span]."""
-    return abs(K) / Ti * dy * duration
-
-
-def dead_band(dy: FloatArray, duration: FloatArray, K: float, Ti: float, Kp: float) -> FloatArray:
-    """Return the dead-band estimate d = (K dt/Ti - 1/Kp) dy of each half period (15) [output span].
-
-    >>> float(dead_band(np.array([0.01]), np.array([20.0]), K=1.2, Ti=2.2, Kp=1.0)[0])  # (10.909 - 1) * 0.01
-    0.09909090909090909
-    """
-    return output_change(dy, duration, K, Ti) - dy / abs(Kp)
-
-
-def gates(duration: FloatArray, dy: FloatArray, e_max: FloatArray, complete: NDArray[np.bool_],
-          Ti: float) -> NDArray[np.uint8]:
-    """Return for each half period why it is refused, as its place in WHY; OK if it is not."""
-    why = np.zeros(len(duration), dtype=np.uint8)
-    why[e_max >= SHAPE_LIMIT * dy] = SHAPE
-    why[duration < SLOW_ENOUGH * Ti] = TOO_SHORT
-    why[~complete] = INCOMPLETE
-    return why
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,13 +65,10 @@ def estimate(segments: Segments, interval: float, settings: LoopSettings) -> Hal
     """Return the estimates (15) of all half periods; the settings must hold K and Ti (Kp defaults to 1.5)."""
     K, Ti, Kp = settings.K, settings.Ti, settings.Kp or DEFAULT_KP
     assert K is not None and Ti is not None
-    duration = (segments.end - segments.begin) * interval
-    dy = mean_error(segments.area * interval, duration)
-    why = gates(duration, dy, segments.e_max, segments.complete, Ti)
-    d = dead_band(dy, duration, K, Ti, Kp)
-    why[(why == OK) & (d <= 0)] = NOT_POSITIVE
-    return HalfPeriods(segments.begin * interval, duration, dy, segments.e_max, d, segments.direction,
-                       segments.setpoint_move, why)
+    s = segments
+    (begin, duration, dy, d), refused = judged(s.begin, s.end, s.area, s.e_max, s.complete, float(interval), float(K),
+                                               float(Ti), float(Kp))
+    return HalfPeriods(begin, duration, dy, s.e_max, d, s.direction, s.setpoint_move, refused)
 
 
 class ErrorTrack:

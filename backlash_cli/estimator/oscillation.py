@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
-from ..record import FloatArray
+from ..record import FloatArray, IntArray
 from ..segmenter import Segments
 
 AMPLITUDE = 0.01  # a: an oscillation of 1 % of span must count
@@ -36,13 +37,19 @@ def least_area(Ti: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True)
-def counted(ends: FloatArray, memory: float) -> FloatArray:
-    """Half periods up to each of `ends` [s], those of long ago forgotten: one counts 1/e after `memory` [s]."""
-    counts, x = np.empty(len(ends)), 0.0
-    for k in range(len(ends)):
-        x = x * np.exp((ends[k - 1] - ends[k]) / memory) + 1.0 if k else 1.0
-        counts[k] = x
-    return counts
+def counted(end: FloatArray, area: FloatArray, complete: NDArray[np.bool_], interval: float, least: float,
+            memory: float) -> tuple[IntArray, FloatArray]:
+    """Places of the complete half periods of more than `least` area [span s]; and their number up to the end of each,
+    those of long ago forgotten: one counts 1/e after `memory` [s]. end, area: in samples."""
+    places, counts = np.empty(len(end), np.int64), np.empty(len(end))
+    n, x, last = 0, 0.0, 0.0
+    for k in range(len(end)):
+        if complete[k] and area[k] * interval > least:
+            now = end[k] * interval
+            x = x * np.exp((last - now) / memory) + 1.0 if n else 1.0
+            places[n], counts[n], last = k, x, now
+            n += 1
+    return places[:n], counts[:n]
 
 
 def detect_oscillation(segments: Segments, interval: float, Ti: float) -> Oscillation:
@@ -50,13 +57,10 @@ def detect_oscillation(segments: Segments, interval: float, Ti: float) -> Oscill
 
     segments: half periods of the error after the measurement filter alone.
     """
-    duration = (segments.end - segments.begin) * interval
-    iae = segments.area * interval
-    large = segments.complete & (iae > least_area(Ti))
-    if not large.any():
+    large, counts = counted(segments.end, segments.area, segments.complete, float(interval), least_area(Ti),
+                            SUPERVISION * Ti)
+    if not len(large):
         return Oscillation(False, 0.0, 0.0)
-    ends = segments.end[large] * interval
-    counts = counted(ends, SUPERVISION * Ti)
     inside = counts >= ENOUGH
     if not inside.any():
         return Oscillation(False, 0.0, float(counts.max()))
@@ -67,8 +71,8 @@ def detect_oscillation(segments: Segments, interval: float, Ti: float) -> Oscill
     np.add.at(edges, np.maximum(full - int(ENOUGH) + 1, 0), 1)
     np.add.at(edges, full + 1, -1)
     member = np.cumsum(edges[:-1]) > 0
-    of_large = np.flatnonzero(large)[member]
-    dt = duration[of_large]
+    of_large = large[member]
+    dt = (segments.end[of_large] - segments.begin[of_large]) * interval
     amplitude = 0.5 * np.pi * np.median(segments.area[of_large] * interval / dt)
     return Oscillation(True, float(min(1.0, dt.sum() / span)), float(counts.max()),
                        2.0 * float(np.median(dt)), float(amplitude))

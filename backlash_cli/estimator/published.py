@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from ..record import Record
 from ..results import Estimate
-from .haegglund import INCOMPLETE, TOO_SHORT, error_scanner, estimate
+from .haegglund import error_scanner, estimate
+from .rule import INCOMPLETE, TOO_SHORT
 
 
 def published_estimates(record: Record) -> tuple[Estimate, ...]:

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from ..record import FloatArray, LoopSettings, Note
 from ..results import Cluster
 from .clusters import CLOSE, SEVERAL, densest, gathered
-from .haegglund import BELOW_NOISE, DEFAULT_KP, OK, SETPOINT_MOVE, SLOW_ENOUGH, WHY, HalfPeriods
+from .haegglund import DEFAULT_KP, HalfPeriods
 from .recording import Storage
+from .rule import BELOW_NOISE, OK, SETPOINT_MOVE, SLOW_ENOUGH, WHY
 
 FLOOR = 3.0  # smallest mean error of a half period, in standard deviations of the filtered error
 AFTER_MOVE = 2.0  # integral times: a half period shorter than this passes a setpoint move on to the next

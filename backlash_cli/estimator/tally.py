@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..results import Estimates
-from .haegglund import INCOMPLETE, OK, TOO_SHORT, WHY, HalfPeriods
+from .haegglund import HalfPeriods
+from .rule import INCOMPLETE, OK, TOO_SHORT, WHY
 
 
 @dataclass(frozen=True)

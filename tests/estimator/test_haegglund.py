@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.haegglund import WHY, dead_band, estimate, gates, mean_error, output_change
+from backlash_cli.estimator.haegglund import estimate
+from backlash_cli.estimator.rule import WHY, dead_band, gate, judged, mean_error, output_change
 from backlash_cli.record import LoopSettings
 from backlash_cli.segmenter import Segments
 
@@ -27,16 +28,30 @@ def test_default_process_gain_costs_at_most_what_the_paper_says(Kp, error):
 
 
 def test_mean_error_of_an_empty_half_period_is_zero():
-    np.testing.assert_array_equal(mean_error(np.array([0.0, 4.0]), np.array([0.0, 2.0])), [0.0, 2.0])
+    assert (mean_error(0.0, 0.0), mean_error(4.0, 2.0)) == (0.0, 2.0)
 
 
 def test_gates_at_their_edges():
     Ti = 2.0
-    duration = np.array([9.99, 10.0, 10.0, 10.0])
-    dy, e_max = np.full(4, 0.01), np.array([0.01, 0.0199, 0.02, 0.01])
-    complete = np.array([True, True, True, False])
-    refused = gates(duration, dy, e_max, complete, Ti)
-    assert [WHY[code] for code in refused] == ["too_short", "ok", "shape", "incomplete"]
+    edges = [(9.99, 0.01, 0.01, True), (10.0, 0.01, 0.0199, True), (10.0, 0.01, 0.02, True), (10.0, 0.01, 0.01, False)]
+    assert [WHY[gate(*edge, Ti)] for edge in edges] == ["too_short", "ok", "shape", "incomplete"]
+
+
+def test_the_compiled_rule_is_the_rule_half_period_by_half_period():
+    rng = np.random.default_rng(7)
+    n, h, K, Ti, Kp = 400, 0.5, -0.1, 4.0, 1.3
+    begin = np.cumsum(rng.uniform(0.0, 100.0, n))
+    end, area = begin + rng.choice([0.0, 30.0, 60.0, 100.0], n), rng.uniform(0.0, 2.0, n)
+    e_max, complete = rng.uniform(0.0, 0.2, n), rng.random(n) < 0.9
+    found, refused = judged(begin, end, area, e_max, complete, h, K, Ti, Kp)
+    for k in range(n):
+        dt = (end[k] - begin[k]) * h
+        dy = area[k] * h / dt if dt else 0.0
+        d = (abs(K) * dt / Ti - 1.0 / Kp) * dy
+        np.testing.assert_allclose(found[:, k], [begin[k] * h, dt, dy, d], rtol=1e-12, atol=1e-15)
+        code = WHY[gate(dt, dy, e_max[k], complete[k], Ti)]
+        assert WHY[refused[k]] == ("not_positive" if code == "ok" and d <= 0.0 else code)
+    assert len(set(refused)) == 5
 
 
 def test_an_exact_dead_band_transit_gives_d_back():
