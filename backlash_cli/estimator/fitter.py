@@ -24,6 +24,7 @@ class Fitter:
 
     def __init__(self, rows: Rows, shock: FloatArray | None = None) -> None:
         self.r = rows
+        self._line = np.ascontiguousarray(rows.line)  # for another order all would be compiled once more
         n = len(rows.y)
         self.shock = np.zeros(n) if shock is None else shock.copy()
         self.counted = counted(rows.first)
@@ -41,13 +42,13 @@ class Fitter:
 
         Residuals are left in `R`, gains and variances of the filter in `G` and `S`.
         """
-        return likelihood.pair(p, xa, xa if xb is None else xb, xb is not None, self.r.y, self.r.line, self.r.first,
+        return likelihood.pair(p, xa, xa if xb is None else xb, xb is not None, self.r.y, self._line, self.r.first,
                                self.counted, self.ridge, self.shock, self.G, self.S, *self._room, self.R)
 
     def ll(self, p: FloatArray, x: FloatArray, which: Sequence[int] | IntArray | None = None) -> FloatArray:
         """Log-likelihood of each valve position in x (positions, rows), or of those in `which`."""
         chosen = np.arange(len(x)) if which is None else np.asarray(which, dtype=np.int64)
-        found: FloatArray = likelihood.several(p, x, chosen, self.r.y, self.r.line, self.r.first, self.counted,
+        found: FloatArray = likelihood.several(p, x, chosen, self.r.y, self._line, self.r.first, self.counted,
                                                self.ridge, self.shock, self.G[:0], self.S, *self._room, self.R)
         return found
 
@@ -56,7 +57,7 @@ class Fitter:
 
         found (2, 4): best p and log-likelihood of OP and of width j, both brought up to date.
         """
-        search.ascend(found, which, worth, self._slopes, self._taken, self.r.x[0], self.r.x[j], self.r.y, self.r.line,
+        search.ascend(found, which, worth, self._slopes, self._taken, self.r.x[0], self.r.x[j], self.r.y, self._line,
                       self.r.first, self.counted, self.ridge, self.shock, self.G[:0], self.S, *self._room, self.R)
 
     def forget(self) -> None:
@@ -67,6 +68,6 @@ class Fitter:
         """Allow for load steps that stand out without a dead band and with each width around j; False for none."""
         some = np.array(sorted({0, max(j - ASIDE, 1), j, min(j + ASIDE, len(self.r.widths))}))
         found: bool = step_search.add_load_steps(
-            p, self.r.x, some, STEP_LIMIT, self.r.y, self.r.line, self.r.first, self.counted, self.ridge, self.shock,
+            p, self.r.x, some, STEP_LIMIT, self.r.y, self._line, self.r.first, self.counted, self.ridge, self.shock,
             self.G, self.S, *self._room, self.R)
         return found

@@ -65,30 +65,25 @@ def step_information(G: NDArray[Any], S: NDArray[Any], a: float, phi: float, fir
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def load_steps(e: NDArray[Any], information: NDArray[Any], G: NDArray[Any], S: NDArray[Any], a: float, phi: float,
-               first: NDArray[Any]) -> Any:
-    """Statistic and size of a load step at each row, from innovations e (rows,) in units of their deviation.
+def step_scores(e: NDArray[Any], deviation: float, roots: NDArray[Any], G: NDArray[Any], a: float, phi: float,
+                first: NDArray[Any], least: NDArray[Any]) -> None:
+    """Bring `least` (rows,) down to the square of the score of a load step at each row, where that is smaller.
 
-    A backward disturbance smoother: t (rows,) is standard normal where the load did not step, size (rows,) is the
-    most likely step in units of the noise deviation. information: see `step_information`.
+    A backward disturbance smoother over innovations e (rows,), which have this `deviation`; roots (rows,): square
+    roots of their variances S. The score over the square root of the information (`step_information`) is standard
+    normal where the load did not step, over the information it is the most likely step [noise deviations].
     """
-    n = len(e)
-    b = 1.0 - a
-    t = np.zeros(n)
-    size = np.zeros(n)
+    b, share = 1.0 - a, 1.0 / deviation
     r0 = r1 = r2 = r3 = 0.0
-    for k in range(n - 1, -1, -1):
+    for k in range(len(e) - 1, -1, -1):
         # r = F' r, the equations of the model backward
         r0 += a * r1
         r1 *= b
         r2 += a * r0
         r0 *= b
         r3 = phi * (r3 + r2)
-        r1 += e[k] / np.sqrt(S[k]) - (G[k, 0] * r0 + G[k, 1] * r1 + G[k, 2] * r2 + G[k, 3] * r3)
-        if information[k] > 1e-30:
-            v = a * r0 + a * a * r1 + r2
-            t[k] = v / np.sqrt(information[k])
-            size[k] = v / information[k]
+        r1 += share * e[k] / roots[k] - (G[k, 0] * r0 + G[k, 1] * r1 + G[k, 2] * r2 + G[k, 3] * r3)
+        score = a * r0 + a * a * r1 + r2
+        least[k] = min(least[k], score * score)
         if first[k]:
             r0 = r1 = r2 = r3 = 0.0
-    return t, size

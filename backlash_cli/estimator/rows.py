@@ -60,7 +60,7 @@ def part_of(rows: Rows, use: IntArray) -> Rows:
     y, x = rows.y[use], np.take(rows.x, use, axis=1)
     x = x - np.take(x, start, axis=1)
     stem = None if rows.stem is None else rows.stem[:, use]
-    return replace(rows, y=y - y[start], x=x, first=first, line=rows.line[:, use], at=at[use], stem=stem)
+    return replace(rows, y=y - y[start], x=x, first=first, line=np.take(rows.line, use, axis=1), at=at[use], stem=stem)
 
 
 def beginning(rows: Rows, most: int) -> Rows:

@@ -134,8 +134,22 @@ def _apart(p: NDArray[Any], q: NDArray[Any]) -> float:
 def _keep(found: NDArray[Any], p: NDArray[Any], ll: NDArray[Any]) -> None:
     for c in range(2):
         if ll[c] > found[c, 3]:
-            found[c, :3] = p
-            found[c, 3] = ll[c]
+            found[c, 0], found[c, 1], found[c, 2], found[c, 3] = p[0], p[1], p[2], ll[c]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _put(to: NDArray[Any], p: NDArray[Any]) -> None:
+    """Copy three numbers; the compiler takes seconds for what copies any array."""
+    for i in range(3):
+        to[i] = p[i]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _difference(r: NDArray[Any], now: NDArray[Any], h: float, slope: NDArray[Any]) -> None:
+    """Write the slope (rows,) between the residuals r and `now`, h apart."""
+    share = np.float32(1.0 / h)
+    for k in range(len(r)):
+        slope[k] = (now[k] - r[k]) * share
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -164,27 +178,28 @@ def ascend(found: NDArray[Any], which: int, worth: float, slopes: NDArray[Any], 
     (2, 3, rows + lags): of the residuals of both (see `_laid_out`); taken (2, 4): at which p they hold, and how far in
     STEPS it is from where they were taken by differences (infinite: not at all). The others as in `likelihood.pair`.
     """
-    p = found[which, :3].copy()
-    H, g, d, trial = np.empty((3, 3)), np.empty(3), np.empty(3), p.copy()
+    p, H, g, d, trial = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
+    _put(p, found[which])
     r, now = np.empty((2, len(y) + len(LAGS)), dtype=np.float32), np.empty((2, len(y) + len(LAGS)), dtype=np.float32)
     ll, noise, b = pair(p, xa, xb, True, y, line, first, use, ridge, shock, G, S, T, E, R)
     _keep(found, p, ll)
     level, s2 = ll[which], noise[which] * _laid_out(R, S, use, b, ridge, r)
     damping, failed = 0.0, 0
     taken[which, 3] += _apart(p, taken[which])
-    taken[which, :3] = p
+    _put(taken[which], p)
     for _ in range(MOST):
         if taken[which, 3] > LOST:
             for i in range(3):
                 h = PROBE[i] if p[i] + PROBE[i] <= HIGHEST[i] else -PROBE[i]
-                trial[:] = p
+                _put(trial, p)
                 trial[i] += h
                 ll, noise, b = pair(trial, xa, xb, True, y, line, first, use, ridge, shock, G, S, T, E, R)
                 _keep(found, trial, ll)
                 _laid_out(R, S, use, b, ridge, now)
-                slopes[:, i] = (now - r) * np.float32(1.0 / h)
+                for c in range(2):
+                    _difference(r[c], now[c], h, slopes[c, i])
             for c in range(2):
-                taken[c, :3] = p
+                _put(taken[c], p)
                 taken[c, 3] = 0.0
         normal_equations(r[which], s2, slopes[which], H, g)
         if bounded_step(p, H, g, damping, d) < 0.5 * worth:
@@ -193,7 +208,8 @@ def ascend(found: NDArray[Any], which: int, worth: float, slopes: NDArray[Any], 
             taken[which, 3] = np.inf
             damping, failed = 0.0, 0
             continue
-        trial[:] = p + d
+        for i in range(3):
+            trial[i] = p[i] + d[i]
         ll, noise, b = pair(trial, xa, xb, True, y, line, first, use, ridge, shock, G, S, T, E, R)
         _keep(found, trial, ll)
         square = _laid_out(R, S, use, b, ridge, now)
@@ -201,9 +217,9 @@ def ascend(found: NDArray[Any], which: int, worth: float, slopes: NDArray[Any], 
         if ll[which] > level:
             gained = ll[which] - level
             taken[which, 3] += _apart(trial, p)
-            taken[which, :3] = trial
-            p[:] = trial
-            r[:] = now
+            _put(taken[which], trial)
+            _put(p, trial)
+            r, now = now, r
             level, s2 = ll[which], noise[which] * square
             damping = 0.0 if damping < 1.0 else 0.1 * damping
             failed = 0

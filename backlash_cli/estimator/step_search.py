@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .likelihood import pair, shape_of
-from .load_steps import load_steps, step_information
+from .load_steps import step_information, step_scores
 from .whitening import WARM_UP
 
 BESIDE = 2  # rows on either side beyond which a load step must stand out
@@ -26,24 +26,28 @@ def add_load_steps(p: NDArray[Any], x: NDArray[Any], some: NDArray[Any], limit: 
     """
     n = len(y)
     a, _, phi = shape_of(p)
-    least, size, e = np.full(n, np.inf), np.full(n, np.inf), np.empty(n)
-    information = e
+    least, roots, information = np.empty(n), np.empty(n), np.empty(0)
+    for k in range(n):
+        least[k] = np.inf
     for i in range(0, len(some), 2):
         two = min(2, len(some) - i)
         noise = pair(p, x[some[i]], x[some[i + two - 1]], two == 2, y, line, first, use, ridge, shock, G, S, T, E, R)[1]
         if i == 0:
             information = step_information(G, S, a, phi, first)
-        for c in range(two):
-            e[:] = R[c]
-            e /= np.sqrt(noise[c])
-            t, step = load_steps(e, information, G, S, a, phi, first)
             for k in range(n):
-                least[k] = min(least[k], abs(t[k]))
-                size[k] = min(size[k], step[k] * step[k])
-    least[: WARM_UP - 4] = 0.0
+                roots[k] = np.sqrt(S[k])
+        for c in range(two):
+            step_scores(R[c], np.sqrt(noise[c]), roots, G, a, phi, first, least)
+    for k in range(n):
+        known = k >= WARM_UP - 4 and information[k] > 1e-30
+        least[k] = least[k] / information[k] if known else 0.0
     found = False
     for k in range(n):
-        if least[k] > limit and least[k] >= least[max(k - BESIDE, 0) : k + BESIDE + 1].max():
-            shock[k] += size[k]
-            found = True
+        if least[k] > limit * limit:
+            highest = True
+            for other in range(max(k - BESIDE, 0), min(k + BESIDE + 1, n)):
+                highest &= least[k] >= least[other]
+            if highest:
+                shock[k] += least[k] / information[k]
+                found = True
     return found

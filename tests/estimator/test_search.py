@@ -21,7 +21,7 @@ from backlash_cli.estimator.best_models import (
 )
 from backlash_cli.estimator.fitter import ASIDE, STEP_LIMIT, Fitter
 from backlash_cli.estimator.likelihood import HIGHEST, LOWEST, STEPS, T_FREEDOM
-from backlash_cli.estimator.load_steps import load_steps, step_information
+from backlash_cli.estimator.load_steps import step_information, step_scores
 from backlash_cli.estimator.profile import peak
 from backlash_cli.estimator.rows import Rows
 from backlash_cli.estimator.search import FLAT, FURTHEST, bounded_step, normal_equations
@@ -149,10 +149,11 @@ def test_load_steps_are_those_that_stand_out_with_every_width() -> None:
     statistics, sizes = [], []
     for i in (0, j - ASIDE, j, j + ASIDE):
         noise = plain.pair(p, rows.x[i])[1][0]
-        t, step = load_steps(plain.R[0] / np.sqrt(noise), step_information(plain.G, plain.S, a, phi, rows.first),
-                             plain.G, plain.S, a, phi, rows.first)
-        statistics.append(np.abs(t))
-        sizes.append(step**2)
+        information = step_information(plain.G, plain.S, a, phi, rows.first)
+        scores = np.full(len(rows.y), np.inf)
+        step_scores(plain.R[0], np.sqrt(noise), np.sqrt(plain.S), plain.G, a, phi, rows.first, scores)
+        statistics.append(np.sqrt(scores / information))
+        sizes.append(scores / information**2)
     least = np.min(statistics, axis=0)
     top = [least[k] == least[max(k - 2, 0) : k + 3].max() for k in range(len(least))]
     hit = (least > STEP_LIMIT) & top & (np.arange(len(least)) >= 8)

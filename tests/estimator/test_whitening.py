@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar, nnls
 
 from backlash_cli.estimator import whitening as core
 from backlash_cli.estimator.likelihood import T_FREEDOM, pair, several, t_scale
-from backlash_cli.estimator.load_steps import load_steps, step_information
+from backlash_cli.estimator.load_steps import step_information, step_scores
 from backlash_cli.estimator.step_response import DIP, nonnegative, response_base
 
 
@@ -107,10 +107,25 @@ def test_a_load_step_is_found_where_it_is_and_as_large_as_it_is():
         y[k] = z2 + rng.normal()
     first = np.arange(n) == 0
     e, G, S = whitened(y, a, 1e-4, 0.1, np.zeros(n), first)
-    statistic, found = load_steps(e, step_information(G, S, a, 0.1, first), G, S, a, 0.1, first)
-    k = int(np.argmax(np.abs(statistic)))
+    least, information = np.full(n, np.inf), step_information(G, S, a, 0.1, first)
+    step_scores(2.0 * e, 2.0, np.sqrt(S), G, a, 0.1, first, least)
+    k = int(np.argmax(least / information))
     assert abs(k - at) <= 1
-    assert found[k] == pytest.approx(size, rel=0.25)
+    assert np.sqrt(least[k]) / information[k] == pytest.approx(size, rel=0.25)
+
+
+def test_the_score_of_a_load_step_is_standard_normal_without_one_and_the_least_counts():
+    rng, n, a = np.random.default_rng(0), 4000, 0.3
+    first = np.arange(n) == 0
+    _, G, S = whitened(np.zeros(n), a, 0.1, 0.1, np.zeros(n), first)
+    information = step_information(G, S, a, 0.1, first)
+    least = np.full(n, np.inf)
+    step_scores(rng.normal(size=n), 1.0, np.sqrt(S), G, a, 0.1, first, least)  # innovations of a load without steps
+    assert np.mean(least[20:-20] / information[20:-20]) == pytest.approx(1.0, abs=0.15)
+    once = least.copy()
+    step_scores(rng.normal(size=n), 1.0, np.sqrt(S), G, a, 0.1, first, least)
+    assert np.all(least <= once)
+    assert np.mean(least[20:-20] / information[20:-20]) == pytest.approx(0.36, abs=0.1)  # of two, 1 - 2 / pi
 
 
 def test_regression_recovers_a_process_from_its_input():
