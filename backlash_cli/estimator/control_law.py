@@ -129,7 +129,7 @@ def law_sums(rows: LawRows, form: LawForm, filter_time: float, more: Sequence[fl
         missing = [filter_time, *(t for t in more if t != filter_time and (t, *of) not in rows.known)][:LANES]
         found = window_sums(rows.signals, rows.index, rows.interval, np.array(missing, dtype=np.float64), *of)
         for t, sums in zip(missing, found[:, found[0, :, 0, 0] > 0], strict=True):
-            rows.known[(t, *of)] = sums
+            rows.known[(t, *of)] = np.ascontiguousarray(sums)  # one order, so that the fit is compiled once
     return rows.known[(filter_time, *of)]
 
 

@@ -178,10 +178,11 @@ def ascend(found: NDArray[Any], which: int, worth: float, slopes: NDArray[Any], 
     (2, 3, rows + lags): of the residuals of both (see `_laid_out`); taken (2, 4): at which p they hold, and how far in
     STEPS it is from where they were taken by differences (infinite: not at all). The others as in `likelihood.pair`.
     """
+    two = len(found) == 2  # always; a plain True would be compiled for itself
     p, H, g, d, trial = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
     _put(p, found[which])
     r, now = np.empty((2, len(y) + len(LAGS)), dtype=np.float32), np.empty((2, len(y) + len(LAGS)), dtype=np.float32)
-    ll, noise, b = pair(p, xa, xb, True, y, line, first, use, ridge, shock, G, S, T, E, R)
+    ll, noise, b = pair(p, xa, xb, two, y, line, first, use, ridge, shock, G, S, T, E, R)
     _keep(found, p, ll)
     level, s2 = ll[which], noise[which] * _laid_out(R, S, use, b, ridge, r)
     damping, failed = 0.0, 0
@@ -193,7 +194,7 @@ def ascend(found: NDArray[Any], which: int, worth: float, slopes: NDArray[Any], 
                 h = PROBE[i] if p[i] + PROBE[i] <= HIGHEST[i] else -PROBE[i]
                 _put(trial, p)
                 trial[i] += h
-                ll, noise, b = pair(trial, xa, xb, True, y, line, first, use, ridge, shock, G, S, T, E, R)
+                ll, noise, b = pair(trial, xa, xb, two, y, line, first, use, ridge, shock, G, S, T, E, R)
                 _keep(found, trial, ll)
                 _laid_out(R, S, use, b, ridge, now)
                 for c in range(2):
@@ -210,7 +211,7 @@ def ascend(found: NDArray[Any], which: int, worth: float, slopes: NDArray[Any], 
             continue
         for i in range(3):
             trial[i] = p[i] + d[i]
-        ll, noise, b = pair(trial, xa, xb, True, y, line, first, use, ridge, shock, G, S, T, E, R)
+        ll, noise, b = pair(trial, xa, xb, two, y, line, first, use, ridge, shock, G, S, T, E, R)
         _keep(found, trial, ll)
         square = _laid_out(R, S, use, b, ridge, now)
         _corrected(slopes[which], r[which], now[which], d)
