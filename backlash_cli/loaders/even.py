@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from .arrays import to_array, to_column
 from .columns import LazyColumn
 from .csv_signal import ForeignText
+from .numbers import to_numbers
 from .options import ReadOptions
 from .parquet_columns import ParquetColumn
+from .stamp_words import year_first
 from .store import ColumnStore, Room
 from .times import NAT, Times, to_times
 
@@ -65,6 +67,34 @@ class StampColumn(LazyColumn):
         return pa.chunked_array([pa.array(micros, pa.int64(), mask=micros == NAT).cast(self.type)])
 
 
+class NumberColumn(LazyColumn):
+    """Stamps that are numbers, in a column store."""
+
+    def __init__(self, room: Room) -> None:
+        super().__init__(pa.float64(), 0)
+        self._store = ColumnStore(room)
+
+    def add(self, part: pa.ChunkedArray) -> None:
+        """Take the next rows. Raises ForeignText when they are no numbers."""
+        if not (is_number(part.type) or pa.types.is_null(part.type)):
+            raise ForeignText
+        self._store.add(to_numbers(part).values.reshape(1, -1))
+        self.rows += len(part)
+
+    def pieces(self) -> Iterator[NDArray[np.float64]]:
+        """Yield the numbers, nan where there is none, some rows at a time."""
+        return self._store.parts(0)
+
+    def arrow(self) -> pa.ChunkedArray:
+        values = self._store.column(0)
+        return pa.chunked_array([pa.array(values, mask=np.isnan(values))])
+
+
+def is_number(kind: pa.DataType) -> bool:
+    """Whether cells of a type are integers or floating numbers."""
+    return pa.types.is_integer(kind) or pa.types.is_floating(kind)
+
+
 class EvenStamps:
     """Joins pieces of a column of stamps, and keeps two numbers instead as long as they are even.
 
@@ -75,7 +105,7 @@ class EvenStamps:
         self.parts: list[pa.ChunkedArray] = []
         self._even: EvenColumn | None = None
         self._room = room
-        self._stored: StampColumn | None = None
+        self._stored: StampColumn | NumberColumn | None = None
 
     def add(self, part: pa.ChunkedArray) -> None:
         """Take the next rows."""
@@ -101,8 +131,8 @@ class EvenStamps:
                 return
         before = [] if known is None else [known.arrow()]
         self._even = None
-        if self._room is not None and pa.types.is_timestamp(kind):
-            self._stored = StampColumn(kind, self._room)
+        if self._room is not None and (pa.types.is_timestamp(kind) or is_number(kind)):
+            self._stored = StampColumn(kind, self._room) if pa.types.is_timestamp(kind) else NumberColumn(self._room)
             for rows_before in (*before, part):
                 self._stored.add(rows_before)
             return
@@ -114,9 +144,19 @@ class EvenStamps:
         return self._even
 
     @property
-    def column(self) -> EvenColumn | StampColumn | None:
+    def column(self) -> EvenColumn | StampColumn | NumberColumn | None:
         """The column, None where it is in `parts`."""
         return self._even or self._stored
+
+
+def dated(part: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Return texts that begin with a year as stamps, also with a header between them; any others as they are."""
+    try:
+        times = year_first(part, "", ReadOptions(), "")
+    except ForeignText:
+        return part
+    micros = pa.array(times.micros, pa.int64(), mask=times.micros == NAT)
+    return pa.chunked_array([micros.cast(pa.timestamp("us", "UTC" if times.zoned else None))])
 
 
 def even_stamps(cells: LazyColumn) -> EvenColumn | None:

@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 from .columns import LazyColumn
 from .csv_signal import ForeignText, Signal
 from .dialect import Dialect
-from .even import EvenStamps
+from .even import EvenStamps, dated
 from .files import valid_utf8
-from .hourly_stamps import HourlyStamps, Hours, as_written
+from .hourly_stamps import HourlyStamps, Hours, StoredHours, as_written, by_texts
+from .minutes import is_written
 from .plain_csv import PlainBlock, PlainLines
 from .store import ColumnStore, Room
 from .stored_columns import StoredColumn
@@ -52,7 +53,8 @@ class Block:
 class Layout:
     """What is read of a CSV. stored: columns of signals, in the order of the store. stamps: columns of time stamps.
 
-    texts: stored columns in which text has been seen so far. by_hours: whether stamps may be taken apart.
+    texts: stored columns in which text has been seen so far. by_hours: whether stamps may be taken apart. as_dates:
+    whether texts that begin with a year may be read as stamps.
     """
 
     dialect: Dialect
@@ -61,6 +63,7 @@ class Layout:
     stamps: list[int]
     texts: set[int] = field(default_factory=set)
     by_hours: bool = False
+    as_dates: bool = False
 
     @cached_property
     def lines(self) -> PlainLines:
@@ -123,7 +126,7 @@ def read_blocks(
     room = room or Room()
     signals = [Signal() for _ in layout.stored]
     store = ColumnStore(room)
-    stamps = [_Stamps(room) for _ in layout.stamps]
+    stamps = [_Stamps(room, layout.as_dates) for _ in layout.stamps]
     bad: list[tuple[int, int, int]] = []
     rows = 0
     try:
@@ -193,35 +196,42 @@ def parsed_blocks(blocks: Iterator[Lines], layout: Layout, threads: int) -> Iter
 
 
 class _Stamps:
-    """A column of time stamps on its way through the blocks."""
+    """A column of time stamps on its way through the blocks. as_dates: as in Layout."""
 
-    def __init__(self, room: Room) -> None:
+    def __init__(self, room: Room, as_dates: bool) -> None:
         self._even = EvenStamps(room)
-        self._written: list[Hours] = []
+        self._written: StoredHours | None = None
+        self._room, self._as_dates = room, as_dates
 
     def add(self, part: pa.ChunkedArray | HourlyStamps) -> None:
         """Take the stamps of the next block. Raises ForeignText."""
         if not len(part):
             return
+        if not isinstance(part, HourlyStamps) and is_written(part.type):
+            part = dated(part) if self._as_dates else part
+            if is_written(part.type):
+                part = HourlyStamps([by_texts(part, self._as_dates)])
         if isinstance(part, HourlyStamps):
-            self._written += [*map(_text, self._even.parts), *part.parts]
             if self._even.column is not None:
                 raise ForeignText
+            self._written = self._written or StoredHours(self._room)
+            for hours in (*map(_text, self._even.parts), *part.parts):
+                self._written.add(hours)
             self._even = EvenStamps()
-        elif self._written:
-            self._written.append(_text(part))
+        elif self._written is not None:
+            self._written.add(_text(part))
         else:
             self._even.add(part)
 
     def column(self) -> pa.ChunkedArray | LazyColumn:
         """Return all stamps. Raises ForeignText."""
-        if self._written:
-            return HourlyStamps(self._written)
+        if self._written is not None:
+            return self._written
         return self._even.column or _unified(self._even.parts)
 
 
 def _text(part: pa.ChunkedArray) -> Hours:
-    if not (pa.types.is_string(part.type) or pa.types.is_dictionary(part.type) or pa.types.is_null(part.type)):
+    if not pa.types.is_null(part.type):
         raise ForeignText
     return as_written(part)
 
@@ -236,8 +246,6 @@ def _unified(parts: list[pa.ChunkedArray]) -> pa.ChunkedArray:
     if len(kinds) > 1:
         if all(pa.types.is_timestamp(k) and k.tz is None for k in kinds):
             kind = pa.timestamp("ns")
-        elif all(pa.types.is_string(k) or pa.types.is_dictionary(k) for k in kinds):
-            kind = pa.string()
         elif all(pa.types.is_integer(k) or pa.types.is_floating(k) for k in kinds):
             kind = pa.float64()
         else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,8 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from .columns import LazyColumn
+from .minutes import taken_apart
+from .store import ColumnStore, Room
 
 _CLOCK = re.compile(r"(?<!\d)\d{1,2}:(00)(?::(00)(?:[.,:](0*))?)?(?!\d)")
 
@@ -43,6 +45,14 @@ def as_written(column: pa.ChunkedArray) -> Hours:
     return Hours(texts, np.arange(len(column)), np.zeros(len(column), np.int64))
 
 
+def by_texts(column: pa.ChunkedArray, minutes: bool) -> Hours:
+    """Return written stamps by the texts of their minutes, if that may be; cells without a digit are no stamps."""
+    words, which, later = taken_apart(column, minutes)
+    if (which < 0).all():
+        return as_written(column)
+    return Hours(pa.array([*words, None], pa.string()), np.where(which < 0, len(words), which), later * 1000)
+
+
 class HourlyStamps(LazyColumn):
     """A column of stamps from several blocks of rows."""
 
@@ -62,6 +72,40 @@ class HourlyStamps(LazyColumn):
         which = [part.which + first for part, first in zip(self.parts, firsts, strict=False)]
         return Hours(pa.concat_arrays([part.texts for part in self.parts]), np.concatenate(which),
                      np.concatenate([part.nanos for part in self.parts]))
+
+
+class StoredHours(HourlyStamps):
+    """The stamps of a file: what each row has of its own is in a column store."""
+
+    def __init__(self, room: Room) -> None:
+        super().__init__([])
+        self._store = ColumnStore(room)
+        self._texts: list[pa.Array] = []
+        self._count = 0
+
+    def add(self, part: Hours) -> None:
+        """Take the next rows."""
+        self._store.add(np.stack([part.which + self._count, part.nanos]).view(np.float64))
+        self._texts.append(part.texts)
+        self._count += len(part.texts)
+        self.rows += len(part.which)
+
+    @property
+    def texts(self) -> pa.Array:
+        """(hours,) the texts of all rows."""
+        return pa.concat_arrays(self._texts)
+
+    def pieces(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+        """Yield (which, nanos) of some rows at a time, as in Hours."""
+        for which, nanos in zip(self._store.parts(0), self._store.parts(1), strict=True):
+            yield which.view(np.int64), nanos.view(np.int64)
+
+    def arrow(self) -> pa.ChunkedArray:
+        texts = self.texts
+        return pa.chunked_array([Hours(texts, *piece).written() for piece in self.pieces()], pa.string())
+
+    def hours(self) -> Hours:
+        return Hours(self.texts, self._store.column(0).view(np.int64), self._store.column(1).view(np.int64))
 
 
 def _later(text: str | None, nanos: int) -> str | None:

@@ -178,7 +178,8 @@ def _text(
     kinds = [c.type for c in head.columns]
     stored = sorted(lazily.needed(head) - set(stamps))
     texts = {i for i in stored if head.is_text(i)}
-    layout = CsvLayout(dialect, convert_options(dialect), stored, stamps, texts, by_hours(options.time_format))
+    layout = CsvLayout(dialect, convert_options(dialect), stored, stamps, texts, by_hours(options.time_format),
+                       options.time_format is None)
     read = read_blocks(rest, layout, kinds, room=lazily.room, threads=lazily.threads, progress=lazily.progress)
     if read is None:
         raise ForeignText

@@ -19,7 +19,7 @@ from .columns import LazyColumn
 from .csv_signal import ForeignText, Signal
 from .layouts import layout_of
 from .long_layouts import LongColumns, long_columns, tag_series, tall_columns
-from .long_stamps import Stamps, stamps_for
+from .long_stamps import stamps_for
 from .names import signal_role
 from .options import ReadOptions
 from .order import CLOCK_CODES
@@ -29,7 +29,7 @@ from .stored_columns import StoredColumn
 from .tables import Table
 from .tag_names import TagNames
 from .tag_store import VALUE, Clock, TagAxis, TagRows, TagStore
-from .timecolumns import stamp_column, time_columns
+from .timecolumns import stamp_columns, time_columns
 from .times import SECOND
 
 FEW = 3  # steps back of the stamps that may be a clock that was set back
@@ -45,10 +45,10 @@ class LongTable:
 
 @dataclass(frozen=True)
 class LongLayout:
-    """What is read of a long file. tall: rows of a loop with its signals. time: column of the stamps."""
+    """What is read of a long file. tall: rows of a loop with its signals. times: columns of the stamps."""
 
     columns: LongColumns
-    time: int
+    times: tuple[int, ...]
     tall: bool
 
     @property
@@ -60,21 +60,22 @@ class LongLayout:
     @property
     def others(self) -> list[int]:
         """Columns of stamps and names, in the order of the file."""
-        return sorted({self.time, *self.columns.naming})
+        return sorted({*self.times, *self.columns.naming})
 
 
 def long_layout(head: Table, options: ReadOptions) -> LongLayout | None:
     """Return what is read of a file with these first rows, None where it is no long file that can be read in blocks."""
     layout = layout_of(head, options)
-    time = stamp_column(head) if layout in ("long", "tall") else None
-    if time is None:
+    times = stamp_columns(head, options) if layout in ("long", "tall") else ()
+    if not times:
         return None
     tall = layout == "tall"
+    used = set(times if len(times) > 1 else time_columns(head))
     try:
-        columns = (tall_columns if tall else long_columns)(head, set(time_columns(head)))
+        columns = (tall_columns if tall else long_columns)(head, used)
     except InputError:
         return None  # said again, of the whole file
-    return LongLayout(columns, time, tall)
+    return LongLayout(columns, times, tall)
 
 
 class LongReader:
@@ -88,8 +89,7 @@ class LongReader:
     ) -> None:
         self.head, self.layout = head, layout
         self.signals = [Signal() for _ in layout.stored]
-        kind, name = head.columns[layout.time].type, head.names[layout.time]
-        self._stamps: Stamps = stamps_for(kind, name, options, head.where)
+        self._stamps = stamps_for(head, layout.times, options)
         self._names = TagNames(wanted)
         self._store = TagStore(room)
         self._back = 0  # steps back of the stamps
@@ -98,12 +98,10 @@ class LongReader:
 
     def take(self, columns: Mapping[int, pa.ChunkedArray], values: NDArray[np.float64]) -> None:
         """Take a block. columns: of stamps and names. values: (stored, rows) as `signals` put them."""
-        codes = self._names.codes([columns[i] for i in self.layout.columns.naming])
-        raw, known = self._stamps.take(columns[self.layout.time])
-        if known is not None:
-            if self.layout.tall:
-                raise ForeignText
-            codes = np.where(known, codes, np.int32(-1))
+        raw, known = self._stamps.take([columns[i] for i in self.layout.times])
+        if known is not None and self.layout.tall:
+            raise ForeignText
+        codes = self._names.codes([columns[i] for i in self.layout.columns.naming], known)
         begin = 0
         for place in self._steps_back(raw, known):
             self._add(codes, raw, values, begin, place)

@@ -8,6 +8,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from .numbers import codes_and_words
+
 LEAST = 1000  # rows below which it is not worth the trouble
 _SECONDS = re.compile(rb"(?<!\d)\d{1,2}:\d\d:(\d\d)(?:[.,:](\d{1,9}))?(?!\d)")
 _POINT, _ZERO = ord("."), ord("0")
@@ -59,3 +61,30 @@ def _letters(column: pa.ChunkedArray | pa.Array) -> NDArray[np.uint8] | None:
     if not 0 < width <= 64 or np.any(np.diff(ends) != width):
         return None
     return np.frombuffer(data, np.uint8)[ends[0] : ends[-1]].reshape(len(array), width).copy()
+
+
+def is_written(kind: pa.DataType) -> bool:
+    """Whether a column holds texts."""
+    return pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind)
+
+
+def taken_apart(
+    column: pa.ChunkedArray, minutes: bool
+) -> tuple[list[str], NDArray[np.int64], NDArray[np.int64]]:
+    """Return (texts, which of them each row has, what it is later [microseconds]); -1 where there is no stamp.
+
+    A cell without a digit, as in a header between the rows, is no stamp. minutes: texts of minutes may do.
+    """
+    split = whole_minutes(column) if minutes else None
+    if split is not None:
+        return split[0].to_pylist(), split[1], split[2]
+    codes, words = codes_and_words(column)
+    digits = np.array([any(map(str.isdigit, word)) for word in words] + [False])
+    there = digits[codes]
+    if there.all():
+        return words, codes, np.zeros(len(codes), np.int64)
+    which, later = np.full(len(codes), -1), np.zeros(len(codes), np.int64)
+    rows = np.flatnonzero(there)
+    if len(rows):
+        words, which[rows], later[rows] = taken_apart(column.take(pa.array(rows)), minutes)
+    return words, which, later

@@ -74,17 +74,24 @@ class LazyAxis(Axis):
 
     def __init__(
         self, read: Callable[[], Times], zoned: bool, where: str,
-        pieces: Callable[[], Iterator[NDArray[np.int64]]] | None = None,
+        pieces: Callable[[], Iterator[NDArray[np.int64]]] | None = None, first_line: int = 0, absolute: bool = True,
+        notes: tuple[Note, ...] = (),
     ) -> None:
         self._read, self.pieces = read, pieces
-        self.absolute, self.zoned, self.where = True, zoned, where
-        self.notes, self.first_line, self.parts = (), 0, ()
+        self.absolute, self.zoned, self.where = absolute, zoned, where
+        self.notes, self.first_line, self.parts = notes, first_line, ()
         self._order, self._grid = None, None
 
     @cached_property
     def micros(self) -> NDArray[np.int64]:  # type: ignore[override]
         """(rows,) microseconds since 1970 UTC."""
         return self._read().micros
+
+    def last(self) -> int | None:
+        if self.pieces is None:
+            return super().last()
+        last = max((int(part.max(initial=NAT)) for part in self.pieces()), default=NAT)
+        return None if last == NAT else last
 
     def forget(self) -> None:
         super().forget()
@@ -95,10 +102,13 @@ class LazyAxis(Axis):
 class EvenAxis(Axis):
     """Stamps at even intervals, which need no memory. start, step: microseconds."""
 
-    def __init__(self, start: int, step: int, rows: int, zoned: bool, where: str, first_line: int = 0) -> None:
+    def __init__(
+        self, start: int, step: int, rows: int, zoned: bool, where: str, first_line: int = 0, absolute: bool = True,
+        notes: tuple[Note, ...] = (),
+    ) -> None:
         self.start, self.step, self.rows = start, step, rows
-        self.absolute, self.zoned, self.where, self.first_line = True, zoned, where, first_line
-        self.notes, self.parts = (), ()
+        self.absolute, self.zoned, self.where, self.first_line = absolute, zoned, where, first_line
+        self.notes, self.parts = notes, ()
         self._order, self._grid = None, None
 
     @property

@@ -144,7 +144,8 @@ def _shorter(axis: Axis, rows: slice | NDArray[np.int64], count: int) -> Axis | 
             return axis if rows.stop is None else None
         line = axis.first_line + first if axis.first_line else 0
         if isinstance(axis, EvenAxis):
-            return EvenAxis(axis.start + first * axis.step, axis.step, count - first, axis.zoned, axis.where, line)
+            return EvenAxis(axis.start + first * axis.step, axis.step, count - first, axis.zoned, axis.where, line,
+                            axis.absolute, axis.notes)
         return CutAxis(axis, first, line)
     if not len(rows):
         return None

@@ -21,10 +21,13 @@ class TagNames:
         self._codes: dict[tuple[str, ...], int] = {}
         self._places: list[dict[str, int]] = [{}, {}]  # of words in their columns, as they come
 
-    def codes(self, columns: Sequence[pa.ChunkedArray]) -> NDArray[np.int32]:
+    def codes(
+        self, columns: Sequence[pa.ChunkedArray], known: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.int32]:
         """Return the code of each row's tag in a block, -1 for none and for one that is not wanted.
 
-        columns: the tag, or loop and signal apart. Raises ForeignText where they do not hold text.
+        columns: the tag, or loop and signal apart. known: rows that count, None for all. Raises ForeignText where the
+        columns do not hold text.
         """
         coded = []
         for column, places in zip(columns, self._places, strict=False):
@@ -40,6 +43,8 @@ class TagNames:
             second, fields = coded[1]
             local = np.where((local < 0) | (second < 0), -1, local * len(fields) + second)
             width *= len(fields)
+        if known is not None:
+            local = np.where(known, local, -1)
         table = np.full(width + 1, -1, np.int32)
         for place in np.flatnonzero(np.bincount(local[local >= 0], minlength=width)).tolist():
             key = (words[place],) if len(coded) == 1 else (words[place // len(fields)], fields[place % len(fields)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import lru_cache, partial
 
 import numpy as np
@@ -12,8 +13,9 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from .arrays import to_array
 from .columns import LazyColumn
-from .even import StampColumn, even_stamps
+from .even import LONG, StampColumn, even_stamps
 from .hourly_stamps import HourlyStamps
+from .kept_axis import kept_axis, kept_parts
 from .names import is_time_name, plain, split_tag
 from .options import ReadOptions
 from .parquet_columns import ParquetColumn
@@ -98,12 +100,21 @@ def _preferred(table: Table, columns: list[int]) -> int:
     return (utc or named or columns)[0] if len(columns) > 1 else columns[0]
 
 
-def stamp_column(table: Table) -> int | None:
-    """Return the one column that `time_axis` reads the stamps from, None where there is none or date and time of day
-    stand apart."""
+def stamp_columns(table: Table, options: ReadOptions) -> tuple[int, ...]:
+    """Return the columns that `time_axis` reads the stamps from: one, or those of date and time of day.
+
+    None of them where there is no such column, or where the first rows do not tell.
+    """
     columns = time_columns(table)
+    dates, clocks = _dates_and_clocks(table, columns)
+    if not dates or not clocks:
+        return (_preferred(table, columns),) if columns else ()
+    return (dates[0], clocks[0]) if _date_and_clock(table, columns, options) is not None else ()
+
+
+def _dates_and_clocks(table: Table, columns: list[int]) -> tuple[list[int], list[int]]:
     clocks = [i for i in columns if pa.types.is_time(table.columns[i].type) or table.kind(i) == "clock"]
-    return _preferred(table, columns) if columns and not 0 < len(clocks) < len(columns) else None
+    return [i for i in columns if i not in clocks], clocks
 
 
 def _axis(table: Table, column: int, options: ReadOptions) -> Axis:
@@ -113,14 +124,16 @@ def _axis(table: Table, column: int, options: ReadOptions) -> Axis:
         kind = cells.type
         if pa.types.is_timestamp(kind) and (kind.tz is not None or not options.timezone):
             if isinstance(cells, StampColumn):
-                axis = LazyAxis(cells.times, kind.tz is not None, table.where, cells.pieces)
-                axis.first_line = table.first_line
-                return axis
+                return LazyAxis(cells.times, kind.tz is not None, table.where, cells.pieces, table.first_line)
             even = even_stamps(cells)
             if even is not None and even.micros[1]:
                 return EvenAxis(*even.micros, len(even), kind.tz is not None, table.where, table.first_line)
             pieces = partial(_stamp_pieces, cells, options, table.where) if isinstance(cells, ParquetColumn) else None
             return LazyAxis(partial(_stamps, cells, options, table.where), kind.tz is not None, table.where, pieces)
+        if len(cells) > LONG:
+            kept = kept_axis(cells, table.names[column], options, table.where, table.first_line)
+            if kept is not None:
+                return kept
         cells = cells if isinstance(cells, HourlyStamps) else cells.arrow()
     return Axis(to_times(cells, table.names[column], options, table.where), table.where, table.first_line)
 
@@ -134,18 +147,19 @@ def _stamp_pieces(cells: ParquetColumn, options: ReadOptions, where: str) -> Ite
 
 
 def _date_and_clock(table: Table, columns: list[int], options: ReadOptions) -> tuple[Axis, set[int]] | None:
-    clocks = [i for i in columns if pa.types.is_time(table.columns[i].type) or table.kind(i) == "clock"]
-    dates = [i for i in columns if i not in clocks]
+    dates, clocks = _dates_and_clocks(table, columns)
     if not clocks or not dates:
         return None
-    from dataclasses import replace
-
+    apart = _arrow(table, dates[0]), _arrow(table, clocks[0])
+    if table.rows > LONG and pa.types.is_date(apart[0].type) and pa.types.is_time(apart[1].type):
+        kept = kept_parts(*apart, options, table.where, table.first_line)
+        return None if kept is None else (kept, {dates[0], clocks[0]})
     bare = replace(options, timezone=None)
-    date = to_times(_arrow(table, dates[0]), table.names[dates[0]], bare, table.where)
+    date = to_times(apart[0], table.names[dates[0]], bare, table.where)
     known = date.micros != NAT
     if np.any(date.micros[known] % DAY):
         return None
-    clock = to_times(_arrow(table, clocks[0]), table.names[clocks[0]], replace(bare, time_format=None), table.where)
+    clock = to_times(apart[1], table.names[clocks[0]], replace(bare, time_format=None), table.where)
     both = known & (clock.micros != NAT)
     micros = np.where(both, date.micros + clock.micros % DAY, NAT)
     times = Times(micros, True, False, date.notes)

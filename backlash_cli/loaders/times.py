@@ -25,6 +25,7 @@ from .options import ReadOptions
 NAT = np.iinfo(np.int64).min
 SECOND = 1_000_000
 DAY = 86_400 * SECOND
+FIRST = 1000  # numbers that tell how far apart they are
 LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
 
 
@@ -178,7 +179,7 @@ def _unit_of(known: NDArray[np.float64], name: str) -> str:
         if low <= middle < high:
             return unit
     word = plain(name)
-    steps = np.diff(known[:1000])
+    steps = np.diff(known[:FIRST])
     step = float(np.median(np.abs(steps[steps != 0]))) if np.any(steps != 0) else 1.0
     if 20_000 < middle < 80_000 and step < 0.5 and np.any(known % 1 != 0):
         return "excel"

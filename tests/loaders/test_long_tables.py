@@ -43,12 +43,17 @@ def long_text(draw):
     tags = draw(st.sampled_from([["A.SP", "A.PV", "A.OP", "B.SP", "B.PV", "B.OP"], ["A.SP", "A.PV", "A.OP", "A.MODE"],
                                  ["A.PV", "A.SP", "B.PV", "one"]]))
     seconds = np.arange(rows)
+    seconds += draw(st.sampled_from([0, 0, 7150, 10_750, 86_350]))  # the hour that occurs twice begins at 7200
     at = draw(st.integers(1, rows - 1))
-    seconds[at:] += draw(st.sampled_from([0, 0, 0, -1, -3600, 30, 4000]))
+    seconds[at:] += draw(st.sampled_from([0, 0, 0, -1, -3600, -3600, 30, 4000]))
     form = draw(st.sampled_from(list(FORMS)))
+    stamps = pd.DatetimeIndex(START + 1000 * seconds)
+    apart = draw(st.sampled_from(["", "", "%Y-%m-%d", "%d.%m.%Y", "%m/%d/%Y"]))
+    clock = draw(st.sampled_from(["%H:%M:%S", "%I:%M:%S %p"]))
+    times = {"date": stamps.strftime(apart), "time": stamps.strftime(clock)} if apart else {"time": FORMS[form](stamps)}
     frame = pd.DataFrame({
         "tag": np.tile(tags, rows),
-        "time": np.repeat(np.asarray(FORMS[form](pd.DatetimeIndex(START + 1000 * seconds))), len(tags)),
+        **{name: np.repeat(np.asarray(cells), len(tags)) for name, cells in times.items()},
         "value": np.round(random.uniform(0.2, 0.8, rows * len(tags)), draw(st.sampled_from([2, 4, 17]))).astype(str),
     })
     mode = (frame["tag"] == "A.MODE").to_numpy()
@@ -73,8 +78,9 @@ def long_text(draw):
 
 @given(text=long_text(), size=st.integers(60, 4000), memory=st.sampled_from([0, 1000, 1 << 30]),
        gathered=st.sampled_from([1, 50, 1 << 20]), compiled=st.sampled_from([0, 0, 1 << 30]),
-       options=st.sampled_from([{}, {}, {"since": "20s"}, {"only_loops": ("A",)}, {"timezone": "Europe/Berlin"}]))
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+       options=st.sampled_from([{}, {}, {"since": "20s"}, {"only_loops": ("A",)}, {"timezone": "Europe/Berlin"},
+                                {"timezone": "Europe/Berlin"}]))
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_blocks_of_any_size_give_the_records_of_the_whole_file(
     tmp_path, text, size, memory, gathered, compiled, options
 ):
@@ -192,13 +198,80 @@ def test_rows_of_tags_that_nobody_wants_are_not_stored(tmp_path):
 def test_what_only_the_whole_table_tells_is_left_to_the_whole_read(tmp_path):
     frame = long_frame()
     frame["time"] = frame["time"].astype(str)
-    frame.loc[20_000, "time"] = "time"
+    frame.loc[20_000, "time"] = "time 2"
     assert lazy_table(write(tmp_path / "plant.csv", frame), ReadOptions(), {}, Lazily()) is None
+
+
+def blocks_of(monkeypatch, size):
+    """Blocks of some lines, of files whose layout is found from few lines too."""
+    monkeypatch.setattr(lazy_tables, "HEAD", min(size, 60_000))
+    monkeypatch.setattr(lazy_tables, "BLOCK", size)
+    monkeypatch.setattr(tag_store, "GATHERED", 10_000)
+
+
+@pytest.mark.parametrize("often", [3, 9000])
+@pytest.mark.parametrize("form", FORMS)
+def test_a_header_may_stand_between_the_rows(tmp_path, monkeypatch, form, often):
     frame = long_frame()
-    frame["time"] = np.datetime64("2026-10-25T01:30:00", "s") + (frame["time"] - frame["time"][0]).to_numpy()
-    autumn = write(tmp_path / "plant.csv", frame)
-    assert lazy_table(autumn, ReadOptions(timezone="Europe/Berlin"), {}, Lazily()) is None
-    assert lazily_long(autumn, ReadOptions(timezone="UTC"))
+    frame["time"] = np.asarray(FORMS[form](pd.DatetimeIndex(frame["time"])))
+    path = write(tmp_path / "plant.csv", frame)
+    lines = path.read_text("utf-8").splitlines()
+    spots = range(1, 30_000, often) if often > 3 else range(40, 60, often)
+    for place in reversed(spots):
+        lines.insert(place, lines[0])
+    path.write_text("\n".join(lines), encoding="utf-8")
+    blocks_of(monkeypatch, 100_000)
+    if form not in ("digits", "relative"):  # as texts these are something else
+        lazily_long(path)
+    assert_same(read(path), read_lazily(path))
+
+
+@pytest.mark.parametrize("zone", [None, "Europe/Berlin"])
+@pytest.mark.parametrize("header", [False, True])
+@pytest.mark.parametrize("date", ["%Y-%m-%d", "%d.%m.%Y", "%m/%d/%Y"])
+def test_dates_and_times_of_day_in_two_columns_are_read_block_by_block(tmp_path, monkeypatch, date, header, zone):
+    frame = long_frame()
+    stamps = pd.DatetimeIndex(frame.pop("time")) + pd.Timedelta(hours=15)  # past midnight
+    frame.insert(0, "date", stamps.strftime(date))
+    frame.insert(1, "time", stamps.strftime("%H:%M:%S"))
+    path = write(tmp_path / "plant.csv", frame)
+    if header:
+        lines = path.read_text("utf-8").splitlines()
+        path.write_text("\n".join([*lines[:20_000], lines[0], *lines[20_000:]]), encoding="utf-8")
+    blocks_of(monkeypatch, 100_000)
+    options = ReadOptions(timezone=zone)
+    lazily_long(path, options)
+    whole = read(path, options=options)
+    assert_same(whole, read_lazily(path, options))
+    assert whole.records[0].start == np.datetime64("2026-03-17T23:00:00", "s").astype(float) - (3600.0 if zone else 0.0)
+
+
+def test_dates_and_times_of_day_of_a_parquet_are_read_block_by_block(tmp_path, monkeypatch):
+    frame = long_frame()
+    stamps = pd.DatetimeIndex(frame.pop("time"))
+    frame["date"], frame["time"] = stamps.date, stamps.time
+    monkeypatch.setattr(long_files, "BATCH_ROWS", 7001)
+    path = write(tmp_path / "plant.parquet", frame)
+    lazily_long(path)
+    assert_same(read(path), read_lazily(path))
+
+
+@pytest.mark.parametrize("sort", ["time", "tag"])
+@pytest.mark.parametrize("form", FORMS)
+def test_the_hour_that_occurs_twice_is_read_block_by_block(tmp_path, monkeypatch, form, sort):
+    frame = long_frame()
+    seconds = np.repeat(np.arange(7200), len(frame) // 7200)
+    local = np.datetime64("2026-10-25T01:30:00", "s") + np.where(seconds < 5400, seconds, seconds - 3600)
+    frame["time"] = np.asarray(FORMS[form](pd.DatetimeIndex(local)))
+    path = write(tmp_path / "plant.csv", frame if sort == "time" else frame.sort_values("tag", kind="stable"))
+    blocks_of(monkeypatch, 100_000)
+    options = ReadOptions(timezone="Europe/Berlin")
+    lazily_long(path, options)
+    whole = read(path, options=options)
+    assert_same(whole, read_lazily(path, options))
+    if form in ("iso", "german", "american", "parts", "digits"):
+        assert "dst_repeated_hour" in {note.code for note in whole.records[0].notes}
+        assert len(whole.records[0]) == 7200
 
 
 @pytest.mark.parametrize("form", FORMS)
