@@ -20,6 +20,7 @@ from .loop_settings import Settings
 from .options import ReadOptions
 from .pieces import MARGIN, NotInPieces, Piece, cut, in_blocks, in_step, with_margins
 from .signal_pieces import PieceSignal, is_bad, measured_signal, mode_signal
+from .sorted_rows import arranged
 from .states import hold_last
 from .steps import Steps, StepTally
 from .times import DAY, NAT
@@ -65,7 +66,7 @@ class Companion:
 class LongFrames:
     """The signals of a loop on one grid. bridge: longest hole in samples that is filled. notes: by role.
 
-    mode_known: a mode is recorded somewhere.
+    mode_known: a mode is recorded somewhere. on_order: what is to be said of how stamps were brought into order.
     """
 
     pv: PieceSignal
@@ -75,6 +76,7 @@ class LongFrames:
     bridge: int
     notes: dict[str, tuple[Note, ...]]
     mode_known: bool = True
+    on_order: tuple[Note, ...] = ()
 
     def only(self, roles: Collection[str]) -> LongFrames:
         """Return the same with some of the companions."""
@@ -137,13 +139,42 @@ class LongFrames:
 
 def long_frames(loop: LoopSeries, settings: Settings, options: ReadOptions) -> LongFrames:
     """Lay out a loop. Raises NotInPieces where it must be seen as a whole, LoopError where it has no grid."""
-    pv = measured_signal(loop.roles["pv"], options.good_quality)
-    facts = _Facts(pv)
+    signals: dict[str, PieceSignal] = {}
+    for role in ("pv", "sp", "op"):
+        if role in loop.roles:
+            signals[role] = measured_signal(loop.roles[role], options.good_quality)
+    mode_known = False
+    if "mode" in loop.roles:
+        signals["mode"] = mode_signal(loop.roles["mode"], (*options.auto_modes, *settings.auto_modes))
+        mode_known = any(np.isfinite(values).any() for values in signals["mode"].values())
+    facts = _Facts(signals["pv"])
+    seldom = seldom_recorded(facts.rows, facts.blank, facts.edges)
+    try:
+        frames = _laid_out(signals, facts, settings, options, seldom=seldom)
+    except OutOfOrder:
+        if seldom:
+            raise
+        signals, said = arranged(signals)
+        facts = _Facts(signals["pv"])
+        frames = replace(_laid_out(signals, facts, settings, options, seldom=False, rising=True), on_order=said)
+    return replace(frames, mode_known=mode_known)
+
+
+class OutOfOrder(NotInPieces):
+    """Stamps do not rise, or some lie far from all others."""
+
+
+def _laid_out(
+    signals: dict[str, PieceSignal], facts: _Facts, settings: Settings, options: ReadOptions, *, seldom: bool,
+    rising: bool = False,
+) -> LongFrames:
+    """Lay out signals. seldom: the measurement has rows of its own. rising: the stamps do for sure."""
+    pv = signals["pv"]
     rows = facts.rows
-    if seldom_recorded(facts.rows, facts.blank, facts.edges):
+    if seldom:
         pv = SeldomSignal(pv.axes, pv.values, pv.notes, apart=True)
         rows -= facts.blank
-    plan = plan_grid(_in_order(pv, rows))
+    plan = plan_grid(_in_order(pv, rows, rising))
     bridge = fill_limit(settings.loop.Ti, plan.step / 1e6)
     own = None
     if plan.kind != "regular":
@@ -155,38 +186,34 @@ def long_frames(loop: LoopSeries, settings: Settings, options: ReadOptions) -> L
         own = Companion(pv, OWN, _expand(not hold, limit, bridge, 0, around, plan.step), ahead=not hold)
     notes: dict[str, tuple[Note, ...]] = {"pv": pv.notes}
     companions: dict[str, Companion] = {}
-    mode_known = False
     for role in ("sp", "op", "mode"):
-        if role not in loop.roles:
+        if role not in signals:
             continue
-        if role == "mode":
-            signal = mode_signal(loop.roles[role], (*options.auto_modes, *settings.auto_modes))
-            mode_known = any(np.isfinite(values).any() for values in signal.values())
-        else:
-            signal = measured_signal(loop.roles[role], options.good_quality)
+        signal = signals[role]
         same = signal.beside(pv)
         notes[role] = (*signal.notes, *(() if same or role == "mode" else (own_times(role, options),)))
-        companions[role] = _companion(role, signal, same, plan, bridge, options)
-    return LongFrames(pv, own, plan, companions, bridge, notes, mode_known)
+        companions[role] = _companion(role, signal, same, plan, bridge, options, rising)
+    return LongFrames(pv, own, plan, companions, bridge, notes)
 
 
 def _companion(
-    role: str, signal: PieceSignal, same: bool, plan: GridPlan, bridge: int, options: ReadOptions
+    role: str, signal: PieceSignal, same: bool, plan: GridPlan, bridge: int, options: ReadOptions, rising: bool
 ) -> Companion:
     if same and plan.kind == "regular":
         facts = _Facts(signal)
+        plain = not facts.bad and not signal.spoilt
         absent = absent_rows(plan.steps, plan.step)
         empty = facts.blank + facts.bad + absent
         if not empty:
             return Companion(signal, DIRECT)
-        if not facts.bad and role != "sp" and empty < SPARSE_SHARE * (facts.rows + absent):
+        if plain and role != "sp" and empty < SPARSE_SHARE * (facts.rows + absent):
             return Companion(signal, BRIDGED)
-        if not facts.bad and role != "op" and options.interpolation != "linear" and not np.any(
+        if plain and role != "op" and options.interpolation != "linear" and not np.any(
                 plan.steps.values % plan.step):
             return Companion(signal, HELD)  # every record stands at a grid point
     around = _Facts(signal, steps=True)
     if not same and around.rows > 1:
-        _in_order(signal, around.rows)
+        _in_order(signal, around.rows, rising)
     limit = None if role in ("sp", "mode") else max(longest_hold(around.good), (bridge + 1.5) * plan.step)
     straight = options.interpolation == "linear" and role != "mode"
     late = plan.step // 2 if plan.kind == "jitter" and same and not straight else 0
@@ -240,23 +267,27 @@ class _Facts:
         self.records = records.steps() if records.rows > 1 else None
 
 
-def _in_order(signal: PieceSignal, rows: int) -> Steps:
-    """Return the distances of its stamps. Raises NotInPieces unless they rise, with none far from all others."""
+def _in_order(signal: PieceSignal, rows: int, rising: bool) -> Steps:
+    """Return the distances of its stamps. Raises OutOfOrder unless they rise, with none far from all others.
+
+    rising: they are known to do so, and stamps far from others to be meant.
+    """
     tally = StepTally()
     picks = {rows // 20: 0, rows - 1 - rows // 20: 0}
     for stamps in signal.stamps():
         if len(stamps) and stamps.min() == NAT:
-            raise NotInPieces
+            raise OutOfOrder
         for row in picks:
             if tally.rows <= row < tally.rows + len(stamps):
                 picks[row] = int(stamps[row - tally.rows])
         tally.add(stamps)
         if not tally.rising:
-            raise NotInPieces
+            raise OutOfOrder
     if tally.rows < 2 or tally.rows != rows:
         raise NotInPieces
     steps = tally.steps()
     low, high = picks.values() if len(picks) == 2 else (0, 0)
-    if rows >= 20 and float(steps.last) - float(steps.first) > 10.0 * (float(high) - float(low)) + 2.0 * DAY:
-        raise NotInPieces
+    far = float(steps.last) - float(steps.first) > 10.0 * (float(high) - float(low)) + 2.0 * DAY
+    if rows >= 20 and far and not rising:
+        raise OutOfOrder
     return steps

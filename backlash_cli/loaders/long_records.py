@@ -160,8 +160,8 @@ class LongSignals:
         """Return what is to be said of the record, in the order in which `build_record` says it."""
         frames, on = self.frames, self.frames.notes
         axes = [note for axis in frames.pv.axes for note in axis.notes]
-        found = [*self.settings.notes, *axes, *frames.plan.notes(self.recorded / self.samples), *on["pv"],
-                 *on.get("sp", ()), *on.get("op", ())]
+        found = [*self.settings.notes, *axes, *frames.on_order, *frames.plan.notes(self.recorded / self.samples),
+                 *on["pv"], *on.get("sp", ()), *on.get("op", ())]
         if "op" in on and not self.output:
             found.append(NO_OUTPUT)
         found += [*spans.notes, *counts.notes(self.samples)]

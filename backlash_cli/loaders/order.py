@@ -14,6 +14,7 @@ from .times import DAY, NAT, SECOND
 from .zones import utc_text
 
 HOUR = 3600 * SECOND
+OUTLIER_SHARE = 0.01  # of the stamps that may lie far from all others
 CLOCK_CODES = ("dst_repeated_hour", "clock_set_back")
 
 
@@ -42,15 +43,7 @@ def ordered(
     notes: list[Note] = []
     rows = np.flatnonzero(micros != NAT)
     if len(rows) < len(micros):
-        first = int(np.flatnonzero(micros == NAT)[0])
-        at = f", the first in line {line + first}" if line else ""
-        notes.append(
-            Note(
-                "unreadable_times",
-                f"{len(micros) - len(rows)} rows without a readable time stamp were dropped{at}",
-                {"rows": float(len(micros) - len(rows))},
-            )
-        )
+        notes.append(unreadable(len(micros) - len(rows), int(np.flatnonzero(micros == NAT)[0]), line))
     if not len(rows):
         raise LoopError("no readable time stamps", remedy="describe them with --time-format", code="no_times")
     stamps = micros[rows]
@@ -71,13 +64,7 @@ def ordered(
             turn = np.argsort(stamps, kind="stable")
             stamps, rows = stamps[turn], rows[turn]
             values = None if values is None else values[turn]
-            notes.append(
-                Note(
-                    "unsorted",
-                    f"rows were not in time order ({len(back)} steps backwards); they were sorted",
-                    {"steps": float(len(back))},
-                )
-            )
+            notes.append(sorted_note(len(back)))
     repeats = np.flatnonzero(np.diff(stamps) == 0)
     if len(repeats):
         others = values is None or differ(values[repeats], values[repeats + 1], values).mean() > 0.5
@@ -110,20 +97,37 @@ def _without_outliers(
     if len(stamps) < 20:
         return rows, stamps
     low, middle, high = np.quantile(stamps.astype(np.float64), [0.05, 0.5, 0.95])
-    reach = 10.0 * (high - low) + 2.0 * DAY
-    far = np.abs(stamps.astype(np.float64) - middle) > reach
+    far = np.abs(stamps.astype(np.float64) - middle) > far_off(low, high)
     count = int(far.sum())
-    if not count or count > max(3, 0.01 * len(stamps)):
+    if not count or count > max(3, OUTLIER_SHARE * len(stamps)):
         return rows, stamps
-    shown = ", ".join(utc_text(s) for s in stamps[far][:3])
-    notes.append(
-        Note(
-            "time_outliers",
-            f"{count} rows with implausible time stamps far out of range were dropped ({shown})",
-            {"rows": float(count)},
-        )
-    )
+    notes.append(outliers(count, stamps[far][:3]))
     return rows[~far], stamps[~far]
+
+
+def far_off(low: float, high: float) -> float:
+    """Return how far from the middle a stamp may lie [microseconds], by the 5 % and 95 % quantiles."""
+    return 10.0 * (high - low) + 2.0 * DAY
+
+
+def unreadable(count: int, first: int, line: int) -> Note:
+    """Say that rows have no stamp; first: the first of them. line: that of row 0, 0 where there are no lines."""
+    at = f", the first in line {line + first}" if line else ""
+    return Note("unreadable_times", f"{count} rows without a readable time stamp were dropped{at}",
+                {"rows": float(count)})
+
+
+def outliers(count: int, first: NDArray[np.int64]) -> Note:
+    """Say that rows have stamps far from all others, the first of which are shown."""
+    shown = ", ".join(utc_text(s) for s in first)
+    return Note("time_outliers", f"{count} rows with implausible time stamps far out of range were dropped ({shown})",
+                {"rows": float(count)})
+
+
+def sorted_note(steps: int) -> Note:
+    """Say that rows were sorted."""
+    return Note("unsorted", f"rows were not in time order ({steps} steps backwards); they were sorted",
+                {"steps": float(steps)})
 
 
 def moved_on(stamps: NDArray[np.int64], back: NDArray[np.int64], seconds: list[float]) -> NDArray[np.int64]:
@@ -152,24 +156,35 @@ def _clock_set_back(
         return None
     forward = np.diff(stamps)
     step = int(np.median(forward[forward > 0])) if np.any(forward > 0) else 0
-    if not (_conflicts(stamps, values) or (len(back) == 1 and _sunday_night(stamps, int(back[0]), step))):
+    one = len(back) == 1 and sunday_night(int(stamps[back[0]]), int(stamps[back[0] + 1]), step)
+    if not (_conflicts(stamps, values) or one):
         return None
-    lost = stamps[back] - stamps[back + 1] + step
-    hour = np.abs(lost - HOUR) <= 2 * step
-    lost[hour] = HOUR
+    lost, said = set_back(stamps[back], stamps[back + 1], step)
     out = moved_on(stamps, back, [float(s) / SECOND for s in lost])
     if np.any(np.diff(out) < 0):
         return None
-    for position, is_hour, seconds in zip(back, hour, lost / SECOND, strict=True):
+    notes += said
+    return out
+
+
+def set_back(
+    before: NDArray[np.int64], after: NDArray[np.int64], step: int
+) -> tuple[NDArray[np.int64], list[Note]]:
+    """Return by how much a clock was set back between stamps [microseconds], and what is to be said of it."""
+    lost = before - after + step
+    hour = np.abs(lost - HOUR) <= 2 * step
+    lost[hour] = HOUR
+    notes = []
+    for stamp, is_hour, seconds in zip(before, hour, lost / SECOND, strict=True):
         what = (
             "time stamps go back one hour (end of daylight saving time?); the repeated hour is kept in file order,"
             if is_hour
             else f"the clock jumps backwards by {seconds:g} s with other values for the same time"
         )
         code = "dst_repeated_hour" if is_hour else "clock_set_back"
-        text = f"{what} at {utc_text(stamps[position])}; later stamps are moved on by it"
+        text = f"{what} at {utc_text(stamp)}; later stamps are moved on by it"
         notes.append(Note(code, text, {"seconds": float(seconds)}))
-    return out
+    return lost, notes
 
 
 def _conflicts(stamps: NDArray[np.int64], values: NDArray[np.float64] | None) -> bool:
@@ -181,8 +196,8 @@ def _conflicts(stamps: NDArray[np.int64], values: NDArray[np.float64] | None) ->
     return bool(len(same)) and differ(values[turn[same]], values[turn[same + 1]], values).mean() >= 0.5
 
 
-def _sunday_night(stamps: NDArray[np.int64], position: int, step: int) -> bool:
+def sunday_night(before: int, after: int, step: int) -> bool:
     """A step back of one hour, give or take two records, between 0 and 4 o'clock of a Sunday."""
-    lost = int(stamps[position] - stamps[position + 1]) + step
-    day, clock = divmod(int(stamps[position]), DAY)
+    lost = before - after + step
+    day, clock = divmod(before, DAY)
     return (day + 3) % 7 == 6 and clock <= 4 * HOUR and abs(lost - HOUR) <= 2 * step < HOUR

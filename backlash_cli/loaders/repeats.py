@@ -12,9 +12,30 @@ from ..record import Note
 def differ(a: NDArray[np.float64], b: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.bool_]:
     known = values[np.isfinite(values)]
     scale = float(np.subtract(*np.quantile(known, [0.95, 0.05]))) if len(known) else 0.0
+    return far_apart(a, b, scale)
+
+
+def far_apart(a: NDArray[np.float64], b: NDArray[np.float64], scale: float) -> NDArray[np.bool_]:
+    """Whether values differ; scale: the width of what 90 % of all values lie in."""
     with np.errstate(invalid="ignore", over="ignore"):
         far = np.abs(a - b) > 0.002 * scale
     return far & np.isfinite(a) & np.isfinite(b)
+
+
+def which_to_drop(repeats: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return which of each two rows with one stamp to drop; repeats: the first ones."""
+    first_blank = ~np.isfinite(values[repeats]) & np.isfinite(values[repeats + 1])
+    return np.where(first_blank, repeats, repeats + 1)
+
+
+def repeated(count: int, conflicts: int) -> Note:
+    """Say that rows repeat stamps, some of them with another value."""
+    more = f", {conflicts} of them with another value" if conflicts else ""
+    return Note(
+        "duplicate_times",
+        f"{count} rows repeat the time stamp of another row{more}; the first of each is kept",
+        {"rows": float(count), "conflicts": float(conflicts)},
+    )
 
 
 def spread_evenly(stamps: NDArray[np.int64]) -> NDArray[np.int64] | None:
@@ -52,18 +73,10 @@ def without_repeats(
     drop = repeats + 1
     if values is not None:
         conflicts = int(differ(values[repeats], values[repeats + 1], values).sum())
-        first_blank = ~np.isfinite(values[repeats]) & np.isfinite(values[repeats + 1])
-        drop = np.where(first_blank, repeats, drop)
+        drop = which_to_drop(repeats, values)
     keep = np.ones(len(stamps), bool)
     keep[drop] = False
-    more = f", {conflicts} of them with another value" if conflicts else ""
-    notes.append(
-        Note(
-            "duplicate_times",
-            f"{len(repeats)} rows repeat the time stamp of another row{more}; the first of each is kept",
-            {"rows": float(len(repeats)), "conflicts": float(conflicts)},
-        )
-    )
+    notes.append(repeated(len(repeats), conflicts))
     if conflicts > 0.5 * len(stamps):
         raise LoopError(
             "most rows repeat a time stamp with another value: the times do not tell the rows apart",

@@ -29,13 +29,14 @@ def is_bad(values: NDArray[np.float64]) -> NDArray[np.bool_]:
 @dataclass(frozen=True, eq=False)
 class PieceSignal:
     """A signal in pieces. axes: of its parts, in time order. values: gives all rows anew, nan where blank, BAD where
-    something else stood. notes: what Joiner says of it.
+    something else stood. notes: what Joiner says of it. spoilt: something else stood in rows that were left out.
     """
 
     axes: tuple[Axis, ...]
     values: Stream
     notes: tuple[Note, ...] = ()
     apart: bool = False  # its rows are not taken as those of any other signal
+    spoilt: bool = False
 
     def beside(self, other: PieceSignal) -> bool:
         """Whether two signals stand in the same rows."""

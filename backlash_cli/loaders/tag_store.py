@@ -28,6 +28,7 @@ class TagStore:
         self._store = ColumnStore(room)
         self._waiting: list[tuple[NDArray[np.int32], list[NDArray[np.float64]]]] = []
         self._rows = 0
+        self.fields = 0
         self._starts: list[NDArray[np.int32]] = []  # of each piece: the first row of each code, and the end
 
     def add(self, codes: NDArray[np.int32], fields: Sequence[NDArray[np.float64]]) -> None:
@@ -48,7 +49,8 @@ class TagStore:
             codes = np.concatenate([codes for codes, _ in self._waiting])
             counts = np.bincount(codes)
             order = np.argsort(codes.astype(np.int16) if len(counts) < 1 << 15 else codes, kind="stable")
-            piece = np.empty((len(self._waiting[0][1]), len(codes)))
+            self.fields = len(self._waiting[0][1])
+            piece = np.empty((self.fields, len(codes)))
             for slot, out in enumerate(piece):
                 np.take(np.concatenate([fields[slot] for _, fields in self._waiting]), order, out=out)
             self._waiting, self._rows = [], 0
