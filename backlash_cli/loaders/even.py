@@ -64,7 +64,7 @@ class StampColumn(LazyColumn):
 
     def arrow(self) -> pa.ChunkedArray:
         micros = self.times().micros
-        return pa.chunked_array([pa.array(micros, pa.int64(), mask=micros == NAT).cast(self.type)])
+        return pa.chunked_array([_stamps(micros, self.type)])
 
 
 class NumberColumn(LazyColumn):
@@ -155,8 +155,12 @@ def dated(part: pa.ChunkedArray) -> pa.ChunkedArray:
         times = year_first(part, "", ReadOptions(), "")
     except ForeignText:
         return part
-    micros = pa.array(times.micros, pa.int64(), mask=times.micros == NAT)
-    return pa.chunked_array([micros.cast(pa.timestamp("us", "UTC" if times.zoned else None))])
+    return pa.chunked_array([_stamps(times.micros, pa.timestamp("us", "UTC" if times.zoned else None))])
+
+
+def _stamps(micros: NDArray[np.int64], kind: pa.DataType) -> pa.Array:
+    missing = micros == NAT
+    return pa.array(micros, pa.int64(), mask=missing).cast(kind) if missing.any() else to_column(micros, kind)
 
 
 def even_stamps(cells: LazyColumn) -> EvenColumn | None:

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from .arrays import to_texts
 from .columns import LazyColumn
 from .minutes import taken_apart
 from .store import ColumnStore, Room
@@ -50,7 +51,8 @@ def by_texts(column: pa.ChunkedArray, minutes: bool) -> Hours:
     words, which, later = taken_apart(column, minutes)
     if (which < 0).all():
         return as_written(column)
-    return Hours(pa.array([*words, None], pa.string()), np.where(which < 0, len(words), which), later * 1000)
+    return Hours(pa.concat_arrays([to_texts(words), pa.nulls(1, pa.string())]), np.where(which < 0, len(words), which),
+                 later * 1000)
 
 
 class HourlyStamps(LazyColumn):

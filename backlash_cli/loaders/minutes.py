@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from .arrays import to_column, to_texts
 from .numbers import codes_and_words
 
 LEAST = 1000  # rows below which it is not worth the trouble
@@ -41,7 +42,7 @@ def whole_minutes(column: pa.ChunkedArray | pa.Array) -> tuple[pa.Array, NDArray
     counts = np.diff(np.append(starts, len(letters)))
     weights = [10_000_000, 1_000_000, *(10 ** (5 - k) if k < 6 else 0 for k in range(len(fraction)))]
     try:
-        texts = pa.array([row.tobytes().decode() for row in letters[starts]], pa.string())
+        texts = to_texts([row.tobytes().decode() for row in letters[starts]])
     except UnicodeDecodeError:
         return None
     return texts, np.repeat(np.arange(len(starts)), counts), values @ np.array(weights)
@@ -86,5 +87,5 @@ def taken_apart(
     which, later = np.full(len(codes), -1), np.zeros(len(codes), np.int64)
     rows = np.flatnonzero(there)
     if len(rows):
-        words, which[rows], later[rows] = taken_apart(column.take(pa.array(rows)), minutes)
+        words, which[rows], later[rows] = taken_apart(column.take(to_column(rows, pa.int64())), minutes)
     return words, which, later

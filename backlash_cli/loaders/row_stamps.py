@@ -10,6 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from .arrays import to_texts
 from .csv_signal import ForeignText
 from .minutes import is_written, taken_apart
 from .numbers import to_numbers
@@ -124,7 +125,7 @@ class NumberStamps(Stamps):
 def _numbers(column: pa.ChunkedArray) -> NDArray[np.float64]:
     """The numbers of texts, nan where there is no digit. Raises ForeignText where there is one and no number."""
     words, which, _ = taken_apart(column, False)
-    values = to_numbers(pa.array(words, pa.string())).values
+    values = to_numbers(to_texts(words)).values
     used = np.unique(which[which >= 0])
     if not np.isfinite(values[used]).all():
         raise ForeignText

@@ -9,6 +9,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from .arrays import to_texts
 from .csv_signal import ForeignText
 from .minutes import taken_apart
 from .options import ReadOptions
@@ -27,7 +28,7 @@ def year_first(column: pa.ChunkedArray, name: str, options: ReadOptions, where: 
     if options.time_format is not None or not all(_is_year(words[i].strip()[:5]) for i in used.tolist()):
         raise ForeignText
     try:
-        times = from_text(pa.array(words, pa.string()), name, options, where)
+        times = from_text(to_texts(words), name, options, where)
     except InputError:
         raise ForeignText from None
     if times.notes or not times.absolute or np.any(times.micros[used] == NAT):
@@ -74,4 +75,4 @@ class TextsSoFar:
 
     def all(self, words: list[str]) -> Times:
         """Return what texts mean together. Raises InputError."""
-        return from_text(pa.array(words, pa.string()), self.name, self.options, self.where)
+        return from_text(to_texts(words), self.name, self.options, self.where)

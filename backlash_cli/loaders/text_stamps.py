@@ -10,6 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from .arrays import to_texts
 from .csv_signal import ForeignText
 from .minutes import is_written, taken_apart
 from .options import ReadOptions
@@ -75,7 +76,7 @@ class WrittenStamps(Stamps):
         parts = len(self.names) > 1
         bare = replace(self.options, timezone=None)
         try:
-            times = from_text(pa.array(list(self._texts), pa.string()), self.name, bare, self.where)
+            times = from_text(to_texts(list(self._texts)), self.name, bare, self.where)
             used = np.flatnonzero(self._latest >= 0)
             if np.any(times.micros[used] == NAT) or any(note.code == "relative_time" for note in times.notes):
                 raise ForeignText
