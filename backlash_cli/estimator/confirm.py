@@ -20,7 +20,8 @@ from .evidence import Evidence, weigh
 from .light import weigh_lightly
 from .periodic import periodic_load
 from .rebuild import OutputRebuilder
-from .rows import Rows, beginning, begins, counted
+from .row_loops import from_start
+from .rows import Rows, beginning, counted
 from .stem import weigh_with_stem
 from .switching_load import switching_load, with_switching_load
 from .whitening import WARM_UP
@@ -84,13 +85,10 @@ class ConfirmationScanner:
         if not np.ptp(means[:, 0]) > 0:
             return Note("measurement_constant", "PV is the same number throughout")
         line = np.empty((0, len(at))) if self._blocks.setpoint_moves else periodic_load(means[:, 0], at)
-        start = begins(first)
-        level = means[:, : 2 + len(widths)]
-        level = level - level[start]
+        level = from_start(np.ascontiguousarray(means[:, : 2 + len(widths)].T), np.arange(len(at)), first)
         assert self.settings.Ti is not None
         lag = LAG_ROWS * self.settings.Ti / (BLOCKS_PER_TI * self.size * self.interval)
-        x = np.ascontiguousarray(level[:, 1:].T)
-        y = np.sign(float(self.settings.K or 1.0)) * level[:, 0]
+        y, x = np.sign(float(self.settings.K or 1.0)) * level[0], level[1:]
         y = with_least_noise(y, first)
         return Rows(y, x, widths, first, lag, line, at, np.ascontiguousarray(means[:, -STEM:].T))
 

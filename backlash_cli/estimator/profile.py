@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..record import FloatArray
+from .row_loops import joined
 
 DROP = 3.0  # nats from the top to the ends of the likelihood interval
 
@@ -19,15 +20,9 @@ def between(x: FloatArray, widths: FloatArray, d: float) -> FloatArray:
     the neighbours on either side meet at such a bend; the chord would cut it off and pull the fit to the grid.
     """
     i = int(np.clip(np.searchsorted(widths, d), 1, len(widths) - 1))
-    low, high = widths[i - 1], widths[i]
-    below, above = x[i], x[i + 1]
-    slope = (above - below) / (high - low)
-    chord = below + slope * (d - low)
-    rise = (below - x[i - 1]) / (low - (widths[i - 2] if i > 1 else 0.0))
-    fall = (x[i + 2] - above) / (widths[i + 1] - high) if i + 1 < len(widths) else slope
-    left, right = below + rise * (d - low), above - fall * (high - d)
-    bent: FloatArray = np.where(rise > fall, np.maximum(np.minimum(left, right), chord),
-                                np.minimum(np.maximum(left, right), chord))
+    last = min(i + 1, len(widths) - 1)  # the wider neighbour, or the chord goes on where there is none
+    at = (float(widths[i - 2]) if i > 1 else 0.0, float(widths[i - 1]), float(widths[i]), float(widths[last]))
+    bent: FloatArray = joined(x[i - 1], x[i], x[i + 1], x[1 + last], at, d)
     return bent
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray
 from .decimate import STRETCH
+from .row_loops import from_start
 from .whitening import WARM_UP
 
 
@@ -56,11 +57,9 @@ def part_of(rows: Rows, use: IntArray) -> Rows:
     """Return the rows of the places `use` (ascending), each run of neighbours as a stretch of its own."""
     at = np.arange(len(rows.y)) if rows.at is None else rows.at
     first = rows.first[use] | (np.diff(at[use], prepend=at[use[0]] - 2) != 1)
-    start = begins(first)
-    y, x = rows.y[use], np.take(rows.x, use, axis=1)
-    x = x - np.take(x, start, axis=1)
+    y, x = from_start(rows.y[None], use, first)[0], from_start(rows.x, use, first)
     stem = None if rows.stem is None else rows.stem[:, use]
-    return replace(rows, y=y - y[start], x=x, first=first, line=np.take(rows.line, use, axis=1), at=at[use], stem=stem)
+    return replace(rows, y=y, x=x, first=first, line=np.take(rows.line, use, axis=1), at=at[use], stem=stem)
 
 
 def beginning(rows: Rows, most: int) -> Rows:
