@@ -96,7 +96,7 @@ def blocks(k: int, index: IntArray, setpoint: FloatArray, pv: FloatArray, op: Fl
             continue
         if here >= at[END]:
             if at[TAKEN] >= ENOUGH * size:
-                close(W, at, seen, free, complete, travel, out_at, out)
+                _close(W, at, seen, free, complete, travel, out_at, out)
             at[BLOCK] = here // size
             at[TAKEN] = 0
             at[END] = (at[BLOCK] + 1) * size
@@ -128,7 +128,7 @@ def blocks(k: int, index: IntArray, setpoint: FloatArray, pv: FloatArray, op: Fl
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def close(W: FloatArray, at: IntArray, seen: FloatArray, free: IntArray, complete: IntArray, travel: FloatArray,
+def _close(W: FloatArray, at: IntArray, seen: FloatArray, free: IntArray, complete: IntArray, travel: FloatArray,
           out_at: IntArray, out: FloatArray) -> None:
     """Write the row of the open block, and of up to BRIDGE missing ones before it; see `blocks`."""
     missing = at[BLOCK] - at[ROW] - 1

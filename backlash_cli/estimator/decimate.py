@@ -9,7 +9,7 @@ from ..record import FloatArray, IntArray
 from .block_kernel import (
     COLUMNS,
     COMPLETE,
-    ENOUGH,
+    END,
     FREE,
     HIGH,
     LANES,
@@ -19,13 +19,13 @@ from .block_kernel import (
     NUMBER,
     ROWS,
     SHELF,
+    START,
     STEM,
     STRETCH,
     TAKEN,
     TRAVEL,
     WIDTHS,
     blocks,
-    close,
 )
 from .kept import WHOLE, Kept, Stretch
 
@@ -122,8 +122,10 @@ class BlockMeans:
         """Block numbers (rows,) and means (rows, COLUMNS): PV, OP, OP through each of WIDTHS; what is known of the
         stem."""
         at, seen = self._at.copy(), self._seen.copy()
-        if at[TAKEN] >= ENOUGH * self.size:
-            close(self._lanes, at, seen, self._free, self._complete, self._travel, self._numbers, self._means)
+        if at[TAKEN]:  # the first sample of the next block closes the open one
+            one = np.full(1, seen[START])
+            blocks(0, at[END : END + 1].copy(), one, one, one, np.zeros(1, dtype=np.uint8), self.size,
+                   self._lanes.copy(), at, seen, self._free, self._complete, self._travel, self._numbers, self._means)
         also = [Stretch(number, float(self._travel[0]), rows, shelf)
                 for number, shelf, rows in self._complete[: at[COMPLETE]].tolist()]
         if at[ROWS]:
