@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from ..errors import InputError, LoopError
-from ..loaders.plant import SOURCE, nothing_read
+from ..loaders.file_signals import SOURCE
+from ..loaders.plant import nothing_read
 from ..loaders.shares import PlantPlan
 from ..loaders.since import nothing_since, since_notes
 from ..record import Note

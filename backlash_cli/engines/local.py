@@ -20,10 +20,10 @@ from typing import TypeVar
 
 from ..errors import BacklashError
 from ..history.unfinished import Unfinished
+from ..loaders.file_signals import failure
 from ..loaders.heap import keep_freed_memory
 from ..loaders.join import Joiner
 from ..loaders.long_records import long_record
-from ..loaders.plant import failure
 from ..loaders.recipes import Recipe, forget_stamps, read_in_order
 from ..record import Note, Record
 from ..results import LoopReport, Verdict

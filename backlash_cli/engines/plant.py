@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, TypeVar
 from ..errors import BacklashError
 from ..history.unfinished import Unfinished
 from ..loaders.cut_parts import cut_parts
+from ..loaders.file_signals import SOURCE
 from ..loaders.identity import keyed
 from ..loaders.metadata import Metadata
 from ..loaders.options import ReadOptions
-from ..loaders.plant import SOURCE
 from ..loaders.recipes import recipes_of
 from ..loaders.shares import Part, PlantPlan, alone, make_plan, sources_of
 from ..loaders.since import is_age

@@ -12,12 +12,13 @@ from ..errors import InputError
 from .columns import LazyColumn
 from .even import EvenColumn, NumberColumn, StampColumn, is_number
 from .hourly_stamps import StoredHours
+from .number_units import FIRST, unit_of_numbers
 from .numbers import to_numbers
 from .options import ReadOptions
 from .parquet_columns import ParquetColumn
 from .series import Axis, EvenAxis, LazyAxis
 from .store import ColumnStore, Room
-from .times import DAY, FIRST, NAT, Times, from_numbers, from_text, to_times, unit_of_numbers
+from .times import DAY, NAT, Times, from_numbers, from_text, to_times
 from .zones import WallClock
 
 PIECE = 1 << 18  # rows looked at at once

@@ -7,44 +7,25 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..record import Note
 from . import pieces as flow
 from .expand import held, linear, longest_hold
 from .frame import bridged, fill_limit, own_times, seldom_recorded
 from .grid import Grid
-from .grid_plan import ABSENT_ROWS, GAP_FACTOR, MAX_GROWTH, MAX_HOLE, SPARSE_SHARE, GridPlan, plan_grid
+from .grid_plan import GAP_FACTOR, MAX_GROWTH, MAX_HOLE, SPARSE_SHARE, GridPlan, plan_grid
 from .join import LoopSeries
+from .long_facts import Facts, OutOfOrder, SeldomSignal, absent_rows, steps_in_order
 from .loop_settings import Settings
 from .options import ReadOptions
-from .pieces import MARGIN, NotInPieces, Piece, cut, in_blocks, in_step, with_margins
-from .signal_pieces import PieceSignal, is_bad, measured_signal, mode_signal
+from .pieces import MARGIN, Piece, cut, in_step, with_margins
+from .signal_pieces import PieceSignal, measured_signal, mode_signal
 from .sorted_rows import arranged
 from .states import hold_last
-from .steps import Steps, StepTally
-from .times import DAY, NAT
 from .windows import Expand, Window
 
 # values of the rows as they are, with small holes bridged, held till the next one; or from records around
 DIRECT, BRIDGED, HELD, OWN = "direct", "bridged", "held", "own"
-
-
-@dataclass(frozen=True, eq=False)
-class SeldomSignal(PieceSignal):
-    """A measurement without its blank rows."""
-
-    def stamps(self) -> Iterator[NDArray[np.int64]]:
-        return (stamps for stamps, _ in self._rows())
-
-    def rows(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-        pieces = ({"stamps": stamps, "values": values} for stamps, values in self._rows())
-        return ((piece["stamps"], piece["values"]) for piece in in_blocks(pieces))
-
-    def _rows(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-        for stamps, values in PieceSignal(self.axes, self.values).rows():
-            keep = ~np.isnan(values) | is_bad(values)
-            yield stamps[keep], values[keep]
 
 
 @dataclass(frozen=True)
@@ -147,7 +128,7 @@ def long_frames(loop: LoopSeries, settings: Settings, options: ReadOptions) -> L
     if "mode" in loop.roles:
         signals["mode"] = mode_signal(loop.roles["mode"], (*options.auto_modes, *settings.auto_modes))
         mode_known = any(np.isfinite(values).any() for values in signals["mode"].values())
-    facts = _Facts(signals["pv"])
+    facts = Facts(signals["pv"])
     seldom = seldom_recorded(facts.rows, facts.blank, facts.edges)
     try:
         frames = _laid_out(signals, facts, settings, options, seldom=seldom)
@@ -155,17 +136,13 @@ def long_frames(loop: LoopSeries, settings: Settings, options: ReadOptions) -> L
         if seldom:
             raise
         signals, said = arranged(signals)
-        facts = _Facts(signals["pv"])
+        facts = Facts(signals["pv"])
         frames = replace(_laid_out(signals, facts, settings, options, seldom=False, rising=True), on_order=said)
     return replace(frames, mode_known=mode_known)
 
 
-class OutOfOrder(NotInPieces):
-    """Stamps do not rise, or some lie far from all others."""
-
-
 def _laid_out(
-    signals: dict[str, PieceSignal], facts: _Facts, settings: Settings, options: ReadOptions, *, seldom: bool,
+    signals: dict[str, PieceSignal], facts: Facts, settings: Settings, options: ReadOptions, *, seldom: bool,
     rising: bool = False,
 ) -> LongFrames:
     """Lay out signals. seldom: the measurement has rows of its own. rising: the stamps do for sure."""
@@ -174,12 +151,12 @@ def _laid_out(
     if seldom:
         pv = SeldomSignal(pv.axes, pv.values, pv.notes, apart=True)
         rows -= facts.blank
-    plan = plan_grid(_in_order(pv, rows, rising))
+    plan = plan_grid(steps_in_order(pv, rows, rising))
     bridge = fill_limit(settings.loop.Ti, plan.step / 1e6)
     own = None
     if plan.kind != "regular":
         limit = (MAX_HOLE + 1.5) * plan.step
-        around = _Facts(pv, steps=True)
+        around = Facts(pv, steps=True)
         if plan.kind == "compressed" and around.good is not None:
             limit = max(limit, GAP_FACTOR * around.good.quantile(0.99))
         hold = options.interpolation == "hold"
@@ -200,7 +177,7 @@ def _companion(
     role: str, signal: PieceSignal, same: bool, plan: GridPlan, bridge: int, options: ReadOptions, rising: bool
 ) -> Companion:
     if same and plan.kind == "regular":
-        facts = _Facts(signal)
+        facts = Facts(signal)
         plain = not facts.bad and not signal.spoilt
         absent = absent_rows(plan.steps, plan.step)
         empty = facts.blank + facts.bad + absent
@@ -211,9 +188,9 @@ def _companion(
         if plain and role != "op" and options.interpolation != "linear" and not np.any(
                 plan.steps.values % plan.step):
             return Companion(signal, HELD)  # every record stands at a grid point
-    around = _Facts(signal, steps=True)
+    around = Facts(signal, steps=True)
     if not same and around.rows > 1:
-        _in_order(signal, around.rows, rising)
+        steps_in_order(signal, around.rows, rising)
     limit = None if role in ("sp", "mode") else max(longest_hold(around.good), (bridge + 1.5) * plan.step)
     straight = options.interpolation == "linear" and role != "mode"
     late = plan.step // 2 if plan.kind == "jitter" and same and not straight else 0
@@ -221,73 +198,9 @@ def _companion(
 
 
 def _expand(
-    straight: bool, limit: float | None, bridge: int, late: int, around: _Facts, step: int
+    straight: bool, limit: float | None, bridge: int, late: int, around: Facts, step: int
 ) -> Expand:
     if straight:
         return partial(linear, limit=float("inf") if limit is None else limit)
     spacing = float(step) if around.records is None else around.records.median
     return partial(held, limit=limit, bridge=bridge, late=late, spacing=spacing)
-
-
-def absent_rows(steps: Steps, step: int) -> int:
-    """Number of samples of a regular grid that have no row but a place in short holes."""
-    advance = np.maximum(1, np.rint(steps.values / step)).astype(np.int64)
-    holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
-    return int((steps.counts[holes] * (advance[holes] - 1)).sum())
-
-
-class _Facts:
-    """What is found out of a signal by reading it once. blank, bad: cells. edges: where blank cells begin.
-
-    good, records: distances between good records, and between all that are no blank cells; None for less than two.
-    """
-
-    def __init__(self, signal: PieceSignal, *, steps: bool = False) -> None:
-        self.rows = self.blank = self.bad = self.edges = 0
-        good, records = StepTally(), StepTally()
-        last_blank = True
-        stream = signal.rows() if steps else ((None, values) for values in signal.values())
-        for stamps, values in stream:
-            self.rows += len(values)
-            empty = np.isnan(values)
-            if empty.any():
-                bad = is_bad(values)
-                blank = empty & ~bad
-                self.bad += int(np.count_nonzero(bad))
-                self.blank += int(np.count_nonzero(blank))
-                self.edges += int(np.count_nonzero(blank & ~np.append(last_blank, blank[:-1])))
-                last_blank = bool(blank[-1])
-            elif len(values):
-                blank = empty
-                last_blank = False
-            if stamps is not None:
-                good.add(stamps[np.isfinite(values)])
-                records.add(stamps[~blank])
-        self.good = good.steps() if good.rows > 1 else None
-        self.records = records.steps() if records.rows > 1 else None
-
-
-def _in_order(signal: PieceSignal, rows: int, rising: bool) -> Steps:
-    """Return the distances of its stamps. Raises OutOfOrder unless they rise, with none far from all others.
-
-    rising: they are known to do so, and stamps far from others to be meant.
-    """
-    tally = StepTally()
-    picks = {rows // 20: 0, rows - 1 - rows // 20: 0}
-    for stamps in signal.stamps():
-        if len(stamps) and stamps.min() == NAT:
-            raise OutOfOrder
-        for row in picks:
-            if tally.rows <= row < tally.rows + len(stamps):
-                picks[row] = int(stamps[row - tally.rows])
-        tally.add(stamps)
-        if not tally.rising:
-            raise OutOfOrder
-    if tally.rows < 2 or tally.rows != rows:
-        raise NotInPieces
-    steps = tally.steps()
-    low, high = picks.values() if len(picks) == 2 else (0, 0)
-    far = float(steps.last) - float(steps.first) > 10.0 * (float(high) - float(low)) + 2.0 * DAY
-    if rows >= 20 and far and not rising:
-        raise OutOfOrder
-    return steps

@@ -6,16 +6,12 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike
-from pathlib import Path
-
-from pyarrow.lib import ArrowException
 
 from ..errors import BacklashError, InputError, LoopError, UsageError, nearest
 from ..record import Note, Record
+from .file_signals import failure, signals_of
 from .join import Joiner, LoopSeries, by_loop
-from .layouts import series_of
-from .lazy_tables import Lazily, lazy_table
-from .long_tables import LongTable
+from .lazy_tables import Lazily
 from .metadata import Metadata, merge
 from .metadata_file import read_metadata
 from .options import ReadOptions
@@ -24,10 +20,7 @@ from .series import Series
 from .settle import settle
 from .since import cut_loops, is_age, last_stamp, moment_of, nothing_since, since_notes
 from .sources import Source, find_sidecars, find_sources
-from .tables import Table, read_table
 
-READING_ERRORS = (BacklashError, ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
-SOURCE = "of source"  # key of a value that only travels from a part to the whole
 Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]
 
 
@@ -52,9 +45,9 @@ class Plant:
         """Return one loop. Raises LoopError when it could not be read, UsageError when it does not exist."""
         if name in self._by_name:
             return self._by_name[name]
-        for failure in self.failures:
-            if failure.values.get("loop") == name:
-                raise LoopError(failure.message, code=failure.code)
+        for lost in self.failures:
+            if lost.values.get("loop") == name:
+                raise LoopError(lost.message, code=lost.code)
         return self._by_name[find_loop(name, self._by_name)]
 
     def __len__(self) -> int:
@@ -138,7 +131,7 @@ def open_plant(
     if lazily is not None:
         lazily = replace(lazily, wanted=wanted_tags(metadata, options, lazily.done),
                          needed=partial(needed_columns, metadata=metadata, options=options, done=lazily.done))
-    found, more, failures, first_problem = _series(sources, options, lazily)
+    found, more, failures, first_problem = signals_of(sources, options, lazily)
     warnings += more
     if options.share is not None:
         return _share(found, metadata, options, OpenPlant((), tuple(more), tuple(failures), whole=False))
@@ -205,53 +198,3 @@ def _cut(
 ) -> tuple[dict[str, LoopSeries], list[str], list[Note]]:
     kept, without, wrong = cut_loops(wanted, moment, age=age)
     return kept, without, [failure(error, loop=name) for name, error in wrong.items()]
-
-
-def _series(
-    sources: Sequence[Source], options: ReadOptions, lazily: Lazily | None
-) -> tuple[list[Series], list[Note], list[Note], BacklashError | None]:
-    """Return the signals of all files, what was noticed, the files that could not be read, and the first reason."""
-    found: list[Series] = []
-    notes: list[Note] = []
-    failures: list[Note] = []
-    first_problem: BacklashError | None = None
-    for source in sources:
-        try:
-            table: Table | LongTable | None = None
-            if lazily is not None:
-                table = lazy_table(source.path, options, source.partition, lazily)
-            if table is None:
-                table = read_table(source.path, options, source.partition)
-                if lazily is not None and lazily.progress is not None and isinstance(source.path, Path):
-                    lazily.progress(source.path.stat().st_size)
-            found += table.series if isinstance(table, LongTable) else series_of(table, options)
-            notes += table.notes if options.share is None else [_of_source(note, source) for note in table.notes]
-        except READING_ERRORS as caught:
-            error = as_input_error(caught, str(source.path))
-            first_problem = first_problem or error
-            failures.append(failure(error, file=str(source.path)))
-    return found, notes, failures, first_problem
-
-
-def _of_source(note: Note, source: Source) -> Note:
-    """The note with its file, by which the notes of several parts of a plant are put in order."""
-    return Note(note.code, note.message, {**note.values, SOURCE: str(source.path)})
-
-
-def as_input_error(error: BaseException, where: str) -> BacklashError:
-    """Return what went wrong with a file as an error that says where."""
-    if isinstance(error, BacklashError):
-        return error
-    text = str(error).strip().split("\n")[0][:200] or type(error).__name__
-    return InputError(f"damaged or not understood: {text}", where=where, remedy="export the file again")
-
-
-def failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:
-    """Return an error as a failure of the plant, about a loop or a file."""
-    values: dict[str, float | str] = {}
-    if loop:
-        values["loop"] = loop
-    if file:
-        values["file"] = file
-    text = str(error)
-    return Note(error.code, f"{loop}: {text}" if loop else text, values)

@@ -13,11 +13,12 @@ from ..errors import InputError
 from .arrays import to_texts
 from .csv_signal import ForeignText
 from .minutes import is_written, taken_apart
+from .number_units import FIRST, unit_of_numbers
 from .numbers import to_numbers
 from .options import ReadOptions
 from .stamp_words import of_day, year_first
 from .tag_store import Clock
-from .times import DAY, FIRST, NAT, Times, from_numbers, to_times, unit_of_numbers
+from .times import DAY, NAT, Times, from_numbers, to_times
 from .zones import WallClock
 
 

@@ -12,10 +12,11 @@ from os import PathLike
 from pathlib import Path
 
 from ..record import Note
+from .file_signals import failure
 from .join import LoopSeries, explicit_tags, renamed_loops
 from .metadata import Metadata
 from .options import ReadOptions
-from .plant import failure, metadata_of, nothing_read
+from .plant import metadata_of, nothing_read
 from .selection import Share
 from .series import Series
 from .settle import settle

@@ -6,7 +6,7 @@ on, rows out of order are sorted, repeated ones dropped. The notes are the same.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -18,16 +18,13 @@ from . import pieces as flow
 from .order import OUTLIER_SHARE, far_off, outliers, set_back, sorted_note, sunday_night, unreadable
 from .pieces import NotInPieces, in_step
 from .ranks import StreamValues
-from .repeats import far_apart, repeated, which_to_drop
+from .repeats import repeated
+from .row_streams import Rows, Stream, by_parts, by_time, each_once, repeats_of, whole_stamps
 from .series import LazyAxis
 from .signal_pieces import PieceSignal, is_bad
 from .steps import StepTally
 from .store import ColumnStore, Room
-from .tag_store import TagStore
 from .times import DAY, NAT, Times
-
-Rows = tuple[NDArray, ...]  # stamps, then values of each signal
-Stream = Callable[[], Iterator[Rows]]
 
 
 def arranged(signals: dict[str, PieceSignal]) -> tuple[dict[str, PieceSignal], tuple[Note, ...]]:
@@ -60,7 +57,7 @@ def _rising(signals: Sequence[PieceSignal]) -> tuple[Sequence[PieceSignal], tupl
         raise NotInPieces
     back, before_after, at_part = rows.steps_back(max(3, count // 2000))
     if back:
-        in_order = partial(_by_time, _sorted(stream, low, high, count))
+        in_order = partial(by_time, by_parts(stream, count))
         moved = None
         if len(before_after) == back and not at_part:
             moved = _clock_set_back(rows, before_after, in_order)
@@ -70,13 +67,13 @@ def _rising(signals: Sequence[PieceSignal]) -> tuple[Sequence[PieceSignal], tupl
         else:
             stream, more = moved
             notes += more
-    stream = partial(_whole_stamps, stream)
-    again, conflicts, differing = _repeats(stream)
+    stream = partial(whole_stamps, stream)
+    again, conflicts, differing = repeats_of(stream)
     if again:
         if differing > 0.5:
             raise NotInPieces
         notes.append(repeated(again, conflicts))
-        stream = partial(_each_once, stream)
+        stream = partial(each_once, stream)
     kept = ColumnStore(Room(0))
     for piece in stream():
         kept.add(np.stack([piece[0].view(np.float64), *piece[1:]]))
@@ -181,7 +178,7 @@ def _clock_set_back(
     forward = counted.values > 0
     step = int(replace(counted, values=counted.values[forward], counts=counted.counts[forward]).median
                ) if forward.any() else 0
-    _, _, differing = _repeats(partial(_whole_stamps, in_order))
+    _, _, differing = repeats_of(partial(whole_stamps, in_order))
     one = len(steps) == 1 and sunday_night(steps[0][1], steps[0][2], step)
     if not (differing >= 0.5 or one):
         return None
@@ -203,68 +200,3 @@ def _clock_set_back(
             return None
         last = int(stamps[-1]) if len(stamps) else last
     return moved, notes
-
-
-def _sorted(stream: Stream, low: int, high: int, count: int) -> tuple[TagStore, int]:
-    """Put rows into parts of the time between two stamps; return them and their number."""
-    parts = count // flow.PIECE + 1
-    width = (high - low) // parts + 1
-    store = TagStore(Room(0))
-    for stamps, *values in stream():
-        store.add(((stamps - low) // width).astype(np.int32), [stamps.view(np.float64), *values])
-        store.cut()
-    return store, parts
-
-
-def _by_time(parts: tuple[TagStore, int]) -> Iterator[Rows]:
-    store, count = parts
-    for part in range(count):
-        rows = store.tag(part)
-        if not rows.rows:
-            continue
-        stamps = rows.column(0).view(np.int64)
-        turn = np.argsort(stamps, kind="stable")
-        yield stamps[turn], *(rows.column(slot)[turn] for slot in range(1, store.fields))
-
-
-def _whole_stamps(stream: Stream) -> Iterator[Rows]:
-    """Cut rows in time order where the stamp changes."""
-    waiting: Rows | None = None
-    for rows in stream():
-        if waiting is not None:
-            rows = tuple(np.concatenate(both) for both in zip(waiting, rows, strict=True))
-        if not len(rows[0]):
-            continue
-        cut = int(np.searchsorted(rows[0], rows[0][-1]))
-        waiting = tuple(part[cut:] for part in rows)
-        if cut:
-            yield tuple(part[:cut] for part in rows)
-    if waiting is not None:
-        yield waiting
-
-
-def _repeats(stream: Stream) -> tuple[int, int, float]:
-    """Return how many rows repeat the stamp of the row before, how many of these with another value of the first
-    signal, and their share."""
-    count = sum(int(np.count_nonzero(np.diff(rows[0]) == 0)) for rows in stream())
-    if not count:
-        return 0, 0, 0.0
-    values = StreamValues(lambda: (rows[1] for rows in stream()))
-    low, high = values.quantiles([0.05, 0.95]) if values.ends else (0.0, 0.0)
-    conflicts = 0
-    for rows in stream():
-        same = np.flatnonzero(np.diff(rows[0]) == 0)
-        conflicts += int(far_apart(rows[1][same], rows[1][same + 1], high - low).sum())
-    return count, conflicts, conflicts / count
-
-
-def _each_once(stream: Stream) -> Iterator[Rows]:
-    for rows in stream():
-        keep = np.ones(len(rows[0]), bool)
-        same = np.flatnonzero(np.diff(rows[0]) == 0)
-        keep[which_to_drop(same, rows[1])] = False
-        rows = tuple(part[keep] for part in rows)
-        again = np.flatnonzero(np.diff(rows[0]) == 0)
-        if len(again):  # a blank first row of three equal stamps leaves a pair
-            rows = tuple(np.delete(part, again + 1) for part in rows)
-        yield rows

@@ -12,6 +12,7 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 
 from ..errors import BacklashError
+from .file_signals import READING_ERRORS
 from .files import Content, first_part, open_content
 from .identity import mark_of
 from .layouts import layout_of, series_of
@@ -20,7 +21,6 @@ from .names import IGNORED, QUALITY, TAG, plain, signal_role, split_tag
 from .numbers import codes_and_words
 from .options import ReadOptions
 from .places import Remote, open_place
-from .plant import READING_ERRORS
 from .series import Axis, Cells, Series
 from .sources import Source
 from .tables import Table, cannot_be_read, column_name, find_dialect, head_table, stem_of

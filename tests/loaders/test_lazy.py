@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from backlash_cli.errors import BacklashError
 from backlash_cli.loaders import Plant, ReadOptions, lazy_tables, plain_csv, read
+from backlash_cli.loaders.file_signals import failure
 from backlash_cli.loaders.lazy_tables import Lazily, lazy_table
 from backlash_cli.loaders.parquet_columns import ParquetFileColumns
-from backlash_cli.loaders.plant import failure, no_loop_read, open_plant
+from backlash_cli.loaders.plant import no_loop_read, open_plant
 from backlash_cli.loaders.store import Room
 from tests.shared_data import shared_data
 from tests.small_plant import write_plant
