@@ -21,6 +21,7 @@ from .whitening import FIRST_LAG, LAGS, WEIGHTS, gains, innovations
 FACTORS = 31  # of at most 1 + HIGHEST_TERM: their product is still a number, also times 1e10
 T_FREEDOM = 6.0  # tails of the residuals: Student t
 STEPS = (0.35, 0.8, 1.0)  # by which the likelihood is looked at: ln lag, ln ratio, logit phi
+BASE = response_base(len(LAGS))
 LOWEST = (-1.0, -16.0, -4.0)
 HIGHEST = (3.5, 8.0, 6.0)
 
@@ -98,7 +99,6 @@ def _regress(j: int, rows: int, logs: float, ridge: float, lines: int, E: NDArra
     logs: sum of the logarithms of their variances. Writes residuals to r (rows,) and the step response to b (lags,).
     """
     nb = len(LAGS)
-    base = response_base(nb)
     A, c, free = np.empty((nb, nb)), np.empty(nb), np.empty(nb)
     for i in range(nb):
         for h in range(lines):
@@ -110,12 +110,12 @@ def _regress(j: int, rows: int, logs: float, ridge: float, lines: int, E: NDArra
     bounded, target = np.zeros((nb, nb)), np.zeros(nb)
     for i in range(nb):
         for h in range(nb):
-            target[i] += base[h, i] * c[h]
+            target[i] += BASE[h, i] * c[h]
             v = 0.0
             for g in range(nb):
-                v += base[g, i] * A[g, h]
+                v += BASE[g, i] * A[g, h]
             for q in range(nb):
-                bounded[i, q] += v * base[h, q]
+                bounded[i, q] += v * BASE[h, q]
     nonnegative(bounded, target, free)
     for k in range(len(r)):
         r[k] = E[0, k]
@@ -123,7 +123,7 @@ def _regress(j: int, rows: int, logs: float, ridge: float, lines: int, E: NDArra
     for i in range(nb):
         b[i] = 0.0
         for q in range(nb):
-            b[i] += base[i, q] * free[q]
+            b[i] += BASE[i, q] * free[q]
         length += b[i] * b[i]
         if b[i] != 0.0:
             add(r, -b[i], E[FIRST_LAG + 2 * i + j])

@@ -100,7 +100,6 @@ def nonnegative(A: NDArray[Any], c: NDArray[Any], x: NDArray[Any]) -> None:
                     x[i] = 0.0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
 def response_base(n: int) -> NDArray[Any]:
     """Matrix M, b = M v: v >= 0 keeps every step response sum(b_0..b_i) above -DIP times its final value."""
     M = np.zeros((n, n))

@@ -54,6 +54,23 @@ def _go_on(begin: int, end: int, S: NDArray[Any], W: NDArray[Any], use: NDArray[
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _quiet_until(k: int, shock: NDArray[Any], first: NDArray[Any]) -> int:
+    """Return the next row from k on with a load step or the start of a stretch; many are looked at together."""
+    n = len(shock)
+    while k + CHUNK <= n:
+        loud = False
+        shocks, starts = shock[k : k + CHUNK], first[k : k + CHUNK]
+        for i in range(CHUNK):
+            loud |= (shocks[i] != 0.0) | starts[i]
+        if loud:
+            break
+        k += CHUNK
+    while k < n and shock[k] == 0.0 and not first[k]:
+        k += 1
+    return k
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArray[Any], use: NDArray[Any],
           G: NDArray[Any], S: NDArray[Any], W: NDArray[Any]) -> Any:
     """Write Kalman gains G (rows, 4; or no rows where they are not wanted) and variances S (rows,) of the innovations.
@@ -73,9 +90,7 @@ def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArra
     settled, k = 0, np.int64(0)  # a plain 0 would be compiled for itself
     while k < n:
         if settled >= 3:
-            end = k
-            while end < n and shock[end] == 0.0 and not first[end]:
-                end += 1
+            end = _quiet_until(k, shock, first)
             _go_on(k, end, S, W, use, scale)
             if len(G):
                 for row in range(k, end):
