@@ -42,8 +42,9 @@ class Fitter:
 
         Residuals are left in `R`, gains and variances of the filter in `G` and `S`.
         """
-        return likelihood.pair(p, xa, xa if xb is None else xb, xb is not None, self.r.y, self._line, self.r.first,
+        found = likelihood.pair(p, xa, xa if xb is None else xb, xb is not None, self.r.y, self._line, self.r.first,
                                self.counted, self.ridge, self.shock, self.G, self.S, *self._room, self.R)
+        return found[:3]
 
     def ll(self, p: FloatArray, x: FloatArray, which: Sequence[int] | IntArray | None = None) -> FloatArray:
         """Log-likelihood of each valve position in x (positions, rows), or of those in `which`."""

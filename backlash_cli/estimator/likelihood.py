@@ -155,9 +155,9 @@ def pair(p: NDArray[Any], xa: NDArray[Any], xb: NDArray[Any], two: bool, y: NDAr
 
     p: ln lag, ln ratio, logit phi. line (columns, rows): shapes of any size that the load may have besides, e.g. sine
     and cosine of a periodic one. use (rows,): rows that count. ridge: prior precision of the b. shock (rows,):
-    variance of load steps. Also returns noise variances (2,) and step responses b (2, lags); writes gains (where G
-    has rows) and variances to G, S, whitened columns to E and residuals to R (2, rows); these and T, room
-    (CHUNK, LANES), are in single precision.
+    variance of load steps. Also returns noise variances (2,), step responses b (2, lags) and the geometric mean of
+    the variances of the rows; writes gains (where G has rows) and variances to G, S, whitened columns to E and
+    residuals to R (2, rows); these and T, room (CHUNK, LANES), are in single precision.
     """
     a, ratio, phi = shape_of(p)
     W, f = np.empty((WEIGHTS, len(y)), dtype=np.float32), np.empty((len(y), 2), dtype=np.float32)
@@ -167,7 +167,7 @@ def pair(p: NDArray[Any], xa: NDArray[Any], xb: NDArray[Any], two: bool, y: NDAr
     ll, noise, b = np.zeros(2), np.zeros(2), np.zeros((2, len(LAGS)))
     for j in range(2 if two else 1):
         ll[j], noise[j] = _regress(j, rows, logs, ridge, len(line), E, R[j], b[j])
-    return ll, noise, b
+    return ll, noise, b, np.exp(logs / rows)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

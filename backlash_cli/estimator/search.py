@@ -65,31 +65,20 @@ def normal_equations(r: NDArray[Any], s2: float, slopes: NDArray[Any], H: NDArra
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _laid_out(R: NDArray[Any], S: NDArray[Any], use: NDArray[Any], b: NDArray[Any], ridge: float,
-              out: NDArray[Any]) -> float:
+def _laid_out(R: NDArray[Any], mean: float, b: NDArray[Any], ridge: float, out: NDArray[Any]) -> None:
     """Write to out (2, rows + lags) the residuals R (2, rows) and, behind them, what the prior makes of b (2, lags).
 
     All are multiplied by the geometric mean of the deviations by which the residuals have been divided, so that their
-    scale says how likely they are; the square of it is returned.
+    scale says how likely they are. mean: that of the variances, its square.
     """
-    logs, product, rows = 0.0, 1.0, 0
-    n = len(S)
-    for k in range(n):
-        if use[k]:
-            product *= S[k]
-            rows += 1
-            if product > 1e200:
-                logs += np.log(product)
-                product = 1.0
-    square = np.exp((logs + np.log(product)) / rows)
-    unit = np.float32(np.sqrt(square))
-    prior = np.sqrt(ridge * square)
+    n = R.shape[1]
+    unit, prior = np.float32(np.sqrt(mean)), np.sqrt(ridge * mean)
     for c in range(2):
+        laid, residuals = out[c], R[c]
         for k in range(n):
-            out[c, k] = unit * R[c, k]
+            laid[k] = unit * residuals[k]
         for i in range(len(LAGS)):
-            out[c, n + i] = prior * b[c, i]
-    return float(square)
+            laid[n + i] = prior * b[c, i]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -182,9 +171,10 @@ def ascend(found: NDArray[Any], which: int, worth: float, slopes: NDArray[Any], 
     p, H, g, d, trial = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
     _put(p, found[which])
     r, now = np.empty((2, len(y) + len(LAGS)), dtype=np.float32), np.empty((2, len(y) + len(LAGS)), dtype=np.float32)
-    ll, noise, b = pair(p, xa, xb, two, y, line, first, use, ridge, shock, G, S, T, E, R)
+    ll, noise, b, mean = pair(p, xa, xb, two, y, line, first, use, ridge, shock, G, S, T, E, R)
     _keep(found, p, ll)
-    level, s2 = ll[which], noise[which] * _laid_out(R, S, use, b, ridge, r)
+    _laid_out(R, mean, b, ridge, r)
+    level, s2 = ll[which], noise[which] * mean
     damping, failed = 0.0, 0
     taken[which, 3] += _apart(p, taken[which])
     _put(taken[which], p)
@@ -194,9 +184,9 @@ def ascend(found: NDArray[Any], which: int, worth: float, slopes: NDArray[Any], 
                 h = PROBE[i] if p[i] + PROBE[i] <= HIGHEST[i] else -PROBE[i]
                 _put(trial, p)
                 trial[i] += h
-                ll, noise, b = pair(trial, xa, xb, two, y, line, first, use, ridge, shock, G, S, T, E, R)
+                ll, noise, b, mean = pair(trial, xa, xb, two, y, line, first, use, ridge, shock, G, S, T, E, R)
                 _keep(found, trial, ll)
-                _laid_out(R, S, use, b, ridge, now)
+                _laid_out(R, mean, b, ridge, now)
                 for c in range(2):
                     _difference(r[c], now[c], h, slopes[c, i])
             for c in range(2):
@@ -211,9 +201,9 @@ def ascend(found: NDArray[Any], which: int, worth: float, slopes: NDArray[Any], 
             continue
         for i in range(3):
             trial[i] = p[i] + d[i]
-        ll, noise, b = pair(trial, xa, xb, two, y, line, first, use, ridge, shock, G, S, T, E, R)
+        ll, noise, b, mean = pair(trial, xa, xb, two, y, line, first, use, ridge, shock, G, S, T, E, R)
         _keep(found, trial, ll)
-        square = _laid_out(R, S, use, b, ridge, now)
+        _laid_out(R, mean, b, ridge, now)
         _corrected(slopes[which], r[which], now[which], d)
         if ll[which] > level:
             gained = ll[which] - level
@@ -221,7 +211,7 @@ def ascend(found: NDArray[Any], which: int, worth: float, slopes: NDArray[Any], 
             _put(taken[which], trial)
             _put(p, trial)
             r, now = now, r
-            level, s2 = ll[which], noise[which] * square
+            level, s2 = ll[which], noise[which] * mean
             damping = 0.0 if damping < 1.0 else 0.1 * damping
             failed = 0
             if gained < worth:

@@ -143,7 +143,7 @@ def test_regression_recovers_a_process_from_its_input():
     y += 0.05 * rng.normal(size=n)
     first = np.arange(n) == 0
     p = np.array([np.log(-1.0 / np.log(1.0 - a)), np.log(1e-5), np.log(0.1 / 0.9)])
-    ll, noise, b = pair(p, x, np.roll(x, 5), True, y, np.empty((0, n)), first, np.arange(n) >= 20, 1e-6, np.zeros(n),
+    ll, noise, b, _ = pair(p, x, np.roll(x, 5), True, y, np.empty((0, n)), first, np.arange(n) >= 20, 1e-6, np.zeros(n),
                         *room(n))
     assert ll[0] > ll[1]
     # the scale of a Student t with 6 degrees of freedom fitted to normal noise is 0.86 of its deviation
