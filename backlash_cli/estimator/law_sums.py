@@ -125,7 +125,7 @@ def window_sums(signals: FloatArray, index: IntArray, interval: float, filter_ti
         S[DECAY + j] = np.exp(-interval / filter_times[j]) if filter_times[j] > 0.0 else 0.0
     sums = np.empty((lanes, rows // max(window // 2, 1) + 1, WIDTH, WIDTH))
     done = n = since = 0
-    k = np.int64(0)  # a plain 0 would be compiled for itself
+    k: Any = np.int64(0)  # a plain 0 would be compiled for itself
     while k <= rows:
         new = k == rows or k == 0 or index[k] != index[k - 1] + 1
         if (new or n == window) and n > 0:

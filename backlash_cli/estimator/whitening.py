@@ -87,7 +87,8 @@ def gains(a: float, ratio: float, phi: float, shock: NDArray[Any], first: NDArra
     logs, product, rows = 0.0, 1.0, 0
     scale, before = np.float32(0.0), 0.0
     n = len(shock)
-    settled, k = 0, np.int64(0)  # a plain 0 would be compiled for itself
+    settled = 0
+    k: Any = np.int64(0)  # a plain 0 would be compiled for itself
     while k < n:
         if settled >= 3:
             end = _quiet_until(k, shock, first)
@@ -203,7 +204,7 @@ def innovations(y: NDArray[Any], line: NDArray[Any], xa: NDArray[Any], xb: NDArr
     state = np.zeros(4)  # positions behind the first lag, then behind the second
     Z = np.zeros(4 * LANES, dtype=np.float32)  # predicted z1, z2, load (w and what s adds to it) and s of each column
     both, lanes = f.reshape(-1).view(np.int64), T.reshape(-1).view(np.int64)  # two valve positions in one
-    begin = np.int64(0)
+    begin: Any = np.int64(0)
     for low in range(0, len(y), CHUNK):
         rows = min(CHUNK, len(y) - low)
         ua, ub, va, vb = state[0], state[1], state[2], state[3]
