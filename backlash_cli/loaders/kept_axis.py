@@ -17,7 +17,7 @@ from .numbers import to_numbers
 from .options import ReadOptions
 from .parquet_columns import ParquetColumn
 from .series import Axis, EvenAxis, LazyAxis
-from .store import ColumnStore, Room
+from .store import ColumnStore, on_disk
 from .times import DAY, NAT, Times, from_numbers, from_text, to_times
 from .zones import WallClock
 
@@ -51,7 +51,7 @@ class _Kept:
     def __init__(self) -> None:
         self.rows, self.about = 0, Times(np.zeros(0, np.int64))
         self.even: tuple[int, int] | None = None
-        self._store = ColumnStore(Room(0))
+        self._store = ColumnStore(on_disk())
 
     def add(self, micros: NDArray[np.int64]) -> None:
         """Take the next rows."""

@@ -1,33 +1,32 @@
 """Columns of a large CSV, kept column by column: in memory as long as they are few, else in a temporary file.
 
 A CSV holds its rows one after the other, an analysis wants one loop after the other. The store turns one into the
-other in bounded memory. The temporary file has no name where the system allows that, so nothing is left behind even
-when the program is killed.
+other in bounded memory.
 """
 
 from __future__ import annotations
 
 import contextlib
-import io
 import os
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BacklashError
+from .temporary import TemporaryData
 
 IN_MEMORY = 96 << 20  # bytes of samples that are kept in memory, over all files of a run
 
 
 class Room:
-    """How much memory the stores of one run may still use."""
+    """How much memory the stores of one run may still use, and the temporary file for what is beyond."""
 
-    def __init__(self, size: int = IN_MEMORY) -> None:
+    def __init__(self, size: int = IN_MEMORY, beyond: TemporaryData | None = None) -> None:
         self.left = size
+        self.beyond = beyond or TemporaryData()
 
     def take(self, size: int) -> bool:
         """Say whether `size` bytes may stay in memory, and count them."""
@@ -35,6 +34,14 @@ class Room:
             return False
         self.left -= size
         return True
+
+
+_on_disk: WeakValueDictionary[int, TemporaryData] = WeakValueDictionary()  # by process: a forked one has its own
+
+
+def on_disk() -> Room:
+    """Return room in a temporary file only; the same file as long as something lies in it."""
+    return Room(0, _on_disk.setdefault(os.getpid(), TemporaryData()))
 
 
 class ColumnStore:
@@ -47,11 +54,9 @@ class ColumnStore:
     def __init__(self, room: Room | None = None) -> None:
         self.rows = 0
         self._room = room or Room()
+        self._beyond = self._room.beyond
+        self._full = False
         self._pieces: list[tuple[NDArray[np.float64] | int, int]] = []  # (array or place in the file, rows)
-        self._file: io.FileIO | None = None
-        self._path = ""
-        self._end = 0
-        self._own = True
 
     def add(self, piece: NDArray[np.float64]) -> None:
         """Take the next rows, (columns, rows); the array may be kept.
@@ -63,8 +68,8 @@ class ColumnStore:
             return
         self.rows += rows
         piece = np.ascontiguousarray(piece)
-        kept = self._file is None and self._room.take(piece.nbytes)
-        self._pieces.append((piece if kept else self._written(piece), rows))
+        self._full = self._full or not self._room.take(piece.nbytes)
+        self._pieces.append((self._written(piece) if self._full else piece, rows))
 
     @property
     def pieces(self) -> int:
@@ -91,51 +96,16 @@ class ColumnStore:
         if not isinstance(piece, int):
             return piece[slot, first : first + rows]
         out = np.empty(rows)
-        file = self._opened()
-        file.seek(piece + (slot * there + first) * 8)
-        if file.readinto(memoryview(out).cast("B")) != 8 * rows:
-            raise BacklashError("the temporary file is cut short", where=tempfile.gettempdir(),
-                                remedy="is the disk full?", code="cannot_read")
+        if rows:
+            self._beyond.read(piece + (slot * there + first) * 8, memoryview(out).cast("B"))
         return out
 
     def _written(self, piece: NDArray[np.float64]) -> int:
         """Write a piece to the file and return its place there."""
-        data = memoryview(piece).cast("B")
-        try:
-            file = self._opened()
-            file.seek(self._end)
-            written = 0
-            while written < len(data):
-                written += file.write(data[written:])
-        except OSError as error:
-            raise BacklashError(
-                f"no room for temporary data: {error.strerror}", where=tempfile.gettempdir(), code="cannot_write",
-                remedy="name a folder with more room in TMPDIR, or scan some of the loops with --loop",
-            ) from None
-        place = self._end
-        self._end += len(data)
-        return place
-
-    def _opened(self) -> io.FileIO:
-        if self._file is None and self._path:  # sent here by the process that made it
-            self._file = io.FileIO(self._path, "rb")
-        elif self._file is None:
-            number, self._path = tempfile.mkstemp(prefix="backlash-", suffix=".columns")
-            self._file = io.FileIO(number, "r+b")
-            shared = f"/proc/{os.getpid()}/fd/{number}"
-            if Path(shared).exists():
-                os.unlink(self._path)
-                self._path = shared
-        return self._file
+        return self._beyond.write(memoryview(piece).cast("B"))
 
     def __getstate__(self) -> dict[str, Any]:
         with contextlib.suppress(BacklashError):  # without room on disk it is copied
             self._pieces = [(piece if isinstance(piece, int) else self._written(piece), rows)
                             for piece, rows in self._pieces]
-        return {**self.__dict__, "_file": None, "_own": False, "_room": Room(0)}
-
-    def __del__(self) -> None:
-        if self._file is not None:
-            self._file.close()
-            if self._own and not self._path.startswith("/proc/"):
-                Path(self._path).unlink(missing_ok=True)
+        return {**self.__dict__, "_room": Room(0, self._beyond)}
