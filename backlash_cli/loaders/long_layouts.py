@@ -151,6 +151,9 @@ def tall_series(table: Table, options: ReadOptions) -> list[Series]:
     found_in = tall_columns(table, used)
     (which,) = found_in.naming
     codes, names = Cells(table.columns[which]).texts()
+    header = [code for code, name in enumerate(names) if name.strip() == table.names[which].strip()]
+    if header:  # in between, it is no loop
+        codes = np.where((axis.micros == NAT) & np.isin(codes, header), -1, codes)
     columns = [i for i in found_in.values if table.columns[i].null_count < table.rows]
     parts = {i: Cells(table.columns[i], table.decimal).split() for i in columns}
     found = []

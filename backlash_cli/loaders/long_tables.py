@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 from ..errors import BacklashError, InputError
 from ..record import Note
+from .arrays import to_column
 from .columns import LazyColumn
 from .csv_signal import ForeignText, Signal
 from .layouts import layout_of
 from .long_layouts import LongColumns, long_columns, tag_series, tall_columns
 from .long_stamps import stamps_for
 from .names import signal_role
+from .numbers import codes_and_words
 from .options import ReadOptions
 from .order import CLOCK_CODES
 from .series import Cells, Series
@@ -99,7 +101,7 @@ class LongReader:
     def take(self, columns: Mapping[int, pa.ChunkedArray], values: NDArray[np.float64]) -> None:
         """Take a block. columns: of stamps and names. values: (stored, rows) as `signals` put them."""
         raw, known = self._stamps.take([columns[i] for i in self.layout.times])
-        if known is not None and self.layout.tall:
+        if known is not None and self.layout.tall and not self._headers(columns, ~known):
             raise ForeignText
         codes = self._names.codes([columns[i] for i in self.layout.columns.naming], known)
         begin = 0
@@ -108,6 +110,12 @@ class LongReader:
             self._cuts.append(self._store.cut())
             begin = place
         self._add(codes, raw, values, begin, len(raw))
+
+    def _headers(self, columns: Mapping[int, pa.ChunkedArray], which: NDArray[np.bool_]) -> bool:
+        """Whether rows of a block are headers: their loop is called as its column."""
+        naming = self.layout.columns.naming[0]
+        words = codes_and_words(columns[naming].take(to_column(np.flatnonzero(which), pa.int64())).cast(pa.string()))[1]
+        return {word.strip() for word in words} <= {self.head.names[naming].strip()}
 
     def _add(self, codes: NDArray[np.int32], raw: NDArray[np.int64], values: NDArray[np.float64], first: int, last: int
              ) -> None:

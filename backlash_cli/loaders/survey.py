@@ -160,6 +160,8 @@ def _tall(head: Table, reader: _Columns, options: ReadOptions) -> list[Series]:
         if i not in used and i != which and words[i] not in IGNORED | QUALITY and head.columns[i].null_count < head.rows
     ]  # fmt: skip
     loops = [loop for (text,) in _distinct(reader, [which]) if (loop := text.strip())]
+    if head.names[which].strip() in loops:  # a header that is repeated in between is no loop
+        loops.remove(head.names[which].strip())
     return [_light(f"{loop}.{name}", loop, signal_role(name), name, head) for loop in loops for name in signals]
 
 

@@ -1,5 +1,7 @@
 """Stamps of wide files of many rows are understood some rows at a time, and are those of the file read whole."""
 
+import pickle
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -72,6 +74,20 @@ def test_stamps_of_long_files_are_those_of_the_file_read_whole(tmp_path, monkeyp
         # numbers and dates with times of day apart are left to the whole read where a header stands between them
         assert stays or (change == "header" and form in ("epoch", "millis", "digits", "relative", EXCEL, *APART)) or (
             form in APART and (form == "german dates" or change == "blank"))
+
+
+@pytest.mark.parametrize("form", ["iso", "german", "epoch", "iso dates"])
+def test_another_process_reads_the_stamps_that_were_kept(tmp_path, form):
+    path = tmp_path / "plant.csv"
+    frame = frame_of(form, "gap")
+    path.write_text("\n".join([";".join(frame.columns), *map(";".join, frame.to_numpy().tolist())]), "utf-8")
+    (tmp_path / "loops.toml").write_text(SETTINGS)
+    recipe = open_plant(path, options=ReadOptions(timezone="Europe/Berlin"), lazily=Lazily()).recipes[0]
+    axis = recipe.axes()[0]
+    assert isinstance(axis, LazyAxis)
+    there = pickle.loads(pickle.dumps(axis))
+    np.testing.assert_array_equal(there.micros, axis.micros)
+    assert there.last() == axis.last() and there.notes == axis.notes
 
 
 @pytest.mark.parametrize("zone", ["Europe/Berlin", "UTC", None])

@@ -16,7 +16,9 @@ from backlash_cli.api import open_files, scan
 from backlash_cli.loaders import ReadOptions, fast_csv, lazy_tables, long_files, plain_csv, read, tag_store
 from backlash_cli.loaders.lazy_tables import Lazily, lazy_table
 from backlash_cli.loaders.long_tables import LongReader, LongTable
+from backlash_cli.loaders.sources import find_sources
 from backlash_cli.loaders.store import Room
+from backlash_cli.loaders.survey import survey
 from backlash_cli.loaders.tag_store import TagStore
 from backlash_cli.scan import ScanOptions
 from tests.loaders.test_lazy import assert_same, outcome, read_lazily
@@ -170,6 +172,25 @@ def test_rows_of_loops_are_read_block_by_block(tmp_path, monkeypatch, suffix):
     monkeypatch.setattr(long_files, "BATCH_ROWS", 7001)
     lazily_long(path)
     assert_same(read(path), read_lazily(path))
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_a_header_between_the_rows_of_loops_is_no_loop(tmp_path, monkeypatch, wrong):
+    frames = [pd.DataFrame({"loop": r.loop, "time": np.datetime64("2026-03-17T08:00:00", "s") + np.arange(len(r)),
+                            "SP": r.setpoint, "PV": r.measurement, "OP": r.output}) for r in records()[:3]]
+    path = write(tmp_path / "plant.csv", pd.concat(frames).sort_values("time", kind="stable"))
+    lines = path.read_text("utf-8").splitlines()
+    for place in (9000, 3000, 30):
+        lines.insert(place, lines[0])
+    if wrong:
+        lines[5000] = lines[5000].split(",")[0] + ",never,1,2,3"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    blocks_of(monkeypatch, 100_000)
+    whole = read(path)
+    assert (lazy_table(path, ReadOptions(), {}, Lazily()) is None) == wrong and not whole.failures
+    assert_same(whole, read_lazily(path))
+    assert sorted({item.loop for item in survey(find_sources(path)[0], ReadOptions()).series}) == [
+        record.loop for record in whole]
 
 
 def test_a_clock_that_was_set_back_goes_back_for_all_tags(tmp_path, monkeypatch):
