@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from .estimator.carry import CarryRecorder
 from .estimator.carry_bytes import pack
 from .estimator.compensator import recommend
-from .estimator.confirm import ConfirmationScanner
 from .estimator.haegglund import DEFAULT_KP, ErrorScanner, error_scanner, estimate
 from .estimator.identify import settings_of
 from .estimator.law_check import check_quickly
@@ -20,6 +20,9 @@ from .estimator.tally import tally_of
 from .estimator.verdict import Findings, decide
 from .record import LoopSettings, Note, Record, SampleState
 from .results import Confirmation, LoopReport, Verdict
+
+if TYPE_CHECKING:
+    from .estimator.confirm import ConfirmationScanner
 
 OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
 COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
@@ -62,7 +65,7 @@ class LoopScanner:
         if settings.K and settings.Ti and interval <= COARSEST * settings.Ti:
             self._errors = error_scanner(settings, interval, every=False)
             self._carry = CarryRecorder(settings, interval) if self.options.carry else None
-            self._confirm = ConfirmationScanner(settings, interval) if self.options.confirm else None
+            self._confirm = _confirmation(settings, interval) if self.options.confirm else None
 
     def update(self, block: Record) -> None:
         """Take the next block; its index goes on where the last block ended, or later."""
@@ -203,6 +206,12 @@ class LoopScanner:
             samples=samples, interval_s=self.interval, settings=settings or self.settings,
             warnings=(*self.notes.values(), *warnings), **rest,  # type: ignore[arg-type]
         )
+
+
+def _confirmation(settings: LoopSettings, interval: float) -> ConfirmationScanner:
+    from .estimator.confirm import ConfirmationScanner  # its kernels are not worth loading where nobody asks for it
+
+    return ConfirmationScanner(settings, interval)
 
 
 def _contradictions(notes: tuple[Note, ...]) -> tuple[Note, ...]:

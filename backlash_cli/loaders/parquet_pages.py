@@ -31,7 +31,7 @@ class PageReader:
     """Reads columns of one file. about: what the file says of itself."""
 
     def __init__(self, path: Path, about: pa_parquet.FileMetaData) -> None:
-        self._path, self._about, self._schema = path, about, about.schema
+        self._name, self._about, self._schema = str(path), about, about.schema
         self._small = about.num_rows < LEAST * about.num_row_groups
         self._fields, self._stack = np.empty(kernel.PLACES, np.int64), np.empty(kernel.DEPTH, np.int64)
 
@@ -45,7 +45,7 @@ class PageReader:
         groups = [self._about.row_group(g) for g in range(first, self._about.num_row_groups)]
         out, done = np.empty(sum(group.num_rows for group in groups)), 0
         try:
-            with self._path.open("rb", buffering=0) as file:
+            with FileIO(self._name) as file:
                 for group in groups:
                     part, done = out[done : done + group.num_rows], done + group.num_rows
                     if not self._chunk(file, group.column(column), part, optional=level.max_definition_level > 0):
