@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from functools import cached_property
 from itertools import accumulate, takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,11 +16,8 @@ import pyarrow.parquet as pa_parquet
 from numpy.typing import NDArray
 
 from .columns import LazyColumn, SlicedColumn
-from .numbers import Numbers, to_numbers
+from .numbers import to_numbers
 from .places import Remote
-
-if TYPE_CHECKING:
-    from .parquet_pages import PageReader
 
 Part = tuple[int, int]  # a column of a Parquet file, from a row group on
 
@@ -76,24 +73,6 @@ class ParquetFileColumns:
         self._uses[key] -= 1
         return self._read_ahead[key] if self._uses[key] > 0 else self._read_ahead.pop(key)
 
-    def numbers(self, index: int, first: int = 0) -> NDArray[np.float64] | None:
-        """Return one column of floating point numbers from row group `first` on, None where `column` has to be asked:
-        where it was read ahead, where it will be wanted again, or where its pages hold something else."""
-        key = index, first
-        if isinstance(self.path, Remote) or key in self._read_ahead or self._uses[key] > 1:
-            return None
-        found = self._pages.numbers(index, first)
-        if found is not None:
-            self._uses[key] -= 1
-        return found
-
-    @cached_property
-    def _pages(self) -> PageReader:
-        from .parquet_pages import PageReader
-
-        assert isinstance(self.path, Path)
-        return PageReader(self.path, self.file.metadata)
-
     @cached_property
     def begins(self) -> list[int]:
         """The first row of each row group."""
@@ -136,10 +115,6 @@ class ParquetColumn(LazyColumn):
 
     def arrow(self) -> pa.ChunkedArray:
         return self.file.column(self.index, self.first)
-
-    def numbers(self, decimal: str) -> Numbers:
-        found = self.file.numbers(self.index, self.first) if pa.types.is_floating(self.type) else None
-        return super().numbers(decimal) if found is None else Numbers(found)
 
     def slice(self, start: int, length: int) -> LazyColumn:
         """Return some rows; where they go to the end, older row groups are not read."""
