@@ -33,7 +33,7 @@ class Evidence:
     error_reduction: share of the variance of the one-step prediction that d removes. noise: deviation of the
     measurement noise per row. steps: load steps found. gain_to_pv: static gain of the fitted process. level:
     log-likelihood of the best model. half_period [rows]: of a load that switches to and fro; 0 for none. shape: the
-    three numbers of the model with a dead band. shock (rows,): variances of the load steps.
+    three numbers of the model with a dead band; shape_without: of the one without. shock (rows,): variances of the load steps.
     """
 
     d: float
@@ -51,6 +51,7 @@ class Evidence:
     level: float = 0.0
     half_period: float = 0.0
     shape: tuple[float, ...] = ()
+    shape_without: tuple[float, ...] = ()
     shock: FloatArray = field(default_factory=lambda: np.empty(0), compare=False)
 
 
@@ -81,7 +82,7 @@ def weighed(fit: Fitter, m: Models) -> Evidence:
         d, likelihood_interval(grid, level, top), max(top, float(ll[0])) - f0, half - f0, mirror - f0, reduction,
         float(np.sqrt(noise[0])), int(np.count_nonzero(fit.shock)), int(k.sum()), float(ll[0] - ll[1]),
         float(b[0].sum()), tuple((float(w), float(v - f0)) for w, v in zip(grid, level, strict=True)), max(top, f0),
-        shape=tuple(p1.tolist()), shock=fit.shock,
+        shape=tuple(p1.tolist()), shape_without=tuple(p0.tolist()), shock=fit.shock,
     )
 
 

@@ -20,6 +20,7 @@ STEP_ROWS = 40  # rows (ten Ti) per load step; where it steps more often, single
 ENOUGH = 1000  # rows: on simulated days 500 give the size with twice the error of all 2,000, 1,000 with the same
 SHOWN, SHOWN_PER_STEP = 16.0, 2.0  # nats: twice what a verdict asks for (criteria.EVIDENCE)
 KNOWN = 0.1  # half interval of the likelihood over d: beyond, more rows still make it narrower
+SMOOTH = 2.0  # logit phi: a load whose moves last longer than two Ti does what a stem in its gap does
 UNPLACED = 0.05  # share of rows before OP has covered the gap: with more, it matters where the stem stood at first
 
 
@@ -46,23 +47,28 @@ def weigh_lightly(rows: Rows) -> Evidence:
         return weigh(rows)
     fit = Fitter(rows, shock)
     found = weighed(fit, further_models(fit, m))
-    clear = found.gain > max(_asked(found.steps), found.half) or _highest(found) < -EXCLUDED
-    if clear or not 0 < found.steps * STEP_ROWS <= found.rows:
+    clear = found.gain > max(_asked(found.steps), found.half) or (_highest(found) < -EXCLUDED and not _smooth(found))
+    if clear or not (_smooth(found) or 0 < found.steps * STEP_ROWS <= found.rows):
         return found
-    # load steps of a part may have led astray
-    fit = Fitter(rows)
-    return max(found, weighed(fit, first_models(fit)), key=lambda e: e.level - PER_STEP * e.steps)
+    # load steps of a part, or a smooth load, may have led astray
+    return max(found, weigh(rows), key=lambda e: e.level - PER_STEP * e.steps)
 
 
 def excludes(e: Evidence) -> bool:
     """Whether every width lies behind none, although PV answers to OP."""
-    return _highest(e) < -EXCLUDED < EXCLUDED < e.responds and e.steps * STEP_ROWS <= e.rows
+    lies_behind = _highest(e) < -EXCLUDED < EXCLUDED < e.responds
+    return lies_behind and e.steps * STEP_ROWS <= e.rows and not _smooth(e)
 
 
 def shows(e: Evidence) -> bool:
     """Whether there is a dead band beyond doubt, and its size known as well as the model of the process allows."""
     low, high = e.interval
     return e.gain > max(_asked(e.steps), e.half) and high - low < 2.0 * KNOWN * e.d
+
+
+def _smooth(e: Evidence) -> bool:
+    """Whether without a dead band a smooth load is asked for: a part of the rows does not tell it from a dead band."""
+    return e.shape_without[2] > SMOOTH
 
 
 def _highest(e: Evidence) -> float:
