@@ -19,6 +19,7 @@ from .rows import Rows
 STARTS = ((0.6, -11.0, -2.0), (0.6, -2.0, -1.0), (1.4, -5.0, -2.0), (1.4, 1.0, -2.0), (1.4, 2.5, 0.0),
           (1.4, 4.0, 0.0), (3.0, 2.5, 0.0), (10.0, -11.0, -2.0), (22.0, -11.0, -2.0))
 CALM = (-11.0, -2.0)  # ratio and phi of a load that hardly wanders
+CALM_LAGS = (1.0, 2.5)  # lags over that of `Rows` that are tried with it, besides the one found
 STEP_PASSES = 3
 WORTH = 0.5  # nats: smaller gains are not followed
 ROUGHLY = 2.0  # nats: the same while load steps are still to be found
@@ -51,8 +52,7 @@ class Models:
 def first_models(fit: Fitter) -> Models:
     """Return the best models of rows of which nothing is known yet; adds the load steps to `fit`."""
     starts = [np.array([np.log(fit.r.lag * share), ratio, smooth]) for share, ratio, smooth in STARTS]
-    m = _with_load_steps(fit, _begun(fit, starts), _coarse(fit.r))
-    return m if m.hopeless else _calmed(fit, m)
+    return _calmed(fit, _with_load_steps(fit, _begun(fit, starts), _coarse(fit.r)))
 
 
 def best_of_two(fit: Fitter) -> Models:
@@ -199,13 +199,16 @@ def _moved(fit: Fitter, m: Models, also: Sequence[int] = ()) -> Models:
 
 def _calmed(fit: Fitter, m: Models) -> Models:
     """Both models once more, the dead band of any width, with a load that hardly wanders."""
-    p = np.array([m.best[1, 0], *CALM])
     some = [0, *_coarse(fit.r)]
-    levels = fit.ll(p, fit.r.x, some)
-    k = 1 + int(np.argmax(levels[1:]))
-    if levels[k] < m.best[1, 3] - AGAIN and levels[0] < m.best[0, 3] - AGAIN:
+    lags = [m.best[1, 0], *(np.log(fit.r.lag * share) for share in CALM_LAGS)]
+    p = np.array([[lag, *CALM] for lag in lags])
+    levels = np.array([fit.ll(one, fit.r.x, some) for one in p])
+    n, k = int(np.argmax(levels[:, 0])), 1 + int(np.argmax(levels[:, 1:].max(axis=0)))
+    w = int(np.argmax(levels[:, k]))
+    if levels[w, k] < m.best[1, 3] - AGAIN and levels[n, 0] < m.best[0, 3] - AGAIN:
         return m
-    calm = Models(_from(p), some[k])
+    calm = Models(np.full((2, 4), -np.inf), some[k])
+    calm.best[0, :3], calm.best[1, :3] = p[n], p[w]
     fit.forget()
     for which in (1, 0):
         fit.ascend(calm.best, which, calm.j, ROUGHLY)
