@@ -8,27 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.record import LoopSettings, SampleState, record_from_arrays
+from backlash_cli.record import LoopSettings, SampleState
 from backlash_cli.results import Verdict
 from backlash_cli.scan import LoopScanner, scan
-
-
-def slow_loop(n=6000, seed=1, d=0.05, K=0.6, Ti=8.0, Kp=1.2, tau=10.0, noise=0.0005):
-    """A PI loop with one lag and a dead band at 1 s, walked sample by sample: independent of the simulator."""
-    rng = np.random.default_rng(seed)
-    y = integral = position = filtered = load = 0.0
-    pv, op = np.empty(n), np.empty(n)
-    for k in range(n):
-        pv[k] = y + rng.normal(0, noise)
-        filtered += (pv[k] - filtered) / 2.0
-        integral += K / Ti * (0.5 - filtered)
-        op[k] = integral - K * filtered
-        position = min(max(position, op[k] - d / 2), op[k] + d / 2)
-        if k % 1500 == 750:
-            load += rng.choice([-0.1, 0.1])
-        y += (Kp * (position + load) - y) / tau
-    return record_from_arrays(0.5, pv, op, interval=1.0, settings=LoopSettings(K=K, Ti=Ti, Kp=Kp))
-
+from tests.estimator.closed_loop import slow_loop
 
 RECORD = slow_loop()
 

@@ -33,7 +33,8 @@ class Evidence:
     error_reduction: share of the variance of the one-step prediction that d removes. noise: deviation of the
     measurement noise per row. steps: load steps found. gain_to_pv: static gain of the fitted process. level:
     log-likelihood of the best model. half_period [rows]: of a load that switches to and fro; 0 for none. shape: the
-    three numbers of the model with a dead band; shape_without: of the one without. shock (rows,): variances of the load steps.
+    three numbers of the model with a dead band; shape_without: of the one without. shock (rows,): variances of the
+    load steps.
     """
 
     d: float

@@ -20,7 +20,7 @@ STEP_ROWS = 40  # rows (ten Ti) per load step; where it steps more often, single
 ENOUGH = 1000  # rows: on simulated days 500 give the size with twice the error of all 2,000, 1,000 with the same
 SHOWN, SHOWN_PER_STEP = 16.0, 2.0  # nats: twice what a verdict asks for (criteria.EVIDENCE)
 KNOWN = 0.1  # half interval of the likelihood over d: beyond, more rows still make it narrower
-SMOOTH = 2.0  # logit phi: a load whose moves last longer than two Ti does what a stem in its gap does
+SMOOTH = 0.0  # logit phi: more than half of a move of the load is left a row later, as behind a stem in its gap
 UNPLACED = 0.05  # share of rows before OP has covered the gap: with more, it matters where the stem stood at first
 
 

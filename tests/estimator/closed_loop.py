@@ -101,3 +101,21 @@ def exception_reporting(values: np.ndarray, deviation: float) -> np.ndarray:
         if abs(values[k] - held[k - 1]) <= deviation:
             held[k] = held[k - 1]
     return held
+
+
+def slow_loop(n: int = 6000, seed: int = 1, d: float = 0.05, K: float = 0.6, Ti: float = 8.0, Kp: float = 1.2,
+              tau: float = 10.0, noise: float = 0.0005) -> Record:
+    """A PI loop with one lag and a dead band at 1 s, walked sample by sample: independent of the simulator."""
+    rng = np.random.default_rng(seed)
+    y = integral = position = filtered = load = 0.0
+    pv, op = np.empty(n), np.empty(n)
+    for k in range(n):
+        pv[k] = y + rng.normal(0, noise)
+        filtered += (pv[k] - filtered) / 2.0
+        integral += K / Ti * (0.5 - filtered)
+        op[k] = integral - K * filtered
+        position = min(max(position, op[k] - d / 2), op[k] + d / 2)
+        if k % 1500 == 750:
+            load += rng.choice([-0.1, 0.1])
+        y += (Kp * (position + load) - y) / tau
+    return record_from_arrays(0.5, pv, op, interval=1.0, settings=LoopSettings(K=K, Ti=Ti, Kp=Kp))

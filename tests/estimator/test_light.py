@@ -14,7 +14,7 @@ from backlash_cli.record import LoopSettings
 from backlash_cli.results import Verdict
 from backlash_cli.scan import scan
 from tests.benchmarks.random_loops import draw
-from tests.estimator.closed_loop import Loop, rows_of, run
+from tests.estimator.closed_loop import Loop, rows_of, run, slow_loop
 
 SETTINGS = LoopSettings(K=0.6, Ti=20.0, Kp=1.0)
 STEPS = np.repeat(np.random.default_rng(5).normal(0.0, 0.03, 10), 1000)
@@ -84,3 +84,10 @@ def test_the_verdict_on_a_healthy_day_names_what_would_have_been_seen(seed: int)
     assert report.confirmation is not None
     assert report.confirmation.details["rows"] < PARTS[0]
     assert 0.0 < (report.confirmation.limit_of_detection or 0.0) < 0.01
+
+
+def test_a_limit_cycle_is_not_taken_for_a_smooth_load_because_a_part_allows_it() -> None:
+    """Without a dead band such a part asks for a load whose moves last; with one there are half a dozen load steps."""
+    evidence = [weigh_lightly(rows_of(slow_loop(seed=seed))).gain for seed in range(1, 13)]
+    assert sum(gain > 30.0 for gain in evidence) >= 11
+    assert min(evidence) > -6.0
