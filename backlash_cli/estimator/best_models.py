@@ -205,13 +205,15 @@ def _calmed(fit: Fitter, m: Models) -> Models:
     levels = np.array([fit.ll(one, fit.r.x, some) for one in p])
     n, k = int(np.argmax(levels[:, 0])), 1 + int(np.argmax(levels[:, 1:].max(axis=0)))
     w = int(np.argmax(levels[:, k]))
-    if levels[w, k] < m.best[1, 3] - AGAIN and levels[n, 0] < m.best[0, 3] - AGAIN:
+    near = levels[n, 0] > m.best[0, 3] - AGAIN, levels[w, k] > m.best[1, 3] - AGAIN
+    if not any(near):
         return m
     calm = Models(np.full((2, 4), -np.inf), some[k])
     calm.best[0, :3], calm.best[1, :3] = p[n], p[w]
     fit.forget()
     for which in (1, 0):
-        fit.ascend(calm.best, which, calm.j, ROUGHLY)
+        if near[which]:
+            fit.ascend(calm.best, which, calm.j, ROUGHLY)
     fit.forget()
     better = calm.best[:, 3:] > m.best[:, 3:]
     return replace(m, best=np.where(better, calm.best, m.best), j=calm.j if better[1] else m.j)
