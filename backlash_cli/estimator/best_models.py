@@ -33,7 +33,10 @@ CHANGES = 3  # how often the best width may change at the end
 
 @dataclass
 class Models:
-    """Best shape numbers and their log-likelihood (2, 4): without a dead band, and with width number j (from 1)."""
+    """Best shape numbers and their log-likelihood (2, 4): without a dead band, and with width number j (from 1).
+
+    passes: shape numbers and width with which load steps were found, one pass after the other.
+    """
 
     best: FloatArray
     j: int

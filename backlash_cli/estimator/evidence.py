@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..record import FloatArray
-from .best_models import Models, around, best_of_two, final_models
+from .best_models import PER_STEP, Models, around, best_of_two, final_models
 from .fitter import Fitter
 from .profile import between, likelihood_interval, peak
 from .rows import Rows
@@ -54,6 +54,11 @@ class Evidence:
     shape: tuple[float, ...] = ()
     shape_without: tuple[float, ...] = ()
     shock: FloatArray = field(default_factory=lambda: np.empty(0), compare=False)
+
+    @property
+    def worth(self) -> float:
+        """Log-likelihood of the best model less the price of its load steps [nats]."""
+        return self.level - PER_STEP * self.steps
 
 
 def weigh(rows: Rows) -> Evidence:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .best_models import PER_STEP, Models, first_models, further_models
+from .best_models import Models, first_models, further_models
 from .evidence import Evidence, weigh, weighed
 from .fitter import Fitter
 from .rows import Rows, counted, liveliest, part_of
@@ -51,7 +51,7 @@ def weigh_lightly(rows: Rows) -> Evidence:
     if clear or not (_smooth(found) or 0 < found.steps * STEP_ROWS <= found.rows):
         return found
     # load steps of a part, or a smooth load, may have led astray
-    return max(found, weigh(rows), key=lambda e: e.level - PER_STEP * e.steps)
+    return max(found, weigh(rows), key=lambda e: e.worth)
 
 
 def excludes(e: Evidence) -> bool:

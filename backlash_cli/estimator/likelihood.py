@@ -12,11 +12,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from .kalman import WEIGHTS, gains
 from .lane_loops import HIGHEST_TERM, grow, sums_of_products
 from .lanes import STRIPES, add, dot, fma, folded
 from .step_response import nonnegative, response_base
 from .vector_code import LANES
-from .whitening import FIRST_LAG, LAGS, WEIGHTS, gains, innovations
+from .whitening import FIRST_LAG, LAGS, innovations
 
 FACTORS = 31  # of at most 1 + HIGHEST_TERM: their product is still a number, also times 1e10
 T_FREEDOM = 6.0  # tails of the residuals: Student t

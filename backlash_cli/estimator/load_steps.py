@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 def step_information(G: NDArray[Any], S: NDArray[Any], a: float, phi: float, first: NDArray[Any]) -> NDArray[Any]:
     """How well a load step at each row would be known (rows,): one over its variance, whatever the residuals.
 
-    The information matrix N of the state goes backward through the equations of the model (see `whitening.gains`);
+    The information matrix N of the state goes backward through the equations of the model (see `kalman.gains`);
     it changes only where the filter is not settled.
     """
     n = len(S)

@@ -20,7 +20,6 @@ from .profile import between, likelihood_interval
 from .rows import Rows
 from .square_wave import Wave, opposed_wave, square
 
-PER_STEP = 7.0  # nats that a single load step costs: its row is one of about a thousand
 BETTER = 20.0  # nats by which the square wave must explain PV better than single steps
 REACH = 100.0  # nats that a dead band may still add to it: on simulated square loads it is better without one already
 AMPLITUDES = (0.6, 0.85, 1.0)  # of the swing of OP: a dead band makes OP swing wider than the load
@@ -204,7 +203,7 @@ def with_switching_load(rows: Rows, plain: Evidence, load: Wave) -> Evidence:
     """Return the evidence with an even square `load` in it, or the `plain` one where it does not explain PV better."""
     search = _Search(rows, load)
     none = search.start(load)
-    asked = plain.level - PER_STEP * plain.steps + BETTER
+    asked = plain.worth + BETTER
     if none.level < asked - REACH:
         return plain
     at_widths = search.along_widths(none)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar, nnls
 
 from backlash_cli.estimator import whitening as core
+from backlash_cli.estimator.kalman import DIFFUSE, WEIGHTS, gains
 from backlash_cli.estimator.likelihood import T_FREEDOM, pair, several, t_scale
 from backlash_cli.estimator.load_steps import step_information, step_scores
 from backlash_cli.estimator.step_response import DIP, nonnegative, response_base
@@ -41,8 +42,8 @@ def whitened(y, a, ratio, phi, shock, first):
     """Innovations of y over their deviation, gains and variances."""
     n = len(y)
     G, S, T, E, _ = room(n)
-    W, f = np.empty((core.WEIGHTS, n), np.float32), np.empty((n, 2), np.float32)
-    rows, logs = core.gains(a, ratio, phi, shock, first, np.ones(n, dtype=bool), G, S, W)
+    W, f = np.empty((WEIGHTS, n), np.float32), np.empty((n, 2), np.float32)
+    rows, logs = gains(a, ratio, phi, shock, first, np.ones(n, dtype=bool), G, S, W)
     assert rows == n
     assert logs == pytest.approx(np.sum(np.log(S)))
     core.innovations(y, np.empty((0, n)), np.zeros(n), np.zeros(n), a, phi, first, W, f, T, E)
@@ -75,7 +76,7 @@ def brute_force(y, a, ratio, phi, shock):
         z2 = z2 + a * (z1 - z2)
         state = np.array([z1, z2, w, s])
         effect[k] = z2
-    initial = core.DIFFUSE * (np.ones((3, 3)) + 0.01 * np.eye(3))
+    initial = DIFFUSE * (np.ones((3, 3)) + 0.01 * np.eye(3))
     variance = np.zeros((3 + 2 * n, 3 + 2 * n))
     variance[:3, :3] = initial
     variance[3:, 3:] = np.diag([*([ratio] * n), *shock])
