@@ -53,8 +53,7 @@ class WrittenStamps(Stamps):
         np.maximum.at(self._latest, numbers[rows], later[rows])
         if self._so_far is not None:
             return self._at_once(self._so_far, new, numbers, later)
-        known = None if len(rows) == len(numbers) else numbers >= 0
-        return (numbers << _LATER) | later, known
+        return _packed(numbers, later)
 
     def _at_once(
         self, so_far: TextsSoFar, new: list[str], numbers: NDArray[np.int64], later: NDArray[np.int64]
@@ -65,7 +64,7 @@ class WrittenStamps(Stamps):
             if self._understood is not None:
                 raise ForeignText from None
             self._so_far = None  # what comes first does not tell
-            return (numbers << _LATER) | later, None if numbers.min(initial=0) >= 0 else numbers >= 0
+            return _packed(numbers, later)
         begins = np.append(self._understood, NAT)[numbers]
         micros = np.where(begins == NAT, NAT, begins + later)
         if len(self.names) == 1:
@@ -96,6 +95,14 @@ class WrittenStamps(Stamps):
         self.rising = not np.any(np.diff(times.micros[used]) < 0)
         last = int((times.micros[used] + self._latest[used]).max(initial=NAT))
         return Clock(Texts(times.micros), replace(times, micros=times.micros[:0]), last)
+
+
+def _packed(
+    numbers: NDArray[np.int64], later: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
+    """Return (raw, known), see `Stamps.take`, of the numbers of texts, -1 for none, and of what the rows are later."""
+    known = numbers >= 0
+    return (numbers << _LATER) | later, None if known.all() else known
 
 
 class Texts:
