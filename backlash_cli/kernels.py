@@ -58,3 +58,63 @@ def stick_slip(u: NDArray[Any], S: float, J: float, start: float, restick: bool)
         last = v
         out[k] = stem
     return out
+
+
+@numba.njit(cache=True)
+def gap_means(u: NDArray[Any], widths: NDArray[Any], size: int, count: int) -> NDArray[Any]:
+    """Means over `count` blocks of `size` samples of what the stem lags behind OP, for each dead band in `widths`.
+
+    u: (samples,) controller output; widths: (widths,) dead bands in its units; returns (widths, blocks) of
+    play(u) - u. The stem begins in the middle of its gap.
+    """
+    out = np.empty((len(widths), count))
+    for j in range(len(widths)):
+        half, x = 0.5 * widths[j], u[0]
+        for b in range(count):
+            total = 0.0
+            for i in range(b * size, (b + 1) * size):
+                v = u[i]
+                if x < v - half:
+                    x = v - half
+                elif x > v + half:
+                    x = v + half
+                total += x - v
+            out[j, b] = total / size
+    return out
+
+
+@numba.njit(cache=True)
+def forgetting_gap_means(u: NDArray[Any], widths: NDArray[Any], rates: NDArray[Any], size: int,
+                         count: int) -> NDArray[Any]:
+    """The same for gaps that forget: -clip(u - slow mean of u, half a width), `rates` (widths,) per sample.
+
+    Like a dead band in shape, but it depends on how fast OP moves, which no gap does: what explains PV as well as
+    this one does is no valve.
+    """
+    out = np.empty((len(widths), count))
+    for j in range(len(widths)):
+        half, mean = 0.5 * widths[j], u[0]
+        for b in range(count):
+            total = 0.0
+            for i in range(b * size, (b + 1) * size):
+                mean += rates[j] * (u[i] - mean)
+                total -= min(max(u[i] - mean, -half), half)
+            out[j, b] = total / size
+    return out
+
+
+@numba.njit(cache=True)
+def gap_crossings(u: NDArray[Any], width: float) -> int:
+    """How often the stem behind a dead band of `width` began to move the other way: OP crossed the whole gap."""
+    half, x, way, crossings = 0.5 * width, u[0], 0, 0
+    for i in range(len(u)):
+        v = u[i]
+        now = 0
+        if x < v - half:
+            x, now = v - half, 1
+        elif x > v + half:
+            x, now = v + half, -1
+        if now != 0:
+            crossings += 1 if way == -now else 0
+            way = now
+    return crossings

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from .estimator.carry import CarryRecorder
 from .estimator.carry_bytes import pack
 from .estimator.compensator import recommend
-from .estimator.haegglund import DEFAULT_KP, ErrorScanner, error_scanner, estimate
+from .estimator.haegglund import DEFAULT_KP, ErrorScanner, error_scanner, estimate, no_half_periods
 from .estimator.identify import settings_of
 from .estimator.law_check import check_quickly
-from .estimator.oscillation import detect_oscillation, follows_setpoint
+from .estimator.oscillation import Oscillation, detect_oscillation, follows_setpoint
 from .estimator.quality import quality_of
-from .estimator.reading import known_noise, read_half_periods
+from .estimator.reading import Reading, known_noise, read_half_periods
 from .estimator.survey import Survey
 from .estimator.survey_walk import FIRST, LAST, WITH_SETPOINT
 from .estimator.tally import tally_of
@@ -65,7 +65,8 @@ class LoopScanner:
         if settings.K and settings.Ti and interval <= COARSEST * settings.Ti:
             self._errors = error_scanner(settings, interval, every=False)
             self._carry = CarryRecorder(settings, interval) if self.options.carry else None
-            self._confirm = _confirmation(settings, interval) if self.options.confirm else None
+        if self.options.confirm:
+            self._confirm = _confirmation(settings, interval)
 
     def update(self, block: Record) -> None:
         """Take the next block; its index goes on where the last block ended, or later."""
@@ -124,34 +125,39 @@ class LoopScanner:
                 for block in self._kept:
                     scanner.update(block)
                 return scanner.finish()
+        settings, on_settings = self.settings, self._settings_notes()
+        warnings: list[Note] = []
         refusal = self._refusal()
-        if refusal is not None:
+        confirmation = self._confirm.finish() if self._confirm and self.used >= 2 else None
+        if refusal is not None and (refusal.code == "insufficient_data" or not isinstance(confirmation, Confirmation)):
             short = self.has_setpoint and refusal.values.get("why") == "too_short"
             few = short or refusal.code == "insufficient_data"
-            on_settings = self._settings_notes()
             return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL,
                                 (*_contradictions(on_settings), refusal), 0.0, on_settings, carry=self._packed())
-        assert self._errors is not None and self.settings.Ti is not None
-        settings = self.settings
-        warnings: list[Note] = []
-        if settings.Kp is None:
-            settings = settings.with_values("default", Kp=DEFAULT_KP)
-            warnings.append(Note("default_kp", f"Kp is not given; the paper's default {DEFAULT_KP} is used"))
-        half_periods = estimate(self._errors.smooth.finish(), self.interval, settings)
-        oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, self.settings.Ti)
+        if refusal is None:
+            assert self._errors is not None and settings.Ti is not None
+            if settings.Kp is None:
+                settings = settings.with_values("default", Kp=DEFAULT_KP)
+                warnings.append(Note("default_kp", f"Kp is not given; the paper's default {DEFAULT_KP} is used"))
+            half_periods = estimate(self._errors.smooth.finish(), self.interval, settings)
+            left_out = self._errors.smooth.left_out
+            oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, float(settings.Ti or 0.0))
+        else:
+            warnings.append(Note("rule_left_out", "the published rule (15) on half periods is left out: "
+                                 + refusal.message, {"why": refusal.code}))
+            half_periods, left_out = no_half_periods(), 0
+            oscillation = Oscillation(False, 0.0, 0.0)
         quality = quality_of(self._survey, self.settings.Ti)
-        reading = read_half_periods(half_periods, settings, self.interval,
-                                    known_noise(quality.pv, quality.filled_share))
-        tally = tally_of(half_periods, self._errors.smooth.left_out)
+        noise = known_noise(quality.pv, quality.filled_share)
+        reading = (Reading(half_periods, None) if refusal is not None else
+                   read_half_periods(half_periods, settings, self.interval, noise))
+        tally = tally_of(half_periods, left_out)
         accepted = tally.accepted
-        confirmation = self._confirm.finish() if self._confirm else None
         rounding = quality.op.step if quality.op else 0.0
         driven = follows_setpoint(oscillation, quality.setpoint_moves, quality.setpoint_range, self.interval)
-        on_settings = self._settings_notes()
         warnings += on_settings
         decision = decide(Findings(reading.cluster, accepted, tally.long, oscillation, confirmation,
-                                   (*quality.notes, *on_settings), self.settings.Ti / self.interval, rounding, driven,
-                                   reading.notes))
+                                   (*quality.notes, *on_settings), rounding, driven, reading.notes))
         if decision.verdict is Verdict.CANNOT_TELL:
             decision = replace(decision, reasons=(*_contradictions(on_settings), *decision.reasons))
         confirmed = confirmation if isinstance(confirmation, Confirmation) else None

@@ -71,6 +71,12 @@ def estimate(segments: Segments, interval: float, settings: LoopSettings) -> Hal
     return HalfPeriods(begin, duration, dy, s.e_max, d, s.direction, s.setpoint_move, refused)
 
 
+def no_half_periods() -> HalfPeriods:
+    """Of a record that the rule cannot be asked of."""
+    none, flags = np.zeros(0), np.zeros(0, dtype=np.uint8)
+    return HalfPeriods(none, none, none, none, none, np.zeros(0, dtype=np.int64), none, flags)
+
+
 class ErrorTrack:
     """Half periods of one error signal: those that have ended, and the open one."""
 

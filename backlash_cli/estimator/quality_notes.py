@@ -3,7 +3,7 @@
 Codes and their effect:
 
     no_usable_data        blocks   no usable sample
-    sampling_too_coarse   blocks   fewer than 2 samples per Ti
+    sampling_too_coarse   info     fewer than 2 samples per Ti: the published rule needs more, PV against OP does not
     measurement_constant  blocks   PV is the same number throughout
     output_constant       blocks   OP is the same number throughout
     sampling_coarse       info     fewer than 5 samples per Ti: more evidence is needed
@@ -64,8 +64,8 @@ def _sampling(quality: Quality) -> Iterator[Note]:
     if per_Ti is None or per_Ti >= FEW_PER_TI:
         return
     if per_Ti < FEWEST_PER_TI:
-        message = f"only {per_Ti:.2g} samples per Ti: export this loop at a shorter interval"
-        yield _note("sampling_too_coarse", message, "blocks", samples_per_Ti=per_Ti)
+        message = f"only {per_Ti:.2g} samples per Ti, too few for half periods: export this loop at a shorter interval"
+        yield _note("sampling_too_coarse", message, "info", samples_per_Ti=per_Ti)
     else:
         message = f"only {per_Ti:.2g} samples per Ti: dead bands read low, healthy loops are called more often"
         yield _note("sampling_coarse", message, "info", samples_per_Ti=per_Ti)

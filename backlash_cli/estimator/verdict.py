@@ -7,21 +7,17 @@ confidence, disagreement is said, and neither number is averaged into the other.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ..record import Note
 from ..results import Cluster, Confirmation, Verdict
-from .criteria import ASKED, DOUBT, EVIDENCE, MOTION, follows, read
+from .criteria import CALLED, CLEARED, confidence, read, times
 from .oscillation import Oscillation
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
 AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share
-HARMLESS = ASKED / 2.0  # a reconstructed PV imitates dead bands of this size, which half periods cannot confirm
-# Confidence: how often a verdict is right, from 3,500 simulated loops (2,500 random, 1,000 that oscillate), of which
-# 1,642 were called backlash, 98 suspected and 1,095 healthy; detect_benchmark prints the table for fresh ones.
-SLIGHT, CLOSE_CALL = 0.01, 0.1  # doubt with all the evidence in the world, and more with no more than is asked for
-SUSPICION = 0.75
-HEALTHY = 0.97
+HARMLESS = 0.015  # span: a reconstructed PV imitates dead bands of this size, which half periods cannot confirm
+HEALTHY = 0.95  # of the strange loops that were cleared
 BLOCKED, LIMITED = "blocks", "limits"
 TOO_LITTLE = "short_record"  # what only more data can mend; all else cannot be told from data of this kind
 
@@ -30,7 +26,7 @@ TOO_LITTLE = "short_record"  # what only more data can mend; all else cannot be 
 class Findings:
     """All that the verdict is made of. confirmation: a Note says why PV could not be tested against OP, None that it
     was not asked for. detections: half periods that pass the publication's gates. quality: notes whose
-    values["effect"] says what they mean for the verdict. samples_per_Ti: sampling. output_step: rounding step of OP
+    values["effect"] says what they mean for the verdict. output_step: rounding step of OP
     [span], 0 when not rounded or rebuilt. driven: an oscillation is that of the setpoint. reading: what is to be said
     of the half periods besides their centre."""
 
@@ -40,7 +36,6 @@ class Findings:
     oscillation: Oscillation
     confirmation: Confirmation | Note | None = None
     quality: tuple[Note, ...] = ()
-    samples_per_Ti: float = 20.0
     output_step: float = 0.0
     driven: bool = False
     reading: tuple[Note, ...] = ()
@@ -72,57 +67,40 @@ def decide(f: Findings) -> Decision:
 
 
 def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
-    reading = read(c, samples_per_Ti=f.samples_per_Ti, output_step=f.output_step)
+    reading = read(c, output_step=f.output_step)
     limits = tuple(note for note in f.quality if note.values.get("effect") == LIMITED)
-    cluster = _final(f, c)
-    agrees = _agreement(f, c)
-    reasons = [_explained(c), *_switching(c), *_side_by_side(f, c), *f.reading]
-    if reading.clear and _swings(f) and not f.detections and not f.driven:
-        limit_cycle = Note("size_in_cycle", "in a loop that only swings, and never rests long enough for the published "
-                           "rule, the size is not reliable: integrating processes cycle with any dead band")
-        return Decision(Verdict.OSCILLATING, (_swinging(f), *reasons, limit_cycle, *limits), 0.7, cluster)
-    if reading.some and limits and not agrees and f.detections < ENOUGH and c.ci95[1] < HARMLESS:
-        return _nothing_found(f, _discounted(c), limits)
-    if reading.clear:
-        if limits and not agrees:
-            return Decision(Verdict.SUSPECTED, (reasons[0], *limits, *reasons[1:]), 0.5, cluster)
-        doubt = SLIGHT + CLOSE_CALL * (reading.needed / float(c.details["evidence"])) ** 2
-        doubt = max(0.5 * doubt, SLIGHT) if agrees else doubt
-        return Decision(Verdict.BACKLASH, (*reasons, *limits), 1.0 - doubt, cluster)
-    if reading.some:
-        reasons += reading.against
-        verdict = Verdict.OSCILLATING if _swings(f) else Verdict.SUSPECTED
-        first = (_swinging(f),) if _swings(f) else ()
-        return Decision(verdict, (*first, *reasons, *limits), SUSPICION, cluster)
+    sure = confidence(float(c.details["evidence"]))
+    reasons = [_explained(c), LOOK_ALIKE, *_side_by_side(f, c), *f.reading]
+    small = limits and f.detections < ENOUGH and c.ci95[1] < HARMLESS  # a reconstructed PV imitates such sizes
+    if reading.clear and not small:
+        if limits and not _agreement(f, c):
+            return Decision(Verdict.SUSPECTED, (reasons[0], *limits, *reasons[1:]), 0.5, _final(f, c))
+        swinging = (_swinging(f),) if _swings(f) else ()
+        return Decision(Verdict.BACKLASH, (*reasons, *swinging, *limits), sure, _final(f, c))
+    if _swings(f):
+        found = reasons[:1] if reading.some else [_not_explained(c)]
+        return Decision(Verdict.OSCILLATING, (_swinging(f), *found, *reading.against, *limits), 0.7, None)
+    if reading.some and not small:
+        return Decision(Verdict.SUSPECTED, (*reasons, *reading.against, *limits), min(sure, 0.75), _final(f, c))
     return _nothing_found(f, c, limits)
 
 
-def _discounted(c: Confirmation) -> Confirmation:
-    """The same without the evidence for a dead band that compression may have made."""
-    limit = max(c.limit_of_detection or 0.0, HARMLESS)
-    return replace(c, limit_of_detection=limit, details={**c.details, "evidence": 0.0})
-
-
 def _nothing_found(f: Findings, c: Confirmation, limits: tuple[Note, ...]) -> Decision:
-    if _swings(f):
-        return Decision(Verdict.OSCILLATING, (_swinging(f), _not_explained(c)), 0.7, f.cluster)
-    span = float(c.details["output_range"])
-    if not follows(c):
-        reason = Note("no_response", f"PV does not answer to OP, which moved over {100 * span:.2g} % of its span: any "
-                      "dead band above that, or none, would look the same; a setpoint bump of twice the suspected dead "
-                      "band would show it", {"output_range": span})
-        return Decision(Verdict.CANNOT_TELL, (reason, *limits), 0.0, f.cluster)
-    limit = c.limit_of_detection or span
+    span, limit = float(c.details["output_range"]), c.limit_of_detection
+    if c.details["trace"]:
+        trace = Note("not_separable", f"there is a trace of something like a dead band of {100 * c.d:.2g} %, which a "
+                     "load or a curved valve would leave as well: a longer record, or a test of the valve, would tell",
+                     {"d": c.d, "evidence": float(c.details["evidence"])})
+        return Decision(Verdict.CANNOT_TELL, (trace, *limits), 0.0, None)
+    if limit is None or limit > CLEARED:
+        size = "no size" if limit is None else f"only {100 * limit:.2g} % and more"
+        few = Note("little_information", f"no sign of a dead band, but {size} would surely have shown in this record: "
+                   f"OP moves over {100 * span:.2g} % of its span, and PV answers with little against its noise and "
+                   "load; a longer record, or a setpoint bump of twice the suspected dead band, would tell",
+                   {"output_range": span, **({} if limit is None else {"limit": limit})})
+        return Decision(Verdict.CANNOT_TELL, (few, *limits), 0.0, None)
     seen = Note("limit_of_detection", f"a dead band of {100 * limit:.2g} % of span or more would have been seen",
                 {"limit": limit})
-    if limit > min(ASKED, span / MOTION):
-        few = Note("little_motion", f"OP moves over {100 * span:.2g} % of its span: too little to exclude a dead band "
-                   f"of {100 * min(ASKED, limit):.2g} %", {"output_range": span, "limit": limit})
-        return Decision(Verdict.CANNOT_TELL, (few, *limits), 0.0, f.cluster)
-    if float(c.details["evidence"]) > DOUBT:
-        unclear = Note("not_separable", f"there is a trace of a dead band of {100 * c.d:.2g} %, too weak to tell: a "
-                       "longer record would", {"d": c.d, "evidence": float(c.details["evidence"])})
-        return Decision(Verdict.CANNOT_TELL, (unclear, *limits), 0.0, f.cluster)
     cluster = Cluster(0.0, (0.0, limit), 0.0, 0, 0.0, limit)
     return Decision(Verdict.NO_BACKLASH, (_not_explained(c), seen, *_unexplained_cluster(f), *limits),
                     HEALTHY if not limits else 0.6, cluster)
@@ -146,7 +124,9 @@ def _final(f: Findings, c: Confirmation) -> Cluster:
     """The number to report: from PV against OP, with what the half periods say about how often it showed."""
     spread = (c.ci95[1] - c.ci95[0]) / (2.0 * c.d) if c.d > 0 else 0.0
     n, share = (f.cluster.n, f.cluster.share) if f.cluster else (0, 0.0)
-    return Cluster(c.d, c.ci95, spread, n, share, c.limit_of_detection)
+    # what was found was seen: a limit above it would say that it cannot have been
+    limit = None if c.limit_of_detection is None else min(c.limit_of_detection, c.d)
+    return Cluster(c.d, c.ci95, spread, n, share, limit)
 
 
 def _cluster_is_tight(cluster: Cluster | None) -> bool:
@@ -179,23 +159,21 @@ def _unexplained_cluster(f: Findings) -> Iterator[Note]:
 
 
 def _strength(evidence: float) -> str:
-    """Say a log-likelihood ratio [nats] in words; 3 and 10 times what is asked for at least are clear and strong."""
-    return "strong" if evidence > 10 * EVIDENCE else "clear" if evidence > 3 * EVIDENCE else "some"
+    """Say a log-likelihood ratio [nats] in words; 3 and 6 times what is asked for at least are clear and strong."""
+    return "strong" if evidence > 6 * CALLED else "clear" if evidence > 3 * CALLED else "some"
 
 
 def _explained(c: Confirmation) -> Note:
-    evidence = float(c.details["evidence"])
+    evidence, crossings = float(c.details["evidence"]), float(c.details["crossings"])
     rebuilt = " (OP rebuilt from SP, PV, K and Ti)" if c.details.get("output") == "rebuilt" else ""
     return Note("play_fits", f"PV follows OP through a dead band of {100 * c.d:.2g} % of span ({100 * c.ci95[0]:.2g} "
-                f"to {100 * c.ci95[1]:.2g} %) better than OP itself ({_strength(evidence)} evidence){rebuilt}",
-                {"d": c.d, "evidence": evidence})
+                f"to {100 * c.ci95[1]:.2g} %) better than OP itself ({_strength(evidence)} "
+                f"evidence, OP went back through it {times(crossings)}){rebuilt}",
+                {"d": c.d, "evidence": evidence, "crossings": crossings})
 
 
-def _switching(c: Confirmation) -> Iterator[Note]:
-    half = float(c.details.get("load_half_period_s", 0.0))
-    if half > 0.0:
-        yield Note("switching_load", f"a load that switches to and fro every {half:.3g} s acts on the loop; the dead "
-                   "band was fitted together with it", {"half_period_s": half})
+LOOK_ALIKE = Note("play_or_stiction", "play or stiction: a sticking valve that lags behind OP in the same way looks "
+                  "alike in normal operation; a slow ramp of OP in manual tells them apart (stiction moves in jumps)")
 
 
 def _not_explained(c: Confirmation) -> Note:

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from backlash_cli.estimator.confirm import ConfirmationScanner
-from backlash_cli.estimator.rows import Rows
 from backlash_cli.record import FloatArray, LoopSettings, Record, record_from_arrays
 
 
@@ -71,15 +69,6 @@ def run(
         waiting[k % len(waiting)] = valve - start + loads[k]
         pv[k], op[k] = y, u
     return record_from_arrays(setpoints, pv, op, interval=1.0, settings=LoopSettings())
-
-
-def rows_of(record: Record) -> Rows:
-    """The rows that the test of PV against OP makes of a record, which is long enough for it."""
-    scanner = ConfirmationScanner(record.settings, record.interval)
-    scanner.update(record)
-    rows = scanner.rows()
-    assert isinstance(rows, Rows)
-    return rows
 
 
 def load_steps(samples: int, size: float = 0.05, every: int = 400, seed: int = 1) -> FloatArray:

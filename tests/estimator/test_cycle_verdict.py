@@ -63,7 +63,7 @@ def test_what_blocks_a_verdict_is_not_talked_away() -> None:
 PUBLISHED = {
     "PAP4": {"suspected", "backlash"},  # dead zone and tight tuning
     "PAP2": {"suspected", "backlash"}, "CHEM10": {"suspected", "backlash"},
-    "CHEM23": {"suspected", "backlash"},  # stiction
+    "CHEM23": {"suspected", "backlash", "cannot_tell"},  # stiction, one sample per integral time
     "CHEM1": {"suspected", "backlash", "oscillating"},  # stiction, a setpoint that may have moved
     "CHEM2": {"suspected", "backlash", "cannot_tell"},  # stiction, four cycles
     "CHEM13": {"oscillating", "cannot_tell", "no_backlash"},  # a faulty sensor elsewhere

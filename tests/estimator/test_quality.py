@@ -115,7 +115,7 @@ def test_every_finding_has_its_code_and_effect() -> None:
     assert RECORD.output is not None
     op = RECORD.output
     assert codes(RECORD, 4.0) == {"sampling_coarse": "info"}
-    assert codes(RECORD, 1.5) == {"sampling_too_coarse": "blocks"}
+    assert codes(RECORD, 1.5) == {"sampling_too_coarse": "info"}
     assert codes(replace(RECORD, measurement=exception_reporting(PV, 0.0025))) == {"compressed_held": "limits"}
     assert codes(replace(RECORD, measurement=exception_reporting(PV, 0.02))) == {"compressed_held": "blocks"}
     assert codes(replace(RECORD, measurement=interpolated(PV, 0.003))) == {"compressed_linear": "limits"}

@@ -1,0 +1,145 @@
+"""Does the memory of a gap explain PV beyond all that past PV and OP explain? One Predictor, many gaps.
+
+A stem behind a dead band d stands at play(OP, d): it lags behind OP by g = play(OP, d) - OP. If the valve has such a
+gap, PV answers g exactly as it answers OP. So for each d the answer to OP is fitted with g added to OP (tied), the
+answer to g alone is predicted with it, and this one column is offered to a prediction that has everything linear
+already (the J test of nested and non-nested models, Davidson and MacKinnon, Econometrica 49 (1981) 781):
+
+    gain       n/2 ln(loss without / loss with the column), in nats
+    share      its coefficient: 1 where PV answers the gap as it answers OP, 0 where it does not answer it
+    deviation  of the share, from sums over stretches of the record, so that one event does not pass for many
+    tied       the gain of the tied fit over the prediction without a gap: below zero where the gap alone does worse
+               than OP itself, which no valve does
+
+`imitations` offers gaps that forget instead: shaped alike, but rate dependent, as no valve is. What they gain is what
+the imperfection of the prediction is worth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from ..record import FloatArray
+from .predictor import Predictor
+
+STRETCHES = 24  # of the record, for the deviation of the share
+LEAST_SHARE, MOST_SHARE = 0.6, 1.6  # a share outside is no gap, whatever it gains
+LEAST_ANSWER, MOST_ANSWER = 0.02, 20.0  # of PV to OP within 6 Ti, times K: a loop so far off would not have been tuned
+FREE_LAGS = 4  # of an imitation
+TIED_COUNTS = 0.1  # of what the tied fit loses; loads that swing lose hundreds of nats there, valves few
+SCALES = (0.5, 2.0, 8.0)  # memory of the imitations, in integral times
+
+
+@dataclass(frozen=True)
+class GapTest:
+    """What each of the `widths` (widths,) brings; see the module. possible: the answer has the process's sign and a
+    possible size. error_reduction: share of the prediction error variance that the gap removes."""
+
+    widths: FloatArray
+    gain: FloatArray
+    share: FloatArray
+    deviation: FloatArray
+    tied: FloatArray
+    possible: FloatArray
+    error_reduction: FloatArray
+
+    @property
+    def fit(self) -> FloatArray:
+        """Gain (widths,) where the share is about 1, else -1; what the tied fit loses is held against it."""
+        full = (self.share > LEAST_SHARE) & (self.share < MOST_SHARE)
+        held: FloatArray = np.where(full, self.gain + TIED_COUNTS * np.minimum(self.tied, 0.0), -1.0)
+        return held
+
+    @property
+    def answer(self) -> FloatArray:
+        """The same where the answer is a possible one as well: what counts as evidence. The size is read from `fit`:
+        slow parts of the answer, which make it possible or not, are known less well than the width."""
+        return np.where(self.possible, self.fit, -1.0)
+
+
+def gaps_tested(p: Predictor, widths: FloatArray, K: float | None, Ti: float, interval: float) -> GapTest:
+    """Test gaps of `widths` (in the units of OP). K: controller gain [OP units / PV units], None when not known.
+    Ti, interval: integral time and sampling interval [s]."""
+    from ..kernels import gap_means
+
+    G = p.lagged(lambda u, size, count: gap_means(u, widths, size, count))
+    lags, n = p.lags.count, p.rows
+    flat = G.reshape(len(widths) * lags, n)
+    H, w = p.columns, p.weights
+    weighted = H * w
+    cross = weighted @ flat.T
+    solved = p.inverse @ cross
+    on_error = flat @ (w * p.error)
+    on_target = flat @ (w * p.target)
+    target, square = weighted @ p.target, float(w @ p.target**2)
+    floor = p.loss - float(w @ p.error**2)
+    at = p.past_output
+    stretch = np.minimum(np.arange(n) * STRETCHES // n, STRETCHES - 1)
+    rows = []
+    for j in range(len(widths)):
+        here = slice(j * lags, (j + 1) * lags)
+        X = flat[here]
+        own = (X * w) @ X.T
+        left = own - cross[:, here].T @ solved[:, here]
+        gram = p.gram.copy()
+        gram[at] += cross[:, here].T
+        gram[:, at] += cross[:, here]
+        gram[at, at] += own
+        right = target.copy()
+        right[at] += on_target[here]
+        b: FloatArray = np.asarray(np.linalg.solve(gram, right), dtype=np.float64)
+        tied = 0.5 * n * np.log(p.loss / max(float(square - b @ right) + floor, 1e-300))
+        to_output = b[at]
+        size, found = float(to_output @ left @ to_output), float(to_output @ on_error[here])
+        share = found / max(size, 1e-300)
+        gain = -0.5 * n * np.log(max(1.0 - share * found / p.loss, 1e-9))
+        column = to_output @ X - (solved[:, here] @ to_output) @ H
+        sums = np.bincount(stretch, column * w * (p.error - share * column), STRETCHES)
+        deviation = float(np.sqrt(sums @ sums)) / max(size, 1e-300)
+        rows.append((gain, share, deviation, tied, _possible(p, b, K, Ti, interval), share * found / p.loss))
+    columns = np.array(rows, dtype=float).T
+    return GapTest(widths, columns[0], columns[1], columns[2], columns[3], columns[4] > 0.0, columns[5])
+
+
+def imitations(p: Predictor, widths: FloatArray, Ti: float, interval: float) -> float:
+    """Best gain [nats] of gaps that forget within SCALES of Ti, each with FREE_LAGS free lags."""
+    from ..kernels import forgetting_gap_means
+
+    size = np.tile(widths, len(SCALES))
+    rates = np.repeat([min(1.0, interval / (scale * Ti)) for scale in SCALES], len(widths))
+    G = p.lagged(lambda u, block, count: forgetting_gap_means(u, size, rates, block, count))[:, :FREE_LAGS]
+    return max(free_gains(p, G))
+
+
+def free_gains(p: Predictor, G: FloatArray) -> list[float]:
+    """Gain [nats] of each of the signals G (signals, lags, rows), its lags free."""
+    weighted = p.columns * p.weights
+    found = []
+    for X in G:
+        cross = weighted @ X.T
+        left = (X * p.weights) @ X.T - cross.T @ p.inverse @ cross
+        left[np.diag_indices_from(left)] *= 1.0 + 1e-6
+        left[np.diag_indices_from(left)] += 1e-9
+        right = X @ (p.weights * p.error)
+        found.append(-0.5 * p.rows * float(np.log(max(1.0 - right @ np.linalg.solve(left, right) / p.loss, 1e-9))))
+    return found
+
+
+def _possible(p: Predictor, b: FloatArray, K: float | None, Ti: float, interval: float) -> bool:
+    """True where PV's answer to the gap is one of a process that this controller could control."""
+    blocks = max(2, round(Ti / (p.size * interval)))
+    impulse = np.zeros(6 * blocks + 1)
+    impulse[0] = 1.0
+    to_output, to_past = p.lags.spread(b[p.past_output]), p.lags.spread(b[p.past_measurement])
+    with np.errstate(over="ignore", invalid="ignore"):  # an unstable fit runs away, and is no process
+        answer = np.cumsum(np.clip(np.nan_to_num(lfilter(np.append(0.0, to_output), np.append(1.0, -to_past), impulse)),
+                                   -1e6, 1e6))
+    if K is None:
+        sign = np.sign(answer[np.argmax(np.abs(answer))])
+        return bool(sign * answer[3 * blocks] > 0.0)
+    answer = answer * K
+    top = float(answer.max())
+    return bool(top > abs(float(answer.min())) and LEAST_ANSWER < top < MOST_ANSWER and answer[3 * blocks] > 0.0)

@@ -1,0 +1,134 @@
+"""The prediction of PV and the gaps offered to it, against plain loops and plain regressions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from backlash_cli.estimator.gap_test import gaps_tested, imitations
+from backlash_cli.estimator.predictor import Lags, Recording, lags_for, predictor
+from backlash_cli.kernels import forgetting_gap_means, gap_crossings, gap_means, play
+
+SIZE = 4
+
+
+def recording(n: int = 4000, d: float = 3.0, seed: int = 0) -> Recording:
+    """OP [%] that wanders, PV one lag behind OP through a gap, and a load that wanders."""
+    rng = np.random.default_rng(seed)
+    u = np.cumsum(rng.normal(0.0, 0.4, n))
+    u -= np.convolve(np.pad(u, 200, mode="edge"), np.ones(401) / 401, mode="valid")
+    x, y, load = play(u, d, u[0]), np.zeros(n), np.cumsum(rng.normal(0.0, 0.01, n))
+    for k in range(1, n):
+        y[k] = y[k - 1] + (1.2 * x[k - 1] - y[k - 1]) / 6.0
+    y = y + load + rng.normal(0.0, 0.05, n)
+    return Recording(u - u.mean(), y - y.mean(), np.ones(n, dtype=bool))
+
+
+def test_gap_means_are_those_of_play_at_full_rate():
+    u = recording(999).output
+    means = gap_means(u, np.array([0.5, 2.0]), 7, len(u) // 7)
+    for width, found in zip((0.5, 2.0), means, strict=True):
+        expected = (play(u, width, u[0]) - u)[: len(u) // 7 * 7].reshape(-1, 7).mean(1)
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_gaps_that_forget_are_those_of_a_plain_loop():
+    u = recording(300).output
+    found = forgetting_gap_means(u, np.array([1.5]), np.array([0.1]), 5, 60)[0]
+    mean, lag = u[0], []
+    for value in u:
+        mean += 0.1 * (value - mean)
+        lag.append(-np.clip(value - mean, -0.75, 0.75))
+    np.testing.assert_allclose(found, np.array(lag).reshape(-1, 5).mean(1), atol=1e-12)
+
+
+def test_crossings_are_the_changes_of_direction_of_the_stem():
+    for seed in range(5):
+        u = recording(2000, seed=seed).output
+        moved = np.diff(play(u, 1.0, u[0]))
+        way = np.sign(moved[moved != 0.0])
+        assert gap_crossings(u, 1.0) == np.count_nonzero(np.diff(way))
+
+
+def test_coefficients_of_far_lags_are_spread_over_their_blocks():
+    lags = Lags(2, 2, 0, 0)
+    np.testing.assert_allclose(lags.spread(np.array([1.0, 2.0, 4.0, 8.0])), [1, 2, 2, 2, 2, 2, 2, 2])
+    assert lags.reach == 9
+
+
+def test_columns_are_what_lies_before_each_block():
+    r = recording(3000)
+    p = predictor([r], SIZE, 10.0, 10**6)
+    assert p is not None
+    lags = lags_for(3000 // SIZE)
+    y, u = (v[: 3000 // SIZE * SIZE].reshape(-1, SIZE).mean(1) for v in (r.measurement, r.output))
+    row = 17
+    block = lags.reach + row
+    assert p.target[row] == pytest.approx(y[block])
+    for values, at in ((y, p.past_measurement), (u, p.past_output)):
+        fine = [values[block - i] for i in range(1, lags.fine + 1)]
+        far, end, width = [], block - lags.fine, 2
+        for _ in range(lags.far):
+            far.append(values[end - width : end].mean())
+            end, width = end - width, 2 * width
+        np.testing.assert_allclose(p.columns[at, row], [*fine, *far])
+
+
+def test_the_gain_of_a_gap_is_that_of_two_plain_regressions():
+    """Weighted least squares by NumPy's own solver, with and without the column that the tied fit predicts."""
+    r = recording()
+    p = predictor([r], SIZE, 10.0, 10**6)
+    assert p is not None
+    widths = np.array([1.0, 3.0])
+    found = gaps_tested(p, widths, 0.5, 20.0, 1.0)
+    root = np.sqrt(p.weights)
+    floor = p.loss - float(p.weights @ p.error**2)
+
+    def loss(columns: np.ndarray) -> tuple[float, np.ndarray]:
+        b, *_ = np.linalg.lstsq((columns * root).T, p.target * root, rcond=None)
+        return float(np.sum(p.weights * (p.target - b @ columns) ** 2)) + floor, b
+
+    G = p.lagged(lambda u, size, count: gap_means(u, widths, size, count))
+    for j in range(2):
+        tied = p.columns.copy()
+        tied[p.past_output] += G[j]
+        with_gap, b = loss(tied)
+        assert found.tied[j] == pytest.approx(0.5 * p.rows * np.log(p.loss / with_gap), rel=1e-3, abs=0.02)
+        column = b[p.past_output] @ G[j]
+        left, both = loss(np.vstack([p.columns, column]))
+        assert found.gain[j] == pytest.approx(0.5 * p.rows * np.log(p.loss / left), rel=1e-3)
+        assert found.share[j] == pytest.approx(both[-1], rel=1e-3)
+
+
+def test_a_gap_is_answered_in_full_at_its_width_and_imitations_gain_less():
+    p = predictor([recording()], SIZE, 10.0, 10**6)
+    assert p is not None
+    widths = np.array([1.0, 2.0, 3.0, 4.5])
+    found = gaps_tested(p, widths, 0.5, 20.0, 1.0)
+    assert int(found.answer.argmax()) == 2
+    assert found.share[2] == pytest.approx(1.0, abs=4.0 * found.deviation[2] + 0.05)
+    assert found.gain[2] > 3.0 * imitations(p, widths, 20.0, 1.0)
+
+
+def test_without_a_gap_nothing_is_gained():
+    p = predictor([recording(d=0.0)], SIZE, 10.0, 10**6)
+    assert p is not None
+    assert float(gaps_tested(p, np.array([1.0, 3.0]), 0.5, 20.0, 1.0).gain.max()) < 8.0
+
+
+def test_recordings_of_one_loop_are_pooled_each_at_its_own_level():
+    parts = [recording(900, seed=k) for k in range(4)]
+    far = [Recording(r.output, r.measurement + 10.0 * k, r.usable) for k, r in enumerate(parts)]
+    widths = np.array([1.0, 3.0])
+    gains = []
+    for several in (parts, far):
+        p = predictor(several, SIZE, 10.0, 10**6)
+        assert p is not None
+        gains.append(gaps_tested(p, widths, 0.5, 20.0, 1.0).gain[1])
+    alone = predictor(parts[:1], SIZE, 10.0, 10**6)
+    assert alone is not None
+    assert gains[0] > 2.0 * gaps_tested(alone, widths, 0.5, 20.0, 1.0).gain[1]
+
+
+def test_too_few_blocks_are_no_prediction():
+    assert predictor([recording(200)], SIZE, 10.0, 10**6) is None
