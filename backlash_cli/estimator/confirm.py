@@ -28,6 +28,7 @@ from .rebuild import OutputRebuilder
 PARTS_OF_TI = (1, 2, 4, 8, 16)  # block lengths as parts of Ti
 SHORT = 6000  # blocks; the shortest blocks are tried only in records of fewer
 MOST_ROWS = 6000  # of a longer record every second, third .. block is predicted, each from all that lies before it
+SHORTEST = 10.0  # integral times: a shorter record holds no loop's behaviour
 FEWEST_BLOCKS = 60  # of Ti/8: no prediction can be fitted to fewer
 NARROWEST, WIDEST = 0.4, 20.0  # % of span: the widths tried
 WIDTHS, FINE = 16, 9  # how many of them, and how many between the neighbours of the best
@@ -106,11 +107,11 @@ class ConfirmationScanner:
                         {"output_range": span / 100.0})
         if not any(np.ptp(r.measurement[r.usable]) > 0 for r in recordings):
             return Note("measurement_constant", "PV is the same number throughout")
-        asked = self._asked(recordings, span)
+        seconds = len(usable) * self.interval
+        asked = self._asked(recordings, span) if seconds >= SHORTEST * self._Ti else []
         if not asked:
-            seconds = len(usable) * self.interval
-            return Note("short_record", f"the record holds {_in_words(seconds)} that can be used in one piece, too "
-                        f"little for a loop with Ti = {_in_words(self._Ti)}", {"usable_s": seconds})
+            return Note("short_record", f"the record holds {_in_words(seconds)} that can be used in one piece; at least "
+                        f"{_in_words(SHORTEST * self._Ti)} are needed, ten times Ti", {"usable_s": seconds})
         return self._confirmation(recordings, asked, span)
 
     def _recordings(self) -> list[Recording] | Note:

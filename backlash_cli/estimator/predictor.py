@@ -155,7 +155,8 @@ def predictor(recordings: Sequence[Recording], size: int, span: float, most: int
     taken = np.arange(0, counts[-1], every)
     kept = tuple(where[taken[(taken >= i) & (taken < k)] - i]
                  for where, i, k in zip(rows, counts, counts[1:], strict=False))
-    return Predictor(size, lags, H, y, w, error, b, gram, np.asarray(np.linalg.inv(gram), dtype=np.float64), float(w @ error**2) + floor,
+    inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
+    return Predictor(size, lags, H, y, w, error, b, gram, inverse, float(w @ error**2) + floor,
                      slice(base, base + lags.count), slice(base + lags.count + raw, base + 2 * lags.count + raw),
                      every, tuple(used), kept)
 
