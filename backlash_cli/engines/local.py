@@ -15,19 +15,16 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from functools import partial
-from itertools import zip_longest
 from typing import TypeVar
 
 from ..errors import BacklashError
 from ..history.unfinished import Unfinished
-from ..loaders.file_signals import failure
-from ..loaders.heap import keep_freed_memory
+from ..loaders.clean import Recipe
 from ..loaders.join import Joiner
-from ..loaders.long_records import long_record
-from ..loaders.recipes import Recipe, forget_stamps, read_in_order
+from ..loaders.plant import failure
 from ..record import Note, Record
 from ..results import LoopReport, Verdict
-from ..scan import PIECE, ScanOptions, scan, scan_blocks
+from ..scan import ScanOptions, pieces, scan, scan_blocks
 
 Result = TypeVar("Result")
 Item = TypeVar("Item")
@@ -109,7 +106,6 @@ def _going_on(
     if not missing:
         yield from (known.report for known in kept if known is not None)
         return
-    read_in_order(missing)
     fresh = analyse_recipes(missing, options, jobs=jobs, keep=keep)
     for known in kept:
         yield next(fresh) if known is None else known.report
@@ -121,9 +117,7 @@ def _in_turn(
     joiner = Joiner(recipes[0].options.good_quality) if recipes else None
     recipes.reverse()
     while recipes:
-        recipe = recipes.pop()
-        yield analyse_recipe(recipe, options, joiner, keep)
-        forget_stamps(recipe, recipes[-1] if recipes else None)
+        yield analyse_recipe(recipes.pop(), options, joiner, keep)
 
 
 def analyse_recipe(
@@ -131,17 +125,13 @@ def analyse_recipe(
 ) -> LoopReport | Note:
     """Read and analyse one loop; a note says why it could not be read."""
     try:
-        long = long_record(recipe)
-        record = None if long is not None else recipe.record(joiner)
+        blocks = recipe.records(joiner)
+        first = next(blocks())
     except BacklashError as error:
         return failure(error, loop=recipe.loop)
     except Exception as error:  # one loop's failure must not cost the others their report
         return _lost(recipe, Note("internal_error", f"reading failed: {type(error).__name__}: {error}"))
-    if long is not None:
-        report = _analyse(lambda: scan_blocks(partial(long.blocks, PIECE), options), next(long.blocks(2)))
-    else:
-        assert record is not None
-        report = analyse_loop(record, options)
+    report = _analyse(lambda: scan_blocks(lambda: (part for block in blocks() for part in pieces(block)), options), first)
     if keep is not None:
         keep.add(recipe.key, report)
     return report
@@ -151,14 +141,8 @@ def analyse_group(
     group: Sequence[Recipe], options: ScanOptions, keep: Unfinished | None = None
 ) -> list[LoopReport | Note]:
     """Read and analyse some loops, one after the other."""
-    keep_freed_memory()
     joiner = Joiner(group[0].options.good_quality)
-    read_in_order(group)
-    found = []
-    for recipe, following in zip_longest(group, group[1:]):
-        found.append(analyse_recipe(recipe, options, joiner, keep))
-        forget_stamps(recipe, following)
-    return found
+    return [analyse_recipe(recipe, options, joiner, keep) for recipe in group]
 
 
 def _one_by_one(

@@ -23,8 +23,10 @@ SIGNALS = {
         manauto am""",
 }
 QUALITY = _words(
-    """quality qual q status st stat dataquality opcquality qualitycode confidence state valid isgood good statuscode
-    qc"""
+    """quality qual q status st stat dataquality opcquality qualitycode confidence state valid validity isgood good
+    statuscode qc isvalid datavalidity validitycode opcstatus datastatus valuestatus valuequality samplequality
+    pointstatus tagquality hdaquality qualityflag qualitystatus qualityindicator questionable qualität güte gueltig
+    gültig gültigkeit gueltigkeit validite validité qualite qualité"""
 )
 TIME = _words(
     """time timestamp times timestamps datetime dateandtime datetimeutc ts t date zeit zeitstempel datum datumzeit
@@ -38,7 +40,7 @@ TAG = _words(
 )
 VALUE = _words(
     """value val values wert valeur valor data reading average avg mean numericvalue floatvalue measurementvalue vvalue
-    rawvalue doublevalue v last curval"""
+    rawvalue doublevalue v last curval varvalue realvalue datavalue pointvalue tagvalue"""
 )
 LOOP = _words("loop loopname controller loopid pid loopno loopnumber unitloop regelkreis boucle")
 ATTRIBUTES = _words("fcv cv value val pv f current present presentvalue curval raw data avg mean last average")

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from ..record import Note
 from .numbers import parse_words
-from .series import Cells
+from .signals import Cells
 
 _GOOD = re.compile(
     r"^\s*(?:good|ok|gut|bon|valid|raw|normal|true|g|0xc0|0x000000c0|good[ ,(/:_\-].*)\s*$", re.IGNORECASE
 )
+_BAD = re.compile(r"^\s*(?:bad|uncertain|questionable|invalid|not ?good|schlecht|ungültig|false|b|u|0x0+|error|fail\w*|"
+                  r"(?:bad|uncertain)[ ,(/:_\-].*)\s*$", re.IGNORECASE)
 _DOUBT = re.compile(r"bad|uncertain|substitut|last ?(?:usable|known)|stale", re.IGNORECASE)
 _AUTO = re.compile(
     r"^(?:aut.*|a|cas.*|kas.*|c|r-?cas.*|remote.*|rsp|ext.*|r|bcas.*|b-?cas.*|on|true|prog.*|sup.*|normal|"
@@ -43,6 +45,13 @@ def good_samples(cells: Cells, further: tuple[str, ...]) -> tuple[NDArray[np.boo
     if not blank_is_good and codes.min(initial=0) < 0:
         codes = last_word(codes)
     return np.append(good, blank_is_good)[codes], notes
+
+
+def quality_words(words: list[str]) -> bool:
+    """Say whether texts are qualities, and no modes or states."""
+    plain = [word for word in words if len(word.strip()) > 1]
+    return bool(plain) and all(_GOOD.match(word) or _BAD.match(word) for word in plain) and any(
+        re.match(r"\s*(?:good|bad|gut|uncertain|0xc0)", word, re.IGNORECASE) for word in plain)
 
 
 def good_words(words: list[str], further: tuple[str, ...], notes: list[Note]) -> tuple[NDArray[np.bool_], bool]:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+
+from ..record import Note, SampleState
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
 AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
@@ -14,12 +18,6 @@ LEAST_CHANGES = 50  # changes that any working measurement shows in a record, ho
 RESOLVED = 3.0  # recorder steps that a usual change of a noisy signal is large
 OPPOSED = -0.2  # correlation of neighbouring changes below which there is noise
 QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still this long to be called frozen
-
-
-def complete(values: NDArray[np.float64]) -> bool:
-    """Is there a number everywhere? Asked of the sum, which is cheap; False as well when that is too large."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return bool(np.isfinite(np.add.reduce(values)))
 
 
 def runs(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -74,9 +72,19 @@ def hold_last(values: NDArray[np.float64], longest: int | None = None) -> NDArra
 
 def saturated(output: NDArray[np.float64]) -> NDArray[np.bool_] | None:
     """(samples,) True where a normalised output stays at 0 or 1 for several samples; None when it never does."""
-    from .signal_kernel import stays_outside
+    with np.errstate(invalid="ignore"):
+        at_limit = (output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT)
+    starts, ends = runs(at_limit)
+    long = ends - starts >= LIMIT_RUN
+    return inside(starts[long], ends[long], len(output)) if long.any() else None
 
-    return stays_outside(output, AT_LIMIT, 1.0 - AT_LIMIT, LIMIT_RUN)
+
+def inside(starts: NDArray[np.int64], ends: NDArray[np.int64], samples: int) -> NDArray[np.bool_]:
+    """(samples,) True in stretches that do not overlap; ends: one past the last."""
+    edges = np.zeros(samples + 1, np.int8)
+    edges[starts] += 1
+    edges[ends] -= 1
+    return np.cumsum(edges[:-1]).astype(bool)
 
 
 def implausible(measurement: NDArray[np.float64]) -> NDArray[np.bool_] | None:
@@ -94,14 +102,11 @@ def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
     chance about n p^L; runs with less than FROZEN_CHANCE are frozen. A signal without noise may stand still, as a
     valve does in its dead band: it must do so for QUIET_SHARE of the record.
     """
-    from .signal_kernel import stands_still
-
     if len(values) < 2 * LEAST_CHANGES:
         return None
-    if not stands_still(values):
+    starts, ends = runs(values[1:] == values[:-1])
+    if not len(starts) or (ends - starts).max() < FROZEN_RUN - 1:
         return None
-    equal = values[1:] == values[:-1]
-    starts, ends = runs(equal)
     lengths = ends - starts
     limit = _longest_by_chance(len(values), len(lengths), int(lengths.sum()))
     kept = lengths < limit
@@ -111,10 +116,7 @@ def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
         kept = lengths < max(limit, QUIET_SHARE * len(values))
     if kept.all():
         return None
-    out = np.zeros(len(values), bool)
-    for start, end in zip(starts[~kept], ends[~kept], strict=True):
-        out[start : end + 1] = True
-    return out
+    return inside(starts[~kept], ends[~kept] + 1, len(values))
 
 
 def _longest_by_chance(samples: int, stretches: int, repeats: int) -> float:
@@ -122,46 +124,6 @@ def _longest_by_chance(samples: int, stretches: int, repeats: int) -> float:
     # of all new values, how many are repeated at once: a long run counts once, so it does not hide itself
     p = min(max((stretches + 1.0) / (samples - repeats + 2.0), 1e-4), 1.0 - LEAST_CHANGES / (samples - 1))
     return max(float(FROZEN_RUN - 1), float(np.log(FROZEN_CHANCE / samples) / np.log(p)))
-
-
-class Repeats:
-    """Counts the repeats of a long signal piece by piece, to know whether `frozen` could find anything in it."""
-
-    def __init__(self) -> None:
-        self.samples = self.stretches = self.total = self.longest = self._open = self._begun = 0
-        self.long: list[tuple[int, int]] = []  # first sample and repeats of stretches that may be frozen
-        self._last = np.empty(0)
-
-    def add(self, values: NDArray[np.float64]) -> None:
-        """Take the next samples."""
-        joined = np.concatenate([self._last, values])
-        before = self.samples - len(self._last)
-        starts, ends = runs(joined[1:] == joined[:-1])
-        lengths = ends - starts
-        self.samples += len(values)
-        self.total += int(lengths.sum())
-        goes_on = len(starts) > 0 and starts[0] == 0 and self._open > 0
-        self.stretches += len(starts) - goes_on
-        starts = starts + before
-        if goes_on:
-            lengths[0] += self._open
-            starts[0] = self._begun
-            if self.long and self.long[-1][0] == self._begun:
-                self.long.pop()
-        self.longest = max(self.longest, int(lengths.max(initial=0)))
-        kept = lengths >= FROZEN_RUN - 1
-        self.long += zip(starts[kept].tolist(), lengths[kept].tolist(), strict=True)
-        still_open = len(ends) > 0 and ends[-1] == len(joined) - 1
-        self._open, self._begun = (int(lengths[-1]), int(starts[-1])) if still_open else (0, 0)
-        self._last = values[-1:] if len(values) else self._last
-
-    def longest_by_chance(self) -> float:
-        """Repeats in a row that noise still explains."""
-        return _longest_by_chance(self.samples, self.stretches, self.total)
-
-    def may_be_frozen(self) -> bool:
-        """Is there a stretch that noise does not explain?"""
-        return self.samples >= 2 * LEAST_CHANGES and self.longest >= self.longest_by_chance()
 
 
 def _noisy(values: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray[np.int64]) -> bool:
@@ -178,3 +140,120 @@ def _noisy(values: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray
         return False
     sizes = np.abs(a[a != 0])
     return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))
+
+
+def complete(values: NDArray[np.float64]) -> bool:
+    """Is there a finite number everywhere?"""
+    return bool(np.isfinite(values).all())
+
+
+@dataclass
+class Counts:
+    """How many samples of a record are what."""
+
+    wild: int = 0
+    filled: int = 0
+    frozen: int = 0
+    saturated: int = 0
+    missing: int = 0
+    setpoint: int = 0
+    output: int = 0
+    manual: int = 0
+
+    def notes(self, samples: int) -> list[Note]:
+        """Say what is wrong with measurement and output, of so many samples."""
+        found = []
+        if self.wild > 0.5 * samples:
+            text = f"{100 * self.wild / samples:.0f} % of the measurement lies far outside pv_range: check it"
+            found.append(Note("outside_range", text))
+        elif self.wild:
+            what = "samples of PV far outside the range (spikes) were rejected"
+            found.append(_counted("implausible", self.wild, what))
+        if self.filled:
+            found.append(_counted("filled", self.filled, "samples in short holes were interpolated"))
+        why = "repeat one number for too long (PV constant or frozen)"
+        return [*found, *_marked("frozen", self.frozen, samples, why),
+                *_marked("saturated", self.saturated, samples, "have the output at its limit"),
+                *_marked("missing", self.missing, samples, "have no measurement")]
+
+    def companion_notes(self, samples: int) -> list[Note]:
+        """Say where setpoint or output are missing."""
+        return [*_marked("setpoint_missing", self.setpoint, samples, "have no setpoint"),
+                *_marked("output_missing", self.output, samples, "have no output")]
+
+    def manual_notes(self, samples: int) -> list[Note]:
+        """Say how long the controller was not in automatic."""
+        return _marked("manual", self.manual, samples, "are not in automatic")
+
+
+class Samples:
+    """Samples of one loop on its grid, all (samples,). index: grid numbers. sp, pv, op: None where not recorded.
+
+    interpolated: the measurement was not recorded there. manual: not in automatic. bridge: longest hole in samples that
+    is filled.
+    After it is made, holes of `measurement` are filled, `state` says what each sample is, `count` how many are what.
+    """
+
+    def __init__(
+        self, index: NDArray[np.int64], sp: NDArray[np.float64] | None, pv: NDArray[np.float64], op: NDArray[np.float64] | None,
+        interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int,
+    ) -> None:
+        self.index = index
+        self.setpoint = np.full(len(index), np.nan) if sp is None else sp
+        self.output = op
+        self.state = np.zeros(len(index), np.uint8)
+        self._marks: dict[str, NDArray[np.bool_]] = {}
+        self.measurement = self._measured(pv, op, interpolated, bridge)
+        for what, values in (("setpoint", sp), ("output", op)):
+            if values is not None and not complete(values):
+                self._mark(what, ~np.isfinite(values), SampleState.MISSING)
+        if manual is not None:
+            there = (self.state != SampleState.MISSING) & (self.state != SampleState.IMPLAUSIBLE)
+            self._mark("manual", manual & there, SampleState.MANUAL)
+
+    def count(self, counts: Counts, first: int = 0, last: int | None = None) -> Counts:
+        """Add to the counts what the samples first..last-1 are."""
+        for name, where in self._marks.items():
+            setattr(counts, name, getattr(counts, name) + int(np.count_nonzero(where[first:last])))
+        return counts
+
+    def _measured(
+        self, pv: NDArray[np.float64], op: NDArray[np.float64] | None, interpolated: NDArray[np.bool_] | None, bridge: int
+    ) -> NDArray[np.float64]:
+        y, wild = pv, implausible(pv)
+        if wild is not None:
+            y = np.where(wild, np.nan, y)
+            self._marks["wild"] = wild
+        lost = wild is not None or not complete(pv)
+        if lost:
+            y, filled = short_holes(y, self.index, bridge)
+            self._mark("filled", filled, SampleState.FILLED)
+        if interpolated is not None:
+            self.state[interpolated] = SampleState.FILLED
+        stuck = frozen(y)
+        if stuck is not None:
+            self._mark("frozen", stuck, SampleState.FROZEN)
+        limit = None if op is None else saturated(op)
+        if limit is not None:
+            self._mark("saturated", limit, SampleState.SATURATED)
+        if lost:
+            missing = ~np.isfinite(y)
+            if wild is not None:
+                self.state[missing & wild] = SampleState.IMPLAUSIBLE
+                missing &= ~wild
+            self._mark("missing", missing, SampleState.MISSING)
+        return y
+
+    def _mark(self, what: str, where: NDArray[np.bool_], value: SampleState) -> None:
+        self.state[where] = value
+        self._marks[what] = where
+
+
+def _counted(code: str, count: int, what: str) -> Note:
+    return Note(code, f"{count} {what}", {"samples": float(count)})
+
+
+def _marked(code: str, count: int, samples: int, what: str) -> list[Note]:
+    if not count:
+        return []
+    return [Note(code, f"{count} of {samples} samples {what}; not used", {"samples": float(count)})]

@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..record import Note
-from .times import NAT, SECOND, Times
+from .order import HOUR as _HOUR
+from .order import NAT, SECOND
 
 _EPOCH = datetime(1970, 1, 1)
-_HOUR = 3600 * SECOND
-
-
-def localise(times: Times, zone: str) -> Times:
-    """Return the stamps in UTC. In the hour that occurs twice the rows before the clock goes back are summer time."""
-    if not np.any(times.micros != NAT):
-        return times
-    clock = WallClock(zone)
-    micros = clock.utc(times.micros)
-    return replace(times, micros=micros, zoned=True, notes=(*times.notes, *clock.notes))
 
 
 class WallClock:
@@ -78,12 +68,3 @@ def _offset(info: ZoneInfo, hour: int, fold: int) -> int:
         return int((moment.utcoffset() or timedelta()).total_seconds() * SECOND)
     except (OverflowError, ValueError):
         return 0
-
-
-def utc_text(micros: int) -> str:
-    """Return a stamp as readable text, for messages."""
-    try:
-        moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=int(micros))
-        return moment.strftime("%Y-%m-%d %H:%M:%S")
-    except OverflowError:
-        return f"{micros / 1e6:.0f} s"

@@ -549,6 +549,6 @@ def test_columns_that_belong_to_no_loop_are_named(tmp_path):
 
 
 def test_a_long_gap_is_told_in_days():
-    from backlash_cli.loaders.grid_plan import _length
+    from backlash_cli.loaders.grid import _length
 
     assert [_length(s) for s in (45.0, 600.0, 7200.0, 5.2224e6)] == ["45 s", "10 min", "2 h", "60.4 days"]

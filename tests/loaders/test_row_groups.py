@@ -7,7 +7,7 @@ import pytest
 from backlash_cli.api import scan_files, scan_part
 from backlash_cli.loaders import ReadOptions
 from backlash_cli.loaders.parquet_columns import ParquetFileColumns
-from backlash_cli.loaders.places import place
+from backlash_cli.loaders.remote import place
 from backlash_cli.reporter.json_report import to_json
 from tests.engines.parts import QUICK, plan_of
 from tests.small_plant import write_plant

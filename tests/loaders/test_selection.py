@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from backlash_cli.errors import BacklashError, InputError, UsageError
 from backlash_cli.loaders import ReadOptions, read
-from backlash_cli.loaders.selection import choose, draw, sample_size
+from backlash_cli.loaders.choose import choose, draw, sample_size
 from backlash_cli.loaders.since import parse_since
 from tests.small_plant import write_plant
 
