@@ -15,6 +15,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from typing import TypeVar
 
 from ..errors import BacklashError
@@ -22,7 +23,7 @@ from ..history.unfinished import Unfinished
 from ..loaders.clean import Recipe
 from ..loaders.join import Joiner
 from ..loaders.plant import failure
-from ..record import Note, Record
+from ..record import LoopSettings, Note, Record
 from ..results import LoopReport, Verdict
 from ..scan import ScanOptions, pieces, scan, scan_blocks
 
@@ -125,13 +126,16 @@ def analyse_recipe(
 ) -> LoopReport | Note:
     """Read and analyse one loop; a note says why it could not be read."""
     try:
-        blocks = recipe.records(joiner)
-        first = next(blocks())
+        long = recipe.is_long()
+        record = next(recipe.chunks()) if long else recipe.record(joiner)
     except BacklashError as error:
         return failure(error, loop=recipe.loop)
     except Exception as error:  # one loop's failure must not cost the others their report
         return _lost(recipe, Note("internal_error", f"reading failed: {type(error).__name__}: {error}"))
-    report = _analyse(lambda: scan_blocks(lambda: (part for block in blocks() for part in pieces(block)), options), first)
+    if long:
+        report = _analyse(lambda: scan_blocks(lambda: chain.from_iterable(map(pieces, recipe.chunks())), options), record)
+    else:
+        report = analyse_loop(record, options)
     if keep is not None:
         keep.add(recipe.key, report)
     return report
@@ -156,7 +160,8 @@ def _one_by_one(
 
 
 def _lost(recipe: Recipe, reason: Note) -> LoopReport:
-    return LoopReport(recipe.loop, Verdict.ERROR, (reason,), warnings=recipe.notes)
+    settings = LoopSettings(source={})  # can travel between processes
+    return LoopReport(recipe.loop, Verdict.ERROR, (reason,), settings=settings, warnings=recipe.notes)
 
 
 def failed(record: Record, reason: Note) -> LoopReport:

@@ -5,10 +5,8 @@ A loop longer than CHUNK rows is made in chunks of that size: its grid and spans
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,19 +45,29 @@ class Recipe:
     def record(self, joiner: Joiner | None = None) -> Record:
         """Read the loop. Raises BacklashError when it cannot be read. joiner: shared by loops of the same files."""
         settings = settings_of(self.values)
-        found = build(self.series, settings, joiner or Joiner(self.options.good_quality), self.options)
-        return replace(found.record, notes=(*self.notes, *found.record.notes)) if self.notes else found.record
+        record = build(self.series, settings, joiner or Joiner(self.options.good_quality), self.options)
+        return replace(record, notes=(*self.notes, *record.notes)) if self.notes else record
 
-    def records(self, joiner: Joiner | None = None) -> Callable[[], Iterator[Record]]:
-        """Return what yields the record in blocks, each time it is called: one, or chunks of a long loop. Their notes
-        stand in the last one. Raises BacklashError when the loop cannot be read."""
-        if self.rows <= CHUNK or not all(_one_after_the_other(_in_turn(item.axis for item in items if item.count))
-                                         for items in self.series.roles.values()):
-            record = self.record(joiner)
-            return lambda: iter((record,))
-        settings = settings_of(self.values)
+    def is_long(self) -> bool:
+        """Say whether the record is better made in chunks: it is long, and all its stamps rise."""
+        return self.rows > CHUNK and all(_one_after_the_other(_in_turn(item.axis for item in items if item.count))
+                                         for items in self.series.roles.values())
+
+    def chunks(self) -> Iterator[Record]:
+        """Yield the record in chunks; the notes of the last one are those of the whole.
+
+        Raises BacklashError when the loop cannot be read.
+        """
+        settings, going = settings_of(self.values), Going()
         refuse_missing(self.series)
-        return partial(_chunks, self, settings)
+        joiner = Joiner(self.options.good_quality)
+        axes = _in_turn(item.axis for item in self.series.roles["pv"])
+        begins = [int(axis.read(row, row + 1)[0]) for axis in axes for row in range(0, len(axis), CHUNK)]
+        ends = [*begins[1:], (axes[-1].last() or 0) + 1]
+        for begin, end in zip(begins, ends, strict=True):
+            going.end, joiner.only = end, (begin, end)
+            record = build(_window(self.series, begin, end), settings, joiner, self.options, going)
+            yield replace(record, notes=(*self.notes, *record.notes) if end == ends[-1] else ())
 
     @property
     def rows(self) -> int:
@@ -67,129 +75,123 @@ class Recipe:
         return sum(item.count for item in self.series.roles.get("pv", ()))
 
 
-@dataclass(frozen=True)
-class Built:
-    """The record of a loop, or of a chunk of it. plan: of its grid. output: OP holds a number somewhere.
+@dataclass
+class Going:
+    """What a chunk of a loop goes on from, and adds to. end: stamp that ends it; begin: that ended the one before.
 
-    place: a stamp near the end of the chunk and its grid number. until: grid number of its last sample. end: stamp that
-    ended it.
+    plan, spans, output: of the first chunk. place: a stamp near the end of the last one and its grid number. until: the
+    grid number of its last sample. The rest is counted for the notes. carried: setpoint and mode that still hold.
     """
 
-    record: Record
-    plan: GridPlan
-    spans: Spans
-    output: bool
-    place: tuple[int, int] = (0, 0)
-    until: int = 0
     end: int = NAT
+    begin: int = NAT
+    plan: GridPlan | None = None
+    spans: Spans | None = None
+    output: bool = False
+    place: tuple[int, int] = (0, 0)
+    until: int = -1
+    counts: Counts = field(default_factory=Counts)
+    samples: int = 0
+    recorded: int = 0
+    steps: list[Steps] = field(default_factory=list)
+    carried: dict[str, float] = field(default_factory=dict)
 
 
-def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOptions, *, before: Built | None = None,
-          end: int | None = None) -> Built:
+def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOptions, going: Going | None = None
+          ) -> Record:
     """Make the Record of one loop. Raises LoopError when it has no measurement, no times or no usable scale.
 
-    before: the chunk before, None for the first one. end: stamp that ends the chunk, None for the whole loop.
+    going: makes a chunk of it, which goes on from the chunk before; its notes are those of all chunks so far.
     """
     refuse_missing(loop)
+    later = going is not None and going.plan is not None
     pv = joiner.signal(loop.roles["pv"], "pv", loop.name)
-    grid, pv = grid_of(pv)
-    if before is not None:
-        grid = goes_on(pv, before)
-    on_grid = grid.notes if end is None else _of_chunk(pv, grid, NAT if before is None else before.end, end)
+    grid, pv = grid_of(pv, None if not later or going is None else lambda signal: goes_on(signal, going))
+    first, last = 0, len(grid.index)
+    on_grid = grid.notes
+    if going is not None:
+        first, last = _own_samples(pv, grid, going)
+        on_grid = _of_chunks(pv, grid, going, first, last)
     notes: list[Note] = [*settings.notes, *pv.axis.notes, *on_grid, *pv.notes]
-    frame = Frame(loop, joiner, options, pv.axis, grid, fill_limit(settings.loop.Ti, grid.interval), notes)
+    frame = Frame(loop, joiner, options, pv.axis, grid, fill_limit(settings.loop.Ti, grid.interval), notes,
+                  {} if going is None else going.carried)
     measured, interpolated = frame.measurement(pv)
-    if not np.isfinite(measured).any() and before is None:
+    if not later and not np.isfinite(measured).any():
         raise LoopError("the measurement (PV) holds no number at all", code="no_measurement",
                         remedy="check the column and the export")
     setpoint = frame.companion("sp")
     if setpoint is None and settings.constant_setpoint is not None:
         setpoint = np.full(len(measured), settings.constant_setpoint)
     output = frame.companion("op")
-    if before is not None and not before.output:
-        output = None
-    if output is not None and before is None and not np.isfinite(output).any():
+    if output is not None and not (going.output if later and going else np.isfinite(output).any()):
         notes.append(Note("no_output", "the output (OP) holds no number at all"))
         output = None
-    if before is None:
+    spans = going.spans if going is not None else None
+    if spans is None:
         spans = spans_of(settings, _finite(measured, setpoint) if settings.pv_range is None else measured[:0],
                          None if output is None else _finite(output) if settings.op_range is None else output[:0])
-        notes += spans.notes
-    else:
-        spans = before.spans
+    notes += spans.notes
     manual, on_mode = frame.manual((*options.auto_modes, *settings.auto_modes))
     samples = Samples(
         grid.index, None if setpoint is None else normalised(setpoint, spans.pv_range),
         normalised(measured, spans.pv_range), None if output is None else normalised(output, spans.op_range),
         interpolated, manual, frame.bridge)
-    first, last, place, until = 0, len(measured), (0, 0), 0
-    if end is not None:
-        place, until = _end_of(pv, grid, end)
-        first = 0 if before is None else int(np.searchsorted(grid.index, before.until, side="right"))
-        last = int(np.searchsorted(grid.index, until, side="right"))
-    counts, total = samples.count(Counts(), first, last), last - first
+    counts, total = samples.count(Counts() if going is None else going.counts, first, last), last - first
+    if going is not None:
+        going.plan, going.spans, going.output = going.plan or grid.plan, spans, output is not None
+        going.samples, going.begin = going.samples + total, going.end
+        total = going.samples
     missing = [] if setpoint is not None else [Note(
         "no_setpoint", "no setpoint (SP) column: what needs the control error cannot be done", {"loop": loop.name})]
-    extra = {name: frame.disturbance(items) for name, items in loop.extra.items()} if end is None else {}
+    extra = {name: frame.disturbance(items) for name, items in loop.extra.items()}
     record = Record(
         loop.name, grid.start / 1e6, grid.interval, grid.index, samples.setpoint, samples.measurement, samples.output,
         samples.state, spans.settings, {name: values for name, values in extra.items() if values is not None},
         (*notes, *counts.notes(total), *missing, *counts.companion_notes(total), *on_mode, *counts.manual_notes(total)),
     )  # fmt: skip
-    return Built(record if end is None else record.slice(first, last), grid.plan, spans, output is not None, place,
-                 until, NAT if end is None else end)
+    return record if going is None else record.slice(first, last)
 
 
-def _of_chunk(pv: Signal, grid: Grid, begin: int, end: int) -> list[Note]:
-    """What is to be said of the stamps of a chunk alone."""
-    stamps = pv.axis.order(pv.values).stamps
-    own = stamps[max(int(np.searchsorted(stamps, begin)) - 1, 0) : int(np.searchsorted(stamps, end))]
-    share = 1.0 if grid.recorded is None else float(grid.recorded.mean())
-    return replace(grid.plan, steps=Steps.of(own)).notes(share) if len(own) > 1 else []
-
-
-def _end_of(pv: Signal, grid: Grid, end: int) -> tuple[tuple[int, int], int]:
-    """Return a stamp a margin before the end of a chunk with its grid number, and the grid number of its last sample."""
-    if grid.kind != "regular":
-        return (0, 0), (end - 1 - grid.start) // grid.step
-    stamps = pv.axis.order(pv.values).stamps
-    at = grid.index if grid.rows is None else grid.index[grid.rows >= 0]
-    stamps = stamps[-len(at) :]
-    last = int(np.searchsorted(stamps, end)) - 1
-    near = max(last - MARGIN, 0)
-    return (int(stamps[near]), int(at[near])), int(at[last])
-
-
-def _finite(*parts: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    return np.concatenate([part[np.isfinite(part)] for part in parts if part is not None])
-
-
-def goes_on(pv: Signal, before: Built) -> Grid:
+def goes_on(pv: Signal, going: Going) -> Grid:
     """Return the points of the grid of an earlier chunk that lie among the stamps of a later one."""
-    plan, order = before.plan, pv.axis.order(pv.values)
+    plan, order = going.plan, pv.axis.order(pv.values)
+    assert plan is not None
     stamps = order.stamps
     if plan.kind == "regular":
-        begin = int(np.searchsorted(stamps, before.place[0], side="right"))
-        index, places = plan.rows(stamps[begin:], before.place)
+        begin = int(np.searchsorted(stamps, going.place[0], side="right"))
+        index, places = plan.rows(stamps[begin:], going.place)
         own = np.arange(begin, len(stamps)) if order.rows is None else order.rows[begin:]
         return Grid(plan, index, np.where(places >= 0, own[places], -1))
     index = plan.points(stamps)
     return Grid(plan, index, order.rows, stamps, plan.recorded(stamps, plan.start + plan.step * index))
 
 
-def _chunks(recipe: Recipe, settings: Settings) -> Iterator[Record]:
-    """Yield the chunks of a loop; what is said of each is put together in the notes of the last one."""
-    before: Built | None = None
-    said: list[Note] = list(recipe.notes)
-    axes = _in_turn(item.axis for item in recipe.series.roles["pv"])
-    begins = [int(axis.read(row, row + 1)[0]) for axis in axes for row in range(0, len(axis), CHUNK)]
-    ends = [*begins[1:], (axes[-1].last() or 0) + 1]
-    for begin, end in zip(begins, ends, strict=True):
-        built = build(_window(recipe.series, begin, end), settings, Joiner(recipe.options.good_quality), recipe.options,
-                      before=before, end=end)
-        said += built.record.notes
-        yield replace(built.record, notes=tuple(summed(said)) if end == ends[-1] else ())
-        before = built if before is None else replace(built, plan=before.plan, output=before.output)
+def _own_samples(pv: Signal, grid: Grid, going: Going) -> tuple[int, int]:
+    """Return the first sample of a chunk and the one after its last, and note where it ends."""
+    first = int(np.searchsorted(grid.index, going.until, side="right"))
+    if grid.kind == "regular":
+        at = grid.index if grid.rows is None else grid.index[grid.rows >= 0]
+        stamps = pv.axis.order(pv.values).stamps[-len(at) :]
+        row = int(np.searchsorted(stamps, going.end)) - 1
+        near = max(row - MARGIN, 0)
+        going.place, going.until = (int(stamps[near]), int(at[near])), int(at[row])
+    else:
+        going.until = (going.end - 1 - grid.start) // grid.step
+    return first, int(np.searchsorted(grid.index, going.until, side="right"))
+
+
+def _of_chunks(pv: Signal, grid: Grid, going: Going, first: int, last: int) -> list[Note]:
+    """What is to be said of the stamps of all chunks so far."""
+    stamps = pv.axis.order(pv.values).stamps
+    own = stamps[max(int(np.searchsorted(stamps, going.begin)) - 1, 0) : int(np.searchsorted(stamps, going.end))]
+    going.steps += [Steps.of(own)] if len(own) > 1 else []
+    going.recorded += last - first if grid.recorded is None else int(grid.recorded[first:last].sum())
+    share = going.recorded / max(going.samples + last - first, 1)
+    return replace(grid.plan, steps=Steps.joined(going.steps)).notes(share) if going.steps else []
+
+
+def _finite(*parts: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    return np.concatenate([part[np.isfinite(part)] for part in parts if part is not None])
 
 
 def _in_turn(axes: Iterable[Axis]) -> list[Axis]:
@@ -235,29 +237,6 @@ def _row_at(axis: Axis, stamp: int) -> int:
         else:
             high = middle
     return low
-
-
-_COUNT = re.compile(r"^\d+(?= )|(?<= of )\d+(?= samples)")
-
-
-def summed(notes: list[Note]) -> list[Note]:
-    """Put together what was said of the chunks of a loop: counts of samples, rows and gaps are added."""
-    groups: dict[tuple[str, str], list[Note]] = {}
-    for note in notes:
-        groups.setdefault((note.code, _COUNT.sub("", note.message) if "longest_s" not in note.values else ""),
-                          []).append(note)
-    out = []
-    for same in groups.values():
-        note = max(same, key=lambda one: float(one.values.get("longest_s", 0.0)))
-        if len(same) > 1 and _COUNT.match(note.message):
-            added = {name: sum(float(one.values.get(name, 0.0)) for one in same)
-                     for name in ("samples", "rows", "gaps") if name in note.values}
-            numbers = [[int(text) for text in _COUNT.findall(one.message)] for one in same]
-            totals = iter([sum(column) for column in zip(*numbers, strict=False)])
-            message = _COUNT.sub(lambda found: str(next(totals)), note.message)  # noqa: B023
-            note = Note(note.code, message, {**note.values, **added})
-        out.append(note)
-    return out
 
 
 def refuse_missing(loop: LoopSeries) -> None:

@@ -8,6 +8,7 @@ the historian means it. Anything else is refused.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +53,14 @@ class Steps:
         else:
             values, counts = np.unique(steps, return_counts=True)
         return Steps(values, counts, int(stamps[0]), int(stamps[-1]), int(stamps[np.argmax(steps)]))
+
+    @staticmethod
+    def joined(parts: Sequence[Steps]) -> Steps:
+        """Put the distances of several stretches together."""
+        values, place = np.unique(np.concatenate([part.values for part in parts]), return_inverse=True)
+        counts = np.bincount(place, np.concatenate([part.counts for part in parts])).astype(np.int64)
+        longest = max(parts, key=lambda part: part.longest)
+        return Steps(values, counts, parts[0].first, parts[-1].last, longest.before_longest)
 
     @property
     def total(self) -> int:

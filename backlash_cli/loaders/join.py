@@ -47,7 +47,8 @@ class Signal:
     unit: str = ""
 
 
-def by_loop(found: Iterable[Any], metadata: Metadata, renamed: Mapping[str, str] | None = None) -> dict[str, LoopSeries]:
+def by_loop(found: Iterable[Any], metadata: Metadata, renamed: Mapping[str, str] | None = None
+            ) -> dict[str, LoopSeries]:
     """Assign every series to a loop; tags named in the metadata go where it says.
 
     found: Series, or anything else with tag, loop, role and signal. renamed: names in the data -> names of loops, where
@@ -106,6 +107,8 @@ class Joiner:
 
     def __init__(self, good_quality: tuple[str, ...] = ()) -> None:
         self.good_quality = good_quality
+        self.only: tuple[int, int] | None = None  # stamps between which faults are counted, in the chunks of a loop
+        self._tallies: dict[tuple[str, str, str], Counter[str]] = {}
         self._axes: OrderedDict[tuple[int, ...], tuple[Axis, list[Axis]]] = OrderedDict()
 
     def signal(self, series: list[Series], role: str, loop: str) -> Signal:
@@ -138,33 +141,48 @@ class Joiner:
         return self._axes[key][0]
 
     def _part(self, item: Series) -> Signal:
-        numbers = item.cells().numbers()
+        cells = item.cells()
+        numbers = cells.numbers()
         values, bad = numbers.values, numbers.bad
+        own = slice(None) if self.only is None else slice(*np.searchsorted(item.axis.micros, self.only).tolist())
         notes: list[Note] = []
-        if numbers.words:
-            top = ", ".join(f"{word or '(blank)'} ({count})" for word, count in numbers.words.most_common(4))
-            count = sum(numbers.words.values())
-            notes.append(Note("not_numbers", f"{count} cells of {item.tag[:60]} are no good numbers: {top}",
-                              {"samples": float(count)}))
+        words = numbers.words
+        if words and self.only is not None:
+            words = item.cells(*own.indices(len(values))[:2]).numbers().words
+        words = self._tally(item, "not_numbers", words)
+        if words:
+            top = ", ".join(f"{word or '(blank)'} ({count})" for word, count in words.most_common(4))
+            notes.append(_counted("not_numbers", words, f"cells of {item.tag[:60]} are no good numbers: {top}"))
         marks = item.marks()
+        good = np.ones(len(values), bool)
         if marks is not None:
             good, more = good_samples(marks, self.good_quality)
             notes.extend(more)
-            if not good.all():
-                dropped = ~good
-                count = int(dropped.sum())
-                notes.append(Note("bad_quality", f"{count} samples of {item.tag[:60]} have bad quality and are not "
-                                  "used", {"samples": float(count)}))
-                bad = dropped if bad is None else bad | dropped
-                values = np.where(dropped, np.nan, values)
-        lone = lone_zeros(values)
-        if lone is not None:
-            count = int(lone.sum())
-            notes.append(Note("lone_zeros", f"{count} samples of {item.tag[:60]} jump to exactly 0 and back, far outside "
-                              "the rest: a fault of the recording; they are not used", {"samples": float(count)}))
-            bad = lone if bad is None else bad | lone
-            values = np.where(lone, np.nan, values)
+        lone = lone_zeros(np.where(good, values, np.nan))
+        for code, wrong, what in (
+            ("bad_quality", None if good.all() else ~good, "have bad quality and are not used"),
+            ("lone_zeros", lone, "jump to exactly 0 and back, far outside the rest: a fault of the recording; they are "
+             "not used")):
+            found = Counter() if wrong is None else Counter({code: int(np.count_nonzero(wrong[own]))})
+            tally = self._tally(item, code, found)
+            if tally.total():
+                notes.append(_counted(code, tally, f"samples of {item.tag[:60]} {what}"))
+            if wrong is not None:
+                bad = wrong if bad is None else bad | wrong
+                values = np.where(wrong, np.nan, values)
         return Signal(item.axis, values, bad, tuple(notes), numbers.unit)
+
+    def _tally(self, item: Series, what: str, found: Counter[str]) -> Counter[str]:
+        """Add to what was counted in the chunks of a loop before; without chunks, what was found."""
+        if self.only is None:
+            return found
+        tally = self._tallies.setdefault((item.where, item.tag, what), Counter())
+        tally.update(found)
+        return tally
+
+
+def _counted(code: str, found: Counter[str], what: str) -> Note:
+    return Note(code, f"{found.total()} {what}", {"samples": float(found.total())})
 
 
 LONE = 3  # samples in a row that may be lone zeros

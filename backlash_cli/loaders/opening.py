@@ -104,7 +104,7 @@ class Text:
 
     def changed(self, change: Callable[[bytes], bytes]) -> Text:
         """Return the same text with every block of whole lines changed."""
-        blocks = (change(block) for block in self.blocks(0, HEAD))
+        blocks = filter(None, (change(block) for block in self.blocks(0, HEAD)))
         other = object.__new__(Text)
         other.__dict__.update({**self.__dict__, "_raw": blocks, "_cut": b""})
         other._decode = lambda data, last: data
@@ -124,7 +124,7 @@ class Text:
             pieces = _decompressed(_Counting(file, self._taken), codec)
             while True:
                 try:
-                    piece = next(pieces, b"")
+                    piece = next(pieces, None)
                 except _DAMAGED as error:
                     if not codec:
                         raise
@@ -135,14 +135,15 @@ class Text:
                     self.notes.append(Note("truncated", f"damaged or truncated {codec} file ({problem}): only the part "
                                            "before is read"))
                     return
+                if piece is None:
+                    return
                 total += len(piece)
                 if codec and (total > self.options.max_bytes or (total > BOMB_FLOOR and total > BOMB_RATIO * size)):
                     raise InputError(f"{size} bytes of {codec} expand to more than {total >> 20} MB",
                                      where=str(self.path),
                                      remedy="if this is a real export, decompress it first or cut it into parts")
-                if not piece:
-                    return
-                yield piece
+                if piece:
+                    yield piece
 
     def _decoder(self, encoding: str) -> Callable[[bytes, bool], bytes]:
         """Return what brings bytes to UTF-8; the flag says that they are the last."""

@@ -234,7 +234,8 @@ def metadata_of(
     """Return the settings of a plant's loops, from the file that is named or those beside the data, and remarks."""
     if isinstance(loops, Metadata):
         return loops, []
-    metadata = merge([read_metadata(path) for path in ([loops] if loops is not None else find_sidecars(given, sources))])
+    paths = [loops] if loops is not None else find_sidecars(given, sources)
+    metadata = merge([read_metadata(path) for path in paths])
     notes = [Note("metadata_conflict", text) for text in metadata.conflicts]
     if not metadata.files:
         notes.append(Note("no_metadata", "no loop settings found (loops.toml): settings are missing and have to be "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -38,6 +39,8 @@ def mode_before(first: float | None, samples: int) -> tuple[float, Note]:
 class Frame:
     """The grid of one loop. axis: that of the measurement. bridge: longest hole in samples that is filled.
 
+    carried: setpoint and mode of the chunk before.
+
     Every method returns (samples,) values on the grid, nan where there are none, and adds to `notes` what it assumed.
     """
 
@@ -48,6 +51,7 @@ class Frame:
     grid: Grid
     bridge: int
     notes: list[Note] = field(default_factory=list)
+    carried: dict[str, float] = field(default_factory=dict)
 
     def measurement(self, pv: Signal) -> tuple[NDArray[np.float64], NDArray[np.bool_] | None]:
         """Return the measurement, and which samples were interpolated between records."""
@@ -92,7 +96,7 @@ class Frame:
             notes += more
             parts.append((item.axis, values))
         signal = Signal(self.joiner.axis([a for a, _ in parts]), np.concatenate([v for _, v in parts]), None)
-        if not np.isfinite(signal.values).any():
+        if not np.isfinite(signal.values).any() and "mode" not in self.carried:
             return None, [*notes, MODE_EMPTY]
         values = self._expanded(signal, "mode")
         unknown = np.isnan(values)
@@ -103,6 +107,18 @@ class Frame:
         return values == 0.0, notes
 
     def _expanded(self, signal: Signal, role: str) -> NDArray[np.float64]:
+        """The values of a signal; a setpoint or mode of the chunk before holds until the first one that is known."""
+        values = self._on_grid(signal, role)
+        if role in ("sp", "mode"):
+            known = np.isfinite(values)
+            if role in self.carried and not known.all():
+                first = int(np.argmax(known)) if known.any() else len(values)
+                values = np.concatenate([np.full(first, self.carried[role]), values[first:]])
+            if known.any():
+                self.carried[role] = float(values[known][-1])
+        return values
+
+    def _on_grid(self, signal: Signal, role: str) -> NDArray[np.float64]:
         if signal.axis is self.axis and self.grid.kind == "regular":
             values = on_grid(signal.values, self.grid)
             if not np.isnan(values).any():
@@ -136,8 +152,11 @@ def own_times(role: str, options: ReadOptions) -> Note:
     return Note("expanded", f"{role.upper()} is recorded at its own times; it is {how}")
 
 
-def grid_of(pv: Signal) -> tuple[Grid, Signal]:
-    """The grid is that of the measurement; blank cells in many places mean that it was recorded less often."""
+def grid_of(pv: Signal, made: Callable[[Signal], Grid] | None = None) -> tuple[Grid, Signal]:
+    """The grid is that of the measurement; blank cells in many places mean that it was recorded less often.
+
+    made: gives the grid where it is known already.
+    """
     blank = np.isnan(pv.values) if pv.bad is None else np.isnan(pv.values) & ~pv.bad
     count = int(blank.sum())
     if count and count < len(blank):
@@ -147,7 +166,7 @@ def grid_of(pv: Signal) -> tuple[Grid, Signal]:
             rows = np.flatnonzero(~blank)
             bad = None if pv.bad is None else pv.bad[rows]
             pv = replace(pv, axis=pv.axis.part(rows), values=pv.values[rows], bad=bad)
-    return pv.axis.grid(pv.values), pv
+    return (pv.axis.grid(pv.values) if made is None else made(pv)), pv
 
 
 def fill_limit(Ti: float | None, interval: float) -> int:

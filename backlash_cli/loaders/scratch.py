@@ -88,9 +88,10 @@ class Segment:
         self._arrays: Arrays | None = arrays
         self._place = (0, 0)
         if not in_memory:
-            self._spill()
+            self.spill()
 
-    def _spill(self) -> None:
+    def spill(self) -> None:
+        """Write what is in memory to the scratch file."""
         if self._arrays is not None:
             self._place = self._room.file.append(self._arrays)
             self._arrays = None
@@ -102,10 +103,6 @@ class Segment:
             return {name: self._arrays[name][first:last] for name in there}
         batch = self._room.file.read(*self._place)
         return {name: np.array(batch.column(name).slice(first, last - first).to_numpy()) for name in there}
-
-    def __getstate__(self) -> dict[str, Any]:
-        self._spill()  # so that no process gets a copy of its own
-        return self.__dict__
 
 
 class Store:
@@ -194,6 +191,11 @@ class Store:
             out.add(change(segment.read(sorted(segment.names), 0, segment.rows), begin))
         self.segments = []
         return out.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        for segment in self.segments:
+            segment.spill()  # so that no process gets a copy of its own
+        return self.__dict__
 
 
 def _joined(parts: Sequence[Arrays]) -> Arrays:

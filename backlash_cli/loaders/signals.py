@@ -1,12 +1,13 @@
-"""One recorded signal: its stamps and cells, where they lie, and its cells as numbers, read when a loop asks for them."""
+"""One recorded signal: its stamps and cells and where they lie; they are read when a loop asks for them."""
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
+from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,7 +171,7 @@ class Axis:
     further files. What is found out about them is kept for the axes used last.
     """
 
-    _recent: OrderedDict[Axis, None] = OrderedDict()
+    _recent: ClassVar[list[ref[Axis]]] = []
 
     def __init__(self, rows: Rows | None = None, column: str = "", *, micros: NDArray[np.int64] | None = None,
                  absolute: bool = True, notes: tuple[Note, ...] = (), where: str = "", first_line: int = 0,
@@ -234,10 +235,12 @@ class Axis:
 
     def _used(self) -> None:
         """Forget what was found out of the axes that were not used for long; it can be found out again."""
-        Axis._recent[self] = None
-        Axis._recent.move_to_end(self)
+        own = ref(self)
+        Axis._recent[:] = [*(other for other in Axis._recent if other != own and other() is not None), own]
         while len(Axis._recent) > MOST_AXES:
-            Axis._recent.popitem(last=False)[0].forget()
+            oldest = Axis._recent.pop(0)()
+            if oldest is not None:
+                oldest.forget()
 
     def forget(self) -> None:
         """Give back the memory of what can be found out again."""

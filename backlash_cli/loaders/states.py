@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import Note, SampleState
+from ..record import FloatArray, Note, SampleState
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
 AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
@@ -195,7 +195,7 @@ class Samples:
     """
 
     def __init__(
-        self, index: NDArray[np.int64], sp: NDArray[np.float64] | None, pv: NDArray[np.float64], op: NDArray[np.float64] | None,
+        self, index: NDArray[np.int64], sp: FloatArray | None, pv: FloatArray, op: FloatArray | None,
         interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int,
     ) -> None:
         self.index = index
@@ -218,8 +218,8 @@ class Samples:
         return counts
 
     def _measured(
-        self, pv: NDArray[np.float64], op: NDArray[np.float64] | None, interpolated: NDArray[np.bool_] | None, bridge: int
-    ) -> NDArray[np.float64]:
+        self, pv: FloatArray, op: FloatArray | None, interpolated: NDArray[np.bool_] | None, bridge: int
+    ) -> FloatArray:
         y, wild = pv, implausible(pv)
         if wild is not None:
             y = np.where(wild, np.nan, y)

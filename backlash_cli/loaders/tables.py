@@ -1,4 +1,4 @@
-"""Files to signals: what stands in the columns of a file goes into memory or the scratch file, named and with stamps."""
+"""Files to signals: the columns of a file go into memory or the scratch file, named and with their stamps."""
 
 from __future__ import annotations
 
@@ -174,7 +174,8 @@ def _stored(table: Table, layout: Layout, columns: Sequence[int], reading: Readi
     return store.close(), stamps.close(), words, filled
 
 
-def _put(arrays: Arrays, i: int, column: pa.ChunkedArray, words: dict[str, int], decimal: str, filled: set[int]) -> None:
+def _put(arrays: Arrays, i: int, column: pa.ChunkedArray, words: dict[str, int], decimal: str, filled: set[int]
+         ) -> None:
     values, codes = stored(column, words, decimal)
     arrays[f"v{i}"] = values
     if codes is not None:
@@ -326,7 +327,8 @@ def _one_clock(store: Store, stamps: Store, lexicons: dict[str, Lexicon], column
     for first, arrays in stamps.pieces(["t0"]):
         micros = arrays["t0"]
         steps = np.diff(micros, prepend=micros[:1] if before is None else before)
-        fell = (steps < 0) & (micros != NAT) & (np.concatenate([[NAT if before is None else before], micros[:-1]]) != NAT)
+        earlier = np.concatenate([[NAT if before is None else before], micros[:-1]])
+        fell = (steps < 0) & (micros != NAT) & (earlier != NAT)
         back += (first - 1 + np.flatnonzero(fell)).tolist()
         before = int(micros[-1])
         if len(back) > FEW:

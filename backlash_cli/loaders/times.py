@@ -250,7 +250,7 @@ def _unit_of(known: NDArray[np.float64], name: str) -> str:
         return "excel"
     word = plain(name)
     bracket = name.lower().rstrip(")] ").replace("[", "(").rpartition("(")[2].strip()
-    for unit, ends, brackets in (("millis", ("ms",), ("ms", "msec")), ("minutes", ("min", "minutes"), ("min", "minutes")),
+    for unit, ends, brackets in (("millis", ("ms",), ("ms", "msec")), ("minutes", ("min", "minutes"), ("min",)),
                                  ("hours", ("hours", "timeh"), ("h", "hours"))):  # fmt: skip
         if word.endswith(ends) or bracket in brackets:
             return unit

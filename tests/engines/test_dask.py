@@ -200,7 +200,7 @@ def test_workers_that_do_not_see_the_files_are_named(client, plant, monkeypatch)
 
     def unseen(sources, options, end=False):
         from backlash_cli.errors import InputError
-        from backlash_cli.loaders.survey import Survey
+        from backlash_cli.loaders.parts import Survey
 
         return [Survey(s, failure=InputError("no such file: x", where=str(s.path))) for s in sources]
 
