@@ -133,12 +133,17 @@ def analyse_recipe(
     except Exception as error:  # one loop's failure must not cost the others their report
         return _lost(recipe, Note("internal_error", f"reading failed: {type(error).__name__}: {error}"))
     if long:
-        report = _analyse(lambda: scan_blocks(lambda: chain.from_iterable(map(pieces, recipe.chunks())), options), record)
+        blocks = partial(_blocks, recipe)
+        report = _analyse(lambda: scan_blocks(blocks, options), record)
     else:
         report = analyse_loop(record, options)
     if keep is not None:
         keep.add(recipe.key, report)
     return report
+
+
+def _blocks(recipe: Recipe) -> Iterator[Record]:
+    return chain.from_iterable(map(pieces, recipe.chunks()))
 
 
 def analyse_group(

@@ -156,7 +156,7 @@ class Joiner:
         marks = item.marks()
         good = np.ones(len(values), bool)
         if marks is not None:
-            good, more = good_samples(marks, self.good_quality)
+            good, more = good_samples(marks, self.good_quality, item.quality_name)
             notes.extend(more)
         lone = lone_zeros(np.where(good, values, np.nan))
         for code, wrong, what in (

@@ -14,7 +14,19 @@ import pyarrow as pa
 
 from ..errors import InputError
 from ..record import Note
-from .names import IGNORED, LOOP, QUALITY, SIGNALS, TAG, VALUE, Tag, is_time_name, plain, signal_role, split_tag
+from .names import (
+    IGNORED,
+    LOOP,
+    SIGNALS,
+    TAG,
+    VALUE,
+    Tag,
+    is_quality_name,
+    is_time_name,
+    plain,
+    signal_role,
+    split_tag,
+)
 from .numbers import codes_and_words, is_number, is_text
 from .options import ReadOptions
 from .quality import quality_words
@@ -174,7 +186,7 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
     whole = [i for i in texts if _share(heads[i], lambda w: bool(split_tag(w).loop) and split_tag(w).role in SIGNALS)]
     roles = [i for i in texts if _share(heads[i], lambda w: signal_role(w) != "")]
     if roles:
-        rest = [i for i in texts if i not in roles and heads[i] and words[i] not in QUALITY | IGNORED]
+        rest = [i for i in texts if i not in roles and heads[i] and not (words[i] in IGNORED or is_quality_name(words[i]))]
         groups = [i for i in rest if words[i] in GROUPS] or [i for i in rest if words[i] in TAG] or rest
         if groups:
             return max(groups, key=lambda i: (words[i] in LOOP, len(heads[i]))), roles[0]
@@ -197,7 +209,7 @@ def _long(head: Head, stamps: tuple[int, ...], used: set[int]) -> Layout:
     taken = {*naming, *used}
     free = [i for i in columns if i not in taken and words[i] not in IGNORED and not is_time_like(head, i)]
     named = [i for i in free if words[i] in VALUE]
-    quality = next((i for i in free if words[i] in QUALITY and i not in named), None)
+    quality = next((i for i in free if is_quality_name(words[i]) and i not in named), None)
     if quality is None and len(free) > 1:
         quality = next((i for i in free if i not in named and _marks(head, i)), None)
     free = [i for i in free if i != quality]
@@ -224,7 +236,8 @@ def _tall(head: Head, stamps: tuple[int, ...], used: set[int]) -> Layout:
     which = next((i for i in texts if words[i] in GROUPS), next((i for i in texts if words[i] in TAG), None))
     if which is None:
         raise InputError("no column of loop names found", where=head.where, remedy="name it 'loop'")
-    values = [i for i, word in enumerate(words) if i not in used and i != which and word not in IGNORED | QUALITY]
+    values = [i for i, word in enumerate(words) if i not in used and i != which and word not in IGNORED
+              and not is_quality_name(word)]
     return Layout("tall", (stamps,), tuple(values), (which,))
 
 
@@ -234,7 +247,8 @@ def _pairs(head: Head) -> Layout:
     stamps, values, quality = [], [], {}
     for column, end in zip(times, [*times[1:], len(head.names)], strict=True):
         block = [i for i in range(column + 1, end) if head.names[i] or not pa.types.is_null(head.columns[i].type)]
-        marks = [i for i in block if split_tag(head.names[i]).role == "quality" or plain(head.names[i]) in QUALITY]
+        marks = [i for i in block if is_quality_name(plain(head.names[i]))
+                 or split_tag(head.names[i]).role == "quality"]
         signals = [i for i in block if i not in marks]
         if signals:
             stamps.append((column,))
@@ -254,7 +268,7 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
         if tag.role == "quality" and tag.of in by_name:
             quality[by_name[tag.of]] = i
         elif before is not None and (not tag.of or split_tag(head.names[before]).loop == tag.loop) and (
-                tag.role == "quality" or plain(head.names[i]) in QUALITY
+                tag.role == "quality" or is_quality_name(plain(head.names[i]))
                 or (not tag.role and head.is_text(i) and not head.is_text(before) and _marks(head, i))):
             quality[before] = i
     return quality

@@ -24,9 +24,7 @@ SIGNALS = {
 }
 QUALITY = _words(
     """quality qual q status st stat dataquality opcquality qualitycode confidence state valid validity isgood good
-    statuscode qc isvalid datavalidity validitycode opcstatus datastatus valuestatus valuequality samplequality
-    pointstatus tagquality hdaquality qualityflag qualitystatus qualityindicator questionable qualität güte gueltig
-    gültig gültigkeit gueltigkeit validite validité qualite qualité"""
+    statuscode qc opcstatus datastatus valuestatus pointstatus tagstatus questionable güte"""
 )
 TIME = _words(
     """time timestamp times timestamps datetime dateandtime datetimeutc ts t date zeit zeitstempel datum datumzeit
@@ -89,6 +87,11 @@ def is_time_name(text: str) -> bool:
     return word in TIME or (word.startswith(("timestamp", "datetime", "zeitstempel")) and len(word) < 24)
 
 
+def is_quality_name(word: str) -> bool:
+    """Say whether a plain word names a column that says which samples are good."""
+    return word in QUALITY or (("valid" in word or "qualit" in word or "gültig" in word) and len(word) < 24)
+
+
 @lru_cache(maxsize=65536)
 def split_tag(text: str) -> Tag:
     """Take a tag or column name apart.
@@ -98,7 +101,7 @@ def split_tag(text: str) -> Tag:
     """
     name = _SERVER.sub("", text.strip())
     described = _DESCRIBED.match(name) if len(name) <= NESTED_LIMIT else None
-    if described and plain(described[2]) not in QUALITY | TIME:
+    if described and plain(described[2]) not in TIME and not is_quality_name(plain(described[2])):
         tag = split_tag(described[1])
         if tag.loop and tag.role in SIGNALS:
             return tag
@@ -109,9 +112,10 @@ def split_tag(text: str) -> Tag:
         glued = None if signal_role(name) else _JOINED.match(name)
         return Tag(glued[1], signal_role(glued[2]), glued[2]) if glued else Tag("", signal_role(name), name)
     last = plain(parts[-1][1])
-    if (last in QUALITY or last in TIME) and len(name) <= NESTED_LIMIT:
+    marks = is_quality_name(last)
+    if (marks or last in TIME) and len(name) <= NESTED_LIMIT:
         base = name[: parts[-1].start()]
-        return Tag(split_tag(base).loop, "quality" if last in QUALITY else "time", parts[-1][1], of=base)
+        return Tag(split_tag(base).loop, "quality" if marks else "time", parts[-1][1], of=base)
     found = _signal_at_end(name, parts) or _signal_before_attribute(name, parts)
     if found is not None:
         return found

@@ -53,13 +53,24 @@ def to_array(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
     return column.to_numpy() if isinstance(column, pa.ChunkedArray) else column.to_numpy(zero_copy_only=False)
 
 
-def stored(column: pa.ChunkedArray | pa.Array, words: dict[str, int], decimal: str = ".") -> tuple[
-        NDArray[np.float64], NDArray[np.int32] | None]:
+def stored(column: pa.ChunkedArray | pa.Array, words: dict[str, int], decimal: str = ".", *, written: bool = False
+           ) -> tuple[NDArray[np.float64], NDArray[np.int32] | None]:
     """Return (values, codes) of a column of any type: its numbers, nan where there are none, and the places in `words`
-    of the texts that are no plain numbers, None where there are none. New texts are added to `words`."""
+    of the texts that are no plain numbers, None where there are none. New texts are added to `words`.
+
+    written: the column was read from text, where nan and inf stand for something else than an empty cell.
+    """
     kind = column.type
     if pa.types.is_float64(kind):
-        return to_array(column), None
+        values = to_array(column)
+        odd = ~np.isfinite(values)
+        if not written or np.count_nonzero(odd) == column.null_count:
+            return values, None
+        odd &= column.is_valid().to_numpy() if isinstance(column, pa.ChunkedArray) else column.is_valid().to_numpy(
+            zero_copy_only=False)
+        codes = np.full(len(values), -1, np.int32)
+        codes[odd] = [words.setdefault(str(value), len(words)) for value in values[odd].tolist()]
+        return np.where(odd, np.nan, values), codes
     if is_number(kind) or pa.types.is_boolean(kind):
         return to_array(column.cast(pa.float64(), safe=False)), None
     if pa.types.is_null(kind):

@@ -100,7 +100,10 @@ class Text:
                 return
             cut = _whole_lines(text)
             rest = text[cut:]
-            yield text[:cut]
+            if cut:
+                yield text[:cut]
+            else:
+                size *= 2  # a line longer than a block
 
     def changed(self, change: Callable[[bytes], bytes]) -> Text:
         """Return the same text with every block of whole lines changed."""
@@ -269,7 +272,7 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> tu
 def _whole_lines(text: bytes) -> int:
     """Length of the lines that end in a text; a quoted cell may hold line ends."""
     end = b"\n" if b"\n" in text else b"\r"
-    quotes, cut = text.count(b'"'), text.rfind(end)
+    quotes, cut = text.count(b'"') if b'"' in text else 0, text.rfind(end)
     last = cut
     for _ in range(200 if quotes else 0):
         if cut < 0 or (quotes - text.count(b'"', cut)) % 2 == 0:
@@ -277,7 +280,7 @@ def _whole_lines(text: bytes) -> int:
         cut = text.rfind(end, 0, cut)
     else:
         cut = last  # quotes that never end are taken as they are
-    return cut + 1 or len(text)
+    return cut + 1
 
 
 def _whole_characters(data: bytes) -> int:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import BacklashError
 
-IN_MEMORY = 96 << 20  # bytes of samples that are kept in memory, over all files of a run
+IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
 SEGMENT = 32 << 20  # bytes of samples that are put together before they are kept
 Arrays = dict[str, NDArray[Any]]
 

@@ -253,7 +253,7 @@ class Axis:
 @dataclass(frozen=True, eq=False)
 class Series:
     """One signal of one file. tag: its name as written. loop, role, signal: that name taken apart. column: of the
-    axis' rows that holds its cells; quality: the column that marks them."""
+    axis' rows that holds its cells; quality: the column that marks them, and its name."""
 
     tag: str
     loop: str
@@ -264,6 +264,7 @@ class Series:
     column: str = ""
     quality: str = ""
     where: str = ""
+    quality_name: str = ""
 
     @property
     def count(self) -> int:

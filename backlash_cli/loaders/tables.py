@@ -142,11 +142,15 @@ def _wide(table: Table, layout: Layout, reading: Reading) -> list[Series]:
     found = []
     for one in signals_of(head, layout, empty):
         axis = axes[one.stamps]
-        series = Series(one.tag, one.loop, one.role, one.signal, axis, rows if one.column in needed | empty else None,
-                        f"v{one.column}", f"v{layout.quality[one.column]}" if one.column in layout.quality else "",
-                        head.where)
+        series = _series(one, head, layout, axis, rows if one.column in needed | empty else None)
         found.append(_where_stamped(series) if layout.kind == "pairs" else series)
     return found
+
+
+def _series(one: Named, head: Head, layout: Layout, axis: Axis, rows: Rows | None) -> Series:
+    mark = layout.quality.get(one.column)
+    quality, name = ("", "") if mark is None else (f"v{mark}", head.names[mark])
+    return Series(one.tag, one.loop, one.role, one.signal, axis, rows, f"v{one.column}", quality, head.where, name)
 
 
 def _where_stamped(series: Series) -> Series:
@@ -168,15 +172,15 @@ def _stored(table: Table, layout: Layout, columns: Sequence[int], reading: Readi
         stamps.take(batch)
         arrays: Arrays = {}
         for i in columns:
-            _put(arrays, i, batch[i], words[i], head.decimal, filled)
+            _put(arrays, i, batch[i], words[i], table, filled)
         if arrays:
             store.add(arrays)
     return store.close(), stamps.close(), words, filled
 
 
-def _put(arrays: Arrays, i: int, column: pa.ChunkedArray, words: dict[str, int], decimal: str, filled: set[int]
+def _put(arrays: Arrays, i: int, column: pa.ChunkedArray, words: dict[str, int], table: Table, filled: set[int]
          ) -> None:
-    values, codes = stored(column, words, decimal)
+    values, codes = stored(column, words, table.head.decimal, written=isinstance(table, TextTable))
     arrays[f"v{i}"] = values
     if codes is not None:
         arrays[f"v{i}w"] = codes
@@ -271,7 +275,7 @@ def _grouped(table: Table, layout: Layout, reading: Reading) -> list[Series]:
         stamps.take(batch)
         arrays: Arrays = {"group": tags.take(batch)}
         for i in layout.stored:
-            _put(arrays, i, batch[i], words[i], head.decimal, filled)
+            _put(arrays, i, batch[i], words[i], table, filled)
         store.add(arrays)
     store.close()
     stamps.close()
@@ -311,9 +315,7 @@ def _grouped(table: Table, layout: Layout, reading: Reading) -> list[Series]:
             own = of_tag(name, i)
             if tall:
                 own = Named(i, f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i])
-            mark = layout.quality.get(i)
-            found.append(Series(own.tag, own.loop, own.role, own.signal, axis, rows, f"v{i}",
-                                "" if mark is None else f"v{mark}", head.where))
+            found.append(_series(own, head, layout, axis, rows))
     return found
 
 

@@ -42,7 +42,7 @@ def local(plant):
 
 @pytest.fixture(autouse=True)
 def many_small_parts(monkeypatch):
-    monkeypatch.setattr("backlash_cli.loaders.cut_parts.MOST_LOOPS", 3)
+    monkeypatch.setattr("backlash_cli.loaders.parts.MOST_LOOPS", 3)
 
 
 def on(client, plant, work, reading=None, **more):
