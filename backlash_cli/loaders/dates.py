@@ -129,6 +129,9 @@ def _dated(fields: pa.StructArray, at: NDArray[np.int64], micros: NDArray[np.int
                  bool(first.get("ap")))
 
 
+Readings = dict[str, tuple[NDArray[np.int64], ...]]  # kind -> year, month, day
+
+
 class DateOrder:
     """Finds out which of day, month and year comes first, from all dates of a file in their order.
 
@@ -171,19 +174,20 @@ class DateOrder:
         if not self.codes:
             return np.zeros(0, np.int64)
         a, b, c = np.array(list(self.codes), np.int64).T
-        readings = {"dmy": (c, b, a), "mdy": (c, a, b), "ymd": (a, b, c)}
+        readings: Readings = {"dmy": (c, b, a), "mdy": (c, a, b), "ymd": (a, b, c)}
         chosen = order if order in readings else self._decided(readings, where, name, notes)
         year, month, day = readings[chosen]
         return days_of(full_year(year), month, day)
 
-    def _decided(self, readings: dict[str, tuple[NDArray[np.int64], ...]], where: str, name: str,
+    def _decided(self, readings: Readings, where: str, name: str,
                  notes: list[Note]) -> str:
-        def possible(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int64]) -> bool:
+        def possible(parts: tuple[NDArray[np.int64], ...]) -> bool:
+            _, month, day = parts
             fits = (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31)
             return float(np.average(fits, weights=self.texts)) > 0.99
 
         a, _, c = readings["ymd"]
-        fitting = [kind for kind, parts in readings.items() if possible(*parts) and (kind != "ymd" or self.short)]
+        fitting = [kind for kind, parts in readings.items() if possible(parts) and (kind != "ymd" or self.short)]
         if len(fitting) > 1 and self.short and "ymd" in fitting:
             # two-digit years: only dates of this century are read, so a part above 31 decides
             decided = [kind for kind in fitting if kind != "ymd" and (c > 31).any()]
@@ -204,7 +208,7 @@ class DateOrder:
             "ambiguous: is the day first?", where=where, code="ambiguous_dates",
             remedy="say it with --time-format dmy, mdy or a pattern such as '%d/%m/%Y %H:%M:%S'")
 
-    def _even(self, readings: dict[str, tuple[NDArray[np.int64], ...]]) -> str:
+    def _even(self, readings: Readings) -> str:
         """The reading with which the time goes on over midnight where every other one jumps, "" if there is none."""
         if len(self.codes) < 2:
             return ""

@@ -186,7 +186,8 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
     whole = [i for i in texts if _share(heads[i], lambda w: bool(split_tag(w).loop) and split_tag(w).role in SIGNALS)]
     roles = [i for i in texts if _share(heads[i], lambda w: signal_role(w) != "")]
     if roles:
-        rest = [i for i in texts if i not in roles and heads[i] and not (words[i] in IGNORED or is_quality_name(words[i]))]
+        rest = [i for i in texts if i not in roles and heads[i] and words[i] not in IGNORED
+                and not is_quality_name(words[i])]
         groups = [i for i in rest if words[i] in GROUPS] or [i for i in rest if words[i] in TAG] or rest
         if groups:
             return max(groups, key=lambda i: (words[i] in LOOP, len(heads[i]))), roles[0]

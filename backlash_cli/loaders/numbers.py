@@ -68,9 +68,9 @@ def stored(column: pa.ChunkedArray | pa.Array, words: dict[str, int], decimal: s
             return values, None
         odd &= column.is_valid().to_numpy() if isinstance(column, pa.ChunkedArray) else column.is_valid().to_numpy(
             zero_copy_only=False)
-        codes = np.full(len(values), -1, np.int32)
-        codes[odd] = [words.setdefault(str(value), len(words)) for value in values[odd].tolist()]
-        return np.where(odd, np.nan, values), codes
+        marks = np.full(len(values), -1, np.int32)
+        marks[odd] = [words.setdefault(str(value), len(words)) for value in values[odd].tolist()]
+        return np.where(odd, np.nan, values), marks
     if is_number(kind) or pa.types.is_boolean(kind):
         return to_array(column.cast(pa.float64(), safe=False)), None
     if pa.types.is_null(kind):

@@ -142,7 +142,8 @@ class ParquetRows:
         try:
             if first == 0 and last >= self.count:
                 return file.read(columns=[name], use_threads=False).column(0)
-            about, groups, begin, skipped = file.metadata, [], 0, 0
+            about, begin, skipped = file.metadata, 0, 0
+            groups: list[int] = []
             for k in range(about.num_row_groups):
                 rows = about.row_group(k).num_rows
                 if begin < last and begin + rows > first:

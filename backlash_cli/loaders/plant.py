@@ -179,7 +179,8 @@ def open_plant(
         raise nothing_read(len(sources), files.first_problem)
     settled = settle(files.series, metadata, options, str(sources[0].path))
     warnings += settled.notes
-    wanted, lost, moment = settled.loops, [], None
+    wanted, moment = settled.loops, None
+    lost: list[Note] = []
     if options.since is not None:
         last = last_stamp(files.series)
         moment = moment_of(options.since, options.timezone, last)
@@ -352,7 +353,7 @@ def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[list[Named]],
 
     def needed(found: list[Named]) -> set[int]:
         loops = by_loop(found, metadata, renamed)
-        return {item.column for name in _perhaps_wanted(loops, options) for item in loops[name].items()}  # type: ignore[attr-defined]
+        return {int(item.column) for name in _perhaps_wanted(loops, options) for item in loops[name].items()}
 
     return needed
 

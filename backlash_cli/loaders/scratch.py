@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..errors import BacklashError
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
-SEGMENT = 32 << 20  # bytes of samples that are put together before they are kept
+SEGMENT = 16 << 20  # bytes of samples that are put together before they are kept; twice as many of groups
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -125,7 +125,7 @@ class Store:
         """Take the next rows."""
         self._waiting.append(arrays)
         self._size += sum(column.nbytes for column in arrays.values())
-        if self._size >= SEGMENT:
+        if self._size >= SEGMENT * (1 + self.groups):
             self.close()
 
     def close(self) -> Store:

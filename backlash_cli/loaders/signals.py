@@ -46,7 +46,7 @@ class Cells:
     lexicon: Lexicon = field(default_factory=lambda: Lexicon([]))
 
     @cached_property
-    def _used(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    def _used(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """(places in the lexicon of the texts that occur, rows that hold one, its place among those) """
         assert self.codes is not None
         rows = np.flatnonzero(self.codes >= 0)
@@ -62,11 +62,10 @@ class Cells:
         if not self.is_text:
             return Numbers(self.values)
         used, rows, which = self._used
-        values, bad, units = (part[used] if isinstance(part, np.ndarray) else [part[i] for i in used]
-                              for part in self.lexicon.parsed)
+        values, bad, units = self.lexicon.parsed
         counts = np.bincount(which, minlength=len(used))
-        unit, foreign = main_unit(units, counts)
-        bad = bad | foreign
+        unit, foreign = main_unit([units[i] for i in used], counts)
+        values, bad = values[used], bad[used] | foreign
         out = np.where(np.isfinite(self.values), self.values, np.nan)
         out[rows] = np.where(bad, np.nan, values)[which]
         flags = np.zeros(len(out), bool)
@@ -91,7 +90,9 @@ class Cells:
 class Rows(Protocol):
     """Rows of a file that belong together; `column`: a name by which they know their columns."""
 
-    count: int
+    @property
+    def count(self) -> int:
+        """Number of rows."""
 
     def cells(self, column: str, first: int, last: int) -> Cells:
         """Return the cells of rows first..last-1."""

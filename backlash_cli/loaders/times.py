@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from datetime import datetime, timedelta
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pyarrow as pa
@@ -20,8 +22,7 @@ from .dates import DateOrder, days_of, read_dates
 from .names import plain
 from .numbers import codes_and_words, is_number, is_text, plain_numbers, to_array
 from .options import ReadOptions
-from .order import DAY, NAT, SECOND
-from .zones import WallClock
+from .order import DAY, HOUR, NAT, SECOND
 
 LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
 _OPEN, _SHIFT = -(1 << 62), 38  # stamps with an open date: from _OPEN on, the number of the date above so many bits
@@ -281,3 +282,58 @@ def _scaled(integers: NDArray[np.int64], unit: str) -> NDArray[np.int64]:
     factor = {"us": 1, "ms": 1000, "s": SECOND}[unit]
     far = np.abs(integers.astype(np.float64)) > LIMIT / factor
     return np.where(far, NAT, np.where(far, 0, integers) * factor) if far.any() else integers * factor
+
+
+class WallClock:
+    """Stamps as the clocks of a zone show them to UTC, some rows of a file after the other."""
+
+    def __init__(self, zone: str) -> None:
+        self.zone = zone
+        self._info = ZoneInfo(zone)
+        self._rows = 0  # in the hour that occurs twice
+        self._last: int | None = None
+        self._within = False  # the last row lay in such an hour
+        self._back = 0  # steps back since the rows came to lie there
+
+    def utc(self, micros: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the next rows in UTC, (rows,); unreadable ones stay unreadable."""
+        known = np.flatnonzero(micros != NAT)
+        if not len(known):
+            return micros
+        local = micros[known]
+        hours, inverse = np.unique(local // HOUR, return_inverse=True)
+        first = np.array([_offset(self._info, int(h), 0) for h in hours], np.int64)[inverse]
+        second = np.array([_offset(self._info, int(h), 1) for h in hours], np.int64)[inverse]
+        doubled = first != second
+        out = micros.copy()
+        out[known] = local - np.where(self._gone_back(local, doubled), second, first)
+        return out
+
+    def _gone_back(self, local: NDArray[np.int64], doubled: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """After the clock went back (a step of more than half an hour in the doubled hour) the second offset holds."""
+        back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
+        within = np.concatenate([[self._within], doubled])
+        before = np.cumsum(back)
+        begins = np.flatnonzero(~within[:-1] & within[1:])
+        # steps back before the rows that lie in the hour now came there; less than none: there were some already
+        earlier = np.concatenate([[-self._back], before[begins] - back[begins]])
+        since = before - earlier[np.cumsum(~within[:-1] & within[1:])]
+        self._rows += int(np.count_nonzero(doubled))
+        self._last, self._within, self._back = int(local[-1]), bool(doubled[-1]), int(since[-1])
+        return doubled & (since > 0)
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What is to be said of the rows so far."""
+        if not self._rows:
+            return ()
+        text = f"{self._rows} rows lie in the hour that occurs twice in {self.zone}; they are taken in file order"
+        return (Note("dst_repeated_hour", text),)
+
+
+def _offset(info: ZoneInfo, hour: int, fold: int) -> int:
+    try:
+        moment = (datetime(1970, 1, 1) + timedelta(hours=hour)).replace(tzinfo=info, fold=fold)
+        return int((moment.utcoffset() or timedelta()).total_seconds() * SECOND)
+    except (OverflowError, ValueError):
+        return 0
