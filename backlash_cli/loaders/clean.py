@@ -66,8 +66,8 @@ class Recipe:
         ends = [*begins[1:], (axes[-1].last() or 0) + 1]
         for begin, end in zip(begins, ends, strict=True):
             going.end, joiner.only = end, (begin, end)
-            record = build(_window(self.series, begin, end), settings, joiner, self.options, going)
-            yield replace(record, notes=(*self.notes, *record.notes) if end == ends[-1] else ())
+            notes = self.notes if end == ends[-1] else None
+            yield _noted(build(_window(self.series, begin, end), settings, joiner, self.options, going), notes)
 
     @property
     def rows(self) -> int:
@@ -202,6 +202,11 @@ def _of_chunks(pv: Signal, grid: Grid, going: Going, first: int, last: int) -> l
 
 def _finite(*parts: NDArray[np.float64] | None) -> NDArray[np.float64]:
     return np.concatenate([part[np.isfinite(part)] for part in parts if part is not None])
+
+
+def _noted(record: Record, before: tuple[Note, ...] | None) -> Record:
+    """Put notes before those of a record; None takes all away."""
+    return replace(record, notes=() if before is None else (*before, *record.notes))
 
 
 def _in_turn(axes: Iterable[Axis]) -> list[Axis]:
