@@ -309,21 +309,13 @@ def spans_of(settings: Settings, measured: NDArray[np.float64], output: NDArray[
         )
     for name in guessed:
         low, high = pv_range if name == "pv_range" else op_range
-        notes.append(
-            Note(
-                f"guessed_{name}",
-                f"{name} is not given: scaled by {low:g}..{high:g}, a guess from the data",
-                {"low": low, "high": high},
-            )
-        )
+        notes.append(Note(f"guessed_{name}", f"{name} is not given: scaled by {low:g}..{high:g}, a guess from the data",
+                          {"low": low, "high": high}))
     loop = replace(settings.loop, pv_range=pv_range, op_range=op_range, source=source)
     if settings.engineering:
         ratio = (pv_range[1] - pv_range[0]) / (op_range[1] - op_range[0])
-        loop = replace(
-            loop,
-            K=None if loop.K is None else loop.K * ratio,
-            Kp=None if loop.Kp is None else loop.Kp / ratio,
-        )
+        loop = replace(loop, K=None if loop.K is None else loop.K * ratio, Kp=None if loop.Kp is None
+                       else loop.Kp / ratio)
     return Spans(pv_range, op_range, loop, tuple(notes))
 
 

@@ -28,20 +28,16 @@ _COMPACT = (r"^\s*(?P<y>(?:19|20)\d{2})(?P<m>\d{2})(?P<d>\d{2})(?:[T_ -]?(?P<h>\
             r"(?:[.,]?(?P<f>\d{1,9}))?)?)?\s*(?P<z>Z|[+-]\d{2}:?\d{0,2})?\s*$")  # fmt: skip
 _UNIX_DATE = r"^\s*\pL{3}\s+(\pL{3}\s+\d{1,2})\s+(\d{1,2}:\d{2}:\d{2})\s+((?:[A-Z]{3,4}\s+)?)(\d{4})\s*$"
 _CLOCK_ONLY = rf"^\s*{_CLOCK}\s*$"
-_MONTHS = (
-    "jan ene gen jän january januar janvier enero gennaio januari janeiro",
-    "feb fév fev february februar février febrero febbraio februari fevereiro",
-    "mar mär mrz maa march märz mars marzo maart março maerz",
-    "apr avr abr april avril abril aprile",
-    "may mai maj mei mag mayo maggio maio",
-    "jun jui giu june juni juin junio giugno junho",
-    "jul lug july juli juillet julio luglio julho juil",
-    "aug aoû ago aou august août agosto augustus augusti aout",
-    "sep set sept september septembre septiembre settembre setembro",
-    "oct okt ott out october oktober octobre octubre ottobre outubro",
-    "nov november novembre noviembre novembro",
-    "dec dez déc dic des december dezember décembre diciembre dicembre dezembro",
-)
+_MONTHS = ("jan ene gen jän january januar janvier enero gennaio januari janeiro",
+           "feb fév fev february februar février febrero febbraio februari fevereiro",
+           "mar mär mrz maa march märz mars marzo maart março maerz", "apr avr abr april avril abril aprile",
+           "may mai maj mei mag mayo maggio maio", "jun jui giu june juni juin junio giugno junho",
+           "jul lug july juli juillet julio luglio julho juil",
+           "aug aoû ago aou august août agosto augustus augusti aout",
+           "sep set sept september septembre septiembre settembre setembro",
+           "oct okt ott out october oktober octobre octubre ottobre outubro",
+           "nov november novembre noviembre novembro",
+           "dec dez déc dic des december dezember décembre diciembre dicembre dezembro")
 MONTH = {word: number for number, words in enumerate(_MONTHS, 1) for word in words.split()}
 ZONES = {
     "Z": 0, "UTC": 0, "GMT": 0, "UT": 0, "WET": 0, "WEST": 60, "BST": 60, "CET": 60, "MEZ": 60, "CEST": 120,
@@ -124,9 +120,8 @@ def _dated(fields: pa.StructArray, at: NDArray[np.int64], micros: NDArray[np.int
     rows = np.flatnonzero(unclear)
     first = fields[int(rows[0])].as_py() if len(rows) else {}
     good = rows[out[rows] != NAT]
-    return Dates(micros, zoned, at[good], np.stack([a, b, c], 1)[good], out[good],
-                 bool(len(rows)) and bool((_length(fields, "c")[rows] <= 2).all()), first.get("sep") or "",
-                 bool(first.get("ap")))
+    return Dates(micros, zoned, at[good], np.stack([a, b, c], 1)[good], out[good], bool(len(rows))
+                 and bool((_length(fields, "c")[rows] <= 2).all()), first.get("sep") or "", bool(first.get("ap")))
 
 
 Readings = dict[str, tuple[NDArray[np.int64], ...]]  # kind -> year, month, day
@@ -179,8 +174,7 @@ class DateOrder:
         year, month, day = readings[chosen]
         return days_of(full_year(year), month, day)
 
-    def _decided(self, readings: Readings, where: str, name: str,
-                 notes: list[Note]) -> str:
+    def _decided(self, readings: Readings, where: str, name: str, notes: list[Note]) -> str:
         def possible(parts: tuple[NDArray[np.int64], ...]) -> bool:
             _, month, day = parts
             fits = (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31)

@@ -24,10 +24,8 @@ SPARSE_SHARE = 0.15  # share of spacings longer than one interval that means com
 GAP_FACTOR = 5.0  # of the 99 % spacing: the longest that compressed data may bridge
 MAX_GROWTH = 200  # grid points per recorded row
 JITTER = (0.3, 1.7)
-_NICE = np.array([
-    1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 90, 100, 120, 150, 180, 200, 240, 250, 300,
-    360, 400, 450, 480, 500, 600, 720, 750, 800, 900, 1000,
-])
+_NICE = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 90, 100, 120, 150, 180, 200, 240, 250,
+                  300, 360, 400, 450, 480, 500, 600, 720, 750, 800, 900, 1000])
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,9 +108,8 @@ class GridPlan:
     even: bool = False
     usual: float = 0.0
 
-    def rows(
-        self, stamps: NDArray[np.int64], before: tuple[int, int] | None = None
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def rows(self, stamps: NDArray[np.int64], before: tuple[int, int] | None = None) -> tuple[NDArray[np.int64],
+                                                                                              NDArray[np.int64]]:
         """Return (index, rows) of a regular grid: the grid number of each sample, and its row, -1 for an absent one.
 
         before: stamp and grid number of the row before the first.
@@ -283,11 +280,8 @@ def _compressed(steps: Steps, middle: float) -> GridPlan:
         base = _nice(steps.quantile(0.1))
     gap = max(GAP_FACTOR * steps.quantile(0.99), (MAX_HOLE + 1.5) * base)
     if steps.sum(steps.values <= gap, steps.values) / base > MAX_GROWTH * (steps.total + 1):
-        raise LoopError(
-            f"samples are too irregular: {base / SECOND:g} s to {steps.longest / SECOND:g} s apart",
-            code="irregular",
-            remedy="export at a fixed interval, not interpolated",
-        )
+        raise LoopError(f"samples are too irregular: {base / SECOND:g} s to {steps.longest / SECOND:g} s apart",
+                        code="irregular", remedy="export at a fixed interval, not interpolated")
     return GridPlan(steps.first, base, "compressed", gap, steps, usual=middle)
 
 

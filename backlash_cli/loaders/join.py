@@ -238,10 +238,9 @@ def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Seri
         if len(first) > 1 and first[0].axis is first[1].axis:
             values = [item.cells().numbers().values for item in first]
             if not all(np.array_equal(values[0], other, equal_nan=True) for other in values[1:]):
-                raise LoopError(
-                    f"{len(first)} columns are called {first[0].tag!r} and differ: duplicate column names",
-                    where=where, remedy="rename one of them, or name the right one in loops.toml",
-                    code="duplicate_columns")
+                raise LoopError(f"{len(first)} columns are called {first[0].tag!r} and differ: duplicate column names",
+                                where=where, remedy="rename one of them, or name the right one in loops.toml",
+                                code="duplicate_columns")
             notes.append(Note("duplicate_columns",
                               f"column {first[0].tag} stands {len(first)} times with the same content"))
             first = first[:1]

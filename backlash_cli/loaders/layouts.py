@@ -14,19 +14,7 @@ import pyarrow as pa
 
 from ..errors import InputError
 from ..record import Note
-from .names import (
-    IGNORED,
-    LOOP,
-    SIGNALS,
-    TAG,
-    VALUE,
-    Tag,
-    is_quality_name,
-    is_time_name,
-    plain,
-    signal_role,
-    split_tag,
-)
+from .names import IGNORED, LOOP, SIGNALS, TAG, VALUE, Tag, is_quality_name, is_time_name, plain, signal_role, split_tag
 from .numbers import codes_and_words, is_number, is_text
 from .options import ReadOptions
 from .quality import quality_words

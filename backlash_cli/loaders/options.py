@@ -82,11 +82,8 @@ class ReadOptions:
             named = {"tab": "\t", "\\t": "\t", "comma": ",", "semicolon": ";", "pipe": "|", "space": " "}
             object.__setattr__(self, "delimiter", named.get(self.delimiter.lower(), self.delimiter))
             if len(self.delimiter) != 1 or self.delimiter in '\r\n"0123456789.':
-                raise UsageError(
-                    f"{self.delimiter!r} cannot separate columns",
-                    where="--delimiter",
-                    remedy="give one character or one of: comma, semicolon, tab, pipe, space",
-                )
+                raise UsageError(f"{self.delimiter!r} cannot separate columns", where="--delimiter",
+                                 remedy="give one character or one of: comma, semicolon, tab, pipe, space")
         if self.time_format is not None and "%" not in self.time_format:
             _one_of("time_format", self.time_format, TIME_WORDS)
         if self.encoding is not None:
@@ -105,11 +102,8 @@ class ReadOptions:
 
 def _one_of(name: str, value: str | None, allowed: tuple[str, ...]) -> None:
     if value is not None and value not in allowed:
-        raise UsageError(
-            f"{value!r} is not known here",
-            where=f"--{name.replace('_', '-')}",
-            remedy=f"one of: {'  '.join(allowed)}" if name == "decimal" else _known(value, allowed),
-        )
+        raise UsageError(f"{value!r} is not known here", where=f"--{name.replace('_', '-')}",
+                         remedy=f"one of: {'  '.join(allowed)}" if name == "decimal" else _known(value, allowed))
 
 
 def _known(value: str, allowed: tuple[str, ...]) -> str:
@@ -123,9 +117,8 @@ def _check_encoding(name: str) -> None:
     try:
         codecs.lookup(name)
     except (LookupError, ValueError):
-        raise UsageError(
-            f"no text encoding {name!r}", where="--encoding", remedy="for example utf-8, utf-16, cp1252"
-        ) from None
+        raise UsageError(f"no text encoding {name!r}", where="--encoding",
+                         remedy="for example utf-8, utf-16, cp1252") from None
 
 
 def _check_zone(name: str) -> None:

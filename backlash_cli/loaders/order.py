@@ -28,9 +28,8 @@ class Ordered:
     notes: tuple[Note, ...] = ()
 
 
-def ordered(
-    micros: NDArray[np.int64], probe: NDArray[np.float64] | None = None, parts: tuple[int, ...] = (), line: int = 0
-) -> Ordered:
+def ordered(micros: NDArray[np.int64], probe: NDArray[np.float64] | None = None, parts: tuple[int, ...] = (),
+            line: int = 0) -> Ordered:
     """Bring stamps into strictly increasing order.
 
     probe: (rows,) one measured signal of these rows; it tells repeated rows from rows of another time.
@@ -50,11 +49,8 @@ def ordered(
     stamps = micros[rows]
     rows, stamps = _without_outliers(rows, stamps, notes)
     if len(stamps) > 1 and stamps.min() == stamps.max():
-        raise LoopError(
-            f"all {len(stamps)} rows carry the same time stamp {utc_text(stamps[0])}",
-            code="constant_time",
-            remedy="export with full time stamps (the time does not advance)",
-        )
+        raise LoopError(f"all {len(stamps)} rows carry the same time stamp {utc_text(stamps[0])}", code="constant_time",
+                        remedy="export with full time stamps (the time does not advance)")
     back = np.flatnonzero(np.diff(stamps) < 0)
     values = None if probe is None else probe[rows]
     if len(back):
@@ -140,14 +136,9 @@ def moved_on(stamps: NDArray[np.int64], back: NDArray[np.int64], seconds: list[f
     return out
 
 
-def _clock_set_back(
-    stamps: NDArray[np.int64],
-    back: NDArray[np.int64],
-    rows: NDArray[np.int64],
-    values: NDArray[np.float64] | None,
-    parts: tuple[int, ...],
-    notes: list[Note],
-) -> NDArray[np.int64] | None:
+def _clock_set_back(stamps: NDArray[np.int64], back: NDArray[np.int64], rows: NDArray[np.int64],
+                    values: NDArray[np.float64] | None, parts: tuple[int, ...],
+                    notes: list[Note]) -> NDArray[np.int64] | None:
     """A clock that was set back while recording: few steps back, and other values for the same stamps.
 
     The rows went on in file order, so all stamps after the step are moved on by it. In the night of a Sunday one
@@ -168,20 +159,15 @@ def _clock_set_back(
     return out
 
 
-def set_back(
-    before: NDArray[np.int64], after: NDArray[np.int64], step: int
-) -> tuple[NDArray[np.int64], list[Note]]:
+def set_back(before: NDArray[np.int64], after: NDArray[np.int64], step: int) -> tuple[NDArray[np.int64], list[Note]]:
     """Return by how much a clock was set back between stamps [microseconds], and what is to be said of it."""
     lost = before - after + step
     hour = np.abs(lost - HOUR) <= 2 * step
     lost[hour] = HOUR
     notes = []
     for stamp, is_hour, seconds in zip(before, hour, lost / SECOND, strict=True):
-        what = (
-            "time stamps go back one hour (end of daylight saving time?); the repeated hour is kept in file order,"
-            if is_hour
-            else f"the clock jumps backwards by {seconds:g} s with other values for the same time"
-        )
+        what = ("time stamps go back one hour (end of daylight saving time?); the repeated hour is kept in file order,"
+                if is_hour else f"the clock jumps backwards by {seconds:g} s with other values for the same time")
         code = "dst_repeated_hour" if is_hour else "clock_set_back"
         text = f"{what} at {utc_text(stamp)}; later stamps are moved on by it"
         notes.append(Note(code, text, {"seconds": float(seconds)}))
@@ -226,11 +212,9 @@ def which_to_drop(repeats: NDArray[np.int64], values: NDArray[np.float64]) -> ND
 def repeated(count: int, conflicts: int) -> Note:
     """Say that rows repeat stamps, some of them with another value."""
     more = f", {conflicts} of them with another value" if conflicts else ""
-    return Note(
-        "duplicate_times",
-        f"{count} rows repeat the time stamp of another row{more}; the first of each is kept",
-        {"rows": float(count), "conflicts": float(conflicts)},
-    )
+    return Note("duplicate_times",
+                f"{count} rows repeat the time stamp of another row{more}; the first of each is kept",
+                {"rows": float(count), "conflicts": float(conflicts)})
 
 
 def spread_evenly(stamps: NDArray[np.int64]) -> NDArray[np.int64] | None:
@@ -242,12 +226,8 @@ def spread_evenly(stamps: NDArray[np.int64]) -> NDArray[np.int64] | None:
     usual = int(np.median(inner))
     steps = np.diff(unique)
     width = int(np.median(steps))
-    if (
-        usual < 2
-        or np.mean(np.abs(inner - usual) <= 1) < 0.95
-        or np.mean(steps == width) < 0.9
-        or counts.max() > usual + 1
-    ):
+    if (usual < 2 or np.mean(np.abs(inner - usual) <= 1) < 0.95 or np.mean(steps == width) < 0.9
+        or counts.max() > usual + 1):
         return None
     starts = np.cumsum(counts) - counts
     rank = np.arange(len(stamps)) - np.repeat(starts, counts)
@@ -257,13 +237,8 @@ def spread_evenly(stamps: NDArray[np.int64]) -> NDArray[np.int64] | None:
     return stamps + (rank * width) // np.repeat(share, counts)
 
 
-def without_repeats(
-    stamps: NDArray[np.int64],
-    rows: NDArray[np.int64],
-    values: NDArray[np.float64] | None,
-    repeats: NDArray[np.int64],
-    notes: list[Note],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def without_repeats(stamps: NDArray[np.int64], rows: NDArray[np.int64], values: NDArray[np.float64] | None,
+                    repeats: NDArray[np.int64], notes: list[Note]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     conflicts = 0
     drop = repeats + 1
     if values is not None:
@@ -273,11 +248,8 @@ def without_repeats(
     keep[drop] = False
     notes.append(repeated(len(repeats), conflicts))
     if conflicts > 0.5 * len(stamps):
-        raise LoopError(
-            "most rows repeat a time stamp with another value: the times do not tell the rows apart",
-            code="constant_time",
-            remedy="export with finer time stamps",
-        )
+        raise LoopError("most rows repeat a time stamp with another value: the times do not tell the rows apart",
+                        code="constant_time", remedy="export with finer time stamps")
     stamps, rows = stamps[keep], rows[keep]
     again = np.flatnonzero(np.diff(stamps) == 0)
     if len(again):  # a blank first row of three equal stamps leaves a pair

@@ -139,10 +139,8 @@ def sources_of(inputs: Sequence[str | PathLike[str]], *, absolute: bool = False)
     return found
 
 
-def make_plan(
-    inputs: Sequence[str | PathLike[str]], sources: Sequence[Source], surveys: Sequence[Survey], *,
-    loops: str | PathLike[str] | Metadata | None, reading: ReadOptions,
-) -> PlantPlan:
+def make_plan(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source], surveys: Sequence[Survey], *,
+              loops: str | PathLike[str] | Metadata | None, reading: ReadOptions) -> PlantPlan:
     """Settle what is to be computed. surveys: of all sources, in order, with their ends where --since is an age.
 
     Raises BacklashError as `read` does.
@@ -158,8 +156,7 @@ def make_plan(
         last = max((s.last for s in surveys if s.last is not None), default=None)
         moment = moment_of(reading.since, reading.timezone, last)
     number = {str(source.path): k for k, source in enumerate(sources)}
-    files = {name: tuple(sorted({number[item.where] for item in own.items()}))
-             for name, own in settled.loops.items()}
+    files = {name: tuple(sorted({number[item.where] for item in own.items()})) for name, own in settled.loops.items()}
     known = dict.fromkeys(item.loop for item in found if item.loop)
     tags = explicit_tags(metadata)[0]
     taken: dict[str, set[str]] = {}
@@ -167,15 +164,11 @@ def make_plan(
         for loop, _ in tags.get(item.tag.strip().lower(), ()):
             taken.setdefault(item.loop, set()).add(loop)
     names = Names(renamed_loops(known, metadata), taken)
-    return PlantPlan(
-        tuple(map(str, inputs)), tuple(sources), tuple(surveys), files, settled.loops, metadata, reading, names,
-        tuple(notes), settled.notes, settled.unmatched, tuple(failures), moment, last,
-    )
+    return PlantPlan(tuple(map(str, inputs)), tuple(sources), tuple(surveys), files, settled.loops, metadata, reading,
+                     names, tuple(notes), settled.notes, settled.unmatched, tuple(failures), moment, last)
 
 
-def cut_parts(
-    plan: PlantPlan, workers: int, loops: Iterable[str] | None = None, most: int | None = None
-) -> list[Part]:
+def cut_parts(plan: PlantPlan, workers: int, loops: Iterable[str] | None = None, most: int | None = None) -> list[Part]:
     """Return the parts of a plan for so many workers; loops: only these. most: loops of a part.
 
     Loops of the same files stay together. A Parquet file may be cut into many parts, as each reads its columns only;

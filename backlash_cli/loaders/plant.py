@@ -156,10 +156,9 @@ class RecordsByName(Mapping[str, Record]):
         return len(self._recipes)
 
 
-def open_plant(
-    inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None, options: ReadOptions | None = None,
-    taken: Callable[[int], None] | None = None, room: Room | None = None,
-) -> OpenPlant:
+def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
+               options: ReadOptions | None = None, taken: Callable[[int], None] | None = None,
+               room: Room | None = None) -> OpenPlant:
     """Find the loops of exports; their samples are put where a loop is read from when its turn comes.
 
     taken: called with the bytes of a file that were read. room: memory for samples, the rest goes to a scratch file.
@@ -229,9 +228,8 @@ def as_input_error(error: BaseException, where: str) -> BacklashError:
     return InputError(f"cannot be read: damaged or not understood: {text}", where=where, remedy="export the file again")
 
 
-def metadata_of(
-    given: Sequence[str | PathLike[str]], sources: Sequence[Source], loops: str | PathLike[str] | Metadata | None
-) -> tuple[Metadata, list[Note]]:
+def metadata_of(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
+                loops: str | PathLike[str] | Metadata | None) -> tuple[Metadata, list[Note]]:
     """Return the settings of a plant's loops, from the file that is named or those beside the data, and remarks."""
     if isinstance(loops, Metadata):
         return loops, []

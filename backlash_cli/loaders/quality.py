@@ -11,9 +11,8 @@ from ..record import Note
 from .numbers import parse_words
 from .signals import Cells
 
-_GOOD = re.compile(
-    r"^\s*(?:good|ok|gut|bon|valid|raw|normal|true|g|0xc0|0x000000c0|good[ ,(/:_\-].*)\s*$", re.IGNORECASE
-)
+_GOOD = re.compile(r"^\s*(?:good|ok|gut|bon|valid|raw|normal|true|g|0xc0|0x000000c0|good[ ,(/:_\-].*)\s*$",
+                   re.IGNORECASE)
 _BAD = re.compile(r"^\s*(?:bad|uncertain|questionable|invalid|not ?good|schlecht|ungültig|false|b|u|0x0+|error|fail\w*|"
                   r"(?:bad|uncertain)[ ,(/:_\-].*)\s*$", re.IGNORECASE)
 _DOUBT = re.compile(r"bad|uncertain|substitut|last ?(?:usable|known)|stale", re.IGNORECASE)
@@ -23,11 +22,8 @@ _AUTO = re.compile(
     r"closed.*)$",
     re.IGNORECASE,
 )
-_MANUAL = re.compile(
-    r"^(?:man.*|m|hand.*|h|lo|local.*|i-?man.*|iman.*|init.*|tr.*|oos|out.?of.?serv.*|rout|r-?out|"
-    r"off|false|bman|force.*|hold|open.*|stop.*)$",
-    re.IGNORECASE,
-)
+_MANUAL = re.compile(r"^(?:man.*|m|hand.*|h|lo|local.*|i-?man.*|iman.*|init.*|tr.*|oos|out.?of.?serv.*|rout|r-?out|"
+                     r"off|false|bman|force.*|hold|open.*|stop.*)$", re.IGNORECASE)
 
 
 def quality_words(words: list[str]) -> bool:
@@ -115,13 +111,8 @@ def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[NDArray[np.float6
                 states[-1] = 0.0
                 unknown.append(text)
     if unknown:
-        notes.append(
-            Note(
-                "mode_words",
-                f"modes {_some(unknown)} are not known and count as not automatic "
-                "(auto_modes in loops.toml names further ones)",
-            )
-        )
+        notes.append(Note("mode_words", f"modes {_some(unknown)} are not known and count as not automatic "
+                          "(auto_modes in loops.toml names further ones)"))
     return np.append(np.array(states, float), np.nan)[codes], notes
 
 

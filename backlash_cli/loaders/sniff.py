@@ -92,9 +92,8 @@ def sniff(head: str, complete: bool, options: ReadOptions, where: str) -> Dialec
     if not lines:
         raise InputError("file holds no data", where=where, remedy="export it again")
     last = [text for _, _, text in lines[-min(24, max(1, len(lines) // 2)) :]]
-    delimiter = options.delimiter or (
-        declared[1] if declared else _delimiter(last, [text for _, _, text in lines[:30]])
-    )
+    delimiter = options.delimiter or (declared[1] if declared else _delimiter(last, [text for _, _,
+                                                                                     text in lines[:30]]))
     tail = [split_line(text, delimiter) for text in last]
     width = Counter(map(len, tail)).most_common(1)[0][0]
     tail = [cells for cells in tail if len(cells) == width]
@@ -103,10 +102,8 @@ def sniff(head: str, complete: bool, options: ReadOptions, where: str) -> Dialec
     first = _first_data_row(lines, delimiter, kinds, options)
     if first is None or all(k == "text" for k in kinds if k != "empty"):
         if width < 2 and options.delimiter:
-            raise InputError(
-                f"the lines are not divided by {options.delimiter!r}", where=where,
-                remedy="leave --delimiter out to have it found, or name another",
-            )
+            raise InputError(f"the lines are not divided by {options.delimiter!r}", where=where,
+                             remedy="leave --delimiter out to have it found, or name another")
         _refuse_without_data(lines, delimiter, width, where)
     assert first is not None
     before = [(number, at, split_line(text, delimiter)) for number, at, text in lines[:first][-HEAD_LINES // 10 :]]
@@ -114,16 +111,9 @@ def sniff(head: str, complete: bool, options: ReadOptions, where: str) -> Dialec
     data = [split_line(text, delimiter) for _, _, text in lines[first : first + (6 if width > 300 else 24)]]
     kinds = _filled_in(kinds, data)
     number, at, _ = lines[first]
-    return Dialect(
-        delimiter,
-        names,
-        len(head[:at].encode("utf-8", errors="replace")),
-        number,
-        options.decimal or _decimal([*data, *tail], delimiter),
-        kinds,
-        units,
-        any("\n" in text or "\r" in text for _, _, text in lines[first:]),
-    )
+    return Dialect(delimiter, names, len(head[:at].encode("utf-8", errors="replace")), number, options.decimal
+                   or _decimal([*data, *tail], delimiter), kinds, units, any("\n" in text or "\r" in text for _, _,
+                                                                             text in lines[first:]))
 
 
 def _delimiter(lines: list[str], first: list[str]) -> str:
@@ -221,11 +211,8 @@ def _refuse_without_data(lines: list[Line], delimiter: str, width: int, where: s
     if all(score_names(split_line(text, delimiter)) > 0 for _, _, text in lines[:10]):
         raise InputError("only a header: no rows of data", where=where, remedy="export it again with samples")
     if width < 2:
-        raise InputError(
-            "no columns found: the lines have no common delimiter",
-            where=where,
-            remedy="name it with --delimiter, or export as CSV",
-        )
+        raise InputError("no columns found: the lines have no common delimiter", where=where,
+                         remedy="name it with --delimiter, or export as CSV")
     raise InputError(
         "no rows with a time and numbers found: this is not an export of measurements",
         where=where,
@@ -233,9 +220,8 @@ def _refuse_without_data(lines: list[Line], delimiter: str, width: int, where: s
     )
 
 
-def column_names(
-    before: Sequence[Row], width: int, options: ReadOptions, where: str
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def column_names(before: Sequence[Row], width: int, options: ReadOptions, where: str) -> tuple[tuple[str, ...],
+                                                                                               tuple[str, ...]]:
     """Return (names, units) from the lines above the data; a two-line header is put together."""
     if options.columns:
         return _fit(list(options.columns), width), ()
@@ -252,11 +238,8 @@ def column_names(
         if not rows or score_names(rows[0]) == 0:
             rows = []
     if not rows:
-        raise InputError(
-            "no header line found: nothing says which column is the time, the setpoint or the measurement",
-            where=where,
-            remedy="add a header line, or name the columns with --columns time,SP,PV,OP",
-        )
+        raise InputError("no header line found: nothing says which column is the time, the setpoint or the measurement",
+                         where=where, remedy="add a header line, or name the columns with --columns time,SP,PV,OP")
     rows = rows[-8:]
     best = max(range(len(rows)), key=lambda i: (score_names(rows[i]), i))
     names = _fit(rows[best], width)

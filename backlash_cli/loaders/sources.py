@@ -59,9 +59,8 @@ def find_sources(inputs: str | PathLike[str] | Sequence[str | PathLike[str]]) ->
             elif path.exists():
                 found.append(Source(path))
             else:
-                raise InputError(
-                    "no such file or folder: not found", where=str(path), remedy="check the name and the path"
-                )
+                raise InputError("no such file or folder: not found", where=str(path),
+                                 remedy="check the name and the path")
         except OSError as error:
             raise InputError(f"cannot open: {error.strerror}", where=str(path)[:200]) from None
     unique: dict[str, Source] = {}

@@ -30,9 +30,8 @@ def runs(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return edges[0::2], edges[1::2]
 
 
-def short_holes(
-    values: NDArray[np.float64], index: NDArray[np.int64], longest: int
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def short_holes(values: NDArray[np.float64], index: NDArray[np.int64], longest: int) -> tuple[NDArray[np.float64],
+                                                                                              NDArray[np.bool_]]:
     """Fill holes (nan) of at most `longest` samples on a straight line between their neighbours.
 
     Holes at the ends and next to a gap (a jump of `index`) stay. Returns (values, filled).
@@ -194,10 +193,8 @@ class Samples:
     After it is made, holes of `measurement` are filled, `state` says what each sample is, `count` how many are what.
     """
 
-    def __init__(
-        self, index: NDArray[np.int64], sp: FloatArray | None, pv: FloatArray, op: FloatArray | None,
-        interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int,
-    ) -> None:
+    def __init__(self, index: NDArray[np.int64], sp: FloatArray | None, pv: FloatArray, op: FloatArray | None,
+                 interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int) -> None:
         self.index = index
         self.setpoint = np.full(len(index), np.nan) if sp is None else sp
         self.output = op
@@ -217,9 +214,8 @@ class Samples:
             setattr(counts, name, getattr(counts, name) + int(np.count_nonzero(where[first:last])))
         return counts
 
-    def _measured(
-        self, pv: FloatArray, op: FloatArray | None, interpolated: NDArray[np.bool_] | None, bridge: int
-    ) -> FloatArray:
+    def _measured(self, pv: FloatArray, op: FloatArray | None, interpolated: NDArray[np.bool_] | None,
+                  bridge: int) -> FloatArray:
         y, wild = pv, implausible(pv)
         if wild is not None:
             y = np.where(wild, np.nan, y)

@@ -99,8 +99,7 @@ def influx_plain(text: Text) -> Text:
                 if not columns:
                     columns.extend(names)
                     out.append(b",".join(columns))
-                place = None if names == columns else [
-                    names.index(name) if name in names else -1 for name in columns]
+                place = None if names == columns else [names.index(name) if name in names else -1 for name in columns]
             elif place is None:
                 out.append(line)
             else:

@@ -85,10 +85,9 @@ class StampReader:
             if self._unit or not self._shown:
                 raise InputError(f"time column {self.name!r} holds no time stamps", where=self.where,
                                  remedy="name it with --time-format")
-            raise InputError(
-                f"time column {self.name!r} holds no readable time stamps (for example {self._shown!r})",
-                where=self.where,
-                remedy="describe them with --time-format, for example --time-format '%d/%m/%Y %H:%M:%S'")
+            raise InputError(f"time column {self.name!r} holds no readable time stamps (for example {self._shown!r})",
+                             where=self.where,
+                             remedy="describe them with --time-format, for example --time-format '%d/%m/%Y %H:%M:%S'")
         days = self._order.days(self.options.time_format, self.where, self.name, self.notes)
         if self._zoned and self._bare:
             self.notes.append(Note(

@@ -46,9 +46,8 @@ def parse_table(text: str, where: str) -> Metadata:
         if name.lower() in ("defaults", "default"):
             defaults = values
         elif not name or name in loops:
-            raise MetadataError(
-                f"loop {name!r} is listed twice" if name else "row without a loop name", where=f"{where}, line {line}"
-            )
+            raise MetadataError(f"loop {name!r} is listed twice" if name else "row without a loop name",
+                                where=f"{where}, line {line}")
         else:
             inherited = {k: v for k, v in defaults.items() if k not in values}
             loops[name] = LoopValues({**inherited, **values}, where, frozenset(inherited))

@@ -54,9 +54,8 @@ def settings_of(values: LoopValues | None) -> Settings:
     source = {named.get(key, key): "default" if key in values.from_defaults else "metadata"
               for key in keys if key in given}
     setpoint = given.get("sp")
-    loop = LoopSettings(
-        K=tuning.K, Ti=tuning.Ti, Td=tuning.Td, Tf=times.get("Tf"), Kp=gain, theta=times.get("theta"), source=source
-    )
+    loop = LoopSettings(K=tuning.K, Ti=tuning.Ti, Td=tuning.Td, Tf=times.get("Tf"), Kp=gain, theta=times.get("theta"),
+                        source=source)
     return Settings(loop, _range(given, "pv_range"), _range(given, "op_range"), units == "engineering",
                     _words(given.get("auto_modes", ())),
                     number(setpoint, "sp") if isinstance(setpoint, (int, float)) else None, tuple(notes))
@@ -72,9 +71,8 @@ def _range(given: Any, key: str) -> tuple[float, float] | None:
     if low == high:
         raise MetadataError(f"{key} = [{low:g}, {high:g}] has zero width", remedy="give the span: [low, high]")
     if low > high:
-        raise MetadataError(
-            f"{key} = [{low:g}, {high:g}] is reversed: low must be less than high", remedy=f"[{high:g}, {low:g}]?"
-        )
+        raise MetadataError(f"{key} = [{low:g}, {high:g}] is reversed: low must be less than high",
+                            remedy=f"[{high:g}, {low:g}]?")
     if high - low == float("inf"):
         raise MetadataError(f"{key} is too wide", remedy="give the span: [low, high]")
     return low, high

@@ -66,9 +66,8 @@ def number(value: Any, key: str) -> float:
     except (TypeError, ValueError, OverflowError):
         result = math.nan
     if not math.isfinite(result):
-        raise MetadataError(
-            f"{key} must be a number, not {_shown(value)}", remedy=f"write for example {key} = 1.5 or leave it out"
-        )
+        raise MetadataError(f"{key} must be a number, not {_shown(value)}",
+                            remedy=f"write for example {key} = 1.5 or leave it out")
     return result
 
 
@@ -171,15 +170,12 @@ def _integral(values: Mapping[str, Any]) -> tuple[float | None, bool]:
             raise MetadataError("Ki must not be zero", remedy="the method needs integral action")
         return rate, True
     if key == "reset" and not (isinstance(values[key], str) and re.search(r"[a-zA-Z]", values[key])):
-        raise MetadataError(
-            f"reset = {_shown(values[key])} needs its unit", remedy='write reset = "2 /min" (repeats) or "30 s" (time)'
-        )
+        raise MetadataError(f"reset = {_shown(values[key])} needs its unit",
+                            remedy='write reset = "2 /min" (repeats) or "30 s" (time)')
     time = seconds(values[key], key)
     if time <= 0:
-        raise MetadataError(
-            f"{key} must be positive, not {_shown(values[key])}",
-            remedy="give the integral time in seconds, or leave it out to have it identified",
-        )
+        raise MetadataError(f"{key} must be positive, not {_shown(values[key])}",
+                            remedy="give the integral time in seconds, or leave it out to have it identified")
     return time, False
 
 

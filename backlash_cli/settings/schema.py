@@ -69,11 +69,9 @@ class Metadata:
 def inherit(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the defaults that hold for a loop: not set by it, and not contradicted by another form of the same."""
     rivals = ({"K", "PB"}, {"Ti", "Ki", "reset"}, {"Td", "Kd"})
-    return {
-        key: value
-        for key, value in defaults.items()
-        if key not in values and not any(key in rival and rival & set(values) for rival in rivals)
-    }
+    return {key: value for key, value in defaults.items() if key not in values and not any(key in rival
+                                                                                           and rival & set(values)
+                                                                                           for rival in rivals)}
 
 
 def check_keys(values: Mapping[str, Any], line_of: Any) -> None:

@@ -25,10 +25,8 @@ def parse_toml(text: str, where: str) -> Metadata:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         line = re.search(r"\(at line (\d+)", str(error))
-        raise MetadataError(
-            f"invalid TOML syntax: {error}", where=f"{where}, line {line[1]}" if line else where,
-            remedy="mend that line (text in quotes, every bracket closed, every key once)",
-        ) from None
+        raise MetadataError(f"invalid TOML syntax: {error}", where=f"{where}, line {line[1]}" if line else where,
+                            remedy="mend that line (text in quotes, every bracket closed, every key once)") from None
     except (RecursionError, ValueError, OverflowError):
         raise MetadataError("invalid TOML: nested too deeply or a number too long", where=where) from None
     for key in document:
