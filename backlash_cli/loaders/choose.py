@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError, UsageError, nearest
-from ..record import Note
+from ..record import IntArray, Note
 from .join import LoopSeries
 from .options import check_pattern, parse_since, sample_size
 from .order import NAT, utc_text
@@ -116,7 +115,7 @@ class Cut:
 
     def __init__(self, moment: int, *, age: bool) -> None:
         self.moment, self.age = moment, age
-        self._axes: dict[tuple[int, bool], tuple[Axis, slice | NDArray[np.int64]]] = {}
+        self._axes: dict[tuple[int, bool], tuple[Axis, slice | IntArray]] = {}
 
     def loop(self, loop: LoopSeries) -> LoopSeries | None:
         """Return the loop from the moment on, None where no measurement is left.
@@ -148,7 +147,7 @@ class Cut:
         axis, rows = self._axes[key]
         return item if axis is item.axis else item.part(axis, rows)
 
-    def _rows(self, micros: NDArray[np.int64], keep_one: bool) -> slice | NDArray[np.int64]:
+    def _rows(self, micros: IntArray, keep_one: bool) -> slice | IntArray:
         before = (micros < self.moment) & (micros != NAT)
         if keep_one and before.any():
             held = np.flatnonzero(before)

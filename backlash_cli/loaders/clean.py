@@ -5,14 +5,14 @@ A loop longer than CHUNK rows is made in chunks of that size: its grid and spans
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..record import LoopSettings, Note, Record
+from ..record import FloatArray, LoopSettings, Note, Record
 from ..settings import LoopValues, Settings, settings_of
 from .grid import Grid, GridPlan, Steps
 from .join import Joiner, LoopSeries, Signal
@@ -20,7 +20,7 @@ from .options import ReadOptions
 from .order import NAT
 from .resample import Frame, fill_limit, grid_of
 from .signals import Axis, Series
-from .states import Counts, Samples
+from .states import MEASURED, Samples, state_notes
 
 CHUNK = 2_000_000  # rows of a loop that are in memory at once
 SLACK = 0.05  # of a span: noise around the end of a range
@@ -100,7 +100,7 @@ class Going:
     output: bool = False
     place: tuple[int, int] = (0, 0)
     until: int = -1
-    counts: Counts = field(default_factory=Counts)
+    counts: Counter[str] = field(default_factory=Counter)
     samples: int = 0
     recorded: int = 0
     steps: list[Steps] = field(default_factory=list)
@@ -146,8 +146,10 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
         grid.index, None if setpoint is None else normalised(setpoint, spans.pv_range),
         normalised(measured, spans.pv_range), None if output is None else normalised(output, spans.op_range),
         interpolated, manual, frame.bridge)
-    counts, total = samples.count(Counts() if going is None else going.counts, first, last), last - first
+    counts, total = samples.count(first, last), last - first
     if going is not None:
+        going.counts.update(counts)
+        counts = going.counts
         going.plan, going.spans, going.output = going.plan or grid.plan, spans, output is not None
         going.samples, going.begin = going.samples + total, going.end
         total = going.samples
@@ -157,7 +159,8 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
     record = Record(
         loop.name, grid.start / 1e6, grid.interval, grid.index, samples.setpoint, samples.measurement, samples.output,
         samples.state, spans.settings, {name: values for name, values in extra.items() if values is not None},
-        (*notes, *counts.notes(total), *missing, *counts.companion_notes(total), *on_mode, *counts.manual_notes(total)),
+        (*notes, *state_notes(counts, total, *MEASURED), *missing, *state_notes(counts, total, "setpoint", "output"),
+         *on_mode, *state_notes(counts, total, "manual")),
     )  # fmt: skip
     return record if going is None else record.slice(first, last)
 
@@ -200,7 +203,7 @@ def _of_chunks(pv: Signal, grid: Grid, going: Going, first: int, last: int) -> l
     return replace(grid.plan, steps=Steps.joined(going.steps)).notes(share) if going.steps else []
 
 
-def _finite(*parts: NDArray[np.float64] | None) -> NDArray[np.float64]:
+def _finite(*parts: FloatArray | None) -> FloatArray:
     return np.concatenate([part[np.isfinite(part)] for part in parts if part is not None])
 
 
@@ -266,7 +269,7 @@ def refuse_missing(loop: LoopSeries) -> None:
                         remedy=f'name the column {loop.name[:40]}.PV, or give pv = "TAG" in loops.toml')
 
 
-def spans_of(settings: Settings, measured: NDArray[np.float64], output: NDArray[np.float64] | None) -> Spans:
+def spans_of(settings: Settings, measured: FloatArray, output: FloatArray | None) -> Spans:
     """Decide the spans of one loop after the contract. measured: finite values of PV and SP; output: of OP, None if not
     recorded.
 
@@ -319,14 +322,14 @@ def spans_of(settings: Settings, measured: NDArray[np.float64], output: NDArray[
     return Spans(pv_range, op_range, loop, tuple(notes))
 
 
-def normalised(values: NDArray[np.float64], span: tuple[float, float]) -> NDArray[np.float64]:
+def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:
     """Map a range to 0..1; always a new array."""
     low, high = span
     with np.errstate(over="ignore", invalid="ignore"):
         return (values - low) * (1.0 / (high - low))
 
 
-def _bounds(values: NDArray[np.float64]) -> tuple[float, float]:
+def _bounds(values: FloatArray) -> tuple[float, float]:
     """Lowest and highest value, without the outermost thousandth and without spikes far from all others.
 
     values: finite.

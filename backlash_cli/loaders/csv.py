@@ -47,7 +47,7 @@ class TextTable:
         self._bad = []
         types = {i: self._type(i, i in stamps) for i in {*columns, *stamps}}
         for block in self.text.blocks(self.dialect.offset, BLOCK):
-            if block.isspace():
+            if not block or block.isspace():
                 continue
             before = len(self._bad)
             try:

@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..record import Note
+from ..record import IntArray, Note
 from .order import DAY, NAT
 
 _WEEKDAY = r"(?:\pL{2,10}\.?,?\s+)?"
@@ -55,11 +55,11 @@ class Dates:
     separator, am_pm: how the first of them is written. of_day: the texts are times of day only.
     """
 
-    micros: NDArray[np.int64]
+    micros: IntArray
     zoned: NDArray[np.bool_]
-    open: NDArray[np.int64]
-    parts: NDArray[np.int64]
-    clock: NDArray[np.int64]
+    open: IntArray
+    parts: IntArray
+    clock: IntArray
     short: bool = True
     separator: str = ""
     am_pm: bool = False
@@ -105,7 +105,7 @@ def _tidy(text: pa.Array) -> pa.Array:
     return text
 
 
-def _dated(fields: pa.StructArray, at: NDArray[np.int64], micros: NDArray[np.int64], zoned: NDArray[np.bool_]) -> Dates:
+def _dated(fields: pa.StructArray, at: IntArray, micros: IntArray, zoned: NDArray[np.bool_]) -> Dates:
     """Put clear dates into `micros` and `zoned` where they belong, and return those that are not."""
     a, a_month = _month_or_int(fields, "a")
     b, b_month = _month_or_int(fields, "b")
@@ -124,7 +124,7 @@ def _dated(fields: pa.StructArray, at: NDArray[np.int64], micros: NDArray[np.int
                  and bool((_length(fields, "c")[rows] <= 2).all()), first.get("sep") or "", bool(first.get("ap")))
 
 
-Readings = dict[str, tuple[NDArray[np.int64], ...]]  # kind -> year, month, day
+Readings = dict[str, tuple[IntArray, ...]]  # kind -> year, month, day
 
 
 class DateOrder:
@@ -140,7 +140,7 @@ class DateOrder:
         self.texts: list[int] = []  # how many have this date
         self.short, self.separator, self.am_pm = True, "", False
 
-    def take(self, found: Dates) -> NDArray[np.int64]:
+    def take(self, found: Dates) -> IntArray:
         """Return the numbers of the open dates."""
         if len(found.open):
             if not self.codes:
@@ -164,7 +164,7 @@ class DateOrder:
             self.texts[codes[k]] += int(counts[k])
         return codes[place]
 
-    def days(self, order: str | None, where: str, name: str, notes: list[Note]) -> NDArray[np.int64]:
+    def days(self, order: str | None, where: str, name: str, notes: list[Note]) -> IntArray:
         """(dates,) Return the days since 1970 of all dates. Raises InputError when two readings are possible."""
         if not self.codes:
             return np.zeros(0, np.int64)
@@ -175,7 +175,7 @@ class DateOrder:
         return days_of(full_year(year), month, day)
 
     def _decided(self, readings: Readings, where: str, name: str, notes: list[Note]) -> str:
-        def possible(parts: tuple[NDArray[np.int64], ...]) -> bool:
+        def possible(parts: tuple[IntArray, ...]) -> bool:
             _, month, day = parts
             fits = (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31)
             return float(np.average(fits, weights=self.texts)) > 0.99
@@ -217,12 +217,12 @@ class DateOrder:
         return best if jumps[best][1] < 3.0 and min(others) > 5.0 * jumps[best][0] else ""
 
 
-def full_year(year: NDArray[np.int64]) -> NDArray[np.int64]:
+def full_year(year: IntArray) -> IntArray:
     """Years of two digits as they are meant."""
     return np.where(year < 70, year + 2000, np.where(year < 100, year + 1900, year))
 
 
-def _with_clock(days: NDArray[np.int64], fields: pa.StructArray) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _with_clock(days: IntArray, fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
     hour, minute, second = _int(fields, "h", 0), _int(fields, "mi", 0), _int(fields, "s", 0)
     bad = (days == NAT) | (hour > 24) | (minute > 59) | (second > 60)
     if "ap" in [fields.type.field(i).name for i in range(fields.type.num_fields)]:
@@ -238,7 +238,7 @@ def _with_clock(days: NDArray[np.int64], fields: pa.StructArray) -> tuple[NDArra
     return out, zoned
 
 
-def _offsets(zone: pa.Array) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
+def _offsets(zone: pa.Array) -> tuple[IntArray, NDArray[np.bool_], NDArray[np.bool_]]:
     """Return (minutes east of UTC, has a zone, zone is not known) for every stamp; zones are few and looked up once."""
     coded = pc.fill_null(zone, "").dictionary_encode()
     minutes, known = [], []
@@ -255,7 +255,7 @@ def _offsets(zone: pa.Array) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDAr
     return np.array(minutes, np.int64)[index], given, ~np.array(known, bool)[index]
 
 
-def days_of(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int64]) -> NDArray[np.int64]:
+def days_of(year: IntArray, month: IntArray, day: IntArray) -> IntArray:
     """Days since 1970-01-01 of the Gregorian calendar; NAT where there is no such day (H. Hinnant's algorithm)."""
     bad = (month < 1) | (month > 12) | (day < 1) | (day > 31) | (year < 1) | (year > 9999)
     y = np.where(month <= 2, year - 1, year)
@@ -270,13 +270,13 @@ def days_of(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.i
     return out
 
 
-def _int(fields: pa.StructArray, name: str, missing: int = -1) -> NDArray[np.int64]:
+def _int(fields: pa.StructArray, name: str, missing: int = -1) -> IntArray:
     column = fields.field(name)
     filled = pc.if_else(pc.equal(pc.fill_null(column, ""), ""), str(missing), column)
     return np.asarray(_numpy(filled.cast(pa.int64())), np.int64)
 
 
-def _month_or_int(fields: pa.StructArray, name: str) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _month_or_int(fields: pa.StructArray, name: str) -> tuple[IntArray, NDArray[np.bool_]]:
     """Numbers of a part that may be a month's name (one of few words, looked up once each)."""
     coded = fields.field(name).dictionary_encode()
     numbers, names = [], []
@@ -292,7 +292,7 @@ def _month_or_int(fields: pa.StructArray, name: str) -> tuple[NDArray[np.int64],
     return np.array(numbers, np.int64)[index], np.array(names, bool)[index]
 
 
-def _length(fields: pa.StructArray, name: str) -> NDArray[np.int64]:
+def _length(fields: pa.StructArray, name: str) -> IntArray:
     return _numpy(pc.utf8_length(fields.field(name)))
 
 

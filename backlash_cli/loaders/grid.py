@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..record import Note
+from ..record import FloatArray, IntArray, Note
 from .order import SECOND, Ordered, utc_text
 
 MAX_HOLE = 5  # absent samples that may be bridged when nothing else is known
@@ -35,14 +35,14 @@ class Steps:
     first, last: the ends of the stamps. before_longest: the stamp before the first of the longest distances.
     """
 
-    values: NDArray[np.int64]
-    counts: NDArray[np.int64]
+    values: IntArray
+    counts: IntArray
     first: int
     last: int
     before_longest: int
 
     @staticmethod
-    def of(stamps: NDArray[np.int64]) -> Steps:
+    def of(stamps: IntArray) -> Steps:
         """Count the distances of two or more stamps."""
         steps = np.diff(stamps)
         low, high = int(steps.min()), int(steps.max())
@@ -73,7 +73,7 @@ class Steps:
         """Return the share of the distances that are of the chosen values."""
         return float(self.counts[which].sum() / self.total)
 
-    def sum(self, which: NDArray[np.bool_], of: NDArray[np.float64] | NDArray[np.int64]) -> float:
+    def sum(self, which: NDArray[np.bool_], of: FloatArray | IntArray) -> float:
         """Return the sum of something over the distances of the chosen values; of: (distinct,)."""
         return float((of[which].astype(np.float64) * self.counts[which]).sum())
 
@@ -108,8 +108,7 @@ class GridPlan:
     even: bool = False
     usual: float = 0.0
 
-    def rows(self, stamps: NDArray[np.int64], before: tuple[int, int] | None = None) -> tuple[NDArray[np.int64],
-                                                                                              NDArray[np.int64]]:
+    def rows(self, stamps: IntArray, before: tuple[int, int] | None = None) -> tuple[IntArray, IntArray]:
         """Return (index, rows) of a regular grid: the grid number of each sample, and its row, -1 for an absent one.
 
         before: stamp and grid number of the row before the first.
@@ -127,21 +126,16 @@ class GridPlan:
         owner = np.repeat(np.arange(len(stamps)), copies)
         return index[owner] - (ends[owner] - np.arange(len(rows))), rows
 
-    def points(self, stamps: NDArray[np.int64], before: int | None = None) -> NDArray[np.int64]:
-        """Return the grid numbers between the first and last stamp of every stretch without a gap.
-
-        before: the stamp before the first; the points after it are meant.
-        """
+    def points(self, stamps: IntArray) -> IntArray:
+        """Return the grid numbers between the first and last stamp of every stretch without a gap."""
         last = (stamps - self.start) // self.step
         first = -((self.start - stamps) // self.step)  # rounded up: no point before the first stamp of a stretch
-        goes_on = np.diff(stamps, prepend=stamps[0] if before is None else before) <= self.gap
-        goes_on[0] &= before is not None
-        earlier = np.append(0 if before is None else (before - self.start) // self.step, last[:-1])
-        first[goes_on] = earlier[goes_on] + 1
+        goes_on = np.flatnonzero(np.diff(stamps) <= self.gap) + 1
+        first[goes_on] = last[goes_on - 1] + 1
         counts = np.maximum(last - first + 1, 0)
         return np.arange(int(counts.sum())) + np.repeat(first - (np.cumsum(counts) - counts), counts)
 
-    def recorded(self, stamps: NDArray[np.int64], times: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def recorded(self, stamps: IntArray, times: IntArray) -> NDArray[np.bool_]:
         """(times,) True where a row stands at (or, with jitter, next to) a grid point."""
         if self.kind == "jitter":
             after = np.searchsorted(stamps, times, side="right").clip(1, len(stamps) - 1)
@@ -197,9 +191,9 @@ class Grid:
     """
 
     plan: GridPlan
-    index: NDArray[np.int64]
-    rows: NDArray[np.int64] | None = None
-    stamps: NDArray[np.int64] | None = None
+    index: IntArray
+    rows: IntArray | None = None
+    stamps: IntArray | None = None
     recorded: NDArray[np.bool_] | None = None
     notes: tuple[Note, ...] = ()
 
@@ -216,7 +210,7 @@ class Grid:
         return self.plan.kind
 
     @property
-    def times(self) -> NDArray[np.int64]:
+    def times(self) -> IntArray:
         """(samples,) microseconds since 1970 UTC."""
         return self.start + self.step * self.index
 
@@ -233,7 +227,7 @@ def make_grid(order: Ordered) -> Grid:
         raise LoopError(f"only {len(stamps)} sample: the record is too short", code="too_few_samples",
                         remedy="export a longer time")
     plan = plan_grid(Steps.of(stamps))
-    rows: NDArray[np.int64] | None = None
+    rows: IntArray | None = None
     recorded = None
     if plan.even:
         index, rows = np.arange(len(stamps)), order.rows

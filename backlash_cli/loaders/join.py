@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..record import Note
+from ..record import FloatArray, Note
 from ..settings import ROLE_KEYS, Metadata
 from .names import SIGNALS, plain
 from .order import NAT
@@ -41,7 +41,7 @@ class Signal:
     that is no good measurement, None if nowhere."""
 
     axis: Axis
-    values: NDArray[np.float64]
+    values: FloatArray
     bad: NDArray[np.bool_] | None
     notes: tuple[Note, ...] = ()
     unit: str = ""
@@ -189,7 +189,7 @@ LONE = 3  # samples in a row that may be lone zeros
 FAR = 8.0  # usual moves from one sample to the next that a zero must lie outside of all others
 
 
-def lone_zeros(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+def lone_zeros(values: FloatArray) -> NDArray[np.bool_] | None:
     """(rows,) True where up to LONE samples are exactly 0 and lie far outside all others; None where there are none.
 
     Far: FAR times the largest usual move between samples (99.9 %), and a fifth of the distance that all others span.

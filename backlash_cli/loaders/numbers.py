@@ -12,6 +12,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from ..record import FloatArray, IntArray
+
 BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"])  # words for an empty cell
 _NUMBER = r"^[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?$"
 _UNITED = re.compile(r"^([+-]?(?:\d[\d.,'’ \u00a0\u202f]*\d|\d|[.,]\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s].*)?$", re.DOTALL)
@@ -32,7 +34,7 @@ class Numbers:
     number (a digital state, inf), None when there is nothing of the kind; a blank cell is not bad.
     words: what stood there, counted. unit: the unit written behind the numbers."""
 
-    values: NDArray[np.float64]
+    values: FloatArray
     bad: NDArray[np.bool_] | None = None
     words: Counter[str] = field(default_factory=Counter)
     unit: str = ""
@@ -54,7 +56,7 @@ def to_array(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
 
 
 def stored(column: pa.ChunkedArray | pa.Array, words: dict[str, int], decimal: str = ".", *, written: bool = False
-           ) -> tuple[NDArray[np.float64], NDArray[np.int32] | None]:
+           ) -> tuple[FloatArray, NDArray[np.int32] | None]:
     """Return (values, codes) of a column of any type: its numbers, nan where there are none, and the places in `words`
     of the texts that are no plain numbers, None where there are none. New texts are added to `words`.
 
@@ -86,7 +88,7 @@ def stored(column: pa.ChunkedArray | pa.Array, words: dict[str, int], decimal: s
     return np.append(values, np.nan)[codes], own if (own >= 0).any() else None
 
 
-def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[NDArray[np.int64], list[str]]:
+def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[IntArray, list[str]]:
     """Return (codes, words) of a text column: codes[i] is -1 for an empty cell, else a position in words."""
     if not pa.types.is_dictionary(column.type):
         column = _as_text(column).dictionary_encode()
@@ -124,7 +126,7 @@ def _as_text(column: pa.ChunkedArray | pa.Array) -> pa.ChunkedArray | pa.Array:
         return pa.nulls(len(column), pa.string())
 
 
-def plain_numbers(words: list[str], decimal: str = ".") -> NDArray[np.float64]:
+def plain_numbers(words: list[str], decimal: str = ".") -> FloatArray:
     """Return the values of the texts that are plain finite numbers, nan for all others."""
     values = np.full(len(words), np.nan)
     if not words:
@@ -139,7 +141,7 @@ def plain_numbers(words: list[str], decimal: str = ".") -> NDArray[np.float64]:
     return values
 
 
-def parse_words(words: list[str], decimal: str = ".") -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
+def parse_words(words: list[str], decimal: str = ".") -> tuple[FloatArray, NDArray[np.bool_], list[str]]:
     """Return (values, bad, units) of distinct texts. Blank text gives nan and is not bad."""
     values = plain_numbers(words) if decimal == "." else np.full(len(words), np.nan)
     bad, units = np.zeros(len(words), bool), [""] * len(words)
@@ -150,7 +152,7 @@ def parse_words(words: list[str], decimal: str = ".") -> tuple[NDArray[np.float6
     return values, bad, units
 
 
-def number_texts(values: NDArray[np.float64]) -> list[str]:
+def number_texts(values: FloatArray) -> list[str]:
     """Return numbers as texts, whole ones without a point."""
     return [f"{v:.0f}" if v == np.rint(v) and abs(v) < 1e15 else repr(v) for v in values.tolist()]
 
@@ -188,7 +190,7 @@ def _thousands_mark(words: list[str], decimal: str) -> str:
     return "," if commas and len(grouped) < len(commas) else decimal
 
 
-def main_unit(units: list[str], counts: NDArray[np.int64]) -> tuple[str, NDArray[np.bool_]]:
+def main_unit(units: list[str], counts: IntArray) -> tuple[str, NDArray[np.bool_]]:
     """The unit most cells carry, and which texts carry another one (they cannot be compared and count as bad)."""
     tally: Counter[str] = Counter()
     for unit, count in zip(units, counts, strict=True):

@@ -203,6 +203,9 @@ class _Counting:
     def readable(self) -> bool:
         return True
 
+    def close(self) -> None:
+        self.closed = True  # the file itself is closed by who opened it
+
 
 def _decompressed(file: Any, codec: str) -> Iterator[bytes]:
     if codec == "gzip":

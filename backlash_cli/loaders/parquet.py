@@ -7,13 +7,11 @@ from collections import OrderedDict
 from collections.abc import Collection, Iterator
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pa_parquet
-from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..record import Note
+from ..record import IntArray, Note
 from .csv import MAX_COLUMNS, Batch
 from .layouts import Head
 from .numbers import stored
@@ -130,7 +128,7 @@ class ParquetRows:
         values, codes = stored(self._column(int(column[1:]), first, last), words)
         return Cells(values, codes, Lexicon(list(words)))
 
-    def stamps(self, column: str, first: int, last: int) -> NDArray[np.int64]:
+    def stamps(self, column: str, first: int, last: int) -> IntArray:
         at = int(column[1:])
         reader = StampReader([self.names[at]], self.options, str(self.path))
         micros = reader.take([self._column(at, first, last)])
@@ -140,8 +138,6 @@ class ParquetRows:
         file = open_parquet(self.path)
         name = self.names[at]
         try:
-            if first == 0 and last >= self.count:
-                return file.read(columns=[name], use_threads=False).column(0)
             about, begin, skipped = file.metadata, 0, 0
             groups: list[int] = []
             for k in range(about.num_row_groups):
@@ -151,7 +147,10 @@ class ParquetRows:
                     groups.append(k)
                 begin += rows
             table = file.read_row_groups(groups, columns=[name], use_threads=False)
-            return table.column(0).slice(first - skipped, last - first)
+            column = table.column(0).slice(first - skipped, last - first)
+            if len(column) != last - first:
+                raise OSError(f"column {name[:60]} has {len(column)} rows of {last - first}")
+            return column
         except (pa.ArrowException, OSError) as error:
             raise InputError(f"damaged Parquet file: {str(error).strip().split(chr(10))[0][:200]}",
                              where=str(self.path), remedy="export or copy it again") from None

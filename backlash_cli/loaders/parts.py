@@ -16,15 +16,16 @@ from pathlib import Path
 from ..errors import BacklashError
 from ..record import Note
 from ..settings import Metadata
-from .choose import moment_of
+from .choose import last_stamp, moment_of
 from .clean import Recipe
 from .join import LoopSeries, explicit_tags, renamed_loops
+from .opening import kind_of
 from .options import ReadOptions, Share, is_age
 from .plant import READING_ERRORS, as_input_error, failure, metadata_of, nothing_read, settle
 from .remote import Remote
-from .signals import Series
+from .signals import Axis, Series
 from .sources import Source, find_sources
-from .tables import survey_file
+from .tables import Reading, signals_of_file
 
 PARTS_PER_WORKER = 4  # so that a slow worker holds up the others by a fraction only
 SMALLEST = 8 << 20  # bytes of files in a part: below, sending it costs more than it brings
@@ -57,8 +58,10 @@ def survey(source: Source, options: ReadOptions, *, end: bool = False) -> Survey
     """Look at one file; what is wrong with it stands in `failure`."""
     try:
         size, mark = source.path.stat().st_size, mark_of(source.path)
-        series, last, text = survey_file(source, options, end=end)
-        return Survey(source, tuple(series), size, last, text, mark)
+        found, _ = signals_of_file(source, Reading(options, lambda tag: False, lambda signals: set()))
+        last = last_stamp(found) if end else None
+        names = tuple(replace(item, axis=Axis(where=item.where), rows=None) for item in found)
+        return Survey(source, names, size, last, kind_of(source.path) != "parquet", mark)
     except READING_ERRORS as error:
         return Survey(source, failure=as_input_error(error, str(source.path)))
 

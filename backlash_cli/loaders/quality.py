@@ -7,7 +7,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import Note
+from ..record import FloatArray, Note
 from .numbers import parse_words
 from .signals import Cells
 
@@ -56,8 +56,7 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "") -> tupl
     return np.append(np.array(good, bool), only_faults)[codes], notes
 
 
-def _good_numbers(values: NDArray[np.float64], further: tuple[str, ...], name: str, notes: list[Note]
-                  ) -> NDArray[np.bool_]:
+def _good_numbers(values: FloatArray, further: tuple[str, ...], name: str, notes: list[Note]) -> NDArray[np.bool_]:
     wanted = [float(word) for word in further if re.fullmatch(r"\d+(?:\.\d+)?", word)]
     if wanted:
         return np.isin(values, wanted)
@@ -81,7 +80,7 @@ def _good_numbers(values: NDArray[np.float64], further: tuple[str, ...], name: s
     return values == usual
 
 
-def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[NDArray[np.float64], list[Note]]:
+def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[Note]]:
     """Return (rows,) 1 where the controller was in automatic (or cascade), 0 where not, nan where not recorded.
 
     Numbers: 0 manual and 1, 2, 3 automatic or cascade; powers of two from 16 on as in Foundation Fieldbus.
@@ -124,7 +123,7 @@ def _number_state(text: str, extra: set[str]) -> float:
     return float(value != 0) if value in (0, 1, 2, 3) else np.nan
 
 
-def _auto_numbers(values: NDArray[np.float64], extra: set[str], notes: list[Note]) -> NDArray[np.float64]:
+def _auto_numbers(values: FloatArray, extra: set[str], notes: list[Note]) -> FloatArray:
     known = values[np.isfinite(values)]
     out = np.full(len(values), np.nan)
     present = np.isfinite(values)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..record import Note
+from ..record import FloatArray, IntArray, Note
 from .grid import GAP_FACTOR, MAX_HOLE, SPARSE_SHARE, Grid, Steps
 from .join import Joiner, LoopSeries, Signal
 from .options import ReadOptions
@@ -53,7 +53,7 @@ class Frame:
     notes: list[Note] = field(default_factory=list)
     carried: dict[str, float] = field(default_factory=dict)
 
-    def measurement(self, pv: Signal) -> tuple[NDArray[np.float64], NDArray[np.bool_] | None]:
+    def measurement(self, pv: Signal) -> tuple[FloatArray, NDArray[np.bool_] | None]:
         """Return the measurement, and which samples were interpolated between records."""
         if self.grid.kind == "regular":
             return on_grid(pv.values, self.grid), None
@@ -67,7 +67,7 @@ class Frame:
         assert self.grid.recorded is not None
         return values, ~self.grid.recorded & np.isfinite(values)
 
-    def companion(self, role: str) -> NDArray[np.float64] | None:
+    def companion(self, role: str) -> FloatArray | None:
         """Setpoint or output, held between its records unless the user says linear; None when not recorded."""
         if role not in self.loop.roles:
             return None
@@ -77,7 +77,7 @@ class Frame:
             self.notes.append(own_times(role, self.options))
         return self._expanded(signal, role)
 
-    def disturbance(self, items: list[Series]) -> NDArray[np.float64] | None:
+    def disturbance(self, items: list[Series]) -> FloatArray | None:
         """A further measured column in its own units; None when it holds no numbers or cannot be joined."""
         try:
             signal = self.joiner.signal(items[:1] if items[0].axis is self.axis else items, "", "")
@@ -106,7 +106,7 @@ class Frame:
             notes.append(note)
         return values == 0.0, notes
 
-    def _expanded(self, signal: Signal, role: str) -> NDArray[np.float64]:
+    def _expanded(self, signal: Signal, role: str) -> FloatArray:
         """The values of a signal; a setpoint or mode of the chunk before holds until the first one that is known."""
         values = self._on_grid(signal, role)
         if role in ("sp", "mode"):
@@ -118,7 +118,7 @@ class Frame:
                 self.carried[role] = float(values[known][-1])
         return values
 
-    def _on_grid(self, signal: Signal, role: str) -> NDArray[np.float64]:
+    def _on_grid(self, signal: Signal, role: str) -> FloatArray:
         if signal.axis is self.axis and self.grid.kind == "regular":
             values = on_grid(signal.values, self.grid)
             if not np.isnan(values).any():
@@ -135,7 +135,7 @@ class Frame:
         return held(signal, self.grid, limit, self.bridge, late)
 
 
-def bridged(values: NDArray[np.float64], index: NDArray[np.int64], bridge: int) -> NDArray[np.float64]:
+def bridged(values: FloatArray, index: IntArray, bridge: int) -> FloatArray:
     """Hold a few blank cells, but not across a gap. index: (samples,) grid numbers."""
     out = hold_last(values, bridge)
     if index[-1] - index[0] != len(index) - 1:
@@ -177,7 +177,7 @@ def fill_limit(Ti: float | None, interval: float) -> int:
     return MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / interval)))
 
 
-def on_grid(values: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
+def on_grid(values: FloatArray, grid: Grid) -> FloatArray:
     """Put the values of a regular grid's own rows at their grid points; absent rows are nan."""
     if grid.rows is None:
         return values
@@ -186,7 +186,7 @@ def on_grid(values: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
     return np.where(grid.rows >= 0, values[grid.rows], np.nan)
 
 
-def linear(signal: Signal, grid: Grid, limit: float) -> NDArray[np.float64]:
+def linear(signal: Signal, grid: Grid, limit: float) -> FloatArray:
     """Values on straight lines between good records; nan where the records are more than `limit` microseconds apart
     or a bad one lies between."""
     stamps, values, good = _records(signal)
@@ -204,7 +204,7 @@ def linear(signal: Signal, grid: Grid, limit: float) -> NDArray[np.float64]:
     return out
 
 
-def held(signal: Signal, grid: Grid, limit: float | None, bridge: int, late: int = 0) -> NDArray[np.float64]:
+def held(signal: Signal, grid: Grid, limit: float | None, bridge: int, late: int = 0) -> FloatArray:
     """The last good record at or before each grid point; nan before the first, after `limit` microseconds, and from
     a bad record on when no good one follows within `bridge` samples or a few records. late: microseconds by which a
     record may be stamped late and still belong to its grid point."""
@@ -251,7 +251,7 @@ def _good_steps(signal: Signal) -> Steps | None:
     return Steps.of(stamps) if len(stamps) > 1 else None
 
 
-def _records(signal: Signal) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
+def _records(signal: Signal) -> tuple[IntArray, FloatArray, NDArray[np.bool_]]:
     """Return (stamps, values, good) of all records in time order; blank cells are no records."""
     order = signal.axis.order(signal.values)
     values, bad = signal.values, signal.bad

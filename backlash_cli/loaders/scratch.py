@@ -18,6 +18,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from ..errors import BacklashError
+from ..record import IntArray
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
 SEGMENT = 16 << 20  # bytes of samples that are put together before they are kept; twice as many of groups
@@ -113,7 +114,7 @@ class Store:
         self.room, self.groups = room, groups
         self.segments: list[Segment] = []
         self.firsts: list[int] = [0]  # row of each segment, and the number of all
-        self.starts: list[NDArray[np.int64]] = []  # of each segment: where its groups begin
+        self.starts: list[IntArray] = []  # of each segment: where its groups begin
         self._waiting: list[Arrays] = []
         self._size = 0
 
@@ -165,7 +166,7 @@ class Store:
             for first in range(0, segment.rows, rows):
                 yield begin + first, _joined([segment.read(names, first, min(first + rows, segment.rows))])
 
-    def group_rows(self, group: int) -> NDArray[np.int64]:
+    def group_rows(self, group: int) -> IntArray:
         """(segments,) Number of rows of a group in each segment."""
         return np.array([s[group + 1] - s[group] if group + 1 < len(s) else 0 for s in self.starts], np.int64)
 

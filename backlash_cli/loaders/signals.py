@@ -12,7 +12,7 @@ from weakref import ref
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import Note
+from ..record import FloatArray, IntArray, Note
 from .grid import Grid, make_grid
 from .numbers import Numbers, main_unit, number_texts, parse_words
 from .order import NAT, Ordered, ordered
@@ -29,7 +29,7 @@ class Lexicon:
         self.words, self.decimal = words, decimal
 
     @cached_property
-    def parsed(self) -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
+    def parsed(self) -> tuple[FloatArray, NDArray[np.bool_], list[str]]:
         return parse_words(self.words, self.decimal)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -41,7 +41,7 @@ class Cells:
     """Cells of a column. values: (rows,) the number in each, nan where there is none. codes: (rows,) place in the
     lexicon of the text in each, -1 where there is none; None where the column holds no text at all."""
 
-    values: NDArray[np.float64]
+    values: FloatArray
     codes: NDArray[np.int32] | None = None
     lexicon: Lexicon = field(default_factory=lambda: Lexicon([]))
 
@@ -74,7 +74,7 @@ class Cells:
         words = Counter({self.lexicon.words[used[i]].strip()[:40]: int(counts[i]) for i in np.flatnonzero(bad)})
         return Numbers(out, flags if flags.any() else None, words, unit)
 
-    def texts(self) -> tuple[NDArray[np.int64], list[str]]:
+    def texts(self) -> tuple[IntArray, list[str]]:
         """Return (codes, words): the text of each cell, numbers as text too; -1 for an empty cell."""
         codes, words = np.full(len(self.values), -1), []
         if self.codes is not None:
@@ -97,7 +97,7 @@ class Rows(Protocol):
     def cells(self, column: str, first: int, last: int) -> Cells:
         """Return the cells of rows first..last-1."""
 
-    def stamps(self, column: str, first: int, last: int) -> NDArray[np.int64]:
+    def stamps(self, column: str, first: int, last: int) -> IntArray:
         """Return the stamps of rows first..last-1 [microseconds since 1970 UTC], NAT where unreadable."""
 
 
@@ -122,7 +122,7 @@ class StoredRows:
         found = self._read([column, f"{column}w"], first, last)
         return Cells(found[column], found.get(f"{column}w"), lexicon)
 
-    def stamps(self, column: str, first: int, last: int) -> NDArray[np.int64]:
+    def stamps(self, column: str, first: int, last: int) -> IntArray:
         return self._read([column], first, last)[column].astype(np.int64, copy=False)
 
 
@@ -133,7 +133,7 @@ class SomeRows:
     base: Rows
     count: int
     begin: int = 0
-    which: NDArray[np.int64] | None = None
+    which: IntArray | None = None
 
     def _taken(self, values: Any, first: int, last: int) -> Any:
         return values if self.which is None else values[self.which[first:last] - int(self.which[first:last].min())]
@@ -151,12 +151,12 @@ class SomeRows:
         codes = None if found.codes is None else self._taken(found.codes, first, last)
         return Cells(self._taken(found.values, first, last), codes, found.lexicon)
 
-    def stamps(self, column: str, first: int, last: int) -> NDArray[np.int64]:
+    def stamps(self, column: str, first: int, last: int) -> IntArray:
         found = self.base.stamps(column, *self._ends(first, last))
         return found if first >= last else self._taken(found, first, last)
 
 
-def part_of(rows: Rows, chosen: slice | NDArray[np.int64]) -> Rows:
+def part_of(rows: Rows, chosen: slice | IntArray) -> Rows:
     """Return some rows of others."""
     if isinstance(chosen, slice):
         first, last, _ = chosen.indices(rows.count)
@@ -174,13 +174,13 @@ class Axis:
 
     _recent: ClassVar[list[ref[Axis]]] = []
 
-    def __init__(self, rows: Rows | None = None, column: str = "", *, micros: NDArray[np.int64] | None = None,
+    def __init__(self, rows: Rows | None = None, column: str = "", *, micros: IntArray | None = None,
                  absolute: bool = True, notes: tuple[Note, ...] = (), where: str = "", first_line: int = 0,
                  parts: tuple[int, ...] = (), last: int | None = None) -> None:
         self.rows, self.column, self._given = rows, column, micros
         self.absolute, self.notes, self.where, self.first_line, self.parts = absolute, notes, where, first_line, parts
         self._last = last
-        self._micros: NDArray[np.int64] | None = None
+        self._micros: IntArray | None = None
         self._order: Ordered | None = None
         self._grid: Grid | None = None
 
@@ -188,7 +188,7 @@ class Axis:
         return len(self._given) if self._given is not None else 0 if self.rows is None else self.rows.count
 
     @property
-    def micros(self) -> NDArray[np.int64]:
+    def micros(self) -> IntArray:
         """(rows,) All stamps."""
         if self._given is not None:
             return self._given
@@ -197,13 +197,13 @@ class Axis:
             self._used()
         return self._micros
 
-    def read(self, first: int, last: int) -> NDArray[np.int64]:
+    def read(self, first: int, last: int) -> IntArray:
         """Return the stamps of rows first..last-1."""
         if self._given is not None or self._micros is not None:
             return self.micros[first:last]
         return np.zeros(0, np.int64) if self.rows is None else self.rows.stamps(self.column, first, last)
 
-    def pieces(self) -> Iterator[NDArray[np.int64]]:
+    def pieces(self) -> Iterator[IntArray]:
         """Yield all stamps, some rows at a time."""
         for first in range(0, len(self), PIECE):
             yield self.read(first, min(first + PIECE, len(self)))
@@ -213,20 +213,20 @@ class Axis:
         last = self._last if self._last is not None else max((int(p.max()) for p in self.pieces()), default=NAT)
         return None if last == NAT else last
 
-    def order(self, probe: NDArray[np.float64] | None = None) -> Ordered:
+    def order(self, probe: FloatArray | None = None) -> Ordered:
         """Return the stamps in time order; `probe` is a measured signal of these rows, used the first time."""
         if self._order is None:
             self._order = ordered(self.micros, probe, self.parts, self.first_line)
             self._used()
         return self._order
 
-    def grid(self, probe: NDArray[np.float64] | None = None) -> Grid:
+    def grid(self, probe: FloatArray | None = None) -> Grid:
         """Return the uniform grid of these stamps. Raises LoopError when there is none."""
         if self._grid is None:
             self._grid = make_grid(self.order(probe))
         return self._grid
 
-    def part(self, chosen: slice | NDArray[np.int64]) -> Axis:
+    def part(self, chosen: slice | IntArray) -> Axis:
         """Return the stamps of some rows."""
         about: dict[str, Any] = {"absolute": self.absolute, "notes": self.notes, "where": self.where}
         if self._given is not None or self.rows is None:
@@ -284,6 +284,6 @@ class Series:
             return Cells(np.zeros(0))
         return self.rows.cells(column, first, self.rows.count if last is None else last)
 
-    def part(self, axis: Axis, chosen: slice | NDArray[np.int64]) -> Series:
+    def part(self, axis: Axis, chosen: slice | IntArray) -> Series:
         """Return some rows of it; axis: their stamps."""
         return replace(self, axis=axis, rows=None if self.rows is None else part_of(self.rows, chosen))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray, Note, SampleState
+from ..record import FloatArray, IntArray, Note, SampleState
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
 AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
@@ -20,7 +20,7 @@ OPPOSED = -0.2  # correlation of neighbouring changes below which there is noise
 QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still this long to be called frozen
 
 
-def runs(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
     """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
     edges = np.flatnonzero(flags[1:] != flags[:-1]) + 1
     if len(flags) and flags[0]:
@@ -30,8 +30,7 @@ def runs(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return edges[0::2], edges[1::2]
 
 
-def short_holes(values: NDArray[np.float64], index: NDArray[np.int64], longest: int) -> tuple[NDArray[np.float64],
-                                                                                              NDArray[np.bool_]]:
+def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Fill holes (nan) of at most `longest` samples on a straight line between their neighbours.
 
     Holes at the ends and next to a gap (a jump of `index`) stay. Returns (values, filled).
@@ -56,7 +55,7 @@ def short_holes(values: NDArray[np.float64], index: NDArray[np.int64], longest: 
     return out, filled
 
 
-def hold_last(values: NDArray[np.float64], longest: int | None = None) -> NDArray[np.float64]:
+def hold_last(values: FloatArray, longest: int | None = None) -> FloatArray:
     """Fill nan with the last number before it, over at most `longest` samples."""
     known = np.isfinite(values)
     if known.all():
@@ -69,7 +68,7 @@ def hold_last(values: NDArray[np.float64], longest: int | None = None) -> NDArra
     return out
 
 
-def saturated(output: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+def saturated(output: FloatArray) -> NDArray[np.bool_] | None:
     """(samples,) True where a normalised output stays at 0 or 1 for several samples; None when it never does."""
     with np.errstate(invalid="ignore"):
         at_limit = (output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT)
@@ -78,7 +77,7 @@ def saturated(output: NDArray[np.float64]) -> NDArray[np.bool_] | None:
     return inside(starts[long], ends[long], len(output)) if long.any() else None
 
 
-def inside(starts: NDArray[np.int64], ends: NDArray[np.int64], samples: int) -> NDArray[np.bool_]:
+def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
     """(samples,) True in stretches that do not overlap; ends: one past the last."""
     edges = np.zeros(samples + 1, np.int8)
     edges[starts] += 1
@@ -86,7 +85,7 @@ def inside(starts: NDArray[np.int64], ends: NDArray[np.int64], samples: int) -> 
     return np.cumsum(edges[:-1]).astype(bool)
 
 
-def implausible(measurement: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+def implausible(measurement: FloatArray) -> NDArray[np.bool_] | None:
     """(samples,) True where a normalised measurement lies more than BEYOND spans outside its range."""
     with np.errstate(invalid="ignore"):
         if np.fmin.reduce(measurement) >= -BEYOND and np.fmax.reduce(measurement) <= 1.0 + BEYOND:
@@ -94,7 +93,7 @@ def implausible(measurement: NDArray[np.float64]) -> NDArray[np.bool_] | None:
         return (measurement < -BEYOND) | (measurement > 1.0 + BEYOND)
 
 
-def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+def frozen(values: FloatArray) -> NDArray[np.bool_] | None:
     """(samples,) True where a measurement repeats one number for longer than its own noise allows; None if nowhere.
 
     A signal with noise repeats a number with some chance p, so a run of L repeats somewhere among n samples has
@@ -125,7 +124,7 @@ def _longest_by_chance(samples: int, stretches: int, repeats: int) -> float:
     return max(float(FROZEN_RUN - 1), float(np.log(FROZEN_CHANCE / samples) / np.log(p)))
 
 
-def _noisy(values: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray[np.int64]) -> bool:
+def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
     """Is the noise resolved? Then neighbouring changes point in opposite directions (their correlation tends to -1/2),
     and changes are larger than the recorder's step."""
     changes = np.diff(values)
@@ -141,48 +140,35 @@ def _noisy(values: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray
     return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))
 
 
-def complete(values: NDArray[np.float64]) -> bool:
+def complete(values: FloatArray) -> bool:
     """Is there a finite number everywhere?"""
     return bool(np.isfinite(values).all())
 
 
-@dataclass
-class Counts:
-    """How many samples of a record are what."""
-
-    wild: int = 0
-    filled: int = 0
-    frozen: int = 0
-    saturated: int = 0
-    missing: int = 0
-    setpoint: int = 0
-    output: int = 0
-    manual: int = 0
-
-    def notes(self, samples: int) -> list[Note]:
-        """Say what is wrong with measurement and output, of so many samples."""
-        found = []
-        if self.wild > 0.5 * samples:
-            text = f"{100 * self.wild / samples:.0f} % of the measurement lies far outside pv_range: check it"
+def state_notes(counts: Counter[str], samples: int, *kinds: str) -> list[Note]:
+    """Say how many of so many samples are of these kinds, in order."""
+    found = []
+    for kind in kinds:
+        count = counts[kind]
+        code, text = _SAID[kind]
+        if kind == "wild" and count > 0.5 * samples:
+            text = f"{100 * count / samples:.0f} % of the measurement lies far outside pv_range: check it"
             found.append(Note("outside_range", text))
-        elif self.wild:
-            what = "samples of PV far outside the range (spikes) were rejected"
-            found.append(_counted("implausible", self.wild, what))
-        if self.filled:
-            found.append(_counted("filled", self.filled, "samples in short holes were interpolated"))
-        why = "repeat one number for too long (PV constant or frozen)"
-        return [*found, *_marked("frozen", self.frozen, samples, why),
-                *_marked("saturated", self.saturated, samples, "have the output at its limit"),
-                *_marked("missing", self.missing, samples, "have no measurement")]
+        elif count:
+            text = text if kind in ("wild", "filled") else f"of {samples} samples {text}; not used"
+            found.append(Note(code, f"{count} {text}", {"samples": float(count)}))
+    return found
 
-    def companion_notes(self, samples: int) -> list[Note]:
-        """Say where setpoint or output are missing."""
-        return [*_marked("setpoint_missing", self.setpoint, samples, "have no setpoint"),
-                *_marked("output_missing", self.output, samples, "have no output")]
 
-    def manual_notes(self, samples: int) -> list[Note]:
-        """Say how long the controller was not in automatic."""
-        return _marked("manual", self.manual, samples, "are not in automatic")
+MEASURED = ("wild", "filled", "frozen", "saturated", "missing")
+_SAID = {
+    "wild": ("implausible", "samples of PV far outside the range (spikes) were rejected"),
+    "filled": ("filled", "samples in short holes were interpolated"),
+    "frozen": ("frozen", "repeat one number for too long (PV constant or frozen)"),
+    "saturated": ("saturated", "have the output at its limit"), "missing": ("missing", "have no measurement"),
+    "setpoint": ("setpoint_missing", "have no setpoint"), "output": ("output_missing", "have no output"),
+    "manual": ("manual", "are not in automatic"),
+}
 
 
 class Samples:
@@ -193,7 +179,7 @@ class Samples:
     After it is made, holes of `measurement` are filled, `state` says what each sample is, `count` how many are what.
     """
 
-    def __init__(self, index: NDArray[np.int64], sp: FloatArray | None, pv: FloatArray, op: FloatArray | None,
+    def __init__(self, index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArray | None,
                  interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int) -> None:
         self.index = index
         self.setpoint = np.full(len(index), np.nan) if sp is None else sp
@@ -208,11 +194,9 @@ class Samples:
             there = (self.state != SampleState.MISSING) & (self.state != SampleState.IMPLAUSIBLE)
             self._mark("manual", manual & there, SampleState.MANUAL)
 
-    def count(self, counts: Counts, first: int = 0, last: int | None = None) -> Counts:
-        """Add to the counts what the samples first..last-1 are."""
-        for name, where in self._marks.items():
-            setattr(counts, name, getattr(counts, name) + int(np.count_nonzero(where[first:last])))
-        return counts
+    def count(self, first: int = 0, last: int | None = None) -> Counter[str]:
+        """Return how many of the samples first..last-1 are what."""
+        return Counter({name: int(np.count_nonzero(where[first:last])) for name, where in self._marks.items()})
 
     def _measured(self, pv: FloatArray, op: FloatArray | None, interpolated: NDArray[np.bool_] | None,
                   bridge: int) -> FloatArray:
@@ -243,13 +227,3 @@ class Samples:
     def _mark(self, what: str, where: NDArray[np.bool_], value: SampleState) -> None:
         self.state[where] = value
         self._marks[what] = where
-
-
-def _counted(code: str, count: int, what: str) -> Note:
-    return Note(code, f"{count} {what}", {"samples": float(count)})
-
-
-def _marked(code: str, count: int, samples: int, what: str) -> list[Note]:
-    if not count:
-        return []
-    return [Note(code, f"{count} of {samples} samples {what}; not used", {"samples": float(count)})]

@@ -12,7 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from ..errors import BacklashError, InputError
-from ..record import Note
+from ..record import IntArray, Note
 from .csv import TextTable
 from .layouts import Head, Layout, Named, layout_of, of_tag, signals_of
 from .names import signal_role
@@ -242,7 +242,7 @@ class _Tags:
     def __init__(self, naming: Sequence[int], headers: tuple[str, ...]) -> None:
         self.naming, self.headers = naming, headers
         self.numbers: dict[str, int] = {}
-        self.counts: NDArray[np.int64] = np.zeros(0, np.int64)
+        self.counts: IntArray = np.zeros(0, np.int64)
 
     def take(self, batch: dict[int, pa.ChunkedArray]) -> NDArray[np.int32]:
         """Return the number of each row's tag, -1 for none."""
@@ -353,42 +353,3 @@ def _one_clock(store: Store, stamps: Store, lexicons: dict[str, Lexicon], column
     if len(clock) != len(back):
         return [], []
     return [(row, round(float(note.values["seconds"]) * 1e6)) for row, note in zip(back, clock, strict=True)], clock
-
-
-def survey_file(source: Source, options: ReadOptions, *, end: bool) -> tuple[list[Series], int | None, bool]:
-    """Return the signals of a file without samples, its last stamp if that is asked for, and whether it is text.
-
-    Raises InputError when it cannot be read.
-    """
-    found: list[Series] = []
-    last, text = NAT, False
-    for table in tables_of(source, Reading(options)):
-        layout, head = layout_of(table.head, options), table.head
-        text = isinstance(table, TextTable)
-        if not layout.naming:
-            empty = {i for i in layout.stored if pa.types.is_null(head.columns[i].type)}
-            found += [_light(one, head) for one in signals_of(head, layout, empty)]
-        tags = _Tags(layout.naming, (".".join(head.names[i].strip() for i in layout.naming),))
-        stamps = _Stamps(head, layout, Reading(options))
-        filled: set[int] = set(layout.values) if layout.kind == "long" else set()
-        for batch in table.batches((*layout.naming, *(layout.values if layout.kind == "tall" else ())),
-                                   stamps.columns) if layout.naming or end else ():
-            filled |= {i for i in layout.values if i in batch and batch[i].null_count < len(batch[i])}
-            if layout.naming:
-                tags.take(batch)
-            if end:
-                stamps.take(batch)
-        for name in tags.numbers:
-            if layout.kind == "tall":
-                found += [_light(Named(i, f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i]),
-                                 head) for i in layout.values if i in filled]
-            else:
-                found.append(_light(of_tag(name, layout.values[0]), head))
-        if end:
-            last = max([last, *(int(arrays[name].max(initial=NAT)) for _, arrays in stamps.close().store.pieces(
-                [f"t{k}" for k in range(len(layout.stamps))]) for name in arrays)])
-    return found, None if last == NAT else last, text
-
-
-def _light(one: Named, head: Head) -> Series:
-    return Series(one.tag, one.loop, one.role, one.signal, Axis(where=head.where), None, where=head.where)

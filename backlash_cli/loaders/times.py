@@ -17,7 +17,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..record import Note
+from ..record import FloatArray, IntArray, Note
 from .dates import DateOrder, days_of, read_dates
 from .names import plain
 from .numbers import codes_and_words, is_number, is_text, plain_numbers, to_array
@@ -48,7 +48,7 @@ class StampReader:
         self._unit = ""  # of stamps that are numbers
         self._of_day: tuple[int, int] | None = None  # last time of day without a date, and days since the first
 
-    def take(self, columns: Sequence[pa.ChunkedArray]) -> NDArray[np.int64]:
+    def take(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
         """Return the stamps of the next rows, to be given to what `finish` returns."""
         pattern = self.options.time_format or ""
         if len(columns) == 2 and "%" in pattern:
@@ -78,7 +78,7 @@ class StampReader:
         raise InputError(f"column {self.name!r} holds no time stamps ({kind})", where=self.where,
                          remedy="name the time column")
 
-    def finish(self) -> Callable[[NDArray[np.int64]], NDArray[np.int64]]:
+    def finish(self) -> Callable[[IntArray], IntArray]:
         """Return what gives the stamps in UTC, to be called for all rows in file order. `notes` are complete after
         that. Raises InputError when there were no stamps, or when day and month cannot be told apart."""
         if not self._known:
@@ -97,7 +97,7 @@ class StampReader:
         clock = WallClock(self.options.timezone) if self.options.timezone and not zoned and self.absolute else None
         self._clock = clock
 
-        def resolved(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+        def resolved(stamps: IntArray) -> IntArray:
             if len(days):
                 is_open = (stamps < -LIMIT) & (stamps != NAT)
                 if is_open.any():
@@ -115,7 +115,7 @@ class StampReader:
         clock = getattr(self, "_clock", None)
         return (*self.notes, *(clock.notes if clock is not None else ()))
 
-    def _clear(self, micros: NDArray[np.int64], zoned: bool) -> NDArray[np.int64]:
+    def _clear(self, micros: IntArray, zoned: bool) -> IntArray:
         if self._known and self._zoned and self._bare:
             return micros
         if bool(np.any(micros != NAT)):
@@ -124,7 +124,7 @@ class StampReader:
             self._bare |= not zoned
         return micros
 
-    def _past_midnight(self, micros: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _past_midnight(self, micros: IntArray) -> IntArray:
         """Times of day without a date: count on past midnight."""
         known = np.flatnonzero(micros != NAT)
         if self._of_day is None:
@@ -140,7 +140,7 @@ class StampReader:
         self._of_day = last, days
         return out
 
-    def _texts(self, column: pa.ChunkedArray | pa.Array, pattern: str) -> NDArray[np.int64]:
+    def _texts(self, column: pa.ChunkedArray | pa.Array, pattern: str) -> IntArray:
         codes, words = codes_and_words(column)
         if not words:
             return np.full(len(codes), NAT)
@@ -168,7 +168,7 @@ class StampReader:
             self._bare |= not found.zoned[there].all()
         return out[codes]
 
-    def _numbers(self, values: NDArray[np.float64]) -> NDArray[np.int64]:
+    def _numbers(self, values: FloatArray) -> IntArray:
         """Numeric stamps: epoch seconds to nanoseconds, spreadsheet days, or seconds from an unknown start."""
         known = values[np.isfinite(values)]
         out = np.full(len(values), NAT)
@@ -200,7 +200,7 @@ class StampReader:
 
 
 def read_stamps(columns: Sequence[pa.ChunkedArray], names: Sequence[str], options: ReadOptions, where: str) -> tuple[
-        NDArray[np.int64], StampReader]:
+        IntArray, StampReader]:
     """Return the stamps of a whole file [microseconds since 1970 UTC] and who read them. Raises InputError."""
     reader = StampReader(names, options, where)
     packed = reader.take(columns)
@@ -213,7 +213,7 @@ def is_midnight(column: pa.ChunkedArray, name: str, options: ReadOptions, where:
     return not np.any(micros[micros != NAT] % DAY)
 
 
-def _by_pattern(words: list[str], pattern: str) -> NDArray[np.int64]:
+def _by_pattern(words: list[str], pattern: str) -> IntArray:
     import pandas as pd
 
     try:
@@ -223,7 +223,7 @@ def _by_pattern(words: list[str], pattern: str) -> NDArray[np.int64]:
     return stamps.to_numpy(dtype="datetime64[us]").astype(np.int64)
 
 
-def _written_digits(known: NDArray[np.float64]) -> str:
+def _written_digits(known: FloatArray) -> str:
     """Return the pattern of stamps written as one number, 20260317080000 or 202603170800, "" when they are none."""
     for pattern, low, high in (("ymdhms", 1.9e13, 2.2e13), ("ymdhm", 1.9e11, 2.2e11)):
         if known.min() < low or known.max() >= high or np.any(known % 1):
@@ -237,7 +237,7 @@ def _written_digits(known: NDArray[np.float64]) -> str:
     return ""
 
 
-def _unit_of(known: NDArray[np.float64], name: str) -> str:
+def _unit_of(known: FloatArray, name: str) -> str:
     """What numeric stamps count: told from their size, their steps and the name of the column."""
     middle = float(np.median(np.abs(known)))
     for low, high, unit in ((1.2e17, 1.5e17, "filetime"), (1e17, 1e19, "epoch_ns"), (1e14, 1e17, "epoch_us"),
@@ -257,7 +257,7 @@ def _unit_of(known: NDArray[np.float64], name: str) -> str:
     return "seconds"
 
 
-def _from_digits(values: NDArray[np.float64], pattern: str) -> NDArray[np.int64]:
+def _from_digits(values: FloatArray, pattern: str) -> IntArray:
     present = np.isfinite(values)
     whole = np.where(present, values, 0.0).astype(np.int64) * (1 if pattern == "ymdhms" else 100)
     days = days_of(whole // 10**10, whole // 10**8 % 100, whole // 10**6 % 100)
@@ -266,15 +266,15 @@ def _from_digits(values: NDArray[np.float64], pattern: str) -> NDArray[np.int64]
     return np.where(known, np.where(known, days, 0) * DAY + clock * SECOND, NAT)
 
 
-def _micros(column: pa.ChunkedArray | pa.Array, unit: str) -> NDArray[np.int64]:
+def _micros(column: pa.ChunkedArray | pa.Array, unit: str) -> IntArray:
     return _scaled(_integers(column.cast(pa.int64())), unit)
 
 
-def _integers(column: pa.ChunkedArray | pa.Array) -> NDArray[np.int64]:
+def _integers(column: pa.ChunkedArray | pa.Array) -> IntArray:
     return to_array(pc.fill_null(column, NAT) if column.null_count else column)
 
 
-def _scaled(integers: NDArray[np.int64], unit: str) -> NDArray[np.int64]:
+def _scaled(integers: IntArray, unit: str) -> IntArray:
     """Whole numbers of a unit as microseconds."""
     if unit == "ns":
         return np.where(integers == NAT, NAT, integers // 1000)
@@ -294,7 +294,7 @@ class WallClock:
         self._within = False  # the last row lay in such an hour
         self._back = 0  # steps back since the rows came to lie there
 
-    def utc(self, micros: NDArray[np.int64]) -> NDArray[np.int64]:
+    def utc(self, micros: IntArray) -> IntArray:
         """Return the next rows in UTC, (rows,); unreadable ones stay unreadable."""
         known = np.flatnonzero(micros != NAT)
         if not len(known):
@@ -308,7 +308,7 @@ class WallClock:
         out[known] = local - np.where(self._gone_back(local, doubled), second, first)
         return out
 
-    def _gone_back(self, local: NDArray[np.int64], doubled: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _gone_back(self, local: IntArray, doubled: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """After the clock went back (a step of more than half an hour in the doubled hour) the second offset holds."""
         back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
         within = np.concatenate([[self._within], doubled])
