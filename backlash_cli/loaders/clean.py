@@ -65,7 +65,8 @@ class Recipe:
         begins = [int(axis.read(row, row + 1)[0]) for axis in axes for row in range(0, len(axis), CHUNK)]
         ends = [*begins[1:], (axes[-1].last() or 0) + 1]
         for begin, end in zip(begins, ends, strict=True):
-            going.end, joiner.only = end, (begin, end)
+            going.end = end
+            joiner.next_chunk(begin, end)
             notes = self.notes if end == ends[-1] else None
             yield _noted(build(_window(self.series, begin, end), settings, joiner, self.options, going), notes)
 

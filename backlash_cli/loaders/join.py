@@ -109,7 +109,13 @@ class Joiner:
         self.good_quality = good_quality
         self.only: tuple[int, int] | None = None  # stamps between which faults are counted, in the chunks of a loop
         self._tallies: dict[tuple[str, str, str], Counter[str]] = {}
+        self._marks: dict[tuple[str, str], dict[str, float]] = {}  # what earlier chunks tell of a quality's numbers
         self._axes: OrderedDict[tuple[int, ...], tuple[Axis, list[Axis]]] = OrderedDict()
+
+    def next_chunk(self, begin: int, end: int) -> None:
+        """Go on with the chunk of a loop between two stamps; faults are counted in all chunks so far."""
+        self.only = begin, end
+        self._axes.clear()
 
     def signal(self, series: list[Series], role: str, loop: str) -> Signal:
         """Return one signal from its series. Raises LoopError when two different columns carry one name."""
@@ -156,7 +162,8 @@ class Joiner:
         marks = item.marks()
         good = np.ones(len(values), bool)
         if marks is not None:
-            good, more = good_samples(marks, self.good_quality, item.quality_name)
+            known = {} if self.only is None else self._marks.setdefault((item.where, item.tag), {})
+            good, more = good_samples(marks, self.good_quality, item.quality_name, known)
             notes.extend(more)
         lone = lone_zeros(np.where(good, values, np.nan))
         for code, wrong, what in (

@@ -33,18 +33,21 @@ def quality_words(words: list[str]) -> bool:
         re.match(r"\s*(?:good|bad|gut|uncertain|0xc0)", word, re.IGNORECASE) for word in plain)
 
 
-def good_samples(cells: Cells, further: tuple[str, ...], name: str = "") -> tuple[NDArray[np.bool_], list[Note]]:
+def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, float] | None = None
+                 ) -> tuple[NDArray[np.bool_], list[Note]]:
     """Return (rows,) True where the quality says good. Numbers are OPC codes (192 and more), percents or 0/1.
 
     further: words or numbers that mean good. name: of the column; Validity and its like are 1 where the row is good.
+    known: what the chunks of a loop before this one tell of its numbers; it is added to.
     """
     notes: list[Note] = []
+    known = {} if known is None else known
     if not cells.is_text:
-        return _good_numbers(cells.numbers().values, further, name, notes), notes
+        return _good_numbers(cells.numbers().values, further, name, notes, known), notes
     codes, words = cells.texts()
     values, _, _ = parse_words(words)
     if words and np.isfinite(values).all():
-        return _good_numbers(np.append(values, np.nan)[codes], further, name, notes), notes
+        return _good_numbers(np.append(values, np.nan)[codes], further, name, notes, known), notes
     extra = {word.strip().lower() for word in further}
     good = [word.strip().lower() in extra or (bool(_GOOD.match(word)) and not _DOUBT.search(word)) for word in words]
     only_faults = not any(good)  # only faults are marked: an empty cell is good
@@ -56,14 +59,17 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "") -> tupl
     return np.append(np.array(good, bool), only_faults)[codes], notes
 
 
-def _good_numbers(values: FloatArray, further: tuple[str, ...], name: str, notes: list[Note]) -> NDArray[np.bool_]:
+def _good_numbers(values: FloatArray, further: tuple[str, ...], name: str, notes: list[Note], seen: dict[str, float]
+                  ) -> NDArray[np.bool_]:
     wanted = [float(word) for word in further if re.fullmatch(r"\d+(?:\.\d+)?", word)]
     if wanted:
         return np.isin(values, wanted)
     known = values[np.isfinite(values)]
     if not len(known):
         return np.ones(len(values), bool)
-    low, high, usual = float(known.min()), float(known.max()), float(np.median(known))
+    low = seen["low"] = min(seen.get("low", np.inf), float(known.min()))
+    high = seen["high"] = max(seen.get("high", -np.inf), float(known.max()))
+    usual = seen.setdefault("usual", float(np.median(known)))
     if high >= 1 << 30:  # OPC UA status codes: the two highest bits are the severity
         return np.isfinite(values) & (values < 1 << 30)
     if high >= 192:

@@ -42,8 +42,9 @@ class ScratchFile:
         try:
             if self._number < 0:
                 self._open()
+            os.lseek(self._number, place, os.SEEK_SET)
             while view:
-                view = view[os.pwrite(self._number, view, self._end + len(data) - len(view)) :]
+                view = view[os.write(self._number, view) :]
         except OSError as error:
             raise BacklashError(
                 f"no room for temporary data: {error.strerror}", where=tempfile.gettempdir(), code="cannot_write",

@@ -15,7 +15,6 @@ from backlash_cli.record import Note, Record
 from backlash_cli.results import LoopReport
 from backlash_cli.scan import scan
 from tests.benchmarks.random_loops import draw
-from tests.shared_data import shared_root
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 FILES = ("plant.csv", "plant.parquet", "plant_long.csv.gz")
@@ -96,12 +95,6 @@ def reports() -> dict[str, Any]:
 
 def _sidecar(name: str) -> Path:
     return SAMPLES / ("plant_long.loops.toml" if "long" in name else "plant.loops.toml")
-
-
-def corpus() -> list[Path]:
-    """Files of the reference corpus of formats beside the checkout, none where it is not there."""
-    folder = shared_root() / "data" / "formats"
-    return sorted(path for path in folder.glob("*/*") if path.name not in ("expect.json", "loops.toml"))
 
 
 def differences(old: Any, new: Any, where: str = "") -> Iterator[str]:

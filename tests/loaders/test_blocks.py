@@ -252,6 +252,29 @@ def test_chunks_put_together_are_the_record(tmp_path, monkeypatch, suffix, name)
         assert {n.code: n.message for n in parts[-1].notes} == {n.code: n.message for n in whole.notes}
 
 
+def test_what_is_recorded_seldom_holds_from_chunk_to_chunk(tmp_path, monkeypatch):
+    """A setpoint and a mode written on change; a status of 0 and 1 that is bad for most of a later chunk."""
+    record = records()[0]
+    rows = len(record)
+    status = np.where((np.arange(rows) > 3000) & (np.arange(rows) < 4300), 0, 1)
+    mode, setpoint = np.full(rows, ""), np.full(rows, "")
+    mode[[0, 2000, 5500]] = ["AUTO", "MAN", "AUTO"]
+    setpoint[[0, 2500]] = ["0.5", "0.6"]
+    pd.DataFrame({"time": np.datetime64("2026-03-17T08:00:00", "s") + np.arange(rows), "A.SP": setpoint,
+                  "A.PV": np.round(record.measurement, 5), "A.PV.Status": status, "A.OP": np.round(record.output, 5),
+                  "A.MODE": mode}).to_csv(tmp_path / "plant.csv", index=False)
+    (tmp_path / "loops.toml").write_text(LOOPS)
+    monkeypatch.setattr(clean, "CHUNK", 1000)
+    monkeypatch.setattr(clean, "MARGIN", 100)
+    recipe = open_plant(tmp_path / "plant.csv").recipes[0]
+    whole, parts = recipe.record(), list(recipe.chunks())
+    for field in ("index", "setpoint", "measurement", "output", "state"):
+        np.testing.assert_array_equal(np.concatenate([getattr(part, field) for part in parts]), getattr(whole, field),
+                                      err_msg=field)
+    assert {n.code: n.message for n in parts[-1].notes} == {n.code: n.message for n in whole.notes}
+    assert np.array_equal(np.unique(whole.state), [SampleState.GOOD, SampleState.MISSING, SampleState.MANUAL])
+
+
 def jittered(seconds, random):
     return seconds + 0.06 * random.standard_normal(len(seconds))
 
