@@ -79,7 +79,9 @@ def read_dates(words: list[str]) -> Dates:
     unclear = Dates(micros, zoned, np.zeros(0, np.int64), np.zeros((0, 3), np.int64), np.zeros(0, np.int64))
     if len(dated):
         unclear = _dated(fields.take(pa.array(dated)), dated, micros, zoned)
-    rest = np.setdiff1d(np.flatnonzero(micros == NAT), unclear.open)
+    unread = micros == NAT
+    unread[unclear.open] = False
+    rest = np.flatnonzero(unread)
     of_day = False
     if len(rest):
         compact = pc.extract_regex(text.take(pa.array(rest)), _COMPACT)
@@ -124,6 +126,7 @@ def _dated(fields: pa.StructArray, at: IntArray, micros: IntArray, zoned: NDArra
                  and bool((_length(fields, "c")[rows] <= 2).all()), first.get("sep") or "", bool(first.get("ap")))
 
 
+_PLACES = np.array([10**8, 10**4, 1])  # bring the three numbers of a date into one
 Readings = dict[str, tuple[IntArray, ...]]  # kind -> year, month, day
 
 
@@ -146,14 +149,14 @@ class DateOrder:
             if not self.codes:
                 self.separator, self.am_pm = found.separator, found.am_pm
             self.short &= found.short
-        parts, place, counts = np.unique(found.parts, axis=0, return_inverse=True, return_counts=True)
+        parts, place, counts = np.unique(found.parts @ _PLACES, return_inverse=True, return_counts=True)
         begins, ends = np.full(len(parts), -1), np.full(len(parts), -1)
-        place = place.reshape(-1)
         ends[place] = np.arange(len(place))
         begins[place[::-1]] = np.arange(len(place))[::-1]
         codes = np.zeros(len(parts), np.int64)
         for k in np.argsort(begins).tolist():
-            key = (int(parts[k, 0]), int(parts[k, 1]), int(parts[k, 2]))
+            a, b, c = found.parts[begins[k]].tolist()
+            key = a, b, c
             if key not in self.codes:
                 self.codes[key] = len(self.codes)
                 self.first.append(int(found.clock[begins[k]]))
