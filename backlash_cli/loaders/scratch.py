@@ -6,12 +6,14 @@ name where the system allows that, so nothing is left behind even when the progr
 
 from __future__ import annotations
 
+import io
 import os
 import tempfile
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 import pyarrow as pa
@@ -29,10 +31,12 @@ class ScratchFile:
     """One file to which Arrow tables are appended; other processes of this machine can read it."""
 
     def __init__(self, path: str = "") -> None:
-        self.path, self._own, self._number, self._end = path, not path, -1, 0
+        self.path, self._own, self._end = path, not path, 0
+        self._file: io.FileIO | None = None
 
-    def append(self, arrays: Mapping[str, NDArray[Any]]) -> tuple[int, int]:
-        """Write columns as an Arrow IPC file; return its place and length. Raises BacklashError without room."""
+    def append(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, int]:
+        """Write columns as an Arrow IPC file; return where in the file each begins. Raises BacklashError without room.
+        """
         sink = pa.BufferOutputStream()
         batch = pa.RecordBatch.from_arrays([pa.array(column) for column in arrays.values()], list(arrays))
         with pa.ipc.new_file(sink, batch.schema) as writer:
@@ -40,39 +44,60 @@ class ScratchFile:
         data = sink.getvalue()
         place, view = self._end, memoryview(data)
         try:
-            if self._number < 0:
-                self._open()
-            os.lseek(self._number, place, os.SEEK_SET)
+            file = self._opened()
+            file.seek(place)
             while view:
-                view = view[os.write(self._number, view) :]
+                view = view[file.write(view) :]
         except OSError as error:
             raise BacklashError(
                 f"no room for temporary data: {error.strerror}", where=tempfile.gettempdir(), code="cannot_write",
                 remedy="name a folder with more room in TMPDIR, or scan some of the loops with --loop") from None
         self._end += -(-len(data) // 64) * 64
-        return place, len(data)
+        written = pa.ipc.open_file(data).get_batch(0)
+        return {name: place + written.column(name).buffers()[1].address - data.address for name in arrays}
 
-    def read(self, place: int, length: int) -> pa.RecordBatch:
-        """Return columns that were written; nothing is copied before they are used."""
-        with pa.memory_map(self.path) as file:
-            file.seek(place)
-            return pa.ipc.open_file(pa.BufferReader(file.read_buffer(length))).get_batch(0)
+    def read(self, place: int, out: NDArray[Any]) -> NDArray[Any]:
+        """Fill an array with what stands at a place. Raises BacklashError when it is not there."""
+        file = self._opened()
+        file.seek(place)
+        if len(out) and file.readinto(memoryview(out).cast("B")) != out.nbytes:
+            raise BacklashError("the temporary file is cut short", where=tempfile.gettempdir(),
+                                remedy="is the disk full?", code="cannot_read")
+        return out
 
-    def _open(self) -> None:
-        self._number, self.path = tempfile.mkstemp(prefix="backlash-", suffix=".arrow")
-        shared = f"/proc/{os.getpid()}/fd/{self._number}"
-        if Path(shared).exists():
-            os.unlink(self.path)
-            self.path = shared
+    def _opened(self) -> io.FileIO:
+        if self._file is None and not self._own:
+            self._file = io.FileIO(self.path, "rb")
+        elif self._file is None:
+            number, self.path = tempfile.mkstemp(prefix="backlash-", suffix=".arrow")
+            self._file = io.FileIO(number, "r+b")
+            shared = f"/proc/{os.getpid()}/fd/{number}"
+            if Path(shared).exists():
+                os.unlink(self.path)
+                self.path = shared
+        return self._file
 
-    def __reduce__(self) -> tuple[type[ScratchFile], tuple[str]]:
-        return ScratchFile, (self.path,)
+    def __reduce__(self) -> tuple[Callable[[str], ScratchFile], tuple[str]]:
+        return _of_another_process, (self.path,)
 
     def __del__(self) -> None:
-        if self._number >= 0:
-            os.close(self._number)
-            if not self.path.startswith("/proc/"):
+        if self._file is not None:
+            self._file.close()
+            if self._own and not self.path.startswith("/proc/"):
                 Path(self.path).unlink(missing_ok=True)
+
+
+_known: WeakValueDictionary[str, ScratchFile] = WeakValueDictionary()
+
+
+def _of_another_process(path: str) -> ScratchFile:
+    """Return the file that was sent here, opened once however many columns it holds."""
+    found = _known.get(path) if path else None
+    if found is None:
+        found = ScratchFile(path)
+        if path:
+            _known[path] = found
+    return found
 
 
 class Room:
@@ -88,14 +113,15 @@ class Segment:
     def __init__(self, arrays: Arrays, rows: int, room: Room, *, in_memory: bool) -> None:
         self.rows, self.names, self._room = rows, set(arrays), room
         self._arrays: Arrays | None = arrays
-        self._place = (0, 0)
+        self._places: dict[str, tuple[int, np.dtype[Any]]] = {}
         if not in_memory:
             self.spill()
 
     def spill(self) -> None:
         """Write what is in memory to the scratch file."""
         if self._arrays is not None:
-            self._place = self._room.file.append(self._arrays)
+            places = self._room.file.append(self._arrays)
+            self._places = {name: (place, self._arrays[name].dtype) for name, place in places.items()}
             self._arrays = None
 
     def read(self, names: Sequence[str], first: int, last: int) -> Arrays:
@@ -103,8 +129,11 @@ class Segment:
         there = [name for name in names if name in self.names]
         if self._arrays is not None:
             return {name: self._arrays[name][first:last] for name in there}
-        batch = self._room.file.read(*self._place)
-        return {name: np.array(batch.column(name).slice(first, last - first).to_numpy()) for name in there}
+        found = {}
+        for name in there:
+            place, kind = self._places[name]
+            found[name] = self._room.file.read(place + first * kind.itemsize, np.empty(max(last - first, 0), kind))
+        return found
 
 
 class Store:
