@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,10 +18,9 @@ if TYPE_CHECKING:
 
     from .history.unfinished import Unfinished
     from .loaders import Plant, ReadOptions
-    from .loaders.metadata import Metadata
-    from .loaders.shares import Part
+    from .loaders.parts import Part
+    from .settings import Metadata
 
-MOST_THREADS = 8  # of parsing; more only wait for each other and for the disk
 
 
 def scan(
@@ -88,7 +87,7 @@ def scan_files(
     `scan`. taken: called with the bytes of a file that were taken in. The samples are not kept: use `read` for them.
     Raises BacklashError when nothing can be read.
     """
-    opened = open_files(inputs, loops=loops, reading=reading, jobs=jobs, taken=taken)
+    opened = open_files(inputs, loops=loops, reading=reading, taken=taken)
     return scan(opened, options, jobs=jobs, progress=progress)
 
 
@@ -97,21 +96,14 @@ def open_files(
     *,
     loops: str | PathLike[str] | Metadata | None = None,
     reading: ReadOptions | None = None,
-    jobs: int | None = None,
     taken: Callable[[int], None] | None = None,
-    done: Collection[str] = (),
 ) -> OpenPlant:
     """Find the loops of exports without keeping their samples; `scan` reads one loop after the other.
 
-    Parameters as for `scan_files`; jobs: threads that parse the text of large CSV files. done: names of
-    loops whose samples need not be kept: `recipes.left_out` tells which were not. The temporary file of a large
-    CSV lives as long as the result. Raises BacklashError when nothing can be read.
+    Parameters as for `scan_files`. The scratch file of a large CSV lives as long as the result. Raises BacklashError
+    when nothing can be read.
     """
-    from .engines.local import cores
-    from .loaders.lazy_tables import Lazily
-
-    lazily = Lazily(threads=min(cores(), MOST_THREADS) if jobs is None else jobs, progress=taken, done=done)
-    return open_plant(inputs, loops=loops, options=reading, lazily=lazily)
+    return open_plant(inputs, loops=loops, options=reading, taken=taken)
 
 
 def scan_part(part: Part, options: ScanOptions | None = None) -> ScanResult:

@@ -22,7 +22,7 @@ DIAGNOSED = 1 << 20  # samples of an oscillation that are looked at, the last on
 
 def scan(record: Record, options: ScanOptions | None = None) -> LoopReport:
     """Analyse one loop's record and return its report."""
-    return scan_blocks(lambda: _pieces(record), options)
+    return scan_blocks(lambda: pieces(record), options)
 
 
 def scan_blocks(blocks: Callable[[], Iterable[Record]], options: ScanOptions | None = None) -> LoopReport:
@@ -57,7 +57,8 @@ def _fed(blocks: Callable[[], Iterable[Record]], options: ScanOptions | None) ->
     return scanner
 
 
-def _pieces(record: Record) -> Iterator[Record]:
+def pieces(record: Record) -> Iterator[Record]:
+    """Yield a record in blocks of at most PIECE samples."""
     if len(record) <= PIECE:
         yield record
         return

@@ -29,7 +29,7 @@ def read_profile(limits: Path | None, loops: Path | None) -> Limits:
     profile = read_limits(limits)
     if loops is None:
         return profile
-    from ..loaders.metadata_file import read_metadata
+    from ..loaders.sources import read_metadata
 
     metadata = read_metadata(loops)
     chosen = {name: str(v.values["limit_class"]) for name, v in metadata.loops.items()

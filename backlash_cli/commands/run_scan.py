@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from ..history.unfinished import Unfinished
     from ..loaders import ReadOptions
-    from ..loaders.places import Remote
     from ..loaders.plant import OpenPlant
+    from ..loaders.remote import Remote
     from ..record import Record
     from ..results import LoopReport, ScanResult
     from ..scan import ScanOptions
@@ -46,9 +46,9 @@ class Job:
     @cached_property
     def records(self) -> Mapping[str, Record]:
         """The loops by name, each read again when it is asked for: pictures need the samples."""
-        from ..loaders.recipes import RecordsByName
+        from ..loaders.plant import RecordsByName
 
-        return RecordsByName(self._open(self.inputs, ()).recipes)
+        return RecordsByName(self._open(self.inputs).recipes)
 
     def scan(self, inputs: Sequence[Path | Remote] | None = None) -> ScanResult:
         """Return the result of all inputs, or of these."""
@@ -57,13 +57,10 @@ class Job:
 
     def _here(self, inputs: Sequence[Path | Remote]) -> ScanResult:
         from ..api import scan
-        from ..loaders.recipes import RecordsByName, left_out
+        from ..loaders.plant import RecordsByName
 
         gc.freeze()  # the program itself holds no garbage: looking it through took a tenth of a scan
-        plant = self._open(inputs, () if self.keep is None or self.pictures else self.keep.loops())
-        if any(left_out(recipe) and self.keep is not None and recipe.key not in self.keep.known
-               for recipe in plant.recipes):
-            plant = self._open(inputs, ())  # a loop was finished before, but its file or its settings have changed
+        plant = self._open(inputs)
         if self.pictures and inputs is self.inputs:
             self.__dict__["records"] = RecordsByName(plant.recipes)
         total = len(plant.recipes)
@@ -71,16 +68,14 @@ class Job:
         with _Counting(total, self.shown, self.keep is not None) as done:
             return scan(plant, self.options, jobs=self.jobs, progress=done, keep=self.keep)
 
-    def _open(self, inputs: Sequence[Path | Remote], done: Collection[str]) -> OpenPlant:
-        """Open the inputs; the samples of the loops `done` are not kept."""
+    def _open(self, inputs: Sequence[Path | Remote]) -> OpenPlant:
         from ..api import open_files
-        from ..loaders.identity import keyed, marks_of
+        from ..loaders.parts import keyed, marks_of
         from ..loaders.sources import find_sources, size_of
 
         marks = {} if self.keep is None else marks_of(find_sources(list(inputs)))
         with progress("reading", size_of(inputs), shown=self.shown, of_bytes=True) as taken:
-            plant = open_files(list(inputs), loops=self.loops, reading=self.reading, jobs=self.jobs, taken=taken,
-                               done=done)
+            plant = open_files(list(inputs), loops=self.loops, reading=self.reading, taken=taken)
         if self.keep is None:
             return plant
         return replace(plant, recipes=keyed(plant.recipes, marks, plant.moment, repr(self.options)))

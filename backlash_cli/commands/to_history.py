@@ -69,8 +69,7 @@ def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
 
 
 def _loops_in(source: Source, job: Job) -> list[str]:
-    from ..loaders.shares import make_plan
-    from ..loaders.survey import survey
+    from ..loaders.parts import make_plan, survey
 
     return list(make_plan([source.path], [source], [survey(source, job.reading, end=True)], loops=job.loops,
                           reading=job.reading).loops)

@@ -6,10 +6,9 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from ..errors import InputError, LoopError
-from ..loaders.file_signals import SOURCE
-from ..loaders.plant import nothing_read
-from ..loaders.shares import PlantPlan
-from ..loaders.since import nothing_since, since_notes
+from ..loaders.choose import nothing_since, since_notes
+from ..loaders.parts import PlantPlan
+from ..loaders.plant import SOURCE, nothing_read
 from ..record import Note
 from ..results import LoopReport, ScanResult, Verdict
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from ..compensate import compensate
 from ..errors import BacklashError, LoopError
+from ..loaders.choose import nothing_since
+from ..loaders.parts import Part
 from ..loaders.plant import find_loop, read
-from ..loaders.shares import Part
-from ..loaders.since import nothing_since
 from ..record import Note
 from ..results.compensation import CompensationStudy
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from uuid import uuid4
 
 from ..errors import BacklashError
-from ..loaders.shares import Part
+from ..loaders.parts import Part
 from ..record import Note
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from ..errors import BacklashError
+from ..loaders.parts import Part
 from ..loaders.plant import Plant, read
-from ..loaders.shares import Part
 from ..record import Note, Record
 from ..results import Explanation
 from .local import cores, in_processes

@@ -15,19 +15,17 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from functools import partial
-from itertools import zip_longest
+from itertools import chain
 from typing import TypeVar
 
 from ..errors import BacklashError
 from ..history.unfinished import Unfinished
-from ..loaders.file_signals import failure
-from ..loaders.heap import keep_freed_memory
+from ..loaders.clean import Recipe
 from ..loaders.join import Joiner
-from ..loaders.long_records import long_record
-from ..loaders.recipes import Recipe, forget_stamps, read_in_order
-from ..record import Note, Record
+from ..loaders.plant import failure
+from ..record import LoopSettings, Note, Record
 from ..results import LoopReport, Verdict
-from ..scan import PIECE, ScanOptions, scan, scan_blocks
+from ..scan import ScanOptions, pieces, scan, scan_blocks
 
 Result = TypeVar("Result")
 Item = TypeVar("Item")
@@ -109,7 +107,6 @@ def _going_on(
     if not missing:
         yield from (known.report for known in kept if known is not None)
         return
-    read_in_order(missing)
     fresh = analyse_recipes(missing, options, jobs=jobs, keep=keep)
     for known in kept:
         yield next(fresh) if known is None else known.report
@@ -121,9 +118,7 @@ def _in_turn(
     joiner = Joiner(recipes[0].options.good_quality) if recipes else None
     recipes.reverse()
     while recipes:
-        recipe = recipes.pop()
-        yield analyse_recipe(recipe, options, joiner, keep)
-        forget_stamps(recipe, recipes[-1] if recipes else None)
+        yield analyse_recipe(recipes.pop(), options, joiner, keep)
 
 
 def analyse_recipe(
@@ -131,34 +126,32 @@ def analyse_recipe(
 ) -> LoopReport | Note:
     """Read and analyse one loop; a note says why it could not be read."""
     try:
-        long = long_record(recipe)
-        record = None if long is not None else recipe.record(joiner)
+        long = recipe.is_long()
+        record = next(recipe.chunks()) if long else recipe.record(joiner)
     except BacklashError as error:
         return failure(error, loop=recipe.loop)
     except Exception as error:  # one loop's failure must not cost the others their report
         return _lost(recipe, Note("internal_error", f"reading failed: {type(error).__name__}: {error}"))
-    if long is not None:
-        report = _analyse(lambda: scan_blocks(partial(long.blocks, PIECE), options), next(long.blocks(2)))
+    if long:
+        blocks = partial(_blocks, recipe)
+        report = _analyse(lambda: scan_blocks(blocks, options), record)
     else:
-        assert record is not None
         report = analyse_loop(record, options)
     if keep is not None:
         keep.add(recipe.key, report)
     return report
 
 
+def _blocks(recipe: Recipe) -> Iterator[Record]:
+    return chain.from_iterable(map(pieces, recipe.chunks()))
+
+
 def analyse_group(
     group: Sequence[Recipe], options: ScanOptions, keep: Unfinished | None = None
 ) -> list[LoopReport | Note]:
     """Read and analyse some loops, one after the other."""
-    keep_freed_memory()
     joiner = Joiner(group[0].options.good_quality)
-    read_in_order(group)
-    found = []
-    for recipe, following in zip_longest(group, group[1:]):
-        found.append(analyse_recipe(recipe, options, joiner, keep))
-        forget_stamps(recipe, following)
-    return found
+    return [analyse_recipe(recipe, options, joiner, keep) for recipe in group]
 
 
 def _one_by_one(
@@ -172,7 +165,8 @@ def _one_by_one(
 
 
 def _lost(recipe: Recipe, reason: Note) -> LoopReport:
-    return LoopReport(recipe.loop, Verdict.ERROR, (reason,), warnings=recipe.notes)
+    settings = LoopSettings(source={})  # can travel between processes
+    return LoopReport(recipe.loop, Verdict.ERROR, (reason,), settings=settings, warnings=recipe.notes)
 
 
 def failed(record: Record, reason: Note) -> LoopReport:

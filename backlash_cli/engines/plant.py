@@ -10,18 +10,13 @@ from typing import TYPE_CHECKING, TypeVar
 
 from ..errors import BacklashError
 from ..history.unfinished import Unfinished
-from ..loaders.cut_parts import cut_parts
-from ..loaders.file_signals import SOURCE
-from ..loaders.identity import keyed
-from ..loaders.metadata import Metadata
-from ..loaders.options import ReadOptions
-from ..loaders.recipes import recipes_of
-from ..loaders.shares import Part, PlantPlan, alone, make_plan, sources_of
-from ..loaders.since import is_age
+from ..loaders.options import ReadOptions, is_age
+from ..loaders.parts import Part, PlantPlan, Survey, alone, cut_parts, keyed, make_plan, sources_of, survey_all
+from ..loaders.plant import SOURCE, recipes_of
 from ..loaders.sources import Source
-from ..loaders.survey import Survey, survey_all
 from ..record import Note
 from ..results import LoopReport, ScanResult, Verdict
+from ..settings import Metadata
 from .combine import Whole, combine, whole_of
 from .dask import on_cluster
 

@@ -1,4 +1,4 @@
-"""Loaders: historian exports and loop settings to Records."""
+"""Loaders: historian exports to Records."""
 
 from .options import ReadOptions
 from .plant import Plant, read

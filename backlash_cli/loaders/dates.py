@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -10,10 +12,9 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..record import Note
-from .arrays import to_array, to_texts
+from ..record import IntArray, Note
+from .order import DAY, NAT
 
-NAT = np.iinfo(np.int64).min
 _WEEKDAY = r"(?:\pL{2,10}\.?,?\s+)?"
 _CLOCK = (r"(?P<h>\d{1,2})[:.h](?P<mi>\d{2})(?:[:.](?P<s>\d{2})(?:[.,:](?P<f>\d{1,9})\d*)?)?"
           r"\s*(?P<ap>[AaPp]\.?\s?[Mm]\.?)?\s*"
@@ -27,20 +28,16 @@ _COMPACT = (r"^\s*(?P<y>(?:19|20)\d{2})(?P<m>\d{2})(?P<d>\d{2})(?:[T_ -]?(?P<h>\
             r"(?:[.,]?(?P<f>\d{1,9}))?)?)?\s*(?P<z>Z|[+-]\d{2}:?\d{0,2})?\s*$")  # fmt: skip
 _UNIX_DATE = r"^\s*\pL{3}\s+(\pL{3}\s+\d{1,2})\s+(\d{1,2}:\d{2}:\d{2})\s+((?:[A-Z]{3,4}\s+)?)(\d{4})\s*$"
 _CLOCK_ONLY = rf"^\s*{_CLOCK}\s*$"
-_MONTHS = (
-    "jan ene gen jän january januar janvier enero gennaio januari janeiro",
-    "feb fév fev february februar février febrero febbraio februari fevereiro",
-    "mar mär mrz maa march märz mars marzo maart março maerz",
-    "apr avr abr april avril abril aprile",
-    "may mai maj mei mag mayo maggio maio",
-    "jun jui giu june juni juin junio giugno junho",
-    "jul lug july juli juillet julio luglio julho juil",
-    "aug aoû ago aou august août agosto augustus augusti aout",
-    "sep set sept september septembre septiembre settembre setembro",
-    "oct okt ott out october oktober octobre octubre ottobre outubro",
-    "nov november novembre noviembre novembro",
-    "dec dez déc dic des december dezember décembre diciembre dicembre dezembro",
-)
+_MONTHS = ("jan ene gen jän january januar janvier enero gennaio januari janeiro",
+           "feb fév fev february februar février febrero febbraio februari fevereiro",
+           "mar mär mrz maa march märz mars marzo maart março maerz", "apr avr abr april avril abril aprile",
+           "may mai maj mei mag mayo maggio maio", "jun jui giu june juni juin junio giugno junho",
+           "jul lug july juli juillet julio luglio julho juil",
+           "aug aoû ago aou august août agosto augustus augusti aout",
+           "sep set sept september septembre septiembre settembre setembro",
+           "oct okt ott out october oktober octobre octubre ottobre outubro",
+           "nov november novembre noviembre novembro",
+           "dec dez déc dic des december dezember décembre diciembre dicembre dezembro")
 MONTH = {word: number for number, words in enumerate(_MONTHS, 1) for word in words.split()}
 ZONES = {
     "Z": 0, "UTC": 0, "GMT": 0, "UT": 0, "WET": 0, "WEST": 60, "BST": 60, "CET": 60, "MEZ": 60, "CEST": 120,
@@ -50,49 +47,55 @@ ZONES = {
 }  # fmt: skip
 
 
-def parse_dates(
-    words: list[str], order: str | None, codes: NDArray[np.int64], where: str, name: str
-) -> tuple[NDArray[np.int64], bool, bool, tuple[Note, ...]]:
-    """Return (micros of every word, stamps carry offsets, they are times of day only, notes).
-
-    order: None, or "ymd", "dmy", "mdy" (or "iso") when the user says it. codes: which word each row holds; rows
-    in file order help to tell day from month. Raises InputError when both readings are possible.
+@dataclass(frozen=True, eq=False)
+class Dates:
+    """Texts read as stamps. micros: (words,) microseconds, NAT where nothing was read or where day and month are open.
+    zoned: (words,) they carry an offset. open: words whose date has three numbers without a year in front; parts:
+    (open, 3) these numbers; clock: (open,) microseconds after midnight UTC. short: all their years have two digits.
+    separator, am_pm: how the first of them is written. of_day: the texts are times of day only.
     """
-    text = _tidy(to_texts(words))
+
+    micros: IntArray
+    zoned: NDArray[np.bool_]
+    open: IntArray
+    parts: IntArray
+    clock: IntArray
+    short: bool = True
+    separator: str = ""
+    am_pm: bool = False
+    of_day: bool = False
+
+
+def read_dates(words: list[str]) -> Dates:
+    """Read texts as dates with or without a time of day, or as times of day."""
+    text = _tidy(pa.array(words, pa.string()))
     micros = np.full(len(words), NAT)
     zoned = np.zeros(len(words), bool)
-    notes: list[Note] = []
     for expression in _DATES:
-        parts = pc.extract_regex(text, expression)
-        if not parts.null_count:
+        fields = pc.extract_regex(text, expression)
+        if not fields.null_count:
             break
-    dated = to_array(parts.is_valid())
-    if dated.any():
-        chosen = np.flatnonzero(dated)
-        found = _dated(parts.take(chosen), order, where, name, notes)
-        micros[chosen], zoned[chosen] = found
-    rest = np.flatnonzero(micros == NAT)
-    clock_only = False
+    dated = np.flatnonzero(_numpy(fields.is_valid()))
+    unclear = Dates(micros, zoned, np.zeros(0, np.int64), np.zeros((0, 3), np.int64), np.zeros(0, np.int64))
+    if len(dated):
+        unclear = _dated(fields.take(pa.array(dated)), dated, micros, zoned)
+    unread = micros == NAT
+    unread[unclear.open] = False
+    rest = np.flatnonzero(unread)
+    of_day = False
     if len(rest):
-        compact = pc.extract_regex(text.take(rest), _COMPACT)
-        valid = to_array(compact.is_valid())
+        compact = pc.extract_regex(text.take(pa.array(rest)), _COMPACT)
+        valid = _numpy(compact.is_valid())
+        clock = None if valid.any() or len(dated) else pc.extract_regex(text.take(pa.array(rest)), _CLOCK_ONLY)
         if valid.any():
-            chosen = rest[valid]
-            fields = compact.take(np.flatnonzero(valid))
+            fields = compact.filter(pa.array(valid))
             days = days_of(_int(fields, "y"), _int(fields, "m"), _int(fields, "d"))
-            micros[chosen], zoned[chosen] = _with_clock(days, fields)
-        elif not dated.any():
-            clock = pc.extract_regex(text.take(rest), _CLOCK_ONLY)
-            valid = to_array(clock.is_valid())
-            if valid.sum() > len(rest) / 2:
-                fields = clock.take(np.flatnonzero(valid))
-                micros[rest[valid]], _ = _with_clock(np.zeros(valid.sum(), np.int64), fields)
-                clock_only = True
-    known = micros != NAT
-    mixed = known.any() and zoned.any() and not zoned[known].all()
-    if mixed:
-        notes.append(Note("mixed_zones", "some time stamps carry an offset and some do not; the others count as UTC"))
-    return micros, bool(known.any() and zoned[known].all()), clock_only, tuple(notes)
+            micros[rest[valid]], zoned[rest[valid]] = _with_clock(days, fields)
+        elif clock is not None and (valid := _numpy(clock.is_valid())).sum() > len(rest) / 2:
+            fields = clock.filter(pa.array(valid))
+            micros[rest[valid]] = _with_clock(np.zeros(int(valid.sum()), np.int64), fields)[0]
+            of_day = True
+    return replace(unclear, of_day=of_day)
 
 
 def _tidy(text: pa.Array) -> pa.Array:
@@ -104,86 +107,141 @@ def _tidy(text: pa.Array) -> pa.Array:
     return text
 
 
-def _dated(
-    fields: pa.StructArray, order: str | None, where: str, name: str, notes: list[Note]
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _dated(fields: pa.StructArray, at: IntArray, micros: IntArray, zoned: NDArray[np.bool_]) -> Dates:
+    """Put clear dates into `micros` and `zoned` where they belong, and return those that are not."""
     a, a_month = _month_or_int(fields, "a")
     b, b_month = _month_or_int(fields, "b")
     c = _int(fields, "c")
-    year_first = _length(fields, "a") == 4
-    year_first &= ~a_month
-    year = np.where(year_first, a, c)
-    month = np.where(a_month, a, b)
-    day = np.where(year_first, c, np.where(a_month, b, a))
+    year_first = (_length(fields, "a") == 4) & ~a_month
+    year = full_year(np.where(year_first, a, c))
+    days = days_of(year, np.where(a_month, a, b), np.where(year_first, c, np.where(a_month, b, a)))
     unclear = ~year_first & ~a_month & ~b_month
-    if unclear.any():
-        short = _length(fields, "c") <= 2
-        separator, am_pm = _first(fields, "sep", unclear), _has(fields, "ap", unclear)
-        parts = (a[unclear], b[unclear], c[unclear])
-        kind = _order(*parts, bool(short[unclear].all()), separator, am_pm, order, where, name, notes)
-        positions = {"dmy": (c, b, a), "mdy": (c, a, b), "ymd": (a, b, c), "ydm": (a, c, b)}[kind]
-        year = np.where(unclear, positions[0], year)
-        month = np.where(unclear, positions[1], month)
-        day = np.where(unclear, positions[2], day)
-    elif order == "ydm":
-        month, day = np.where(year_first, day, month), np.where(year_first, month, day)
-    year = np.where(year < 70, year + 2000, np.where(year < 100, year + 1900, year))
-    return _with_clock(days_of(year, month, day), fields)
+    out, has_zone = _with_clock(np.where(unclear, 0, days), fields)
+    micros[at[~unclear]] = out[~unclear]
+    zoned[at] = has_zone
+    rows = np.flatnonzero(unclear)
+    first = fields[int(rows[0])].as_py() if len(rows) else {}
+    good = rows[out[rows] != NAT]
+    return Dates(micros, zoned, at[good], np.stack([a, b, c], 1)[good], out[good], bool(len(rows))
+                 and bool((_length(fields, "c")[rows] <= 2).all()), first.get("sep") or "", bool(first.get("ap")))
 
 
-def _order(
-    a: NDArray[np.int64], b: NDArray[np.int64], c: NDArray[np.int64], short: bool, separator: str, am_pm: bool,
-    order: str | None, where: str, name: str, notes: list[Note],
-) -> str:  # fmt: skip
-    """Which of day, month and year comes first, from what the numbers allow."""
-    if order in ("dmy", "mdy", "ymd"):
-        return order
-
-    def possible(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int64]) -> bool:
-        fits = (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31)
-        return bool(fits.mean() > 0.99)
-
-    fitting = [kind for kind, parts in (("dmy", (c, b, a)), ("mdy", (c, a, b)), ("ymd", (a, b, c)))
-               if possible(*parts) and (kind != "ymd" or short)]  # fmt: skip
-    if len(fitting) > 1 and short and "ymd" in fitting:
-        # two-digit years: the year is the part that never changes and is nearest to now; only dates of this
-        # century are read, so a part above 31 decides, else the user is asked
-        decided = [kind for kind in fitting if kind != "ymd" and (c > 31).any()]
-        fitting = decided or ([kind for kind in fitting if kind == "ymd"] if (a > 31).any() else fitting)
-    if len(fitting) == 1:
-        return fitting[0]
-    if not fitting:
-        return "dmy"
-    if separator.strip() == "." and "dmy" in fitting:
-        return "dmy"
-    if separator.strip() == "/" and am_pm and "mdy" in fitting:
-        notes.append(Note("time_format", "dates with / and AM/PM are read as month/day/year; --time-format dmy if not"))
-        return "mdy"
-    raise InputError(
-        f"dates like {a[0]:02d}{separator}{b[0]:02d}{separator}{c[0]:02d} in {name!r} are ambiguous: is the day first?",
-        where=where,
-        remedy="say it with --time-format dmy, mdy or a pattern such as '%d/%m/%Y %H:%M:%S'",
-        code="ambiguous_dates",
-    )
+_PLACES = np.array([10**8, 10**4, 1])  # bring the three numbers of a date into one
+Readings = dict[str, tuple[IntArray, ...]]  # kind -> year, month, day
 
 
-def _with_clock(days: NDArray[np.int64], fields: pa.StructArray) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+class DateOrder:
+    """Finds out which of day, month and year comes first, from all dates of a file in their order.
+
+    Every date has a number; `first` and `last` are the times of day it was seen with.
+    """
+
+    def __init__(self) -> None:
+        self.codes: dict[tuple[int, int, int], int] = {}
+        self.first: list[int] = []
+        self.last: list[int] = []
+        self.texts: list[int] = []  # how many have this date
+        self.short, self.separator, self.am_pm = True, "", False
+
+    def take(self, found: Dates) -> IntArray:
+        """Return the numbers of the open dates."""
+        if len(found.open):
+            if not self.codes:
+                self.separator, self.am_pm = found.separator, found.am_pm
+            self.short &= found.short
+        parts, place, counts = np.unique(found.parts @ _PLACES, return_inverse=True, return_counts=True)
+        begins, ends = np.full(len(parts), -1), np.full(len(parts), -1)
+        ends[place] = np.arange(len(place))
+        begins[place[::-1]] = np.arange(len(place))[::-1]
+        codes = np.zeros(len(parts), np.int64)
+        for k in np.argsort(begins).tolist():
+            a, b, c = found.parts[begins[k]].tolist()
+            key = a, b, c
+            if key not in self.codes:
+                self.codes[key] = len(self.codes)
+                self.first.append(int(found.clock[begins[k]]))
+                self.last.append(0)
+                self.texts.append(0)
+            codes[k] = self.codes[key]
+            self.last[codes[k]] = int(found.clock[ends[k]])
+            self.texts[codes[k]] += int(counts[k])
+        return codes[place]
+
+    def days(self, order: str | None, where: str, name: str, notes: list[Note]) -> IntArray:
+        """(dates,) Return the days since 1970 of all dates. Raises InputError when two readings are possible."""
+        if not self.codes:
+            return np.zeros(0, np.int64)
+        a, b, c = np.array(list(self.codes), np.int64).T
+        readings: Readings = {"dmy": (c, b, a), "mdy": (c, a, b), "ymd": (a, b, c)}
+        chosen = order if order in readings else self._decided(readings, where, name, notes)
+        year, month, day = readings[chosen]
+        return days_of(full_year(year), month, day)
+
+    def _decided(self, readings: Readings, where: str, name: str, notes: list[Note]) -> str:
+        def possible(parts: tuple[IntArray, ...]) -> bool:
+            _, month, day = parts
+            fits = (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31)
+            return float(np.average(fits, weights=self.texts)) > 0.99
+
+        a, _, c = readings["ymd"]
+        fitting = [kind for kind, parts in readings.items() if possible(parts) and (kind != "ymd" or self.short)]
+        if len(fitting) > 1 and self.short and "ymd" in fitting:
+            # two-digit years: only dates of this century are read, so a part above 31 decides
+            decided = [kind for kind in fitting if kind != "ymd" and (c > 31).any()]
+            fitting = decided or (["ymd"] if (a > 31).any() else fitting)
+        if len(fitting) < 2:
+            return fitting[0] if fitting else "dmy"
+        even = self._even({kind: readings[kind] for kind in fitting})
+        if even:
+            return even
+        if self.separator.strip() == "." and "dmy" in fitting:
+            return "dmy"
+        if self.am_pm and self.separator.strip() in ("/", "-") and "mdy" in fitting:
+            notes.append(Note("time_format", "dates with AM/PM are read as month/day/year; --time-format dmy if not"))
+            return "mdy"
+        first = next(iter(self.codes))
+        raise InputError(
+            f"dates like {first[0]:02d}{self.separator}{first[1]:02d}{self.separator}{first[2]:02d} in {name!r} are "
+            "ambiguous: is the day first?", where=where, code="ambiguous_dates",
+            remedy="say it with --time-format dmy, mdy or a pattern such as '%d/%m/%Y %H:%M:%S'")
+
+    def _even(self, readings: Readings) -> str:
+        """The reading with which the time goes on over midnight where every other one jumps, "" if there is none."""
+        if len(self.codes) < 2:
+            return ""
+        clock = (np.array(self.first[1:]) - np.array(self.last[:-1])) / DAY
+        jumps = {}
+        for kind, (year, month, day) in readings.items():
+            days = days_of(full_year(year), month, day)
+            ahead = np.abs(np.diff(days) + clock) if days.min() != NAT else np.array([np.inf])
+            jumps[kind] = float(np.sum(ahead)), float(np.max(ahead))
+        best = min(jumps, key=lambda kind: jumps[kind])
+        others = [total for kind, (total, _) in jumps.items() if kind != best]
+        return best if jumps[best][1] < 3.0 and min(others) > 5.0 * jumps[best][0] else ""
+
+
+def full_year(year: IntArray) -> IntArray:
+    """Years of two digits as they are meant."""
+    return np.where(year < 70, year + 2000, np.where(year < 100, year + 1900, year))
+
+
+def _with_clock(days: IntArray, fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
     hour, minute, second = _int(fields, "h", 0), _int(fields, "mi", 0), _int(fields, "s", 0)
     bad = (days == NAT) | (hour > 24) | (minute > 59) | (second > 60)
     if "ap" in [fields.type.field(i).name for i in range(fields.type.num_fields)]:
         half = pc.utf8_lower(pc.utf8_slice_codeunits(fields.field("ap"), 0, 1))
-        pm = to_array(pc.equal(half, "p").fill_null(False))
-        am = to_array(pc.equal(half, "a").fill_null(False))
+        pm = _numpy(pc.equal(half, "p").fill_null(False))
+        am = _numpy(pc.equal(half, "a").fill_null(False))
         hour = np.where(pm & (hour < 12), hour + 12, np.where(am & (hour == 12), 0, hour))
     fraction = pc.utf8_slice_codeunits(pc.utf8_rpad(pc.fill_null(fields.field("f"), ""), 6, "0"), 0, 6)
-    micros = np.asarray(to_array(fraction.cast(pa.int64())), np.int64)
+    micros = np.asarray(_numpy(fraction.cast(pa.int64())), np.int64)
     offset, zoned, unknown = _offsets(fields.field("z"))
     out = ((np.where(bad, 0, days) * 24 + hour) * 60 + minute - offset) * 60_000_000 + second * 1_000_000 + micros
     out[bad | unknown] = NAT
     return out, zoned
 
 
-def _offsets(zone: pa.Array) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
+def _offsets(zone: pa.Array) -> tuple[IntArray, NDArray[np.bool_], NDArray[np.bool_]]:
     """Return (minutes east of UTC, has a zone, zone is not known) for every stamp; zones are few and looked up once."""
     coded = pc.fill_null(zone, "").dictionary_encode()
     minutes, known = [], []
@@ -195,12 +253,12 @@ def _offsets(zone: pa.Array) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDAr
             base = int(match[2]) * 60 + sign * int(match[3] or 0)
         minutes.append(base or 0)
         known.append(base is not None)
-    index = to_array(coded.indices)
+    index = _numpy(coded.indices)
     given = np.array([bool(t) for t in coded.dictionary.to_pylist()], bool)[index]
     return np.array(minutes, np.int64)[index], given, ~np.array(known, bool)[index]
 
 
-def days_of(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int64]) -> NDArray[np.int64]:
+def days_of(year: IntArray, month: IntArray, day: IntArray) -> IntArray:
     """Days since 1970-01-01 of the Gregorian calendar; NAT where there is no such day (H. Hinnant's algorithm)."""
     bad = (month < 1) | (month > 12) | (day < 1) | (day > 31) | (year < 1) | (year > 9999)
     y = np.where(month <= 2, year - 1, year)
@@ -215,13 +273,13 @@ def days_of(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.i
     return out
 
 
-def _int(fields: pa.StructArray, name: str, missing: int = -1) -> NDArray[np.int64]:
+def _int(fields: pa.StructArray, name: str, missing: int = -1) -> IntArray:
     column = fields.field(name)
     filled = pc.if_else(pc.equal(pc.fill_null(column, ""), ""), str(missing), column)
-    return np.asarray(to_array(filled.cast(pa.int64())), np.int64)
+    return np.asarray(_numpy(filled.cast(pa.int64())), np.int64)
 
 
-def _month_or_int(fields: pa.StructArray, name: str) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _month_or_int(fields: pa.StructArray, name: str) -> tuple[IntArray, NDArray[np.bool_]]:
     """Numbers of a part that may be a month's name (one of few words, looked up once each)."""
     coded = fields.field(name).dictionary_encode()
     numbers, names = [], []
@@ -233,17 +291,13 @@ def _month_or_int(fields: pa.StructArray, name: str) -> tuple[NDArray[np.int64],
             key = word.lower().rstrip(".")
             numbers.append(MONTH.get(key, MONTH.get(key[:3], -1)))
             names.append(True)
-    index = to_array(coded.indices)
+    index = _numpy(coded.indices)
     return np.array(numbers, np.int64)[index], np.array(names, bool)[index]
 
 
-def _length(fields: pa.StructArray, name: str) -> NDArray[np.int64]:
-    return to_array(pc.utf8_length(fields.field(name)))
+def _length(fields: pa.StructArray, name: str) -> IntArray:
+    return _numpy(pc.utf8_length(fields.field(name)))
 
 
-def _first(fields: pa.StructArray, name: str, rows: NDArray[np.bool_]) -> str:
-    return fields.field(name)[int(np.flatnonzero(rows)[0])].as_py() or ""
-
-
-def _has(fields: pa.StructArray, name: str, rows: NDArray[np.bool_]) -> bool:
-    return bool(_first(fields, name, rows))
+def _numpy(cells: pa.Array) -> NDArray[Any]:
+    return cells.to_numpy(zero_copy_only=False)

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..record import Note
-from .metadata import ROLE_KEYS, Metadata
+from ..record import FloatArray, Note
+from ..settings import ROLE_KEYS, Metadata
 from .names import SIGNALS, plain
+from .order import NAT
 from .quality import good_samples
-from .series import Axis, Series
-from .times import Times
+from .signals import Axis, Series
+
+MOST_JOINED = 8  # axes kept: more than one loop has, and few enough for plants of many files
 
 
 @dataclass
@@ -27,6 +30,10 @@ class LoopSeries:
     extra: dict[str, list[Series]] = field(default_factory=dict)
     missing_tags: dict[str, str] = field(default_factory=dict)
 
+    def items(self) -> list[Series]:
+        """All its series."""
+        return [item for parts in (self.roles, self.extra) for items in parts.values() for item in items]
+
 
 @dataclass(frozen=True, eq=False)
 class Signal:
@@ -34,39 +41,36 @@ class Signal:
     that is no good measurement, None if nowhere."""
 
     axis: Axis
-    values: NDArray[np.float64]
+    values: FloatArray
     bad: NDArray[np.bool_] | None
     notes: tuple[Note, ...] = ()
     unit: str = ""
 
 
-def by_loop(
-    found: Iterable[Series], metadata: Metadata, renamed: Mapping[str, str] | None = None
-) -> dict[str, LoopSeries]:
+def by_loop(found: Iterable[Any], metadata: Metadata, renamed: Mapping[str, str] | None = None
+            ) -> dict[str, LoopSeries]:
     """Assign every series to a loop; tags named in the metadata go where it says.
 
-    renamed: names in the data -> names of loops, where that is settled already; None finds it from all names.
+    found: Series, or anything else with tag, loop, role and signal. renamed: names in the data -> names of loops, where
+    that is settled already; None finds it from all names.
     """
     series = list(found)
     explicit, asked = explicit_tags(metadata)
     loops: dict[str, LoopSeries] = {}
     seen: set[tuple[str, str]] = set()
-    known = dict.fromkeys(item.loop for item in series if item.loop)
     if renamed is None:
-        renamed = renamed_loops(known, metadata)
+        renamed = renamed_loops(dict.fromkeys(item.loop for item in series if item.loop), metadata)
     for item in series:
-        owners = explicit.get(_key(item.tag), ()) if explicit else ()
+        owners = explicit.get(item.tag.strip().lower(), ()) if explicit else ()
         for loop, role in owners:
             loops.setdefault(loop, LoopSeries(loop)).roles.setdefault(role, []).append(item)
             seen.add((loop, role))
         if not item.loop or owners:
             continue
         name = renamed.get(item.loop, item.loop)
-        if (item.role in asked.get(name, {})) and item.role:
+        if item.role and item.role in asked.get(name, {}):
             continue  # the metadata name another tag for this signal
-        own = loops.get(name)
-        if own is None:
-            own = loops[name] = LoopSeries(name)
+        own = loops.setdefault(name, LoopSeries(name))
         (own.roles if item.role else own.extra).setdefault(item.role or item.signal, []).append(item)
     for loop, tags in asked.items():
         for role, tag in tags.items():
@@ -83,7 +87,7 @@ def explicit_tags(metadata: Metadata) -> tuple[dict[str, list[tuple[str, str]]],
         for role in ROLE_KEYS:
             tag = values.values.get(role)
             if isinstance(tag, str) and tag.strip():
-                explicit.setdefault(_key(tag), []).append((loop, role))
+                explicit.setdefault(tag.strip().lower(), []).append((loop, role))
                 asked.setdefault(loop, {})[role] = tag
     return explicit, asked
 
@@ -98,19 +102,20 @@ def renamed_loops(known: Iterable[str], metadata: Metadata) -> dict[str, str]:
     return {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
 
 
-def _key(tag: str) -> str:
-    return tag.strip().lower()
-
-
-MOST_JOINED = 8  # axes kept: more than one loop has, and few enough for plants of many files
-
-
 class Joiner:
     """Joins the parts of signals; parts that share their axes share the joined axis."""
 
     def __init__(self, good_quality: tuple[str, ...] = ()) -> None:
         self.good_quality = good_quality
-        self._axes: dict[tuple[int, ...], tuple[Axis, list[Axis]]] = {}
+        self.only: tuple[int, int] | None = None  # stamps between which faults are counted, in the chunks of a loop
+        self._tallies: dict[tuple[str, str, str], Counter[str]] = {}
+        self._marks: dict[tuple[str, str], dict[str, float]] = {}  # what earlier chunks tell of a quality's numbers
+        self._axes: OrderedDict[tuple[int, ...], tuple[Axis, list[Axis]]] = OrderedDict()
+
+    def next_chunk(self, begin: int, end: int) -> None:
+        """Go on with the chunk of a loop between two stamps; faults are counted in all chunks so far."""
+        self.only = begin, end
+        self._axes.clear()
 
     def signal(self, series: list[Series], role: str, loop: str) -> Signal:
         """Return one signal from its series. Raises LoopError when two different columns carry one name."""
@@ -119,12 +124,12 @@ class Joiner:
         if len(parts) == 1:
             return replace(parts[0], notes=(*parts[0].notes, *notes)) if notes else parts[0]
         parts = sorted(parts, key=lambda part: _first_stamp(part.axis))
-        values = np.concatenate([part.values for part in parts])
         bad = None
         if any(part.bad is not None for part in parts):
             bad = np.concatenate([np.zeros(len(p.values), bool) if p.bad is None else p.bad for p in parts])
         merged = each_once(note for part in parts for note in part.notes)
-        return Signal(self.axis([part.axis for part in parts]), values, bad, (*merged, *notes), parts[0].unit)
+        return Signal(self.axis([part.axis for part in parts]), np.concatenate([part.values for part in parts]), bad,
+                      (*merged, *notes), parts[0].unit)
 
     def axis(self, axes: list[Axis]) -> Axis:
         """Return the axis of all rows of several axes, the same one for the same axes."""
@@ -132,48 +137,93 @@ class Joiner:
             return axes[0]
         key = tuple(map(id, axes))
         if key not in self._axes:
-            micros = np.concatenate([axis.micros for axis in axes])
             notes = tuple(note for axis in axes for note in axis.notes)
-            absolute = all(axis.absolute for axis in axes)
-            joined = Axis(Times(micros, absolute, all(axis.zoned for axis in axes), notes), axes[0].where)
-            joined.parts = tuple(np.cumsum([len(axis.micros) for axis in axes])[:-1].tolist())
+            first = tuple(np.cumsum([len(axis) for axis in axes])[:-1].tolist())
+            joined = Axis(micros=np.concatenate([axis.micros for axis in axes]), notes=notes, where=axes[0].where,
+                          absolute=all(axis.absolute for axis in axes), parts=first)
             if len(self._axes) >= MOST_JOINED:
-                del self._axes[next(iter(self._axes))]
+                self._axes.popitem(last=False)
             self._axes[key] = joined, axes  # ids stay unique while they live
         return self._axes[key][0]
 
     def _part(self, item: Series) -> Signal:
-        numbers = item.cells.numbers()
+        cells = item.cells()
+        numbers = cells.numbers()
         values, bad = numbers.values, numbers.bad
+        own = slice(None) if self.only is None else slice(*np.searchsorted(item.axis.micros, self.only).tolist())
         notes: list[Note] = []
-        if numbers.words:
-            notes.append(not_numbers(numbers.words, item.tag))
-        if item.quality is not None:
-            good, more = good_samples(item.quality, self.good_quality)
+        words = numbers.words
+        if words and self.only is not None:
+            words = item.cells(*own.indices(len(values))[:2]).numbers().words
+        words = self._tally(item, "not_numbers", words)
+        if words:
+            top = ", ".join(f"{word or '(blank)'} ({count})" for word, count in words.most_common(4))
+            notes.append(_counted("not_numbers", words, f"cells of {item.tag[:60]} are no good numbers: {top}"))
+        marks = item.marks()
+        good = np.ones(len(values), bool)
+        if marks is not None:
+            known = {} if self.only is None else self._marks.setdefault((item.where, item.tag), {})
+            good, more = good_samples(marks, self.good_quality, item.quality_name, known)
             notes.extend(more)
-            if not good.all():
-                dropped = ~good
-                notes.append(bad_quality(int(dropped.sum()), item.tag))
-                bad = dropped if bad is None else bad | dropped
-                values = np.where(dropped, np.nan, values)
+        lone = lone_zeros(np.where(good, values, np.nan))
+        for code, wrong, what in (
+            ("bad_quality", None if good.all() else ~good, "have bad quality and are not used"),
+            ("lone_zeros", lone, "jump to exactly 0 and back, far outside the rest: a fault of the recording; they are "
+             "not used")):
+            found = Counter() if wrong is None else Counter({code: int(np.count_nonzero(wrong[own]))})
+            tally = self._tally(item, code, found)
+            if tally.total():
+                notes.append(_counted(code, tally, f"samples of {item.tag[:60]} {what}"))
+            if wrong is not None:
+                bad = wrong if bad is None else bad | wrong
+                values = np.where(wrong, np.nan, values)
         return Signal(item.axis, values, bad, tuple(notes), numbers.unit)
 
+    def _tally(self, item: Series, what: str, found: Counter[str]) -> Counter[str]:
+        """Add to what was counted in the chunks of a loop before; without chunks, what was found."""
+        if self.only is None:
+            return found
+        tally = self._tallies.setdefault((item.where, item.tag, what), Counter())
+        tally.update(found)
+        return tally
 
-def not_numbers(words: Counter[str], tag: str) -> Note:
-    """Say which cells of a signal are no numbers."""
-    top = ", ".join(f"{word or '(blank)'} ({count})" for word, count in words.most_common(4))
-    count = sum(words.values())
-    return Note("not_numbers", f"{count} cells of {tag[:60]} are no good numbers: {top}", {"samples": float(count)})
+
+def _counted(code: str, found: Counter[str], what: str) -> Note:
+    return Note(code, f"{found.total()} {what}", {"samples": float(found.total())})
 
 
-def bad_quality(count: int, tag: str) -> Note:
-    """Say how many samples of a signal have bad quality."""
-    return Note("bad_quality", f"{count} samples of {tag[:60]} have bad quality and are not used",
-                {"samples": float(count)})
+LONE = 3  # samples in a row that may be lone zeros
+FAR = 8.0  # usual moves from one sample to the next that a zero must lie outside of all others
+
+
+def lone_zeros(values: FloatArray) -> NDArray[np.bool_] | None:
+    """(rows,) True where up to LONE samples are exactly 0 and lie far outside all others; None where there are none.
+
+    Far: FAR times the largest usual move between samples (99.9 %), and a fifth of the distance that all others span.
+    """
+    zero = values == 0.0
+    if not zero.any() or zero.all():
+        return None
+    rest = values[~zero & np.isfinite(values)]
+    if len(rest) < 20:
+        return None
+    low, high = float(rest.min()), float(rest.max())
+    nearest = low if low > 0.0 else -high if high < 0.0 else 0.0
+    if nearest <= max(FAR * float(np.quantile(np.abs(np.diff(rest)), 0.999)), 0.2 * (high - low)):
+        return None
+    edges = np.diff(np.concatenate([[0], zero.astype(np.int8), [0]]))
+    starts, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    few = (ends - starts <= LONE) & (starts > 0) & (ends < len(values))
+    if not few.any():
+        return None
+    out = np.zeros(len(values), bool)
+    for start, end in zip(starts[few], ends[few], strict=True):
+        out[start:end] = True
+    return out
 
 
 def _first_stamp(axis: Axis) -> int:
-    known = axis.micros[axis.micros != np.iinfo(np.int64).min]
+    known = axis.micros[axis.micros != NAT]
     return int(known[0]) if len(known) else 0
 
 
@@ -187,23 +237,19 @@ def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Seri
     chosen = []
     priority = {word: i for i, word in enumerate(SIGNALS.get(role, "").split())}
     for where, items in groups.items():
-        best = min(priority.get(plain(item.signal), 99) for item in items)
-        first = [item for item in items if priority.get(plain(item.signal), 99) == best]
+        ranks = [priority.get(plain(item.signal), 99) for item in items]
+        first = [item for item, rank in zip(items, ranks, strict=True) if rank == min(ranks)]
         if len(first) < len(items):
             names = ", ".join(item.tag for item in items)
             notes.append(Note("several_columns", f"{names} could all be {role.upper()}; {first[0].tag} is used"))
         if len(first) > 1 and first[0].axis is first[1].axis:
-            values = [item.cells.numbers().values for item in first]
+            values = [item.cells().numbers().values for item in first]
             if not all(np.array_equal(values[0], other, equal_nan=True) for other in values[1:]):
-                raise LoopError(
-                    f"{len(first)} columns are called {first[0].tag!r} and differ: duplicate column names",
-                    where=where,
-                    remedy="rename one of them, or name the right one in loops.toml",
-                    code="duplicate_columns",
-                )
-            notes.append(
-                Note("duplicate_columns", f"column {first[0].tag} stands {len(first)} times with the same content")
-            )
+                raise LoopError(f"{len(first)} columns are called {first[0].tag!r} and differ: duplicate column names",
+                                where=where, remedy="rename one of them, or name the right one in loops.toml",
+                                code="duplicate_columns")
+            notes.append(Note("duplicate_columns",
+                              f"column {first[0].tag} stands {len(first)} times with the same content"))
             first = first[:1]
         chosen.extend(first)
     return chosen, notes

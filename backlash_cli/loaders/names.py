@@ -23,8 +23,8 @@ SIGNALS = {
         manauto am""",
 }
 QUALITY = _words(
-    """quality qual q status st stat dataquality opcquality qualitycode confidence state valid isgood good statuscode
-    qc"""
+    """quality qual q status st stat dataquality opcquality qualitycode confidence state valid validity isgood good
+    statuscode qc opcstatus datastatus valuestatus pointstatus tagstatus questionable güte"""
 )
 TIME = _words(
     """time timestamp times timestamps datetime dateandtime datetimeutc ts t date zeit zeitstempel datum datumzeit
@@ -38,7 +38,7 @@ TAG = _words(
 )
 VALUE = _words(
     """value val values wert valeur valor data reading average avg mean numericvalue floatvalue measurementvalue vvalue
-    rawvalue doublevalue v last curval"""
+    rawvalue doublevalue v last curval varvalue realvalue datavalue pointvalue tagvalue"""
 )
 LOOP = _words("loop loopname controller loopid pid loopno loopnumber unitloop regelkreis boucle")
 ATTRIBUTES = _words("fcv cv value val pv f current present presentvalue curval raw data avg mean last average")
@@ -87,6 +87,11 @@ def is_time_name(text: str) -> bool:
     return word in TIME or (word.startswith(("timestamp", "datetime", "zeitstempel")) and len(word) < 24)
 
 
+def is_quality_name(word: str) -> bool:
+    """Say whether a plain word names a column that says which samples are good."""
+    return word in QUALITY or (("valid" in word or "qualit" in word or "gültig" in word) and len(word) < 24)
+
+
 @lru_cache(maxsize=65536)
 def split_tag(text: str) -> Tag:
     """Take a tag or column name apart.
@@ -96,7 +101,7 @@ def split_tag(text: str) -> Tag:
     """
     name = _SERVER.sub("", text.strip())
     described = _DESCRIBED.match(name) if len(name) <= NESTED_LIMIT else None
-    if described and plain(described[2]) not in QUALITY | TIME:
+    if described and plain(described[2]) not in TIME and not is_quality_name(plain(described[2])):
         tag = split_tag(described[1])
         if tag.loop and tag.role in SIGNALS:
             return tag
@@ -107,9 +112,10 @@ def split_tag(text: str) -> Tag:
         glued = None if signal_role(name) else _JOINED.match(name)
         return Tag(glued[1], signal_role(glued[2]), glued[2]) if glued else Tag("", signal_role(name), name)
     last = plain(parts[-1][1])
-    if (last in QUALITY or last in TIME) and len(name) <= NESTED_LIMIT:
+    marks = is_quality_name(last)
+    if (marks or last in TIME) and len(name) <= NESTED_LIMIT:
         base = name[: parts[-1].start()]
-        return Tag(split_tag(base).loop, "quality" if last in QUALITY else "time", parts[-1][1], of=base)
+        return Tag(split_tag(base).loop, "quality" if marks else "time", parts[-1][1], of=base)
     found = _signal_at_end(name, parts) or _signal_before_attribute(name, parts)
     if found is not None:
         return found

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from .arrays import to_array, to_column, to_texts, where_true
+from ..record import FloatArray, IntArray
 
 BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"])  # words for an empty cell
 _NUMBER = r"^[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?$"
@@ -33,57 +34,78 @@ class Numbers:
     number (a digital state, inf), None when there is nothing of the kind; a blank cell is not bad.
     words: what stood there, counted. unit: the unit written behind the numbers."""
 
-    values: NDArray[np.float64]
+    values: FloatArray
     bad: NDArray[np.bool_] | None = None
     words: Counter[str] = field(default_factory=Counter)
     unit: str = ""
 
 
-def to_numbers(column: pa.ChunkedArray | pa.Array, decimal: str = ".") -> Numbers:
-    """Convert one column of any type. Text that is no number is bad, and counted by its word."""
+def is_number(kind: pa.DataType) -> bool:
+    """Say whether a type holds numbers."""
+    return pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
+
+
+def is_text(kind: pa.DataType) -> bool:
+    """Say whether a type holds texts."""
+    return pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind)
+
+
+def to_array(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
+    """Return the cells (rows,) of a column of numbers: nan where a cell is empty, also of whole numbers."""
+    return column.to_numpy() if isinstance(column, pa.ChunkedArray) else column.to_numpy(zero_copy_only=False)
+
+
+def stored(column: pa.ChunkedArray | pa.Array, words: dict[str, int], decimal: str = ".", *, written: bool = False
+           ) -> tuple[FloatArray, NDArray[np.int32] | None]:
+    """Return (values, codes) of a column of any type: its numbers, nan where there are none, and the places in `words`
+    of the texts that are no plain numbers, None where there are none. New texts are added to `words`.
+
+    written: the column was read from text, where nan and inf stand for something else than an empty cell.
+    """
     kind = column.type
-    if pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind):
-        return _plain(_floats(column))
+    if pa.types.is_float64(kind):
+        values = to_array(column)
+        odd = ~np.isfinite(values)
+        if not written or np.count_nonzero(odd) == column.null_count:
+            return values, None
+        odd &= column.is_valid().to_numpy() if isinstance(column, pa.ChunkedArray) else column.is_valid().to_numpy(
+            zero_copy_only=False)
+        marks = np.full(len(values), -1, np.int32)
+        marks[odd] = [words.setdefault(str(value), len(words)) for value in values[odd].tolist()]
+        return np.where(odd, np.nan, values), marks
+    if is_number(kind) or pa.types.is_boolean(kind):
+        return to_array(column.cast(pa.float64(), safe=False)), None
     if pa.types.is_null(kind):
-        return Numbers(np.full(len(column), np.nan))
-    if pa.types.is_decimal(kind):
-        return _plain(_floats(column.cast(pa.float64())))
-    if pa.types.is_dictionary(kind):
-        return _coded(column, decimal)
-    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
-        return _coded(column.dictionary_encode(), decimal)
-    if pa.types.is_binary(kind) or pa.types.is_large_binary(kind):
-        return _coded(_as_text(column).dictionary_encode(), decimal)
-    return Numbers(np.full(len(column), np.nan), np.ones(len(column), bool), Counter({str(kind): len(column)}))
+        return np.full(len(column), np.nan), None
+    codes, texts = codes_and_words(column if is_text(kind) or _is_bytes(kind) else pa.array([str(kind)] * len(column)))
+    values = plain_numbers(texts, decimal)
+    there = np.zeros(len(texts) + 1, bool)
+    there[codes] = True
+    found = np.full(len(texts) + 1, -1, np.int32)
+    for i in np.flatnonzero(np.isnan(values) & there[:-1]).tolist():
+        found[i] = words.setdefault(texts[i], len(words))
+    own = found[codes]
+    return np.append(values, np.nan)[codes], own if (own >= 0).any() else None
 
 
-def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[NDArray[np.int64], list[str]]:
+def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[IntArray, list[str]]:
     """Return (codes, words) of a text column: codes[i] is -1 for an empty cell, else a position in words."""
     if not pa.types.is_dictionary(column.type):
-        column = _as_text(column)
-        column = column.dictionary_encode()
+        column = _as_text(column).dictionary_encode()
     if isinstance(column, pa.ChunkedArray):
-        column = column.unify_dictionaries().combine_chunks()
-        if isinstance(column, pa.ChunkedArray):  # no chunks at all
+        if not column.num_chunks:
             return np.zeros(0, np.int64), []
-    indices = to_array(column.indices)  # nan where a cell is empty
-    indices = (np.where(np.isnan(indices), -1, indices) if column.indices.null_count else indices).astype(np.int64)
-    words = _as_text(column.dictionary)
-    texts = _decoded(words.fill_null("") if words.null_count else words)
-    empty = [i for i, text in enumerate(texts) if not text or text in BLANK or text.isspace()]
-    if empty:
-        keep = np.ones(len(texts) + 1, bool)
-        keep[empty] = False
-        indices = np.where(keep[indices], indices, -1)
-    return indices, texts
+        column = column.unify_dictionaries().combine_chunks()
+        if isinstance(column, pa.ChunkedArray):
+            column = pa.concat_arrays(column.chunks) if column.num_chunks else column.chunk(0)
+    indices = column.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int64)
+    texts = _decoded(_as_text(column.dictionary).fill_null(""))
+    keep = np.array([bool(text) and text not in BLANK and not text.isspace() for text in texts] + [False])
+    return (indices if keep[:-1].all() else np.where(keep[indices], indices, -1)), texts
 
 
-def words_that_occur(codes: NDArray[np.int64], words: list[str]) -> tuple[NDArray[np.int64], list[str]]:
-    """Return the same texts with a list of only those words that stand somewhere."""
-    there = np.flatnonzero(np.bincount(codes[codes >= 0], minlength=len(words)))
-    place = np.full(len(words) + 1, -1)
-    place[there] = np.arange(len(there))
-    return place[codes], [words[i] for i in there]
+def _is_bytes(kind: pa.DataType) -> bool:
+    return pa.types.is_binary(kind) or pa.types.is_large_binary(kind)
 
 
 def _decoded(words: pa.Array) -> list[str]:
@@ -104,98 +126,57 @@ def _as_text(column: pa.ChunkedArray | pa.Array) -> pa.ChunkedArray | pa.Array:
         return pa.nulls(len(column), pa.string())
 
 
-def _plain(values: NDArray[np.float64]) -> Numbers:
-    return Numbers(values)
-
-
-def _floats(column: pa.ChunkedArray | pa.Array) -> NDArray[np.float64]:
-    if not pa.types.is_float64(column.type):
-        column = column.cast(pa.float64(), safe=False)
-    return to_array(column)
-
-
-def _coded(column: pa.ChunkedArray | pa.Array, decimal: str) -> Numbers:
-    codes, words = codes_and_words(column)
-    values, bad, units = parse_words(words, decimal)
-    counts = np.bincount(codes[codes >= 0], minlength=len(words)) if len(words) else np.zeros(0, int)
-    unit, foreign = main_unit(units, counts)
-    bad |= foreign
-    values[bad] = np.nan
-    tally = Counter({words[i].strip()[:40]: int(counts[i]) for i in np.flatnonzero(bad) if counts[i]})
-    table = np.append(values, np.nan)
-    flags = np.append(bad, False)
-    row_bad = flags[codes]
-    return Numbers(table[codes], row_bad if row_bad.any() else None, tally, unit)
-
-
-def parse_words(words: list[str], decimal: str = ".") -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
-    """Return (values, bad, units) of distinct texts. Blank text gives nan and is not bad."""
-    array = to_texts(words)
-    text = pc.utf8_trim_whitespace(array)
+def plain_numbers(words: list[str], decimal: str = ".") -> FloatArray:
+    """Return the values of the texts that are plain finite numbers, nan for all others."""
     values = np.full(len(words), np.nan)
-    bad = np.zeros(len(words), bool)
-    units = [""] * len(words)
-    if decimal == ",":
-        simple = np.zeros(len(words), bool)
-    else:
-        simple = where_true(pc.match_substring_regex(text, _NUMBER))
-        if simple.any():
-            chosen = np.flatnonzero(simple)
-            plain = pc.replace_substring_regex(text.take(to_column(chosen, pa.int64())), r"^\+", "")
-            values[chosen] = to_array(plain.cast(pa.float64()))
-            bad |= np.isinf(values)
-            values[bad] = np.nan
-    rest = np.flatnonzero(~simple)
-    if len(rest):
-        mark = _thousands_mark([words[i] for i in rest[:5000]], decimal)
-        for i in rest:
-            values[i], bad[i], units[i] = _parse_word(words[i].strip(), decimal, mark)
+    if not words:
+        return values
+    text = pc.utf8_trim_whitespace(pa.array(words, pa.large_string()))
+    if decimal != ".":
+        text = pc.replace_substring(text, decimal, ".")
+    chosen = np.flatnonzero(pc.match_substring_regex(text, _NUMBER).to_numpy(zero_copy_only=False))
+    plain = pc.replace_substring_regex(text.take(pa.array(chosen)), r"^\+", "")
+    values[chosen] = plain.cast(pa.float64()).to_numpy(zero_copy_only=False)
+    values[np.isinf(values)] = np.nan
+    return values
+
+
+def parse_words(words: list[str], decimal: str = ".") -> tuple[FloatArray, NDArray[np.bool_], list[str]]:
+    """Return (values, bad, units) of distinct texts. Blank text gives nan and is not bad."""
+    values = plain_numbers(words) if decimal == "." else np.full(len(words), np.nan)
+    bad, units = np.zeros(len(words), bool), [""] * len(words)
+    rest = np.flatnonzero(np.isnan(values))
+    mark = _thousands_mark([words[i] for i in rest[:5000]], decimal)
+    for i in rest.tolist():
+        values[i], bad[i], units[i] = _parse_word(words[i].strip(), decimal, mark)
     return values, bad, units
 
 
-def as_texts(values: NDArray[np.float64]) -> list[str]:
-    """Return finite numbers as texts, whole ones without a point."""
+def number_texts(values: FloatArray) -> list[str]:
+    """Return numbers as texts, whole ones without a point."""
     return [f"{v:.0f}" if v == np.rint(v) and abs(v) < 1e15 else repr(v) for v in values.tolist()]
-
-
-def plain_numbers(words: pa.Array, decimal: str = ".") -> NDArray[np.float64]:
-    """Return the values of the texts that are plain finite numbers, nan for all others."""
-    text = pc.utf8_trim_whitespace(words)
-    if decimal != ".":
-        text = pc.replace_substring(text, decimal, ".")
-    chosen = np.flatnonzero(where_true(pc.match_substring_regex(text, _NUMBER)))
-    values = np.full(len(words), np.nan)
-    plain = pc.replace_substring_regex(text.take(to_column(chosen, pa.int64())), r"^\+", "")
-    values[chosen] = to_array(plain.cast(pa.float64()))
-    values[np.isinf(values)] = np.nan
-    return values
 
 
 def _parse_word(text: str, decimal: str, mark: str) -> tuple[float, bool, str]:
     if not text:
         return np.nan, False, ""
-    if len(text) > 60:
-        return np.nan, True, ""
-    match = None if _NOT_FINITE.match(text) else _UNITED.match(text)
+    nothing = np.nan, True, ""
+    match = None if len(text) > 60 or _NOT_FINITE.match(text) else _UNITED.match(text)
     if match is None or _CLOCK.match(text):
-        return np.nan, True, ""
+        return nothing
     unit = (match[2] or "").strip()
     if unit and (_FLAG.search(unit) or _SUBSTITUTED.match(unit)):
-        return np.nan, True, ""
-    digits = match[1]
-    if decimal == "," or mark == ",":
-        digits = digits.translate(_SWAP)
+        return nothing
+    digits = match[1].translate(_SWAP) if decimal == "," or mark == "," else match[1]
     if _SEPARATED.search(digits):
         if not _GROUPED.match(digits):
-            return np.nan, True, ""
+            return nothing
         digits = _SEPARATED.sub("", digits)
     try:
         value = float(digits)
     except ValueError:
-        return np.nan, True, ""
-    if not np.isfinite(value):
-        return np.nan, True, ""
-    return value, False, unit
+        return nothing
+    return (value, False, unit) if np.isfinite(value) else nothing
 
 
 def _thousands_mark(words: list[str], decimal: str) -> str:
@@ -209,7 +190,7 @@ def _thousands_mark(words: list[str], decimal: str) -> str:
     return "," if commas and len(grouped) < len(commas) else decimal
 
 
-def main_unit(units: list[str], counts: NDArray[np.int64]) -> tuple[str, NDArray[np.bool_]]:
+def main_unit(units: list[str], counts: IntArray) -> tuple[str, NDArray[np.bool_]]:
     """The unit most cells carry, and which texts carry another one (they cannot be compared and count as bad)."""
     tally: Counter[str] = Counter()
     for unit, count in zip(units, counts, strict=True):

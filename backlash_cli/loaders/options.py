@@ -2,14 +2,37 @@
 
 from __future__ import annotations
 
+import math
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from fnmatch import fnmatchcase
 
 from ..errors import UsageError, nearest
-from .selection import Share, check_pattern, sample_size
+from .order import SECOND
 
 LAYOUTS = ("wide", "single", "long", "pairs")
 TIME_WORDS = ("iso", "ymd", "dmy", "mdy", "epoch_s", "epoch_ms", "epoch_us", "epoch_ns", "excel", "seconds")
 INTERPOLATIONS = ("hold", "linear")
+
+
+_UNITS = {"s": 1, "min": 60, "h": 3600, "d": 86_400, "w": 7 * 86_400}
+_AGE = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(s|min|h|d|w)\s*")
+
+
+@dataclass(frozen=True)
+class Share:
+    """The part of a plant that one worker computes, settled before by a plan of the whole.
+
+    loops: exact names. renamed: names in the data -> names of these loops, where they differ. since: moment
+    [microseconds since 1970 UTC] from which on data count; age: it was given as an age.
+    """
+
+    loops: tuple[str, ...]
+    renamed: tuple[tuple[str, str], ...] = ()
+    since: int | None = None
+    age: bool = False
 
 
 @dataclass(frozen=True)
@@ -59,11 +82,8 @@ class ReadOptions:
             named = {"tab": "\t", "\\t": "\t", "comma": ",", "semicolon": ";", "pipe": "|", "space": " "}
             object.__setattr__(self, "delimiter", named.get(self.delimiter.lower(), self.delimiter))
             if len(self.delimiter) != 1 or self.delimiter in '\r\n"0123456789.':
-                raise UsageError(
-                    f"{self.delimiter!r} cannot separate columns",
-                    where="--delimiter",
-                    remedy="give one character or one of: comma, semicolon, tab, pipe, space",
-                )
+                raise UsageError(f"{self.delimiter!r} cannot separate columns", where="--delimiter",
+                                 remedy="give one character or one of: comma, semicolon, tab, pipe, space")
         if self.time_format is not None and "%" not in self.time_format:
             _one_of("time_format", self.time_format, TIME_WORDS)
         if self.encoding is not None:
@@ -77,18 +97,13 @@ class ReadOptions:
         if self.sample is not None:
             sample_size(self.sample, 1)
         if self.since is not None:
-            from .since import parse_since
-
             parse_since(self.since, self.timezone)
 
 
 def _one_of(name: str, value: str | None, allowed: tuple[str, ...]) -> None:
     if value is not None and value not in allowed:
-        raise UsageError(
-            f"{value!r} is not known here",
-            where=f"--{name.replace('_', '-')}",
-            remedy=f"one of: {'  '.join(allowed)}" if name == "decimal" else _known(value, allowed),
-        )
+        raise UsageError(f"{value!r} is not known here", where=f"--{name.replace('_', '-')}",
+                         remedy=f"one of: {'  '.join(allowed)}" if name == "decimal" else _known(value, allowed))
 
 
 def _known(value: str, allowed: tuple[str, ...]) -> str:
@@ -102,9 +117,8 @@ def _check_encoding(name: str) -> None:
     try:
         codecs.lookup(name)
     except (LookupError, ValueError):
-        raise UsageError(
-            f"no text encoding {name!r}", where="--encoding", remedy="for example utf-8, utf-16, cp1252"
-        ) from None
+        raise UsageError(f"no text encoding {name!r}", where="--encoding",
+                         remedy="for example utf-8, utf-16, cp1252") from None
 
 
 def _check_zone(name: str) -> None:
@@ -116,3 +130,63 @@ def _check_zone(name: str) -> None:
         hint = nearest(name, sorted(available_timezones()))
         remedy = hint if hint.startswith("did") else "for example Europe/Berlin, America/Chicago or UTC"
         raise UsageError(f"no time zone {name!r}", where="--timezone", remedy=remedy) from None
+
+
+def sample_size(text: str, loops: int) -> int:
+    """Return how many of so many loops "20" or "5%" means, a percentage rounded up. Raises UsageError."""
+    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(%?)\s*", text)
+    number = float(found[1]) if found else 0.0
+    percent = bool(found and found[2])
+    if not number or (percent and number > 100.0) or (not percent and number % 1.0):
+        raise UsageError(f"{text!r} is no size of a sample", where="--sample",
+                         remedy="give a number of loops such as 20, or a share such as 5%")
+    return min(loops, math.ceil(number / 100.0 * loops - 1e-9) if percent else int(number))
+
+
+def check_pattern(pattern: str) -> Callable[[str], bool]:
+    """Return the test of a pattern on a loop's name, in upper or lower case: wildcards over the whole name
+    (`FIC*`, `AREA?.*`), or a regular expression between slashes, found anywhere in it (`/^FIC1[0-4]/`).
+
+    Raises UsageError for a regular expression that is none.
+    """
+    if len(pattern) > 2 and pattern.startswith("/") and pattern.endswith("/"):
+        try:
+            expression = re.compile(pattern[1:-1], re.IGNORECASE)
+        except (re.error, OverflowError, RecursionError) as error:
+            raise UsageError(f"{pattern!r} is no regular expression: {error}", where="--loops-matching",
+                             remedy="for example '/^FIC1[0-4]/', or wildcards without slashes: 'FIC*'") from None
+        return lambda name: expression.search(name) is not None
+    if not pattern:
+        raise UsageError("the pattern is empty", where="--loops-matching", remedy="for example 'FIC*'")
+    lower = pattern.lower()
+    return lambda name: fnmatchcase(name.lower(), lower)
+
+
+def parse_since(text: str, timezone: str | None = None) -> tuple[int | None, int]:
+    """Return (moment, age) in microseconds: "2026-11-01" or "2026-11-01T06:00+01:00" is a moment since 1970 UTC,
+    "3d" (s, min, h, d, w) an age, back from the last stamp of the data; the moment is None then.
+
+    timezone: of a moment without offset, UTC if None. Raises UsageError for anything else.
+    """
+    if age := _AGE.fullmatch(text):
+        length = float(age[1]) * _UNITS[age[2]]
+        if 0 < length < 1e10:
+            return None, round(length * SECOND)
+    else:
+        try:
+            moment = datetime.fromisoformat(text.strip())
+            if moment.tzinfo is None:
+                from zoneinfo import ZoneInfo
+
+                moment = moment.replace(tzinfo=ZoneInfo(timezone) if timezone else UTC)
+            since_1970 = moment.astimezone(UTC) - datetime(1970, 1, 1, tzinfo=UTC)
+            return (since_1970.days * 86_400 + since_1970.seconds) * SECOND + since_1970.microseconds, 0
+        except (ValueError, OverflowError):
+            pass
+    raise UsageError(f"{text!r} is no time", where="--since",
+                     remedy="give a date such as 2026-11-01 or 2026-11-01T06:00, or an age such as 3d or 12h")
+
+
+def is_age(since: str) -> bool:
+    """Say whether `since` is counted back from the end of the data."""
+    return _AGE.fullmatch(since) is not None

@@ -1,27 +1,33 @@
-"""Read exports: files to tables, tables to signals, signals to loops, loops to records."""
+"""Read exports: files to signals, signals to loops, loops to records."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from functools import cached_property
 from os import PathLike
+
+from pyarrow.lib import ArrowException
 
 from ..errors import BacklashError, InputError, LoopError, UsageError, nearest
 from ..record import Note, Record
-from .file_signals import failure, signals_of
-from .join import Joiner, LoopSeries, by_loop
-from .lazy_tables import Lazily
-from .metadata import Metadata, merge
-from .metadata_file import read_metadata
-from .options import ReadOptions
-from .recipes import Recipe, needed_columns, recipes_of, wanted_tags
-from .series import Series
-from .settle import settle
-from .since import cut_loops, is_age, last_stamp, moment_of, nothing_since, since_notes
-from .sources import Source, find_sidecars, find_sources
+from ..settings import ROLE_KEYS, Metadata, merge
+from .choose import Cut, choose, last_stamp, moment_of, nothing_since, since_notes
+from .clean import Recipe
+from .join import Joiner, LoopSeries, by_loop, explicit_tags
+from .layouts import Named
+from .names import split_tag
+from .options import ReadOptions, check_pattern, is_age
+from .scratch import Room
+from .signals import Series
+from .sources import Source, find_sidecars, find_sources, read_metadata
+from .tables import Reading, signals_of_file
 
 Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]
+READING_ERRORS = (BacklashError, ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
+SOURCE = "of source"  # key of a value that only travels from a part to the whole
+FEW_LOOPS = 3  # loops of the loops file without data that are named one by one
 
 
 @dataclass(frozen=True)
@@ -65,14 +71,13 @@ def find_loop(name: str, names: Collection[str]) -> str:
     raise UsageError(f"no loop {name!r} in the data", where="--loop", remedy=nearest(name, names))
 
 
-def read(
-    inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None, options: ReadOptions | None = None
-) -> Plant:
+def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None, options: ReadOptions | None = None
+         ) -> Plant:
     """Read one plant from exports (files or folders) and its loop settings.
 
-    inputs: CSV or Parquet files, folders of them, or a Parquet dataset. loops: metadata file, or what is in it; None:
-    found next to the data. Raises BacklashError when nothing can be read or the metadata are wrong; a single bad file
-    or loop becomes a failure of the Plant.
+    inputs: CSV, Parquet or Excel files, folders of them, or a Parquet dataset. loops: metadata file, or what is in it;
+    None: found next to the data. Raises BacklashError when nothing can be read or the metadata are wrong; a single bad
+    file or loop becomes a failure of the Plant.
     """
     opened = open_plant(inputs, loops=loops, options=options)
     joiner = Joiner((options or ReadOptions()).good_quality)
@@ -93,6 +98,19 @@ def no_loop_read(lost: Sequence[Note]) -> LoopError:
     """The error of a plant none of whose loops could be read."""
     first = lost[0]
     return LoopError(f"no loop could be read; {first.message}" if len(lost) > 1 else first.message, code=first.code)
+
+
+def nothing_read(files: int, first_problem: BacklashError | None) -> BacklashError:
+    """The error when no file could be read."""
+    if files == 1 and first_problem is not None:
+        return first_problem
+    return InputError(f"none of {files} files could be read; the first: {first_problem}", remedy="export them again")
+
+
+def failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:
+    """Return an error as a failure of the plant, about a loop or a file."""
+    values: dict[str, float | str] = {key: value for key, value in (("loop", loop), ("file", file)) if value}
+    return Note(error.code, f"{loop}: {error}" if loop else str(error), values)
 
 
 @dataclass(frozen=True)
@@ -116,48 +134,102 @@ class OpenPlant:
         return tuple(sorted([*self.lost, *more], key=lambda note: str(note.values["loop"])))
 
 
-def open_plant(
-    inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None, options: ReadOptions | None = None,
-    lazily: Lazily | None = None,
-) -> OpenPlant:
-    """Find the loops of exports. lazily: leave the samples where they are until a loop is read; None reads them now.
+class RecordsByName(Mapping[str, Record]):
+    """The records of recipes by the name of the loop, made anew each time; a loop that cannot be read is not there."""
 
+    def __init__(self, recipes: Iterable[Recipe]) -> None:
+        self._recipes = {recipe.loop: recipe for recipe in recipes}
+
+    def __getitem__(self, loop: str) -> Record:
+        try:
+            return self._recipes[loop].record()
+        except BacklashError as error:
+            raise KeyError(str(error)) from None
+
+    def __contains__(self, loop: object) -> bool:
+        return loop in self._recipes
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._recipes)
+
+    def __len__(self) -> int:
+        return len(self._recipes)
+
+
+def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
+               options: ReadOptions | None = None, taken: Callable[[int], None] | None = None,
+               room: Room | None = None) -> OpenPlant:
+    """Find the loops of exports; their samples are put where a loop is read from when its turn comes.
+
+    taken: called with the bytes of a file that were read. room: memory for samples, the rest goes to a scratch file.
     Raises BacklashError as `read` does.
     """
     options = options or ReadOptions()
     given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
     sources = find_sources(given)
     metadata, warnings = metadata_of(given, sources, loops)
-    if lazily is not None:
-        lazily = replace(lazily, wanted=wanted_tags(metadata, options, lazily.done),
-                         needed=partial(needed_columns, metadata=metadata, options=options, done=lazily.done))
-    found, more, failures, first_problem = signals_of(sources, options, lazily)
-    warnings += more
+    files = _files(sources, Reading(options, _wanted(metadata, options), _needed(metadata, options), taken,
+                                    room or Room()))
+    warnings += files.notes
     if options.share is not None:
-        return _share(found, metadata, options, OpenPlant((), tuple(more), tuple(failures), whole=False))
-    if not found:
-        raise nothing_read(len(sources), first_problem)
-    settled = settle(found, metadata, options, str(sources[0].path))
+        return _share(files.series, metadata, options, OpenPlant((), tuple(files.notes), tuple(files.failures),
+                                                                 whole=False))
+    if not files.series:
+        raise nothing_read(len(sources), files.first_problem)
+    settled = settle(files.series, metadata, options, str(sources[0].path))
     warnings += settled.notes
-    wanted = settled.loops
+    wanted, moment = settled.loops, None
     lost: list[Note] = []
-    moment = None
     if options.since is not None:
-        last = last_stamp(found)
+        last = last_stamp(files.series)
         moment = moment_of(options.since, options.timezone, last)
         wanted, without, lost = _cut(wanted, moment, age=is_age(options.since))
         if not wanted and without:
             raise nothing_since(options.since, moment, last)
         warnings += since_notes(options.since, moment, without, len(settled.loops))
     warnings += settled.unmatched
-    named = tuple(str(item) for item in given)
-    recipes = recipes_of(wanted, metadata, options)
-    return OpenPlant(recipes, tuple(warnings), tuple(failures), named, tuple(lost), moment=moment)
+    return OpenPlant(recipes_of(wanted, metadata, options), tuple(warnings), tuple(files.failures),
+                     tuple(str(item) for item in given), tuple(lost), moment=moment)
 
 
-def metadata_of(
-    given: Sequence[str | PathLike[str]], sources: Sequence[Source], loops: str | PathLike[str] | Metadata | None
-) -> tuple[Metadata, list[Note]]:
+@dataclass
+class _Files:
+    """What was read of files, and what could not be."""
+
+    series: list[Series] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
+    failures: list[Note] = field(default_factory=list)
+    first_problem: BacklashError | None = None
+
+
+def _files(sources: Sequence[Source], reading: Reading) -> _Files:
+    found = _Files()
+    for source in sources:
+        where = str(source.path)
+        try:
+            series, notes = signals_of_file(source, reading)
+        except READING_ERRORS as caught:
+            error = as_input_error(caught, where)
+            found.first_problem = found.first_problem or error
+            found.failures.append(failure(error, file=where))
+            continue
+        found.series += series
+        if reading.options.share is not None:  # by their files the notes of several parts of a plant are put in order
+            notes = [Note(note.code, note.message, {**note.values, SOURCE: where}) for note in notes]
+        found.notes += notes
+    return found
+
+
+def as_input_error(error: BaseException, where: str) -> BacklashError:
+    """Return what went wrong with a file as an error that says where."""
+    if isinstance(error, BacklashError):
+        return error
+    text = str(error).strip().split("\n")[0][:300] or type(error).__name__
+    return InputError(f"cannot be read: damaged or not understood: {text}", where=where, remedy="export the file again")
+
+
+def metadata_of(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
+                loops: str | PathLike[str] | Metadata | None) -> tuple[Metadata, list[Note]]:
     """Return the settings of a plant's loops, from the file that is named or those beside the data, and remarks."""
     if isinstance(loops, Metadata):
         return loops, []
@@ -165,19 +237,61 @@ def metadata_of(
     metadata = merge([read_metadata(path) for path in paths])
     notes = [Note("metadata_conflict", text) for text in metadata.conflicts]
     if not metadata.files:
-        notes.append(
-            Note("no_metadata", "no loop settings found (loops.toml): settings are missing and have to be identified")
-        )
+        notes.append(Note("no_metadata", "no loop settings found (loops.toml): settings are missing and have to be "
+                          "identified"))
     elif not metadata.loops:
         notes.append(Note("no_metadata", f"the loops file {metadata.files[0]} lists no loops: K and Ti are missing"))
     return metadata, notes
 
 
-def nothing_read(files: int, first_problem: BacklashError | None) -> BacklashError:
-    """The error when no file could be read."""
-    if files == 1 and first_problem is not None:
-        return first_problem
-    return InputError(f"none of {files} files could be read; the first: {first_problem}", remedy="export them again")
+@dataclass(frozen=True)
+class Settled:
+    """loops: those that are wanted, by name, in order. notes: what was left out. unmatched: loops without data."""
+
+    loops: dict[str, LoopSeries]
+    notes: tuple[Note, ...] = ()
+    unmatched: tuple[Note, ...] = ()
+
+
+def settle(found: Sequence[Series], metadata: Metadata, options: ReadOptions, where: str) -> Settled:
+    """Return the loops of all signals of a plant that the options ask for; needs names and tags, no samples.
+
+    Raises InputError when no signal belongs to a loop, UsageError when no loop is what the options ask for.
+    """
+    series = by_loop(found, metadata)
+    if not series:
+        tags = sorted({item.tag for item in found})
+        shown = ", ".join(filter(None, tags[:12])) or "columns without a name"
+        raise InputError("no loop found: no column is called SP, PV or OP of a loop", where=where,
+                         remedy=f"name the tags in loops.toml; found: {shown}")
+    notes: list[Note] = []
+    # an indicator, or a column with a chance name
+    single = {name for name, own in series.items() if len(own.roles) == 1 and metadata.of(name) is None}
+    if single and len(single) < len(series):
+        shown = ", ".join(name[:40] for name in sorted(single)[:5]) + (", ..." if len(single) > 5 else "")
+        notes.append(Note("single_signals", f"{len(single)} tags have one signal only and are no loops; they are left "
+                          f"out: {shown}"))
+        series = {name: own for name, own in series.items() if name not in single}
+    choice = choose(series, options.only_loops, options.loops_matching, options.sample, options.sample_seed)
+    return Settled({name: series[name] for name in choice.names}, (*notes, *choice.notes),
+                   tuple(_unmatched(series, metadata)))
+
+
+def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata) -> list[Note]:
+    used = {metadata.match(name) for name in series}
+    missing = {name: own for name, own in metadata.loops.items() if name not in used}
+    if len(missing) > FEW_LOOPS:
+        # The loops file of a whole plant beside the export of a few loops: usual, and one line says it.
+        text = (f"{len(missing)} loops of the loops file are not found in the data: "
+                f"{', '.join(list(missing)[:FEW_LOOPS])} ...")
+        return [Note("loop_not_found", text, {"loop": ", ".join(missing), "loops": len(missing)})]
+    notes = []
+    for name, own in missing.items():
+        tags = ", ".join(tag for role in ROLE_KEYS if isinstance(tag := own.values.get(role), str))
+        hint = f"its tags {tags} are not there" if tags else nearest(name, sorted(series))
+        notes.append(Note("loop_not_found", f"loop {name} of the loops file is not found in the data ({hint})",
+                          {"loop": name}))
+    return notes
 
 
 def _share(found: list[Series], metadata: Metadata, options: ReadOptions, so_far: OpenPlant) -> OpenPlant:
@@ -193,8 +307,79 @@ def _share(found: list[Series], metadata: Metadata, options: ReadOptions, so_far
     return replace(so_far, recipes=recipes_of(wanted, metadata, options), lost=tuple(lost))
 
 
-def _cut(
-    wanted: dict[str, LoopSeries], moment: int, *, age: bool
-) -> tuple[dict[str, LoopSeries], list[str], list[Note]]:
-    kept, without, wrong = cut_loops(wanted, moment, age=age)
-    return kept, without, [failure(error, loop=name) for name, error in wrong.items()]
+def _cut(wanted: Mapping[str, LoopSeries], moment: int, *, age: bool) -> tuple[
+        dict[str, LoopSeries], list[str], list[Note]]:
+    """Return the loops from `moment` on, the names of those that have nothing left, and what cannot be cut."""
+    cut = Cut(moment, age=age)
+    kept: dict[str, LoopSeries] = {}
+    without: list[str] = []
+    wrong: list[Note] = []
+    for name, own in wanted.items():
+        try:
+            shorter = cut.loop(own)
+        except BacklashError as error:
+            wrong.append(failure(error, loop=name))
+            continue
+        if shorter is None:
+            without.append(name)
+        else:
+            kept[name] = shorter
+    return kept, without, wrong
+
+
+def recipes_of(loops: Mapping[str, LoopSeries], metadata: Metadata, options: ReadOptions) -> tuple[Recipe, ...]:
+    """Return the recipes of loops, by name."""
+    return tuple(_recipe(name, loops[name], metadata, options) for name in sorted(loops))
+
+
+def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOptions) -> Recipe:
+    values = metadata.of(name)
+    notes: list[Note] = []
+    origin = next(iter(series.roles.values()))[0]
+    if values is not None and origin.loop and origin.loop != name and metadata.match(origin.loop) is None:
+        notes.append(Note("matched_name", f"{origin.loop[:60]} in the data is taken as {name[:60]} of the loops file"))
+    if values is None and metadata.files:
+        notes.append(Note("not_in_metadata", f"loop {name[:60]} is not in the loops file: its settings are missing"))
+    return Recipe(name, series, values if values is not None else metadata.fallback(), options, tuple(notes))
+
+
+def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[list[Named]], set[int]]:
+    """Return what says which columns of a wide file the wanted loops use."""
+    if options.share is None and not (options.only_loops or options.loops_matching):
+        return lambda found: {one.column for one in found}
+    renamed = dict(options.share.renamed) if options.share is not None else None
+
+    def needed(found: list[Named]) -> set[int]:
+        loops = by_loop(found, metadata, renamed)
+        return {int(item.column) for name in _perhaps_wanted(loops, options) for item in loops[name].items()}
+
+    return needed
+
+
+def _wanted(metadata: Metadata, options: ReadOptions) -> Callable[[str], bool]:
+    """Return what says of a tag whether a loop that the options do not rule out may use it."""
+    if options.share is None and not (options.only_loops or options.loops_matching):
+        return lambda tag: True
+    renamed = dict(options.share.renamed) if options.share is not None else None
+    owners = explicit_tags(metadata)[0]
+
+    def wanted(tag: str) -> bool:
+        loop = split_tag(tag).loop
+        names = {tag, loop, *(name for name, _ in owners.get(tag.strip().lower(), ()))}
+        for name in (tag, loop):
+            found = (metadata.match(name), metadata.part_of(name)) if renamed is None else (renamed.get(name),)
+            names.update(match for match in found if match)
+        return bool(_perhaps_wanted(names, options))
+
+    return wanted
+
+
+def _perhaps_wanted(names: Iterable[str], options: ReadOptions) -> list[str]:
+    """Loops that the options do not rule out; which are drawn for a sample is known only when all files are open."""
+    if options.share is not None:
+        return [name for name in names if name in set(options.share.loops)]
+    tests = [check_pattern(pattern) for pattern in options.loops_matching]
+    return [name for name in names
+            if (not options.only_loops
+                or any(name == p or fnmatchcase(name.lower(), p.lower()) for p in options.only_loops))
+            and (not tests or any(test(name) for test in tests))]

@@ -3,99 +3,90 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import Note
+from ..record import FloatArray, Note
 from .numbers import parse_words
-from .series import Cells
+from .signals import Cells
 
-_GOOD = re.compile(
-    r"^\s*(?:good|ok|gut|bon|valid|raw|normal|true|g|0xc0|0x000000c0|good[ ,(/:_\-].*)\s*$", re.IGNORECASE
-)
+_GOOD = re.compile(r"^\s*(?:good|ok|gut|bon|valid|raw|normal|true|g|0xc0|0x000000c0|good[ ,(/:_\-].*)\s*$",
+                   re.IGNORECASE)
+_BAD = re.compile(r"^\s*(?:bad|uncertain|questionable|invalid|not ?good|schlecht|ungültig|false|b|u|0x0+|error|fail\w*|"
+                  r"(?:bad|uncertain)[ ,(/:_\-].*)\s*$", re.IGNORECASE)
 _DOUBT = re.compile(r"bad|uncertain|substitut|last ?(?:usable|known)|stale", re.IGNORECASE)
+_ONE_IS_GOOD = re.compile(r"^(?!.*(?:inv|bad|not|un)).*(?:valid|good|gültig|gueltig)", re.IGNORECASE)
 _AUTO = re.compile(
     r"^(?:aut.*|a|cas.*|kas.*|c|r-?cas.*|remote.*|rsp|ext.*|r|bcas.*|b-?cas.*|on|true|prog.*|sup.*|normal|"
     r"closed.*)$",
     re.IGNORECASE,
 )
-_MANUAL = re.compile(
-    r"^(?:man.*|m|hand.*|h|lo|local.*|i-?man.*|iman.*|init.*|tr.*|oos|out.?of.?serv.*|rout|r-?out|"
-    r"off|false|bman|force.*|hold|open.*|stop.*)$",
-    re.IGNORECASE,
-)
+_MANUAL = re.compile(r"^(?:man.*|m|hand.*|h|lo|local.*|i-?man.*|iman.*|init.*|tr.*|oos|out.?of.?serv.*|rout|r-?out|"
+                     r"off|false|bman|force.*|hold|open.*|stop.*)$", re.IGNORECASE)
 
 
-def good_samples(cells: Cells, further: tuple[str, ...]) -> tuple[NDArray[np.bool_], list[Note]]:
-    """Return (rows,) True where the quality says good. Numbers are OPC codes (192 and more), percents or 0/1."""
-    codes, words = cells.texts() if cells.is_text else (None, [])
+def quality_words(words: list[str]) -> bool:
+    """Say whether texts are qualities, and no modes or states."""
+    plain = [word for word in words if len(word.strip()) > 1]
+    return bool(plain) and all(_GOOD.match(word) or _BAD.match(word) for word in plain) and any(
+        re.match(r"\s*(?:good|bad|gut|uncertain|0xc0)", word, re.IGNORECASE) for word in plain)
+
+
+def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, float] | None = None
+                 ) -> tuple[NDArray[np.bool_], list[Note]]:
+    """Return (rows,) True where the quality says good. Numbers are OPC codes (192 and more), percents or 0/1.
+
+    further: words or numbers that mean good. name: of the column; Validity and its like are 1 where the row is good.
+    known: what the chunks of a loop before this one tell of its numbers; it is added to.
+    """
     notes: list[Note] = []
-    if codes is None:
-        numbers = cells.numbers().values
-        return _good_numbers(numbers, further, notes), notes
+    known = {} if known is None else known
+    if not cells.is_text:
+        return _good_numbers(cells.numbers().values, further, name, notes, known), notes
+    codes, words = cells.texts()
     values, _, _ = parse_words(words)
     if words and np.isfinite(values).all():
-        table = np.append(values, np.nan)
-        return _good_numbers(table[codes], further, notes), notes
-    good, blank_is_good = good_words(words, further, notes)
-    if not blank_is_good and codes.min(initial=0) < 0:
-        codes = last_word(codes)
-    return np.append(good, blank_is_good)[codes], notes
-
-
-def good_words(words: list[str], further: tuple[str, ...], notes: list[Note]) -> tuple[NDArray[np.bool_], bool]:
-    """Return which words say good, and whether an empty cell does."""
+        return _good_numbers(np.append(values, np.nan)[codes], further, name, notes, known), notes
     extra = {word.strip().lower() for word in further}
     good = [word.strip().lower() in extra or (bool(_GOOD.match(word)) and not _DOUBT.search(word)) for word in words]
-    blank_is_good = not any(good)  # only faults are marked
-    if blank_is_good and words:
+    only_faults = not any(good)  # only faults are marked: an empty cell is good
+    if only_faults and words:
         notes.append(Note("quality_words", f"no quality reads Good; rows marked {_some(words)} are dropped"))
-    return np.array(good, bool), blank_is_good
+    if not only_faults and codes.min(initial=0) < 0:
+        # a change-driven quality column leaves unchanged rows empty, the last word holds
+        codes = codes[np.maximum.accumulate(np.where(codes >= 0, np.arange(len(codes)), 0))]
+    return np.append(np.array(good, bool), only_faults)[codes], notes
 
 
-def last_word(codes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Fill empty cells: a change-driven quality column leaves unchanged rows empty, the last word holds."""
-    return codes[np.maximum.accumulate(np.where(codes >= 0, np.arange(len(codes)), 0))]
-
-
-def _good_numbers(values: NDArray[np.float64], further: tuple[str, ...], notes: list[Note]) -> NDArray[np.bool_]:
-    known = values[np.isfinite(values)]
-    ends = (float(known.min()), float(known.max()), float(np.median(known))) if len(known) else None
-    return good_numbers(ends, further, notes)(values)
-
-
-def good_numbers(
-    ends: tuple[float, float, float] | None, further: tuple[str, ...], notes: list[Note]
-) -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
-    """Return what says of quality numbers whether they are good. ends: least, greatest and median of all of them."""
-    wanted = [float(w) for w in further if re.fullmatch(r"\d+(?:\.\d+)?", w)]
+def _good_numbers(values: FloatArray, further: tuple[str, ...], name: str, notes: list[Note], seen: dict[str, float]
+                  ) -> NDArray[np.bool_]:
+    wanted = [float(word) for word in further if re.fullmatch(r"\d+(?:\.\d+)?", word)]
     if wanted:
-        return lambda values: np.isin(values, wanted)
-    if ends is None:
-        return lambda values: np.ones(len(values), bool)
-    low, high, usual = ends
+        return np.isin(values, wanted)
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return np.ones(len(values), bool)
+    low = seen["low"] = min(seen.get("low", np.inf), float(known.min()))
+    high = seen["high"] = max(seen.get("high", -np.inf), float(known.max()))
+    usual = seen.setdefault("usual", float(np.median(known)))
     if high >= 1 << 30:  # OPC UA status codes: the two highest bits are the severity
-        return lambda values: np.isfinite(values) & (values < 1 << 30)
+        return np.isfinite(values) & (values < 1 << 30)
     if high >= 192:
-        return lambda values: np.isfinite(values) & (values >= 192) & (values < 256)
+        return np.isfinite(values) & (values >= 192) & (values < 256)
     if high == 100:
-        return lambda values: values == 100
+        return values == 100
+    if _ONE_IS_GOOD.search(name) and low >= 0.0 and high <= 1.0:
+        return values == 1.0
+    if low == high and usual not in (0.0, 1.0):
+        return np.zeros(len(values), bool)
     if low != high:
-        notes.append(
-            Note(
-                "quality_code",
-                f"quality numbers are not OPC codes; {usual:g}, the most frequent, is taken as "
-                "good (--good-quality names others)",
-            )
-        )
-    elif usual not in (0.0, 1.0):
-        return lambda values: np.zeros(len(values), bool)
-    return lambda values: values == usual
+        notes.append(Note("quality_code", f"quality numbers are not OPC codes; {usual:g}, the most frequent, is taken "
+                          "as good (--good-quality names others)"))
+    return values == usual
 
 
-def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[NDArray[np.float64], list[Note]]:
+def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[Note]]:
     """Return (rows,) 1 where the controller was in automatic (or cascade), 0 where not, nan where not recorded.
 
     Numbers: 0 manual and 1, 2, 3 automatic or cascade; powers of two from 16 on as in Foundation Fieldbus.
@@ -125,13 +116,8 @@ def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[NDArray[np.float6
                 states[-1] = 0.0
                 unknown.append(text)
     if unknown:
-        notes.append(
-            Note(
-                "mode_words",
-                f"modes {_some(unknown)} are not known and count as not automatic "
-                "(auto_modes in loops.toml names further ones)",
-            )
-        )
+        notes.append(Note("mode_words", f"modes {_some(unknown)} are not known and count as not automatic "
+                          "(auto_modes in loops.toml names further ones)"))
     return np.append(np.array(states, float), np.nan)[codes], notes
 
 
@@ -143,7 +129,7 @@ def _number_state(text: str, extra: set[str]) -> float:
     return float(value != 0) if value in (0, 1, 2, 3) else np.nan
 
 
-def _auto_numbers(values: NDArray[np.float64], extra: set[str], notes: list[Note]) -> NDArray[np.float64]:
+def _auto_numbers(values: FloatArray, extra: set[str], notes: list[Note]) -> FloatArray:
     known = values[np.isfinite(values)]
     out = np.full(len(values), np.nan)
     present = np.isfinite(values)

@@ -10,15 +10,17 @@ from os import PathLike
 from pathlib import Path
 from urllib.parse import unquote
 
-from ..errors import BacklashError, InputError
+from ..errors import BacklashError, InputError, MetadataError
+from ..settings import Metadata, parse_table, parse_toml
 from .names import LOOP, TAG, plain
-from .places import Remote, place
-from .tables import stem_of
+from .remote import Remote, place
 
 TEXT = (".csv", ".tsv", ".txt", ".dat", ".asc")
 PARQUET = (".parquet", ".pq")
+WORKBOOK = (".xlsx", ".xlsm")
 PACKED = (".gz", ".zst", ".zstd", ".bz2", ".xz")
 MAX_FILES = 200_000
+SIZE_LIMIT = 32 << 20  # bytes of a loops file
 _PART = re.compile(r"(?:part|data|chunk)[-_.]\d", re.IGNORECASE)  # pieces of a dataset as Arrow, Spark, Dask call them
 _DATE = re.compile(r"[\d._-]+")
 
@@ -57,9 +59,8 @@ def find_sources(inputs: str | PathLike[str] | Sequence[str | PathLike[str]]) ->
             elif path.exists():
                 found.append(Source(path))
             else:
-                raise InputError(
-                    "no such file or folder: not found", where=str(path), remedy="check the name and the path"
-                )
+                raise InputError("no such file or folder: not found", where=str(path),
+                                 remedy="check the name and the path")
         except OSError as error:
             raise InputError(f"cannot open: {error.strerror}", where=str(path)[:200]) from None
     unique: dict[str, Source] = {}
@@ -75,12 +76,14 @@ def is_export(name: str) -> bool:
         lower = lower.removesuffix(ending)
     if lower.startswith((".", "_")) or lower == "loops.csv" or lower.endswith(".loops.csv"):
         return False
-    return lower.endswith(TEXT + PARQUET)
+    return lower.endswith(TEXT + PARQUET + WORKBOOK) and not lower.startswith("~$")
 
 
 def _below(folder: Path | Remote) -> list[Source]:
     found: list[Source] = []
+    seen: list[str] = []
     for parts, names in _folders_of(folder):
+        seen += names
         partition = {}
         for part in (folder.name, *parts):
             key, equals, value = part.partition("=")
@@ -99,11 +102,10 @@ def _below(folder: Path | Remote) -> list[Source]:
         if len(found) > MAX_FILES:
             raise InputError(f"more than {MAX_FILES} files", where=str(folder), remedy="scan it in parts")
     if not found:
-        raise InputError(
-            "folder holds no exports (no CSV or Parquet files)",
-            where=str(folder),
-            remedy="name the folder with the exports, or a file",
-        )
+        other = sorted({Path(name).suffix or name for name in seen})
+        there = f"; found there: {', '.join(other[:8])}" + ", ..." * (len(other) > 8) if other else "; it is empty"
+        raise InputError(f"folder holds no exports (no CSV, Parquet or Excel files){there}", where=str(folder),
+                         remedy="name the folder with the exports, or a file")
     return found
 
 
@@ -176,6 +178,39 @@ def _candidates(folder: Path | Remote, *names: str) -> list[Path | Remote]:
 
 def _plain(folder: Path | Remote) -> list[Path | Remote]:
     return [folder / "loops.toml", folder / "loops.csv"]
+
+
+def stem_of(path: Path | Remote) -> str:
+    """File name without the endings of its format: FIC101.PV.csv.gz -> FIC101.PV."""
+    name = path.name
+    for endings in (PACKED, TEXT + PARQUET + WORKBOOK):
+        for ending in endings:
+            if name.lower().endswith(ending) and len(name) > len(ending):
+                name = name[: -len(ending)]
+                break
+    return name
+
+
+def read_metadata(path: str | PathLike[str]) -> Metadata:
+    """Read one metadata file: TOML with [defaults] and [loops.NAME], or a CSV table with a column `loop`.
+
+    Raises MetadataError naming file, line and key, with the nearest known ones.
+    """
+    path = place(path)
+    try:
+        if path.stat().st_size > SIZE_LIMIT:
+            raise MetadataError("metadata file is larger than 32 MB", where=str(path), remedy="is this the data file?")
+        text = path.read_bytes().decode("utf-8-sig")
+    except FileNotFoundError:
+        raise MetadataError("loops file not found: no such file", where=str(path),
+                            remedy="check the path given to --loops") from None
+    except OSError as error:
+        raise MetadataError(f"cannot read the loops file: {error.strerror}", where=str(path)) from None
+    except UnicodeDecodeError as error:
+        raise MetadataError(f"loops file is not UTF-8 text (byte {error.start})", where=str(path),
+                            remedy="save it as UTF-8") from None
+    parse = parse_table if path.suffix.lower() in (".csv", ".txt", ".tsv") else parse_toml
+    return parse(text, str(path))
 
 
 def size_of(inputs: Sequence[str | PathLike[str]]) -> int | None:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 from numpy.typing import NDArray
+
+from ..record import FloatArray, IntArray, Note, SampleState
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
 AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
@@ -16,13 +20,7 @@ OPPOSED = -0.2  # correlation of neighbouring changes below which there is noise
 QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still this long to be called frozen
 
 
-def complete(values: NDArray[np.float64]) -> bool:
-    """Is there a number everywhere? Asked of the sum, which is cheap; False as well when that is too large."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return bool(np.isfinite(np.add.reduce(values)))
-
-
-def runs(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
     """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
     edges = np.flatnonzero(flags[1:] != flags[:-1]) + 1
     if len(flags) and flags[0]:
@@ -32,9 +30,7 @@ def runs(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return edges[0::2], edges[1::2]
 
 
-def short_holes(
-    values: NDArray[np.float64], index: NDArray[np.int64], longest: int
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Fill holes (nan) of at most `longest` samples on a straight line between their neighbours.
 
     Holes at the ends and next to a gap (a jump of `index`) stay. Returns (values, filled).
@@ -59,7 +55,7 @@ def short_holes(
     return out, filled
 
 
-def hold_last(values: NDArray[np.float64], longest: int | None = None) -> NDArray[np.float64]:
+def hold_last(values: FloatArray, longest: int | None = None) -> FloatArray:
     """Fill nan with the last number before it, over at most `longest` samples."""
     known = np.isfinite(values)
     if known.all():
@@ -72,14 +68,24 @@ def hold_last(values: NDArray[np.float64], longest: int | None = None) -> NDArra
     return out
 
 
-def saturated(output: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+def saturated(output: FloatArray) -> NDArray[np.bool_] | None:
     """(samples,) True where a normalised output stays at 0 or 1 for several samples; None when it never does."""
-    from .signal_kernel import stays_outside
+    with np.errstate(invalid="ignore"):
+        at_limit = (output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT)
+    starts, ends = runs(at_limit)
+    long = ends - starts >= LIMIT_RUN
+    return inside(starts[long], ends[long], len(output)) if long.any() else None
 
-    return stays_outside(output, AT_LIMIT, 1.0 - AT_LIMIT, LIMIT_RUN)
+
+def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
+    """(samples,) True in stretches that do not overlap; ends: one past the last."""
+    edges = np.zeros(samples + 1, np.int8)
+    edges[starts] += 1
+    edges[ends] -= 1
+    return np.cumsum(edges[:-1]).astype(bool)
 
 
-def implausible(measurement: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+def implausible(measurement: FloatArray) -> NDArray[np.bool_] | None:
     """(samples,) True where a normalised measurement lies more than BEYOND spans outside its range."""
     with np.errstate(invalid="ignore"):
         if np.fmin.reduce(measurement) >= -BEYOND and np.fmax.reduce(measurement) <= 1.0 + BEYOND:
@@ -87,21 +93,18 @@ def implausible(measurement: NDArray[np.float64]) -> NDArray[np.bool_] | None:
         return (measurement < -BEYOND) | (measurement > 1.0 + BEYOND)
 
 
-def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+def frozen(values: FloatArray) -> NDArray[np.bool_] | None:
     """(samples,) True where a measurement repeats one number for longer than its own noise allows; None if nowhere.
 
     A signal with noise repeats a number with some chance p, so a run of L repeats somewhere among n samples has
     chance about n p^L; runs with less than FROZEN_CHANCE are frozen. A signal without noise may stand still, as a
     valve does in its dead band: it must do so for QUIET_SHARE of the record.
     """
-    from .signal_kernel import stands_still
-
     if len(values) < 2 * LEAST_CHANGES:
         return None
-    if not stands_still(values):
+    starts, ends = runs(values[1:] == values[:-1])
+    if not len(starts) or (ends - starts).max() < FROZEN_RUN - 1:
         return None
-    equal = values[1:] == values[:-1]
-    starts, ends = runs(equal)
     lengths = ends - starts
     limit = _longest_by_chance(len(values), len(lengths), int(lengths.sum()))
     kept = lengths < limit
@@ -111,10 +114,7 @@ def frozen(values: NDArray[np.float64]) -> NDArray[np.bool_] | None:
         kept = lengths < max(limit, QUIET_SHARE * len(values))
     if kept.all():
         return None
-    out = np.zeros(len(values), bool)
-    for start, end in zip(starts[~kept], ends[~kept], strict=True):
-        out[start : end + 1] = True
-    return out
+    return inside(starts[~kept], ends[~kept] + 1, len(values))
 
 
 def _longest_by_chance(samples: int, stretches: int, repeats: int) -> float:
@@ -124,47 +124,7 @@ def _longest_by_chance(samples: int, stretches: int, repeats: int) -> float:
     return max(float(FROZEN_RUN - 1), float(np.log(FROZEN_CHANCE / samples) / np.log(p)))
 
 
-class Repeats:
-    """Counts the repeats of a long signal piece by piece, to know whether `frozen` could find anything in it."""
-
-    def __init__(self) -> None:
-        self.samples = self.stretches = self.total = self.longest = self._open = self._begun = 0
-        self.long: list[tuple[int, int]] = []  # first sample and repeats of stretches that may be frozen
-        self._last = np.empty(0)
-
-    def add(self, values: NDArray[np.float64]) -> None:
-        """Take the next samples."""
-        joined = np.concatenate([self._last, values])
-        before = self.samples - len(self._last)
-        starts, ends = runs(joined[1:] == joined[:-1])
-        lengths = ends - starts
-        self.samples += len(values)
-        self.total += int(lengths.sum())
-        goes_on = len(starts) > 0 and starts[0] == 0 and self._open > 0
-        self.stretches += len(starts) - goes_on
-        starts = starts + before
-        if goes_on:
-            lengths[0] += self._open
-            starts[0] = self._begun
-            if self.long and self.long[-1][0] == self._begun:
-                self.long.pop()
-        self.longest = max(self.longest, int(lengths.max(initial=0)))
-        kept = lengths >= FROZEN_RUN - 1
-        self.long += zip(starts[kept].tolist(), lengths[kept].tolist(), strict=True)
-        still_open = len(ends) > 0 and ends[-1] == len(joined) - 1
-        self._open, self._begun = (int(lengths[-1]), int(starts[-1])) if still_open else (0, 0)
-        self._last = values[-1:] if len(values) else self._last
-
-    def longest_by_chance(self) -> float:
-        """Repeats in a row that noise still explains."""
-        return _longest_by_chance(self.samples, self.stretches, self.total)
-
-    def may_be_frozen(self) -> bool:
-        """Is there a stretch that noise does not explain?"""
-        return self.samples >= 2 * LEAST_CHANGES and self.longest >= self.longest_by_chance()
-
-
-def _noisy(values: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray[np.int64]) -> bool:
+def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
     """Is the noise resolved? Then neighbouring changes point in opposite directions (their correlation tends to -1/2),
     and changes are larger than the recorder's step."""
     changes = np.diff(values)
@@ -178,3 +138,92 @@ def _noisy(values: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray
         return False
     sizes = np.abs(a[a != 0])
     return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))
+
+
+def complete(values: FloatArray) -> bool:
+    """Is there a finite number everywhere?"""
+    return bool(np.isfinite(values).all())
+
+
+def state_notes(counts: Counter[str], samples: int, *kinds: str) -> list[Note]:
+    """Say how many of so many samples are of these kinds, in order."""
+    found = []
+    for kind in kinds:
+        count = counts[kind]
+        code, text = _SAID[kind]
+        if kind == "wild" and count > 0.5 * samples:
+            text = f"{100 * count / samples:.0f} % of the measurement lies far outside pv_range: check it"
+            found.append(Note("outside_range", text))
+        elif count:
+            text = text if kind in ("wild", "filled") else f"of {samples} samples {text}; not used"
+            found.append(Note(code, f"{count} {text}", {"samples": float(count)}))
+    return found
+
+
+MEASURED = ("wild", "filled", "frozen", "saturated", "missing")
+_SAID = {
+    "wild": ("implausible", "samples of PV far outside the range (spikes) were rejected"),
+    "filled": ("filled", "samples in short holes were interpolated"),
+    "frozen": ("frozen", "repeat one number for too long (PV constant or frozen)"),
+    "saturated": ("saturated", "have the output at its limit"), "missing": ("missing", "have no measurement"),
+    "setpoint": ("setpoint_missing", "have no setpoint"), "output": ("output_missing", "have no output"),
+    "manual": ("manual", "are not in automatic"),
+}
+
+
+class Samples:
+    """Samples of one loop on its grid, all (samples,). index: grid numbers. sp, pv, op: None where not recorded.
+
+    interpolated: the measurement was not recorded there. manual: not in automatic. bridge: longest hole in samples that
+    is filled.
+    After it is made, holes of `measurement` are filled, `state` says what each sample is, `count` how many are what.
+    """
+
+    def __init__(self, index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArray | None,
+                 interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int) -> None:
+        self.index = index
+        self.setpoint = np.full(len(index), np.nan) if sp is None else sp
+        self.output = op
+        self.state = np.zeros(len(index), np.uint8)
+        self._marks: dict[str, NDArray[np.bool_]] = {}
+        self.measurement = self._measured(pv, op, interpolated, bridge)
+        for what, values in (("setpoint", sp), ("output", op)):
+            if values is not None and not complete(values):
+                self._mark(what, ~np.isfinite(values), SampleState.MISSING)
+        if manual is not None:
+            there = (self.state != SampleState.MISSING) & (self.state != SampleState.IMPLAUSIBLE)
+            self._mark("manual", manual & there, SampleState.MANUAL)
+
+    def count(self, first: int = 0, last: int | None = None) -> Counter[str]:
+        """Return how many of the samples first..last-1 are what."""
+        return Counter({name: int(np.count_nonzero(where[first:last])) for name, where in self._marks.items()})
+
+    def _measured(self, pv: FloatArray, op: FloatArray | None, interpolated: NDArray[np.bool_] | None,
+                  bridge: int) -> FloatArray:
+        y, wild = pv, implausible(pv)
+        if wild is not None:
+            y = np.where(wild, np.nan, y)
+            self._marks["wild"] = wild
+        lost = wild is not None or not complete(pv)
+        if lost:
+            y, filled = short_holes(y, self.index, bridge)
+            self._mark("filled", filled, SampleState.FILLED)
+        if interpolated is not None:
+            self.state[interpolated] = SampleState.FILLED
+        stuck = frozen(y)
+        if stuck is not None:
+            self._mark("frozen", stuck, SampleState.FROZEN)
+        limit = None if op is None else saturated(op)
+        if limit is not None:
+            self._mark("saturated", limit, SampleState.SATURATED)
+        if lost:
+            missing = ~np.isfinite(y)
+            if wild is not None:
+                self.state[missing & wild] = SampleState.IMPLAUSIBLE
+                missing &= ~wild
+            self._mark("missing", missing, SampleState.MISSING)
+        return y
+
+    def _mark(self, what: str, where: NDArray[np.bool_], value: SampleState) -> None:
+        self.state[where] = value
+        self._marks[what] = where

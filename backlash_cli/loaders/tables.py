@@ -1,242 +1,355 @@
-"""Files to tables: pyarrow reads the bulk, this module only tells it where the data begin and what to keep."""
+"""Files to signals: the columns of a file go into memory or the scratch file, named and with their stamps."""
 
 from __future__ import annotations
 
-import contextlib
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
+import numpy as np
 import pyarrow as pa
-import pyarrow.csv as pa_csv
-import pyarrow.parquet as pa_parquet
+from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..record import Note
-from .columns import LazyColumn
-from .dialect import Dialect, sniff
-from .files import Content, open_content
-from .numbers import BLANK
+from ..errors import BacklashError, InputError
+from ..record import IntArray, Note
+from .csv import TextTable
+from .layouts import Head, Layout, Named, layout_of, of_tag, signals_of
+from .names import signal_role
+from .numbers import codes_and_words, stored
+from .opening import Text, kind_of, sheets
 from .options import ReadOptions
-from .places import Remote, in_words
+from .order import CLOCK_CODES, NAT, ordered
+from .parquet import ParquetTable
+from .scratch import Arrays, Room, Store
+from .signals import Axis, Lexicon, Rows, Series, StoredRows
+from .sources import Source, stem_of
+from .times import StampReader
 
-HEAD_SIZES = (256 << 10, 4 << 20, 32 << 20)
-_TWO_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # column names of two levels as pandas writes them
-MAX_COLUMNS = 100_000
-MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
+FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
+Table = TextTable | ParquetTable
 
 
-@dataclass(frozen=True)
-class Table:
-    """Columns as they stand in a file, nothing interpreted yet.
+@dataclass
+class Reading:
+    """How files are read. wanted: says of a tag (or a loop, in rows of loops) whether its samples are needed; needed:
+    says of the named columns of a wide file which are. taken: called with the bytes of a file that were read."""
 
-    where: path for messages. stem: file name without endings. first_line: line of the first row in a CSV
-    file, 0 for Parquet. loop: name given by a partition folder (loop=FIC101), else "".
-    """
+    options: ReadOptions
+    wanted: Callable[[str], bool] = lambda tag: True
+    needed: Callable[[list[Named]], set[int]] = lambda found: {one.column for one in found}
+    taken: Callable[[int], None] | None = None
+    room: Room = field(default_factory=Room)
 
-    where: str
-    stem: str
-    names: tuple[str, ...]
-    columns: tuple[pa.ChunkedArray | LazyColumn, ...]
-    decimal: str = "."
-    first_line: int = 0
-    notes: tuple[Note, ...] = ()
-    partition: dict[str, str] = field(default_factory=dict)
-    kinds: tuple[str, ...] = ()
 
-    def is_text(self, column: int) -> bool:
-        """Say whether a column holds text."""
-        kind = self.columns[column].type
-        return pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind)
+def tables_of(source: Source, reading: Reading) -> Iterator[Table]:
+    """Open the tables of a file: one, or the sheets of a workbook. Raises InputError."""
+    path, options = source.path, reading.options
+    kind, stem, where = kind_of(path), stem_of(path), str(path)
+    if kind == "parquet":
+        if reading.taken is not None:
+            reading.taken(path.stat().st_size)
+        yield ParquetTable(path, stem, options, source.partition)
+    elif kind == "text":
+        yield TextTable(influx_plain(Text(path, options, reading.taken)), stem, where, source.partition)
+    else:
+        yield from _sheets(source, options)
 
-    def kind(self, column: int) -> str:
-        """What the first cells of a CSV column look like ("time", "clock", "number", "text"), "" for Parquet."""
-        return self.kinds[column] if column < len(self.kinds) else ""
+
+def _sheets(source: Source, options: ReadOptions) -> Iterator[Table]:
+    """The sheets of a workbook that are tables of measurements; a sheet of remarks beside one is passed over."""
+    found, problem = sheets(source.path), None
+    good = 0
+    for name, data in found:
+        try:
+            table = TextTable(Text(source.path, options, data=data), stem_of(source.path) if len(found) == 1 else name,
+                              str(source.path), source.partition)
+            layout_of(table.head, options)
+        except InputError as error:
+            problem = problem or error
+            continue
+        good += 1
+        yield table
+    if not good and problem is not None:
+        raise problem
+
+
+_ANNOTATION = re.compile(rb"^#(?:datatype|group|default)\b", re.MULTILINE)
+
+
+def influx_plain(text: Text) -> Text:
+    """Take the annotations out of InfluxDB's annotated CSV, where a table of other columns may follow after a blank
+    line; the columns of all tables are brought to those of the first."""
+    if not _ANNOTATION.search(text.head[: 64 << 10]):
+        return text
+    columns: list[bytes] = []
+    place: list[int] | None = None
+    fresh = True
+
+    def changed(block: bytes) -> bytes:
+        nonlocal place, fresh
+        out = []
+        for line in block.splitlines():
+            if not line.strip(b" ,\r") or line.startswith((b"#", b'"#')):
+                fresh = True
+                continue
+            cells = line.split(b",")
+            if fresh and not any(cell[:1].isdigit() for cell in cells):
+                names = [cell.strip(b'"\r ') for cell in cells]
+                if not columns:
+                    columns.extend(names)
+                    out.append(b",".join(columns))
+                place = None if names == columns else [names.index(name) if name in names else -1 for name in columns]
+            elif place is None:
+                out.append(line)
+            else:
+                out.append(b",".join(cells[k] if 0 <= k < len(cells) else b"" for k in place))
+            fresh = False
+        return b"\n".join(out) + b"\n" if out else b""
+
+    return text.changed(changed)
+
+
+def signals_of_file(source: Source, reading: Reading) -> tuple[list[Series], list[Note]]:
+    """Return the signals of a file, and what was noticed. Raises InputError when it cannot be read."""
+    found: list[Series] = []
+    notes: list[Note] = []
+    for table in tables_of(source, reading):
+        layout = layout_of(table.head, reading.options)
+        read = _grouped if layout.naming else _wide
+        found += read(table, layout, reading)
+        notes += table.notes
+    return found, notes
+
+
+def _wide(table: Table, layout: Layout, reading: Reading) -> list[Series]:
+    """A column per signal."""
+    head = table.head
+    needed = reading.needed(signals_of(head, layout))
+    needed |= {layout.quality[i] for i in needed if i in layout.quality}
+    empty = {i for i in layout.stored if pa.types.is_null(head.columns[i].type)}
+    rows: Rows
+    if isinstance(table, ParquetTable):
+        rows = table.columns()
+        axes = _parquet_axes(table, rows, layout, reading)
+    else:
+        columns = sorted(set(layout.stored) & (needed | empty))  # what is still empty may be a tag of the loops file
+        store, stamps, words, filled = _stored(table, layout, columns, reading)
+        rows = StoredRows(store, stamps.rows, _lexicons(words, head.decimal))
+        axes = _axes(stamps, table, layout)
+        empty = set(columns) - filled
+    found = []
+    for one in signals_of(head, layout, empty):
+        axis = axes[one.stamps]
+        series = _series(one, head, layout, axis, rows if one.column in needed | empty else None)
+        found.append(_where_stamped(series) if layout.kind == "pairs" else series)
+    return found
+
+
+def _series(one: Named, head: Head, layout: Layout, axis: Axis, rows: Rows | None) -> Series:
+    mark = layout.quality.get(one.column)
+    quality, name = ("", "") if mark is None else (f"v{mark}", head.names[mark])
+    return Series(one.tag, one.loop, one.role, one.signal, axis, rows, f"v{one.column}", quality, head.where, name)
+
+
+def _where_stamped(series: Series) -> Series:
+    """Leave out the rows of a pair of columns that have no stamp: shorter ones are padded with empty cells."""
+    known = series.axis.micros != NAT
+    count = int(known.sum())
+    chosen = slice(0, count) if known[:count].all() else np.flatnonzero(known)
+    return series.part(series.axis.part(chosen), chosen)
+
+
+def _stored(table: Table, layout: Layout, columns: Sequence[int], reading: Reading) -> tuple[
+        Store, _Stamps, dict[int, dict[str, int]], set[int]]:
+    """Store the columns of a file; return also its stamps, the texts of its columns, and which hold anything."""
+    head = table.head
+    store, stamps = Store(reading.room), _Stamps(head, layout, reading)
+    words: dict[int, dict[str, int]] = {i: {} for i in columns}
+    filled: set[int] = set()
+    for batch in table.batches(columns, stamps.columns):
+        stamps.take(batch)
+        arrays: Arrays = {}
+        for i in columns:
+            _put(arrays, i, batch[i], words[i], table, filled)
+        if arrays:
+            store.add(arrays)
+    return store.close(), stamps.close(), words, filled
+
+
+def _put(arrays: Arrays, i: int, column: pa.ChunkedArray, words: dict[str, int], table: Table, filled: set[int]
+         ) -> None:
+    values, codes = stored(column, words, table.head.decimal, written=isinstance(table, TextTable))
+    arrays[f"v{i}"] = values
+    if codes is not None:
+        arrays[f"v{i}w"] = codes
+    if i not in filled and (codes is not None or not np.isnan(values).all()):
+        filled.add(i)
+
+
+def _lexicons(words: dict[int, dict[str, int]], decimal: str) -> dict[str, Lexicon]:
+    return {f"v{i}": Lexicon(list(found), decimal) for i, found in words.items() if found}
+
+
+class _Stamps:
+    """The stamps of a file on their way through its batches."""
+
+    def __init__(self, head: Head, layout: Layout, reading: Reading) -> None:
+        self.layout = layout
+        self.columns = {i for pair in layout.stamps for i in pair}
+        self.readers = [StampReader([head.names[i] for i in pair], reading.options, head.where)
+                        for pair in layout.stamps]
+        self.store = Store(reading.room)
+
+    def take(self, batch: dict[int, pa.ChunkedArray]) -> None:
+        self.store.add({f"t{k}": reader.take([batch[i] for i in pair])
+                        for k, (reader, pair) in enumerate(zip(self.readers, self.layout.stamps, strict=True))})
+
+    def close(self) -> _Stamps:
+        """Bring all stamps to UTC. Raises InputError when they are not understood."""
+        self.store.close()
+        clocks = [reader.finish() for reader in self.readers]
+        self.store = self.store.mapped(lambda arrays, first: {
+            f"t{k}": clock(arrays[f"t{k}"]) for k, clock in enumerate(clocks)})
+        return self
 
     @property
     def rows(self) -> int:
-        return len(self.columns[0]) if self.columns else 0
+        return self.store.rows
 
 
-def read_table(path: Path | Remote, options: ReadOptions, partition: dict[str, str] | None = None) -> Table:
-    """Read one CSV or Parquet file. Raises InputError with the file and the reason."""
-    with in_words(str(path)) if isinstance(path, Remote) else contextlib.nullcontext():
-        return replace(_read(path, options), partition=partition or {})
+def _axes(stamps: _Stamps, table: Table, layout: Layout) -> list[Axis]:
+    rows = StoredRows(stamps.store, stamps.rows)
+    return [Axis(rows, f"t{k}", absolute=reader.absolute, notes=reader.all_notes, where=table.head.where,
+                 first_line=table.head.first_line) for k, reader in enumerate(stamps.readers)]
 
 
-def _read(path: Path | Remote, options: ReadOptions) -> Table:
-    content = open_content(path, options)
-    try:
-        if content.kind == "parquet":
-            return _read_parquet(path, options)
-        return _read_csv(content, options)
-    except (pa.ArrowException, ValueError, OSError, OverflowError, MemoryError) as error:
-        raise cannot_be_read(error, str(path)) from None
+def _parquet_axes(table: ParquetTable, rows: Rows, layout: Layout, reading: Reading) -> list[Axis]:
+    """Stamps that need no interpretation stay in the file, all others are read."""
+    kinds = [table.head.columns[pair[0]].type for pair in layout.stamps]
+    if all(len(pair) == 1 and pa.types.is_timestamp(kind) and (kind.tz is not None or not reading.options.timezone)
+           for pair, kind in zip(layout.stamps, kinds, strict=True)):
+        return [Axis(rows, f"t{pair[0]}", where=table.where) for pair in layout.stamps]
+    stamps = _Stamps(table.head, layout, reading)
+    for batch in table.batches((), stamps.columns):
+        stamps.take(batch)
+    return _axes(stamps.close(), table, layout)
 
 
-def cannot_be_read(error: BaseException, where: str) -> InputError:
-    """Return a reader's failure as an error that says where."""
-    return InputError(f"cannot be read: {_first_line(error)}", where=where, remedy="export the file again")
+class _Tags:
+    """Numbers of the tags of a long file, or of the loops of a tall one."""
+
+    def __init__(self, naming: Sequence[int], headers: tuple[str, ...]) -> None:
+        self.naming, self.headers = naming, headers
+        self.numbers: dict[str, int] = {}
+        self.counts: IntArray = np.zeros(0, np.int64)
+
+    def take(self, batch: dict[int, pa.ChunkedArray]) -> NDArray[np.int32]:
+        """Return the number of each row's tag, -1 for none."""
+        codes, words = codes_and_words(batch[self.naming[0]])
+        if len(self.naming) == 2:
+            second, fields = codes_and_words(batch[self.naming[1]])
+            both = np.where((codes < 0) | (second < 0), -1, codes * max(len(fields), 1) + second)
+            present, codes = np.unique(both, return_inverse=True)
+            codes = codes - (1 if len(present) and present[0] < 0 else 0)
+            present = present[present >= 0]
+            words = [f"{words[p // len(fields)]}.{fields[p % len(fields)]}" for p in present.tolist()]
+        there = np.zeros(len(words) + 1, bool)
+        there[codes] = True
+        table = np.full(len(words) + 1, -1, np.int32)
+        for i in np.flatnonzero(there[:-1]).tolist():
+            if (name := words[i].strip()) and name != self.headers[0]:
+                table[i] = self.numbers.setdefault(name, len(self.numbers))
+        return table[codes]
 
 
-def stem_of(path: Path | Remote) -> str:
-    """File name without the endings of its format: FIC101.PV.csv.gz -> FIC101.PV."""
-    name = path.name
-    for endings in (
-        (".gz", ".zst", ".zstd", ".bz2", ".xz"),
-        (".csv", ".txt", ".tsv", ".dat", ".parquet", ".pq", ".asc"),
-    ):
-        for ending in endings:
-            if name.lower().endswith(ending) and len(name) > len(ending):
-                name = name[: -len(ending)]
-                break
-    return name
+def _grouped(table: Table, layout: Layout, reading: Reading) -> list[Series]:
+    """Rows that belong to different tags or loops: they are put together by tag."""
+    head, tall = table.head, layout.kind == "tall"
+    header = (".".join(head.names[i].strip() for i in layout.naming),)
+    tags, stamps, store = _Tags(layout.naming, header), _Stamps(head, layout, reading), Store(reading.room)
+    words: dict[int, dict[str, int]] = {i: {} for i in layout.stored}
+    filled: set[int] = set()
+    for batch in table.batches([*layout.stored, *layout.naming], stamps.columns):
+        stamps.take(batch)
+        arrays: Arrays = {"group": tags.take(batch)}
+        for i in layout.stored:
+            _put(arrays, i, batch[i], words[i], table, filled)
+        store.add(arrays)
+    store.close()
+    stamps.close()
+    lexicons = _lexicons(words, head.decimal)
+    moved: list[tuple[int, int]] = []
+    notes = stamps.readers[0].all_notes
+    if not tall:
+        moved, more = _one_clock(store, stamps.store, lexicons, f"v{layout.values[0]}")
+        notes = (*notes, *more)
+    names = list(tags.numbers)
+    wanted = np.array([reading.wanted(name) for name in names] + [False])
+    last = NAT
 
+    def by_tag(arrays: Arrays, first: int) -> Arrays:
+        nonlocal last
+        micros = stamps.store.read(["t0"], first, first + len(arrays["group"]))["t0"].astype(np.int64, copy=False)
+        for row, shift in moved:
+            micros = np.where((np.arange(first, first + len(micros)) > row) & (micros != NAT), micros + shift, micros)
+        last = max(last, int(micros.max(initial=NAT)))
+        keep = wanted[arrays["group"]]
+        if not tall:  # rows without a stamp, such as headers in between, are no samples
+            keep &= micros != NAT
+        if keep.all():
+            return {**arrays, "t0": micros}
+        return {name: column[keep] for name, column in {**arrays, "t0": micros}.items()}
 
-def _read_parquet(path: Path | Remote, options: ReadOptions) -> Table:
-    file = pa_parquet.ParquetFile(path.open_bytes() if isinstance(path, Remote) else path)
-    if file.metadata.num_columns > MAX_COLUMNS:
-        raise InputError(f"{file.metadata.num_columns} columns are too many", where=str(path))
-    decoded = file.metadata.num_rows * file.metadata.num_columns * 8
-    if decoded > options.max_bytes and decoded > MAX_GROWTH * path.stat().st_size:
-        raise InputError(
-            f"{path.stat().st_size} bytes of Parquet expand to {decoded >> 20} MB",
-            where=str(path),
-            remedy="if this is a real export, cut it into parts",
-        )
-    table = file.read()
-    names, columns = [], []
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        if pa.types.is_nested(column.type):
+    grouped = store.mapped(by_tag, groups=True)
+    found = []
+    for number, name in enumerate(names):
+        count = int(grouped.group_rows(number).sum())
+        rows = StoredRows(grouped, count, lexicons, number) if wanted[number] else None
+        about: dict[str, Any] = {"absolute": stamps.readers[0].absolute, "notes": notes, "where": head.where}
+        axis = Axis(rows, "t0", **about) if rows is not None else Axis(last=last, **about)
+        if not tall and rows is not None and not count:
             continue
-        names.append(column_name(name))
-        columns.append(column)
-    return Table(str(path), stem_of(path), tuple(names), tuple(columns))
+        for i in layout.values if not tall else [i for i in layout.values if i in filled]:
+            own = of_tag(name, i)
+            if tall:
+                own = Named(i, f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i])
+            found.append(_series(own, head, layout, axis, rows))
+    return found
 
 
-def column_name(name: str) -> str:
-    """The name of a Parquet column; two levels as pandas writes them become one.
+def _one_clock(store: Store, stamps: Store, lexicons: dict[str, Lexicon], column: str) -> tuple[
+        list[tuple[int, int]], list[Note]]:
+    """A clock that was set back in a file written in time order went back for all tags, the rarely recorded too.
 
-    >>> column_name("('FIC101', 'PV')")
-    'FIC101.PV'
+    Return after which rows by how much [microseconds] it did, and what is to be said of it.
     """
-    level = _TWO_LEVELS.match(name)
-    return f"{level[1]}.{level[2]}" if level else name
-
-
-def head_table(content: Content, options: ReadOptions) -> Table:
-    """Return the first rows of a CSV. Raises InputError when it cannot be understood."""
-    return _read_csv(content, options)
-
-
-def _read_csv(content: Content, options: ReadOptions) -> Table:
-    where = str(content.path)
-    dialect = find_dialect(content, options, where)
-    table, bad = _parse(content, dialect)
-    notes = list(content.notes)
-    if bad:
-        notes.append(ragged_note(_locate(content, dialect, bad), dialect, where))
-    if table.num_rows == 0:
-        raise InputError("no rows of data below the header", where=where, remedy="export it again with samples")
-    return Table(
-        where,
-        stem_of(content.path),
-        dialect.names,
-        tuple(table.columns),
-        dialect.decimal,
-        dialect.line,
-        tuple(notes),
-        kinds=dialect.kinds,
-    )
-
-
-def ragged_note(bad: Sequence[tuple], dialect: Dialect, where: str) -> Note:
-    """Say which rows were dropped; bad: (number of the row from 1 or None, columns expected, columns found)."""
-    first = next((b[0] for b in bad if b[0] is not None), None)
-    line = "" if first is None else f", the first is line {dialect.line + first - 1}"
-    return Note(
-        "ragged_rows",
-        f"{len(bad)} rows have too few or too many cells and were dropped{line} "
-        f"({bad[0][2]} columns instead of {bad[0][1]})",
-        {"rows": float(len(bad)), "file": where},
-    )
-
-
-def find_dialect(content: Content, options: ReadOptions, where: str) -> Dialect:
-    """Find how a CSV file is written from as many of its first lines as that takes. Raises InputError."""
-    problem: InputError | None = None
-    for size in HEAD_SIZES:
-        raw = content.head(size)
-        complete = len(raw) < size
-        if raw.count(b"\n") + raw.count(b"\r") < 40 and not complete and size != HEAD_SIZES[-1]:
-            continue
-        try:
-            return sniff(raw.decode("utf-8", errors="replace" if complete else "ignore"), complete, options, where)
-        except InputError as error:
-            problem = error
-            if complete:
-                break
-    assert problem is not None
-    raise problem
-
-
-def _parse(content: Content, dialect: Dialect, threads: bool = True) -> tuple[pa.Table, list[tuple]]:
-    bad: list[tuple] = []
-
-    def on_bad_row(row: pa_csv.InvalidRow) -> str:
-        bad.append((row.number, row.expected_columns, row.actual_columns))
-        return "skip"
-
-    # Unique names: two columns of the file may be called the same.
-    names = [f"c{i}" for i in range(len(dialect.names))]
-    if len(names) > MAX_COLUMNS:
-        raise InputError(f"{len(names)} columns are too many", where=str(content.path))
-    table = pa_csv.read_csv(
-        content.stream(dialect.offset),
-        read_options=pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=1 << 22),
-        parse_options=pa_csv.ParseOptions(
-            delimiter=dialect.delimiter,
-            newlines_in_values=dialect.quoted_lines,
-            invalid_row_handler=on_bad_row,
-        ),
-        convert_options=convert_options(dialect),
-    )
-    return table, bad
-
-
-def convert_options(dialect: Dialect) -> pa_csv.ConvertOptions:
-    """How pyarrow turns cells into columns."""
-    return pa_csv.ConvertOptions(
-        decimal_point=dialect.decimal,
-        null_values=["", " ", *BLANK],
-        quoted_strings_can_be_null=True,
-        auto_dict_encode=True,
-        auto_dict_max_cardinality=4096,
-        true_values=["\x00"],
-        false_values=["\x00"],
-    )
-
-
-def parse_head(content: Content, dialect: Dialect) -> Table:
-    """Return the first rows of a CSV file as a table; the content may end anywhere in a line."""
-    text = content.head(HEAD_SIZES[1])[dialect.offset :]
-    cut = text.rfind(b"\n") + 1 or len(text)
-    table, _ = _parse(Content(content.path, "text", text[:cut]), replace(dialect, offset=0), threads=False)
-    return Table(str(content.path), stem_of(content.path), dialect.names, tuple(table.columns), dialect.decimal,
-                 dialect.line, kinds=dialect.kinds)
-
-
-def _locate(content: Content, dialect: Dialect, bad: list[tuple]) -> list[tuple]:
-    """Read once more in one thread, where pyarrow numbers the rows, to name the first bad line."""
-    if any(number is not None for number, _, _ in bad):
-        return bad
+    back, before, counts = [], None, np.zeros(0, np.int64)
+    for first, arrays in stamps.pieces(["t0"]):
+        micros = arrays["t0"]
+        steps = np.diff(micros, prepend=micros[:1] if before is None else before)
+        earlier = np.concatenate([[NAT if before is None else before], micros[:-1]])
+        fell = (steps < 0) & (micros != NAT) & (earlier != NAT)
+        back += (first - 1 + np.flatnonzero(fell)).tolist()
+        before = int(micros[-1])
+        if len(back) > FEW:
+            return [], []
+    if not back:
+        return [], []
+    for _, arrays in store.pieces(["group"]):
+        found = np.bincount(arrays["group"][arrays["group"] >= 0])
+        counts = found + np.pad(counts, (0, len(found) - len(counts))) if len(found) > len(counts) else counts + np.pad(
+            found, (0, len(counts) - len(found)))
+    times, values = [], []
+    for first, arrays in store.pieces(["group", column, f"{column}w"]):
+        rows = np.flatnonzero(arrays["group"] == int(np.argmax(counts)))
+        times.append(stamps.read(["t0"], first, first + len(arrays["group"]))["t0"][rows])
+        values.append(arrays[column][rows])
     try:
-        return _parse(content, dialect, threads=False)[1] or bad
-    except pa.ArrowException:
-        return bad
-
-
-def _first_line(error: BaseException) -> str:
-    text = str(error).strip().split("\n")[0] or type(error).__name__
-    return text if len(text) <= 300 else text[:297] + "..."
+        notes = ordered(np.concatenate(times), np.concatenate(values)).notes
+    except BacklashError:
+        return [], []
+    clock = [note for note in notes if note.code in CLOCK_CODES]
+    if len(clock) != len(back):
+        return [], []
+    return [(row, round(float(note.values["seconds"]) * 1e6)) for row, note in zip(back, clock, strict=True)], clock

@@ -1,12 +1,15 @@
-"""Stamps of every usual kind to microseconds since 1970-01-01 UTC.
+"""Stamps of every usual kind to microseconds since 1970-01-01 UTC, block by block.
 
-Dates are taken apart by one regular expression for the whole column; day and month are told apart only where
-the data leave no doubt, otherwise the user is asked for --time-format.
+What only the whole file can tell (which of day and month comes first, times of day past midnight, the hour that occurs
+twice) is found out when all blocks were seen: until then a stamp with an open date stands as the number of its date.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from datetime import datetime, timedelta
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pyarrow as pa
@@ -14,212 +17,322 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..record import Note
-from .arrays import to_array
-from .hourly_stamps import HourlyStamps
-from .minutes import whole_minutes
-from .number_units import unit_of_numbers
-from .numbers import codes_and_words, to_numbers
+from ..record import FloatArray, IntArray, Note
+from .dates import DateOrder, days_of, read_dates
+from .names import plain
+from .numbers import codes_and_words, is_number, is_text, plain_numbers, to_array
 from .options import ReadOptions
+from .order import DAY, HOUR, NAT, SECOND
 
-NAT = np.iinfo(np.int64).min
-SECOND = 1_000_000
-DAY = 86_400 * SECOND
 LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
+_OPEN, _SHIFT = -(1 << 62), 38  # stamps with an open date: from _OPEN on, the number of the date above so many bits
+_FACTORS = {  # unit of numbers: (microseconds, zero, counted from a known moment)
+    "epoch_s": (1e6, 0.0, True), "epoch_ms": (1e3, 0.0, True), "epoch_us": (1.0, 0.0, True),
+    "epoch_ns": (1e-3, 0.0, True), "excel": (float(DAY), 25569.0, True), "labview": (1e6, 2082844800.0, True),
+    "filetime": (0.1, 116444736e9, True), "seconds": (1e6, 0.0, False), "millis": (1e3, 0.0, False),
+    "minutes": (6e7, 0.0, False), "hours": (3.6e9, 0.0, False), "days": (float(DAY), 0.0, False),
+}  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Times:
-    """micros: (rows,) int64 microseconds since 1970 UTC, NAT where unreadable. absolute: False for seconds from
-    an unknown start. zoned: the stamps carried an offset."""
+class StampReader:
+    """Takes the stamps of a file block by block. names: of their column, or of those of date and time of day."""
 
-    micros: NDArray[np.int64]
-    absolute: bool = True
-    zoned: bool = False
-    notes: tuple[Note, ...] = field(default=())
+    def __init__(self, names: Sequence[str], options: ReadOptions, where: str) -> None:
+        self.name, self.options, self.where = names[0], options, where
+        self.notes: list[Note] = []
+        self.absolute = True
+        self._known = False  # there was a stamp
+        self._shown = ""  # a text that is none
+        self._zoned = self._bare = False  # some stamps carry an offset, some do not
+        self._order = DateOrder()
+        self._unit = ""  # of stamps that are numbers
+        self._of_day: tuple[int, int] | None = None  # last time of day without a date, and days since the first
 
-
-def to_times(column: pa.ChunkedArray | pa.Array | HourlyStamps, name: str, options: ReadOptions, where: str) -> Times:
-    """Read a column of stamps. Raises InputError when it holds none or day and month cannot be told apart."""
-    if isinstance(column, HourlyStamps):
-        return in_zone(_hour_by_hour(column, name, options, where), options)
-    kind = column.type
-    if pa.types.is_dictionary(kind) and not pa.types.is_string(kind.value_type):
-        column = column.cast(kind.value_type)
+    def take(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
+        """Return the stamps of the next rows, to be given to what `finish` returns."""
+        pattern = self.options.time_format or ""
+        if len(columns) == 2 and "%" in pattern:
+            date = self._texts(columns[0], pattern)
+            clock = read_dates(words := [text or "" for text in columns[1].cast(pa.string()).to_pylist()]).micros
+            return np.where((date == NAT) | (clock == NAT), NAT, date + clock % DAY) if words else date
+        column = columns[0]
+        if len(columns) == 2:
+            column = pc.binary_join_element_wise(*(part.cast(pa.string()) for part in columns), " ")
         kind = column.type
-    if pa.types.is_timestamp(kind):
-        times = Times(_micros(column, kind.unit), zoned=kind.tz is not None)
-    elif pa.types.is_date(kind):
-        times = Times(_micros(column.cast(pa.timestamp("s")), "s"))
-    elif pa.types.is_time(kind):
-        unit = kind.unit
-        integers = column.cast(pa.int32() if pa.types.is_time32(kind) else pa.int64()).cast(pa.int64())
-        times = _of_day(_scaled(_integers(integers), unit))
-    elif pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind):
-        times = _by_minutes(column, name, options, where) or from_text(column, name, options, where)
-    elif pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
-        times = from_numbers(to_numbers(column).values, name, options, where)
-    else:
-        raise InputError(f"column {name!r} holds no time stamps ({kind})", where=where, remedy="name the time column")
-    return in_zone(times, options)
+        if pa.types.is_dictionary(kind) and not is_text(kind.value_type):
+            column = column.cast(kind.value_type)
+            kind = column.type
+        if pa.types.is_timestamp(kind):
+            return self._clear(_micros(column, kind.unit), kind.tz is not None)
+        if pa.types.is_date(kind):
+            return self._clear(_micros(column.cast(pa.timestamp("s")), "s"), False)
+        if pa.types.is_time(kind):
+            width = pa.int32() if pa.types.is_time32(kind) else pa.int64()
+            return self._past_midnight(_scaled(_integers(column.cast(width).cast(pa.int64())), kind.unit))
+        if pa.types.is_null(kind):
+            return np.full(len(column), NAT)
+        if is_text(kind):
+            return self._texts(column, pattern)
+        if is_number(kind):
+            return self._numbers(to_array(column.cast(pa.float64(), safe=False)))
+        raise InputError(f"column {self.name!r} holds no time stamps ({kind})", where=self.where,
+                         remedy="name the time column")
+
+    def finish(self) -> Callable[[IntArray], IntArray]:
+        """Return what gives the stamps in UTC, to be called for all rows in file order. `notes` are complete after
+        that. Raises InputError when there were no stamps, or when day and month cannot be told apart."""
+        if not self._known:
+            if self._unit or not self._shown:
+                raise InputError(f"time column {self.name!r} holds no time stamps", where=self.where,
+                                 remedy="name it with --time-format")
+            raise InputError(f"time column {self.name!r} holds no readable time stamps (for example {self._shown!r})",
+                             where=self.where,
+                             remedy="describe them with --time-format, for example --time-format '%d/%m/%Y %H:%M:%S'")
+        days = self._order.days(self.options.time_format, self.where, self.name, self.notes)
+        if self._zoned and self._bare:
+            self.notes.append(Note(
+                "mixed_zones", "some time stamps carry an offset and some do not; the others count as UTC"))
+        counted = self._unit.startswith("epoch") or not self.absolute or self._of_day is not None
+        zoned = counted or (self._zoned and not self._bare)
+        clock = WallClock(self.options.timezone) if self.options.timezone and not zoned and self.absolute else None
+        self._clock = clock
+
+        def resolved(stamps: IntArray) -> IntArray:
+            if len(days):
+                is_open = (stamps < -LIMIT) & (stamps != NAT)
+                if is_open.any():
+                    number = stamps[is_open] - _OPEN
+                    day = days[number >> _SHIFT]
+                    stamps = stamps.copy()
+                    stamps[is_open] = np.where(day == NAT, NAT, day * DAY + (number & ((1 << _SHIFT) - 1)) - DAY)
+            return stamps if clock is None else clock.utc(stamps)
+
+        return resolved
+
+    @property
+    def all_notes(self) -> tuple[Note, ...]:
+        """What is to be said of all stamps, when they were resolved."""
+        clock = getattr(self, "_clock", None)
+        return (*self.notes, *(clock.notes if clock is not None else ()))
+
+    def _clear(self, micros: IntArray, zoned: bool) -> IntArray:
+        if self._known and self._zoned and self._bare:
+            return micros
+        if bool(np.any(micros != NAT)):
+            self._known = True
+            self._zoned |= zoned
+            self._bare |= not zoned
+        return micros
+
+    def _past_midnight(self, micros: IntArray) -> IntArray:
+        """Times of day without a date: count on past midnight."""
+        known = np.flatnonzero(micros != NAT)
+        if self._of_day is None:
+            self.notes.append(Note("relative_time", "times of day without a date: shown from 1970-01-01"))
+        last, days = self._of_day or (0, 0)
+        out = micros.copy()
+        if len(known):
+            self._known = True
+            steps = np.diff(micros[known], prepend=last if self._of_day else micros[known[0]])
+            passed = days + np.cumsum(steps < -DAY // 2)
+            out[known] = micros[known] + passed * DAY
+            last, days = int(micros[known[-1]]), int(passed[-1])
+        self._of_day = last, days
+        return out
+
+    def _texts(self, column: pa.ChunkedArray | pa.Array, pattern: str) -> IntArray:
+        codes, words = codes_and_words(column)
+        if not words:
+            return np.full(len(codes), NAT)
+        self._shown = self._shown or next((word for word in words if word.strip()), "")[:40]
+        if "%" in pattern:
+            return self._clear(np.append(_by_pattern(words, pattern), NAT)[codes], False)
+        if self._unit:
+            return self._numbers(np.append(plain_numbers(words), np.nan)[codes])
+        found = read_dates(words)
+        if found.of_day and (self._of_day is not None or not self._known):
+            return self._past_midnight(np.append(found.micros, NAT)[codes])
+        if not len(found.open) and not np.any(found.micros != NAT) and not self._known:
+            values = plain_numbers(words)
+            if not np.isfinite(values).any():
+                values = plain_numbers(words, ",")
+            if np.isfinite(np.append(values, np.nan)[codes]).mean() > 0.5:
+                return self._numbers(np.append(values, np.nan)[codes])
+        # texts count in the order in which they first stand in the file
+        out = np.append(found.micros, NAT)
+        out[found.open] = _OPEN + (self._order.take(found) << _SHIFT) + found.clock + DAY
+        there = out[:-1] != NAT
+        if there.any():
+            self._known = True
+            self._zoned |= bool(found.zoned[there].any())
+            self._bare |= not found.zoned[there].all()
+        return out[codes]
+
+    def _numbers(self, values: FloatArray) -> IntArray:
+        """Numeric stamps: epoch seconds to nanoseconds, spreadsheet days, or seconds from an unknown start."""
+        known = values[np.isfinite(values)]
+        out = np.full(len(values), NAT)
+        if not len(known):
+            return out
+        if not self._unit:
+            self._unit = self.options.time_format or _written_digits(known) or _unit_of(known, self.name)
+            if self._unit not in (*_FACTORS, "ymdhms", "ymdhm"):
+                raise InputError(f"column {self.name!r} holds numbers, not {self._unit!r} stamps", where=self.where,
+                                 remedy="mend --time-format")
+            if self._unit == "excel":
+                self.notes.append(Note("time_format", "times are spreadsheet day numbers (days since 1899-12-30)"))
+            self.absolute = _FACTORS.get(self._unit, (0, 0, True))[2]
+            if not self.absolute:
+                self.notes.append(Note("relative_time", f"times of {self.name!r} count from an unknown start; shown "
+                                       "from 1970-01-01"))
+        self._known = True
+        if self._unit.startswith("ymdhm"):
+            return _from_digits(values, self._unit)
+        factor, zero, _ = _FACTORS[self._unit]
+        with np.errstate(over="ignore", invalid="ignore"):
+            scaled = (values - zero) * factor
+        if self._unit == "excel":
+            # a day number carries about 2 microseconds of rounding; stamps are written to the millisecond at best
+            scaled = np.rint(scaled / 1000.0) * 1000.0
+        usable = np.isfinite(scaled) & (np.abs(scaled) < LIMIT)
+        out[usable] = np.rint(scaled[usable]).astype(np.int64)
+        return out
 
 
-def in_zone(times: Times, options: ReadOptions) -> Times:
-    """Return stamps in UTC, where they are written in the zone that the options name."""
-    if not times.zoned and times.absolute and options.timezone:
-        from .zones import localise
-
-        return localise(times, options.timezone)
-    return times
-
-
-def _hour_by_hour(column: HourlyStamps, name: str, options: ReadOptions, where: str) -> Times:
-    hours = column.hours()
-    try:
-        times = from_text(hours.texts, name, options, where)
-    except InputError:
-        return from_text(column.arrow(), name, options, where)  # says it of the stamps as they are written
-    begin = times.micros[hours.which]
-    return replace(times, micros=np.where(begin == NAT, NAT, begin + hours.nanos // 1000))
+def read_stamps(columns: Sequence[pa.ChunkedArray], names: Sequence[str], options: ReadOptions, where: str) -> tuple[
+        IntArray, StampReader]:
+    """Return the stamps of a whole file [microseconds since 1970 UTC] and who read them. Raises InputError."""
+    reader = StampReader(names, options, where)
+    packed = reader.take(columns)
+    return reader.finish()(packed), reader
 
 
-def _by_minutes(column: pa.ChunkedArray | pa.Array, name: str, options: ReadOptions, where: str) -> Times | None:
-    """Read written stamps of one form, one text per minute; None where that cannot be done."""
-    split = whole_minutes(column) if options.time_format is None else None
-    if split is None:
-        return None
-    texts, which, seconds = split
-    try:
-        times = from_text(texts, name, options, where)
-    except InputError:
-        return None  # said once more of the stamps as they are written
-    minutes = times.micros[which]
-    return replace(times, micros=np.where(minutes == NAT, NAT, minutes + seconds))
+def is_midnight(column: pa.ChunkedArray, name: str, options: ReadOptions, where: str) -> bool:
+    """Say whether the stamps of a column are dates without a time of day. Raises InputError."""
+    micros, _ = read_stamps([column], [name], replace(options, timezone=None), where)
+    return not np.any(micros[micros != NAT] % DAY)
 
 
-def from_numbers(
-    values: NDArray[np.float64], name: str, options: ReadOptions, where: str,
-    unit_and_digits: tuple[str, str] | None = None,
-) -> Times:
-    """Read numeric stamps: epoch seconds to nanoseconds, spreadsheet days, or seconds from an unknown start.
-
-    unit_and_digits: as `unit_of_numbers` finds it, where it is known already.
-    """
-    known = values[np.isfinite(values)]
-    if not len(known):
-        raise InputError(f"time column {name!r} holds no time stamps", where=where, remedy="name it with --time-format")
-    unit, digits = unit_and_digits or unit_of_numbers(known, name, options)
-    if digits:
-        return _from_digits(values, digits)
-    notes: list[Note] = []
-    factor, zero, absolute = {
-        "epoch_s": (1e6, 0.0, True), "epoch_ms": (1e3, 0.0, True), "epoch_us": (1.0, 0.0, True),
-        "epoch_ns": (1e-3, 0.0, True), "excel": (float(DAY), 25569.0, True),
-        "labview": (1e6, 2082844800.0, True), "filetime": (0.1, 116444736e9, True),
-        "seconds": (1e6, 0.0, False), "millis": (1e3, 0.0, False), "minutes": (6e7, 0.0, False),
-        "hours": (3.6e9, 0.0, False), "days": (float(DAY), 0.0, False),
-    }.get(unit, (0.0, 0.0, True))  # fmt: skip
-    if not factor:
-        raise InputError(
-            f"column {name!r} holds numbers, not {unit!r} stamps", where=where, remedy="mend --time-format"
-        )
-    with np.errstate(over="ignore", invalid="ignore"):
-        scaled = (values - zero) * factor
-    if unit == "excel":
-        # a day number carries about 2 microseconds of rounding; stamps are written to the millisecond at best
-        scaled = np.rint(scaled / 1000.0) * 1000.0
-        notes.append(Note("time_format", "times are spreadsheet day numbers (days since 1899-12-30)"))
-    if not absolute:
-        notes.append(Note("relative_time", f"times of {name!r} count from an unknown start; shown from 1970-01-01"))
-    out = np.full(len(values), NAT)
-    usable = np.isfinite(scaled) & (np.abs(scaled) < LIMIT)
-    out[usable] = np.rint(scaled[usable]).astype(np.int64)
-    return Times(out, absolute, zoned=unit.startswith("epoch") or not absolute, notes=tuple(notes))
-
-
-def _from_digits(values: NDArray[np.float64], pattern: str) -> Times:
-    from .dates import days_of
-
-    present = np.isfinite(values)
-    whole = np.where(present, values, 0.0).astype(np.int64) * (1 if pattern == "ymdhms" else 100)
-    days = days_of(whole // 10**10, whole // 10**8 % 100, whole // 10**6 % 100)
-    known = present & (days != NAT)
-    clock = ((whole // 10**4 % 100) * 60 + whole // 100 % 100) * 60 + whole % 100
-    return Times(np.where(known, np.where(known, days, 0) * DAY + clock * SECOND, NAT))
-
-
-def from_text(column: pa.ChunkedArray | pa.Array, name: str, options: ReadOptions, where: str) -> Times:
-    """Read written stamps. Raises InputError when they are not understood."""
-    codes, words = codes_and_words(column)
-    if options.time_format and "%" in options.time_format:
-        micros, zoned = _by_pattern(words, options.time_format), False
-        notes: tuple[Note, ...] = ()
-    else:
-        from .dates import parse_dates
-
-        micros, zoned, clock_only, notes = parse_dates(words, options.time_format, codes, where, name)
-        if clock_only:
-            times = _of_day(np.append(micros, NAT)[codes])
-            return Times(times.micros, True, zoned, (*times.notes, *notes))
-        if not np.any(micros != NAT) and words:
-            numbers = to_numbers(column)
-            if np.isfinite(numbers.values).mean() > 0.5:
-                return from_numbers(numbers.values, name, options, where)
-    if not np.any(micros != NAT):
-        shown = next((w for w in words if w.strip()), "")[:40]
-        raise InputError(
-            f"time column {name!r} holds no readable time stamps (for example {shown!r})",
-            where=where,
-            remedy="describe them with --time-format, for example --time-format '%d/%m/%Y %H:%M:%S'",
-        )
-    return Times(np.append(micros, NAT)[codes], True, zoned, notes)
-
-
-def _by_pattern(words: list[str], pattern: str) -> NDArray[np.int64]:
+def _by_pattern(words: list[str], pattern: str) -> IntArray:
     import pandas as pd
 
     try:
         stamps = pd.to_datetime(pd.Series(words, dtype="str").str.strip(), format=pattern, errors="coerce", utc=True)
     except (ValueError, TypeError, OverflowError) as error:
         raise InputError(f"bad --time-format {pattern!r}: {error}", remedy="for example '%d/%m/%Y %H:%M:%S'") from None
-    values = stamps.to_numpy(dtype="datetime64[us]")
-    return values.astype(np.int64)
+    return stamps.to_numpy(dtype="datetime64[us]").astype(np.int64)
 
 
-def _of_day(micros: NDArray[np.int64]) -> Times:
-    """Times of day without a date: count on past midnight."""
-    known = np.flatnonzero(micros != NAT)
-    out = micros.copy()
-    if len(known):
-        steps = np.diff(micros[known])
-        days = np.concatenate([[0], np.cumsum(steps < -DAY // 2)])
-        out[known] = micros[known] + days * DAY
-    note = Note("relative_time", "times of day without a date: shown from 1970-01-01")
-    return Times(out, True, True, (note,))
+def _written_digits(known: FloatArray) -> str:
+    """Return the pattern of stamps written as one number, 20260317080000 or 202603170800, "" when they are none."""
+    for pattern, low, high in (("ymdhms", 1.9e13, 2.2e13), ("ymdhm", 1.9e11, 2.2e11)):
+        if known.min() < low or known.max() >= high or np.any(known % 1):
+            continue
+        rest = known if pattern == "ymdhms" else known * 100
+        fits = (rest % 100 < 60) & (rest // 100 % 100 < 60) & (rest // 1e4 % 100 < 24)
+        day, month = rest // 1e6 % 100, rest // 1e8 % 100
+        fits &= (day >= 1) & (day <= 31) & (month >= 1) & (month <= 12)
+        if fits.all():
+            return pattern
+    return ""
 
 
-def _micros(column: pa.ChunkedArray | pa.Array, unit: str) -> NDArray[np.int64]:
+def _unit_of(known: FloatArray, name: str) -> str:
+    """What numeric stamps count: told from their size, their steps and the name of the column."""
+    middle = float(np.median(np.abs(known)))
+    for low, high, unit in ((1.2e17, 1.5e17, "filetime"), (1e17, 1e19, "epoch_ns"), (1e14, 1e17, "epoch_us"),
+                            (1e11, 1e14, "epoch_ms"), (3.4e9, 4.2e9, "labview"), (1e8, 3.4e9, "epoch_s")):  # fmt: skip
+        if low <= middle < high:
+            return unit
+    steps = np.diff(known[:1000])
+    step = float(np.median(np.abs(steps[steps != 0]))) if np.any(steps != 0) else 1.0
+    if 20_000 < middle < 80_000 and step < 0.5 and np.any(known % 1 != 0):
+        return "excel"
+    word = plain(name)
+    bracket = name.lower().rstrip(")] ").replace("[", "(").rpartition("(")[2].strip()
+    for unit, ends, brackets in (("millis", ("ms",), ("ms", "msec")), ("minutes", ("min", "minutes"), ("min",)),
+                                 ("hours", ("hours", "timeh"), ("h", "hours"))):  # fmt: skip
+        if word.endswith(ends) or bracket in brackets:
+            return unit
+    return "seconds"
+
+
+def _from_digits(values: FloatArray, pattern: str) -> IntArray:
+    present = np.isfinite(values)
+    whole = np.where(present, values, 0.0).astype(np.int64) * (1 if pattern == "ymdhms" else 100)
+    days = days_of(whole // 10**10, whole // 10**8 % 100, whole // 10**6 % 100)
+    known = present & (days != NAT)
+    clock = ((whole // 10**4 % 100) * 60 + whole // 100 % 100) * 60 + whole % 100
+    return np.where(known, np.where(known, days, 0) * DAY + clock * SECOND, NAT)
+
+
+def _micros(column: pa.ChunkedArray | pa.Array, unit: str) -> IntArray:
     return _scaled(_integers(column.cast(pa.int64())), unit)
 
 
-def _integers(column: pa.ChunkedArray | pa.Array) -> NDArray[np.int64]:
-    if column.null_count:
-        column = pc.fill_null(column, NAT)
-    return to_array(column)
+def _integers(column: pa.ChunkedArray | pa.Array) -> IntArray:
+    return to_array(pc.fill_null(column, NAT) if column.null_count else column)
 
 
-def _scaled(integers: NDArray[np.int64], unit: str) -> NDArray[np.int64]:
-    missing = integers == NAT
-    if unit == "us":
-        far = (integers > LIMIT) | (integers < -LIMIT)
-        return np.where(far, NAT, integers) if far.any() else integers
+def _scaled(integers: IntArray, unit: str) -> IntArray:
+    """Whole numbers of a unit as microseconds."""
     if unit == "ns":
-        out = integers // 1000
-    else:
-        factor = SECOND if unit == "s" else 1000
-        far = np.abs(integers.astype(np.float64)) > LIMIT / factor
-        out = np.where(far, 0, integers) * factor
-        missing = missing | far
-    if missing.any():
-        out[missing] = NAT
-    return out
+        return np.where(integers == NAT, NAT, integers // 1000)
+    factor = {"us": 1, "ms": 1000, "s": SECOND}[unit]
+    far = np.abs(integers.astype(np.float64)) > LIMIT / factor
+    return np.where(far, NAT, np.where(far, 0, integers) * factor) if far.any() else integers * factor
+
+
+class WallClock:
+    """Stamps as the clocks of a zone show them to UTC, some rows of a file after the other."""
+
+    def __init__(self, zone: str) -> None:
+        self.zone = zone
+        self._info = ZoneInfo(zone)
+        self._rows = 0  # in the hour that occurs twice
+        self._last: int | None = None
+        self._within = False  # the last row lay in such an hour
+        self._back = 0  # steps back since the rows came to lie there
+
+    def utc(self, micros: IntArray) -> IntArray:
+        """Return the next rows in UTC, (rows,); unreadable ones stay unreadable."""
+        known = np.flatnonzero(micros != NAT)
+        if not len(known):
+            return micros
+        local = micros[known]
+        hours, inverse = np.unique(local // HOUR, return_inverse=True)
+        first = np.array([_offset(self._info, int(h), 0) for h in hours], np.int64)[inverse]
+        second = np.array([_offset(self._info, int(h), 1) for h in hours], np.int64)[inverse]
+        doubled = first != second
+        out = micros.copy()
+        out[known] = local - np.where(self._gone_back(local, doubled), second, first)
+        return out
+
+    def _gone_back(self, local: IntArray, doubled: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """After the clock went back (a step of more than half an hour in the doubled hour) the second offset holds."""
+        back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
+        within = np.concatenate([[self._within], doubled])
+        before = np.cumsum(back)
+        begins = np.flatnonzero(~within[:-1] & within[1:])
+        # steps back before the rows that lie in the hour now came there; less than none: there were some already
+        earlier = np.concatenate([[-self._back], before[begins] - back[begins]])
+        since = before - earlier[np.cumsum(~within[:-1] & within[1:])]
+        self._rows += int(np.count_nonzero(doubled))
+        self._last, self._within, self._back = int(local[-1]), bool(doubled[-1]), int(since[-1])
+        return doubled & (since > 0)
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What is to be said of the rows so far."""
+        if not self._rows:
+            return ()
+        text = f"{self._rows} rows lie in the hour that occurs twice in {self.zone}; they are taken in file order"
+        return (Note("dst_repeated_hour", text),)
+
+
+def _offset(info: ZoneInfo, hour: int, fold: int) -> int:
+    try:
+        moment = (datetime(1970, 1, 1) + timedelta(hours=hour)).replace(tzinfo=info, fold=fold)
+        return int((moment.utcoffset() or timedelta()).total_seconds() * SECOND)
+    except (OverflowError, ValueError):
+        return 0

@@ -4,8 +4,8 @@
     python -m tests.benchmarks.memory --kinds [DAYS] [NAME ...]
 
 --long: rows of tag, time and value instead of a wide file. --kinds: one loop in the less usual ways of `made_kinds`,
-nothing kept in the column store's memory, so that the two peaks tell what grows with the file. Files are made below
-TMPDIR and deleted again; the scan needs as much room beside them for its column store.
+nothing kept in memory, so that the two peaks tell what grows with the file. Files are made below
+TMPDIR and deleted again; the scan needs as much room beside them for its scratch file.
 """
 
 from __future__ import annotations
@@ -15,19 +15,18 @@ import sys
 import tempfile
 from pathlib import Path
 
-from backlash_cli.loaders.store import IN_MEMORY
+from backlash_cli.loaders.scratch import IN_MEMORY
 from tests.benchmarks.made_kinds import KINDS, write_kind
 from tests.benchmarks.made_plant import write, write_long
 
 _SCAN = """
 import sys, time
 from backlash_cli import ScanOptions, scan
-from backlash_cli.loaders.lazy_tables import Lazily
 from backlash_cli.loaders.options import ReadOptions
 from backlash_cli.loaders.plant import open_plant
-from backlash_cli.loaders.store import Room
+from backlash_cli.loaders.scratch import Room
 options = ReadOptions(timezone=sys.argv[4] or None)
-opened = open_plant(sys.argv[1], options=options, lazily=Lazily(room=Room(int(sys.argv[3]))))
+opened = open_plant(sys.argv[1], options=options, room=Room(int(sys.argv[3])))
 result = scan(opened, ScanOptions(confirm=sys.argv[2] == "confirm"), jobs=1)
 # what getrusage says begins with the memory of the process that started this one
 peak = next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmHWM")) / (1 << 10)
@@ -38,7 +37,7 @@ print(len(result.loops), peak, time.process_time())
 def peak_of(path: Path, confirm: bool = False, room: int = IN_MEMORY, zone: str = "") -> tuple[int, float, float]:
     """Return (loops, peak resident memory [MB], CPU time [s]) of a process that scans a file.
 
-    room: bytes of samples that the column store keeps in memory. zone: of the stamps.
+    room: bytes of samples that are kept in memory. zone: of the stamps.
     """
     run = [sys.executable, "-c", _SCAN, str(path), "confirm" if confirm else "", str(room), zone]
     loops, peak, seconds = subprocess.run(run, capture_output=True, text=True, check=True).stdout.split()

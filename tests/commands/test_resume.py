@@ -11,7 +11,6 @@ import pytest
 
 from backlash_cli.engines import local
 from backlash_cli.history.store import History
-from backlash_cli.loaders.store import ColumnStore
 from tests.commands.run import COMMAND, run
 from tests.loaders.test_partitions import single, write
 from tests.small_plant import TRUTH, write_plant
@@ -184,35 +183,3 @@ def test_the_nightly_job_goes_on_by_itself(capfd, plant, tmp_path, analysed):
     assert content(history) == content(tmp_path / "whole.db") and not unfinished(history)
     (whole,), (resumed,) = tmp_path.glob("whole.*.json"), tmp_path.glob("h.*.json")
     assert resumed.read_bytes() == whole.read_bytes()
-
-
-def long_export(folder, table):
-    """The small plant as rows of tag, time and value."""
-    frame = table.to_pandas()
-    long = frame.melt(frame.columns[0], var_name="tag", value_name="value").sort_values(frame.columns[0], kind="stable")
-    path = folder / "plant.csv"
-    long.to_csv(path, index=False)
-    return path
-
-
-@pytest.mark.parametrize("layout", ["wide", "long"])
-@pytest.mark.parametrize("changed", [False, True])
-def test_columns_of_finished_loops_are_not_stored_again(
-    capfd, tmp_path, monkeypatch, table, analysed, layout, changed
-):
-    export = write_plant(tmp_path, hours=0.3) if layout == "wide" else long_export(tmp_path, table)
-    (tmp_path / "plant.loops.toml").write_text("[defaults]\nK = 1.1\nTi = 12.0\npv_range = [0, 200]\n")
-    analysed[1].stop = 2
-    assert run(capfd, *told(export, tmp_path / "h.db")).status == 130
-    analysed[1].stop = -1
-    if changed:
-        (tmp_path / "plant.loops.toml").write_text("[defaults]\nK = 1.2\nTi = 12.0\npv_range = [0, 200]\n")
-    stored = []
-    real = ColumnStore.add
-    monkeypatch.setattr(ColumnStore, "add", lambda store, piece: (stored.append(piece.nbytes), real(store, piece)))
-    found = run(capfd, *told(export, tmp_path / "h.db", "--resume"))
-    again = sum(stored)
-    stored.clear()
-    want = run(capfd, *told(export, tmp_path / "whole.db"))
-    assert found.out == want.out and found.status == 0
-    assert again < 0.5 * sum(stored) if not changed else again > sum(stored)

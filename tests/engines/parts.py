@@ -8,10 +8,8 @@ from dataclasses import replace
 from backlash_cli.api import scan_part
 from backlash_cli.engines.combine import combine
 from backlash_cli.loaders import ReadOptions
-from backlash_cli.loaders.cut_parts import cut_parts
-from backlash_cli.loaders.shares import alone, make_plan, sources_of
-from backlash_cli.loaders.since import is_age
-from backlash_cli.loaders.survey import survey_all
+from backlash_cli.loaders.options import is_age
+from backlash_cli.loaders.parts import alone, cut_parts, make_plan, sources_of, survey_all
 from backlash_cli.scan import ScanOptions
 
 QUICK = ScanOptions(confirm=False)

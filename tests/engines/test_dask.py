@@ -42,7 +42,7 @@ def local(plant):
 
 @pytest.fixture(autouse=True)
 def many_small_parts(monkeypatch):
-    monkeypatch.setattr("backlash_cli.loaders.cut_parts.MOST_LOOPS", 3)
+    monkeypatch.setattr("backlash_cli.loaders.parts.MOST_LOOPS", 3)
 
 
 def on(client, plant, work, reading=None, **more):
@@ -200,7 +200,7 @@ def test_workers_that_do_not_see_the_files_are_named(client, plant, monkeypatch)
 
     def unseen(sources, options, end=False):
         from backlash_cli.errors import InputError
-        from backlash_cli.loaders.survey import Survey
+        from backlash_cli.loaders.parts import Survey
 
         return [Survey(s, failure=InputError("no such file: x", where=str(s.path))) for s in sources]
 

@@ -7,7 +7,7 @@ import pytest
 from backlash_cli.api import scan_files
 from backlash_cli.errors import BacklashError
 from backlash_cli.loaders import ReadOptions
-from backlash_cli.loaders.cut_parts import cut_parts
+from backlash_cli.loaders.parts import cut_parts
 from backlash_cli.reporter.json_report import to_json
 from tests.engines.parts import QUICK, in_parts, plan_of
 from tests.loaders.test_layouts import EXPORTS, by_loop
@@ -137,7 +137,7 @@ def test_parts_hold_every_loop_once_and_files_stay_together(tmp_path):
 
 
 def test_a_csv_is_cut_into_no_more_parts_than_there_are_workers(plant, monkeypatch):
-    monkeypatch.setattr("backlash_cli.loaders.cut_parts.SMALLEST", 1)
+    monkeypatch.setattr("backlash_cli.loaders.parts.SMALLEST", 1)
     plan = plan_of([plant[0]])
     assert len(cut_parts(plan, 2)) == 2 and len(cut_parts(plan, 100)) == len(TRUTH)
     assert [p.loops for p in cut_parts(plan, 1)] == [tuple(sorted(TRUTH))]

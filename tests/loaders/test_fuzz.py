@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from backlash_cli.errors import BacklashError, MetadataError
 from backlash_cli.loaders import read
-from backlash_cli.loaders.loop_settings import settings_of
-from backlash_cli.loaders.metadata_file import parse_toml
-from backlash_cli.loaders.metadata_table import parse_table
+from backlash_cli.settings.csv_table import parse_table
+from backlash_cli.settings.loop_settings import settings_of
+from backlash_cli.settings.toml_page import parse_toml
 from tests.benchmarks.fuzz_readers import TOKENS, broken_promise, mutate, seeds
 
 from .exports import SETTINGS, arrow, iso, long, wide
@@ -108,7 +108,7 @@ values = st.one_of(
     )
 )
 def test_any_values_in_metadata(given_values):
-    from backlash_cli.loaders.metadata import LoopValues
+    from backlash_cli.settings.schema import LoopValues
 
     try:
         result = settings_of(LoopValues(given_values, "x"))

@@ -8,10 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.errors import LoopError
-from backlash_cli.loaders.grid import make_grid
-from backlash_cli.loaders.grid_plan import MAX_HOLE
-from backlash_cli.loaders.order import ordered
-from backlash_cli.loaders.times import NAT, SECOND
+from backlash_cli.loaders.grid import MAX_HOLE, make_grid
+from backlash_cli.loaders.order import NAT, SECOND, ordered
 
 T0 = 1_773_734_400 * SECOND
 

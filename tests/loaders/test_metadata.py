@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 
 from backlash_cli.errors import MetadataError
-from backlash_cli.loaders.loop_settings import settings_of
-from backlash_cli.loaders.metadata import merge
-from backlash_cli.loaders.metadata_file import parse_toml, read_metadata
-from backlash_cli.loaders.metadata_table import parse_table
+from backlash_cli.loaders.sources import read_metadata
+from backlash_cli.settings.csv_table import parse_table
+from backlash_cli.settings.loop_settings import settings_of
+from backlash_cli.settings.schema import merge
+from backlash_cli.settings.toml_page import parse_toml
 
 GOOD = """
 [defaults]

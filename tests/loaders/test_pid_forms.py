@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from backlash_cli.errors import MetadataError
-from backlash_cli.loaders.pid_forms import (
+from backlash_cli.settings.pid_forms import (
     Tuning,
-    ideal_to_series,
     parallel_to_ideal,
     per_second,
     seconds,
@@ -39,19 +38,6 @@ def test_parallel_has_the_response_of_its_sum(k, ki, kd):
     sign = np.sign(k)
     want = k + sign * ki / S + sign * kd * S
     np.testing.assert_allclose(ideal(parallel_to_ideal(k, sign * ki, sign * kd)), want, rtol=1e-9)
-
-
-@given(gains, times, st.floats(0.0, 0.25))
-def test_ideal_to_series_and_back(k, ti, share):
-    series = ideal_to_series(k, ti, share * ti)
-    assert series.K is not None and series.Ti is not None
-    back = series_to_ideal(series.K, series.Ti, series.Td)
-    np.testing.assert_allclose([back.K, back.Ti, back.Td], [k, ti, share * ti], rtol=1e-6, atol=1e-9)
-
-
-def test_no_series_form_beyond_a_quarter():
-    with pytest.raises(MetadataError, match="Ti < 4 Td"):
-        ideal_to_series(1.0, 10.0, 3.0)
 
 
 def test_textbook_values():

@@ -1,0 +1,200 @@
+"""Controller settings in every common form, converted to the ideal form: K, Ti [s], Td [s].
+
+Ideal (standard, ISA):     u = K ( e + 1/Ti ∫e dt + Td de/dt )
+Series (interacting):      C = K' (1 + 1/(s Ti')) (1 + s Td')
+Parallel (independent):    u = K e + Ki ∫e dt + Kd de/dt
+
+Conversions: Åström and Hägglund, Advanced PID Control (ISA 2006), section 3.2.
+Everything here is on one pair of signals: `units` and spans are handled where a record is scaled.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import MetadataError
+
+FORMS = ("ideal", "series", "parallel")
+SECONDS = {
+    "ms": 1e-3, "msec": 1e-3, "millisecond": 1e-3,
+    "s": 1.0, "sec": 1.0, "second": 1.0,
+    "m": 60.0, "min": 60.0, "minute": 60.0,
+    "h": 3600.0, "hr": 3600.0, "hour": 3600.0,
+}  # fmt: skip
+_QUANTITY = re.compile(r"^\s*([+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
+_RATE = re.compile(r"^(?:repeats?|reps?|r)?\s*(?:/|per\b|p(?=m$|s$))\s*(.+)$")
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Ideal-form settings: gain K, integral time Ti [s] (None: not given), derivative time Td [s]."""
+
+    K: float | None = None
+    Ti: float | None = None
+    Td: float = 0.0
+
+
+def series_to_ideal(K: float, Ti: float, Td: float) -> Tuning:
+    """Convert an interacting controller K' (1 + 1/(s Ti')) (1 + s Td') to the ideal form.
+
+    >>> series_to_ideal(2.0, 8.0, 2.0)
+    Tuning(K=2.5, Ti=10.0, Td=1.6)
+    """
+    return Tuning(K * (Ti + Td) / Ti, Ti + Td, Ti * Td / (Ti + Td))
+
+
+def parallel_to_ideal(K: float, Ki: float, Kd: float) -> Tuning:
+    """Convert independent gains K, Ki [1/s], Kd [s] to the ideal form: Ti = K/Ki, Td = Kd/K.
+
+    >>> parallel_to_ideal(-2.0, -0.1, -3.0)
+    Tuning(K=-2.0, Ti=20.0, Td=1.5)
+    """
+    return Tuning(K, K / Ki, Kd / K)
+
+
+def number(value: Any, key: str) -> float:
+    """Return a finite number, or raise MetadataError that names the key."""
+    if isinstance(value, str):
+        match = _QUANTITY.match(value)
+        value = match[1].replace(",", ".") if match and not match[2] else value
+    try:
+        result = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        result = math.nan
+    if not math.isfinite(result):
+        raise MetadataError(f"{key} must be a number, not {_shown(value)}",
+                            remedy=f"write for example {key} = 1.5 or leave it out")
+    return result
+
+
+def seconds(value: Any, key: str) -> float:
+    """Return a time in seconds from 28.0, "28 s", "0.5 min", "0.01 h" or, as repeats, "2 /min".
+
+    >>> seconds("0.5 min", "Ti"), seconds("2 /min", "Ti")
+    (30.0, 30.0)
+    """
+    match = _QUANTITY.match(value) if isinstance(value, str) else None
+    if match is None or not match[2]:
+        return number(value, key)
+    if _RATE.match(match[2].lower()):
+        rate = per_second(value, key)
+        if rate == 0.0:
+            raise MetadataError(f"{key} must not be zero repeats", remedy="leave it out for a controller without reset")
+        return 1.0 / rate
+    return number(match[1], key) * _unit(match[2], key)
+
+
+def per_second(value: Any, key: str) -> float:
+    """Return a rate per second from 0.02, "0.02 /s", "2 /min" or "2 repeats per minute"."""
+    match = _QUANTITY.match(value) if isinstance(value, str) else None
+    if match is None or not match[2]:
+        return number(value, key)
+    rate = _RATE.match(match[2].lower())
+    if rate is None:
+        raise MetadataError(f"{key} = {_shown(value)} has no known unit", remedy=f'write {key} = "2 /min" or "0.03 /s"')
+    return number(match[1], key) / _unit(rate[1], key)
+
+
+def to_ideal(values: Mapping[str, Any]) -> Tuning:
+    """Return ideal-form K, Ti, Td from the keys K, PB, Ti, reset, Ki, Td, Kd and form of one loop.
+
+    PB is the proportional band in % (K = 100/PB). `reset` is an integral action in repeats per time and needs
+    its unit. With form = "parallel", Ti and Td are the independent times 1/Ki and Kd.
+    Raises MetadataError naming the key that is wrong.
+    """
+    form = str(values.get("form", "ideal")).strip().lower()
+    if form not in FORMS:
+        from ..errors import nearest
+
+        raise MetadataError(f"form = {_shown(values['form'])} is not known", remedy=nearest(form, FORMS))
+    gain = _gain(values)
+    integral, is_gain = _integral(values)
+    derivative, derivative_is_gain = _derivative(values)
+    if form == "parallel":
+        integral, is_gain = (integral, True) if is_gain else (None if integral is None else 1.0 / integral, True)
+        derivative_is_gain = True
+        if gain is not None and gain < 0 and "Ki" not in values and integral is not None:
+            integral = -integral
+        if gain is not None and gain < 0 and "Kd" not in values:
+            derivative = -derivative
+    if gain is None and ((is_gain and integral is not None) or (derivative_is_gain and derivative)):
+        raise MetadataError("Ki and Kd need the gain K (or PB)", remedy="add K, or give Ti and Td as times")
+    if is_gain and integral is not None:
+        integral = gain / integral if gain is not None else None
+        if integral is not None and integral <= 0:
+            raise MetadataError("Ki must have the same sign as K", remedy="check the signs of K and Ki")
+    if derivative_is_gain and derivative and gain is not None:
+        derivative = derivative / gain
+    if derivative < 0:
+        raise MetadataError("Td (or Kd/K) must not be negative", remedy="check the sign of the derivative setting")
+    if form == "series" and derivative > 0:
+        if gain is None or integral is None:
+            raise MetadataError('form = "series" with Td needs K and Ti', remedy="give K, Ti and Td together")
+        return series_to_ideal(gain, integral, derivative)
+    return Tuning(gain, integral, derivative)
+
+
+def _gain(values: Mapping[str, Any]) -> float | None:
+    if "K" in values and "PB" in values:
+        raise MetadataError("both K and PB are given", remedy="keep one of them: K = 100 / PB")
+    if "PB" in values:
+        band = values["PB"]
+        if isinstance(band, str):
+            band = band.replace("%", "")
+        width = number(band, "PB")
+        if width == 0:
+            raise MetadataError("PB must not be zero", remedy="PB is the proportional band in %, K = 100 / PB")
+        return 100.0 / width
+    if "K" not in values:
+        return None
+    gain = number(values["K"], "K")
+    if gain == 0:
+        raise MetadataError("K must not be zero", remedy="give the controller gain, or leave K out to identify it")
+    return gain
+
+
+def _integral(values: Mapping[str, Any]) -> tuple[float | None, bool]:
+    given = [key for key in ("Ti", "Ki", "reset") if key in values]
+    if len(given) > 1:
+        raise MetadataError(f"both {' and '.join(given)} are given", remedy="keep one of them")
+    if not given:
+        return None, False
+    key = given[0]
+    if key == "Ki":
+        rate = per_second(values[key], key)
+        if rate == 0:
+            raise MetadataError("Ki must not be zero", remedy="the method needs integral action")
+        return rate, True
+    if key == "reset" and not (isinstance(values[key], str) and re.search(r"[a-zA-Z]", values[key])):
+        raise MetadataError(f"reset = {_shown(values[key])} needs its unit",
+                            remedy='write reset = "2 /min" (repeats) or "30 s" (time)')
+    time = seconds(values[key], key)
+    if time <= 0:
+        raise MetadataError(f"{key} must be positive, not {_shown(values[key])}",
+                            remedy="give the integral time in seconds, or leave it out to have it identified")
+    return time, False
+
+
+def _derivative(values: Mapping[str, Any]) -> tuple[float, bool]:
+    if "Td" in values and "Kd" in values:
+        raise MetadataError("both Td and Kd are given", remedy="keep one of them")
+    if "Kd" in values:
+        return seconds(values["Kd"], "Kd"), True
+    return (seconds(values["Td"], "Td") if "Td" in values else 0.0), False
+
+
+def _unit(text: str, key: str) -> float:
+    unit = text.strip().lower().rstrip(".")
+    factor = SECONDS.get(unit, SECONDS.get(unit.removesuffix("s")))
+    if factor is None:
+        raise MetadataError(f"{key}: unknown time unit {_shown(text)}", remedy="use s, min or h")
+    return factor
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

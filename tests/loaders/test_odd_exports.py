@@ -1,0 +1,220 @@
+"""Exports that were once read wrongly or not at all: marks, lone zeros, dates, annotated CSV, workbooks, messages."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from backlash_cli.errors import BacklashError, InputError
+from backlash_cli.loaders import read
+from backlash_cli.record import SampleState
+
+from .exports import ROWS, SETTINGS, SIGNALS, STAMPS, arrow, cell, iso, long, wide
+
+
+def save(folder, text, name="plant.csv"):
+    (folder / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    (folder / "loops.toml").write_text(SETTINGS, encoding="utf-8")
+    return folder / name
+
+
+def codes(notes):
+    return {note.code for note in notes}
+
+
+def equals_the_recording(record, loop="FIC101", span=900.0, near=1e-6):
+    np.testing.assert_allclose(record.measurement * span, SIGNALS[f"{loop}.PV"], atol=near * span)
+
+
+SPOILT = range(200, 260, 4)  # rows of FIC101.PV that a fault of the recording replaces by 0
+
+
+@pytest.mark.parametrize("header", ["Validity", "Validität", "OPCQuality", "IsGood", "QualityFlag", "DataValidity"])
+def test_bad_rows_that_carry_the_value_zero_are_no_measurements(tmp_path, header):
+    """Rows of a control system's archive: decimal comma, a column of validity, an end mark as last row."""
+    def row(tag, stamp, value):
+        bad = tag == "FIC101.PV" and int((stamp - STAMPS[0]).total_seconds()) in SPOILT
+        return f'"{tag}";"{stamp:%d.%m.%Y %H:%M:%S}";{"0" if bad else value.replace(".", ",")};{0 if bad else 1}'
+
+    text = long(row, f"VarName;TimeString;VarValue;{header}") + '"$RT_OFF$";"18.03.2026 00:04:59";0;2\n'
+    plant = read(save(tmp_path, text))
+    record = plant["FIC101"]
+    assert [r.loop for r in plant] == ["FIC101", "PIC303"]
+    assert (record.measurement > 0.3).all() and np.count_nonzero(record.state == SampleState.FILLED) == len(SPOILT)
+    assert "bad_quality" in codes(record.notes)
+
+
+def test_most_rows_may_be_invalid(tmp_path):
+    def row(tag, stamp, value):
+        bad = tag == "FIC101.PV" and int((stamp - STAMPS[0]).total_seconds()) % 5 > 1
+        return f"{tag},{iso(stamp)},{'0' if bad else value},{0 if bad else 1}"
+
+    record = read(save(tmp_path, long(row, "tag,time,value,Validity")))["FIC101"]
+    assert (record.measurement[record.usable] > 0.3).all()
+
+
+def test_qualities_are_known_by_their_content_too(tmp_path):
+    def row(tag, stamp, value):
+        bad = tag == "FIC101.PV" and int((stamp - STAMPS[0]).total_seconds()) in SPOILT
+        return f"{tag},{iso(stamp)},{'0' if bad else value},{'Bad' if bad else 'Good'}"
+
+    record = read(save(tmp_path, long(row, "tag,time,value,remark 7")))["FIC101"]
+    assert (record.measurement > 0.3).all() and "bad_quality" in codes(record.notes)
+
+
+@pytest.mark.parametrize("runs", [[(100, 1)], [(100, 1), (250, 2), (400, 3)]])
+def test_lone_zeros_far_outside_are_named_and_not_used(tmp_path, runs):
+    rows = {k for first, count in runs for k in range(first, first + count)}
+    lines = wide().splitlines()
+    for k in rows:
+        cells = lines[k + 1].split(",")
+        cells[2] = "0.00"
+        lines[k + 1] = ",".join(cells)
+    record = read(save(tmp_path, "\n".join(lines) + "\n"))["FIC101"]
+    assert (record.measurement > 0.3).all() and set(np.flatnonzero(record.state)) == rows
+    (note,) = [n for n in record.notes if n.code == "lone_zeros"]
+    assert note.message.startswith(f"{len(rows)} samples of FIC101.PV jump to exactly 0")
+
+
+def test_zeros_that_belong_to_the_signal_are_kept(tmp_path):
+    rng = np.random.default_rng(1)
+    values = np.round(np.abs(rng.standard_normal(ROWS)), 1)  # comes down to zero by itself
+    lines = [line.split(",") for line in wide().splitlines()]
+    for k, value in enumerate(values):
+        lines[k + 1][2] = f"{value}"
+    record = read(save(tmp_path, "\n".join(map(",".join, lines)) + "\n"))["FIC101"]
+    assert "lone_zeros" not in codes(record.notes) and np.array_equal(record.measurement * 900, values)
+
+
+@pytest.mark.parametrize(("form", "separator"), [("%d/%m/%Y %H:%M:%S", "/"), ("%m/%d/%Y %H:%M:%S", "/"),
+                                                 ("%d-%m-%Y %H:%M:%S", "-"), ("%m-%d-%y %I:%M:%S %p", "-"),
+                                                 ("%d/%m/%Y %I:%M:%S %p", "/")])
+def test_the_file_itself_tells_day_from_month(tmp_path, form, separator):
+    """11 April to midnight of the 12th: read the other way round, time would jump by a month."""
+    begin = dt.datetime(2025, 4, 11, 23, 55)
+    shift = begin - STAMPS[0]
+    record = read(save(tmp_path, wide(lambda t: (t + shift).strftime(form))))["FIC101"]
+    assert record.start == begin.replace(tzinfo=dt.UTC).timestamp() and len(record) == ROWS
+    equals_the_recording(record)
+
+
+def test_a_date_that_is_truly_open_is_refused(tmp_path):
+    shift = dt.datetime(2025, 4, 11, 8) - STAMPS[0]
+    with pytest.raises(InputError, match="ambiguous"):
+        read(save(tmp_path, wide(lambda t: (t + shift).strftime("%d/%m/%Y %H:%M:%S"))))
+
+
+def annotated(order=("_time", "_value", "_field", "_measurement"), blank="\r\n", types=True):
+    """InfluxDB's annotated CSV: every series a table of its own with annotations and header."""
+    text = ""
+    for table, (tag, values) in enumerate(SIGNALS.items()):
+        loop, field = tag.split(".")
+        turned = order if table % 2 == 0 else (*order[2:], *order[:2])  # the columns of a table may stand otherwise
+        if types:
+            text += "#group,false,false,true,true,false,false\r\n"
+            text += "#datatype,string,long,string,string,dateTime:RFC3339,double\r\n#default,_result,,,,,\r\n"
+        text += ",".join(["", "result", "table", *turned]) + "\r\n"
+        for stamp, value in zip(STAMPS, values, strict=True):
+            cells = {"_time": f"{iso(stamp)}Z", "_value": cell(tag, value), "_field": field, "_measurement": loop}
+            text += ",".join(["", "", str(table), *(cells[name] for name in turned)]) + "\r\n"
+        text += blank
+    return text
+
+
+@pytest.mark.parametrize("blank", ["\r\n", ""])
+def test_annotated_csv_with_a_header_for_every_table(tmp_path, blank):
+    plant = read(save(tmp_path, annotated(blank=blank)))
+    assert [r.loop for r in plant] == ["FIC101", "PIC303"] and not plant.failures
+    equals_the_recording(plant["FIC101"])
+    assert plant["FIC101"].usable.all() and plant["PIC303"].usable.all()
+
+
+def book(folder, sheets):
+    openpyxl = pytest.importorskip("openpyxl", reason="openpyxl is not installed: pip install openpyxl")
+    made = openpyxl.Workbook()
+    made.remove(made.active)
+    for name, rows in sheets.items():
+        sheet = made.create_sheet(name)
+        for row in rows:
+            sheet.append(row)
+    made.save(folder / "plant.xlsx")
+    (folder / "loops.toml").write_text(SETTINGS, encoding="utf-8")
+    return folder / "plant.xlsx"
+
+
+def wide_rows():
+    names = list(SIGNALS)
+    return [["Time", *names], *([t, *(float(SIGNALS[n][i]) for n in names)] for i, t in enumerate(STAMPS))]
+
+
+def long_rows():
+    return [["Tag", "Timestamp", "Value"], *([tag, t, float(v)] for tag, values in SIGNALS.items()
+                                             for t, v in zip(STAMPS, values, strict=True))]
+
+
+def pair_rows():
+    """As historian add-ins write them: a pair of columns per tag, its name above."""
+    head = [x for tag in SIGNALS for x in (tag, None)]
+    body = [[x for values in SIGNALS.values() for x in (t, float(values[i]))] for i, t in enumerate(STAMPS)]
+    return [head, ["Timestamp", "Value"] * len(SIGNALS), *body]
+
+
+@pytest.mark.parametrize("rows", [wide_rows, long_rows, pair_rows])
+def test_a_workbook_is_read_in_any_layout(tmp_path, rows):
+    pytest.importorskip("python_calamine", reason="python-calamine is not installed: pip install 'backlash[excel]'")
+    path = book(tmp_path, {"Notes": [["Exported by", "J. Doe"], ["at", "night"]], "Data": rows()})
+    for source in (path, tmp_path):
+        plant = read(source)
+        assert [r.loop for r in plant] == ["FIC101", "PIC303"] and not plant.failures
+        equals_the_recording(plant["FIC101"])
+        assert plant["FIC101"].interval == 1.0
+
+
+def test_a_workbook_without_a_table_says_so(tmp_path):
+    pytest.importorskip("python_calamine", reason="python-calamine is not installed: pip install 'backlash[excel]'")
+    with pytest.raises(InputError, match="no table"):
+        read(book(tmp_path, {"Notes": []}))
+
+
+def test_a_parquet_cut_off_within_a_folder_is_an_error_of_that_file(tmp_path):
+    (tmp_path / "set").mkdir()
+    for name in ("a", "b"):
+        pq.write_table(arrow().rename_columns(["time", *(f"{name}{tag}" for tag in SIGNALS)]),
+                       tmp_path / "set" / f"{name}.parquet")
+    whole = (tmp_path / "set" / "b.parquet").read_bytes()
+    (tmp_path / "set" / "b.parquet").write_bytes(whole[: len(whole) // 2])
+    plant = read(tmp_path / "set")
+    (lost,) = plant.failures
+    assert str(lost.values["file"]).endswith("b.parquet") and "damaged Parquet" in lost.message
+    assert {record.loop for record in plant} == {"aFIC101", "aPIC303"}
+
+
+def test_a_time_that_stands_still_says_so(tmp_path):
+    with pytest.raises(BacklashError, match="all 600 rows carry the same time stamp 2026-03-17 23:55:00"):
+        read(save(tmp_path, wide(lambda t: iso(STAMPS[0]))))
+
+
+def test_a_record_of_one_sample_is_too_short(tmp_path):
+    with pytest.raises(BacklashError, match="only 1 sample: the record is too short"):
+        read(save(tmp_path, "\n".join(wide().splitlines()[:2]) + "\n"))
+
+
+def test_a_folder_without_data_names_what_is_there(tmp_path):
+    (tmp_path / "x").mkdir()
+    with pytest.raises(InputError, match="it is empty"):
+        read(tmp_path / "x")
+    for name in ("trend.pdf", "notes.docx"):
+        (tmp_path / "x" / name).write_bytes(b"x")
+    with pytest.raises(InputError, match=r"found there: \.docx, \.pdf"):
+        read(tmp_path / "x")
+
+
+def test_a_byte_that_is_no_text_in_a_row_too_short_is_silent(tmp_path, capfd):
+    lines = wide().encode().splitlines()
+    lines[300] = b"what is \xff\xfe this,1"
+    plant = read(save(tmp_path, b"\n".join(lines) + b"\n"))
+    assert "ragged_rows" in codes(plant.warnings) and len(plant) == 2
+    assert capfd.readouterr().err == ""
