@@ -1,43 +1,57 @@
-"""Recordings of plants this project did not design for: python -m tests.benchmarks.strangers N [--seed S] [--write DIR].
+"""Recordings of plants this project did not design for: python -m tests.benchmarks.strangers N [--seed S].
 
 A plant simulator that shares nothing with `backlash_cli`: valve, actuator, process and controller are integrated in
 time as they stand in a plant, with steps of 0.2 to 1 s (friction: 2 ms), and the historian keeps what it would keep.
 Percent of span everywhere inside; engineering units in what `loop` hands out.
 
-    valve:      linear, equal percentage in a line that takes its share of the pressure drop, linearised or not, actuator
-                lag, play (also of a gap that depends on the travel), split range, friction by Karnopp and by LuGre
+    valve:      linear; equal percentage in a line that takes its share of the pressure drop, linearised or not;
+                actuator lag; play, also of a gap that grows with the travel; split range; friction (Karnopp, LuGre)
     process:    one to four lags, dead time, integrator, a fast path beside the slow one
     controller: PI and PID, lambda tuning with spread, anti-windup, limits, feed-forward, gap control, manual stretches
-    truth:      what was put in and what the valve did; `crossings` counts how often the stem crossed its whole gap
+    truth:      what was put in, and what the valve did: `crossings` counts how often the stem crossed its whole gap
 
-`main` scans the loops through the public functions of the program and prints how the verdicts fared, by family.
+`main` scans the loops through the public functions of the program and prints how the verdicts fared, by family;
+with --write DIR the exports stay. The laws are in `strange_plant`.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
-import sys
 import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from numba import njit
 from scipy.signal import lfilter
 
+from .strange_plant import KARNOPP, LUGRE, control_loop, exception_report, gain_margin, reversals
+
 Array = npt.NDArray[np.float64]
-KARNOPP, LUGRE = 1, 2
-FAMILIES = {"generic": 0.31, "flow": 0.21, "pressure": 0.21, "temperature": 0.17, "level": 0.10}
+Random = np.random.Generator
+FAMILIES = {"generic": 31, "flow": 21, "pressure": 21, "temperature": 17, "level": 10}
+VALVES = {
+    "healthy": {"ideal": 42, "eq": 24, "lag": 19, "lag+eq": 11, "split": 4},
+    "worn": {"play": 28, "play+lag": 22, "play+eq": 20, "play+eq+lag": 20, "play+travel": 6, "play+split": 4},
+    "stick": {"stick": 60, "stick+eq": 30, "stick+oneway": 10},
+}
 LOADS = {"rw": 14, "ou": 17, "steps": 15, "sine": 14, "ramps": 11, "diurnal": 8, "spikes": 6, "square": 5, "mixed": 12}
 SETPOINTS = {"fixed": 45, "cascade": 18, "stepped": 15, "ramped": 12, "grades": 5, "master": 5}
 HOURS = {1.0: 1, 2.0: 1, 3.0: 2, 4.0: 2, 6.0: 1, 8.0: 1, 12.0: 2, 24.0: 1}
 INTERVALS = {1.0: 4, 2.0: 2, 5.0: 3, 10.0: 2}
-UNITS = ((0, 100), (0, 10), (0, 250), (0, 400), (0, 900), (0, 1200), (20, 30), (20, 270), (-50, 150), (-1, 5), (50, 450))
+PV_RANGES = ((0, 100), (0, 10), (0, 250), (0, 400), (0, 900), (0, 1200), (20, 30), (20, 270), (-50, 150), (-1, 5))
+COLUMNS = [  # of truth.csv, in this order; further ones follow
+    "name", "file", "truth", "d", "S", "J", "valve", "fric", "fam", "order", "integ", "theta", "load", "sp", "settings",
+    "form", "Ts", "dur_h", "tight", "manual", "jitter", "noise_kind", "noise", "oprange", "oprange_dt", "stem_range",
+    "crossings", "K", "Ti", "Td",
+]
+PERCENT = np.linspace(0, 100, 1001)
 
 
 @dataclass(frozen=True)
@@ -46,7 +60,9 @@ class Loop:
 
     time_s: seconds from the start, (n,). sp, pv, op: engineering units, NaN where nothing was stored, (n,). mode: words
     AUTO, CAS, MAN, (n,), or None. settings: as they stand in the metadata file (empty: nobody knows them). K_ideal,
-    Ti_ideal, Td_ideal: the controller in ideal form on normalised signals, seconds. truth: see `COLUMNS` and more.
+    Ti_ideal, Td_ideal: the controller in ideal form on normalised signals, seconds. truth: `COLUMNS` and more; d, S
+    (dead band plus stick band), J (slip) and ranges in % of OP, noise as a share of the PV span, reversals of OP by
+    more than d (healthy: 1 %) in automatic.
     """
 
     name: str
@@ -65,173 +81,13 @@ class Loop:
     truth: Mapping[str, Any]
 
 
-@njit(cache=True)
-def friction_step(kind, x, v, z, p, target, lag, steps, h, up, down):  # type: ignore[no-untyped-def]
-    """Move a spring-opposed valve stem by `steps` of h seconds; returns stem x, its speed v, bristles z, pressure p.
-
-    m x'' = p - x - b x' - friction, all forces in % of the travel the spring gives. up, down: (break-away, sliding)
-    friction when opening and closing. Karnopp (1985), LuGre (Canudas de Wit et al., 1995).
-    """
-    a, mass, viscous, still, stiffness, stribeck = 1.0 - math.exp(-h / lag), 1e-3, 0.1, 0.02, 40.0, 0.5
-    for i in range(steps):
-        if kind == KARNOPP and v == 0.0 and i == 0:  # it will not break away within this step
-            end = target + (p - target) * math.exp(-h * steps / lag)
-            if -down[0] < min(p, end) - x and max(p, end) - x < up[0]:
-                return x, 0.0, z, end
-        p += a * (target - p)
-        net = p - x
-        if kind == KARNOPP:
-            if abs(v) < still:
-                if -down[0] <= net <= up[0]:
-                    v = 0.0
-                    continue
-                sign = 1.0 if net > 0 else -1.0
-            else:
-                sign = 1.0 if v > 0 else -1.0
-            new = v + h / mass * (net - sign * (up[1] if sign > 0 else down[1]) - viscous * v)
-            v = 0.0 if new * v < 0 else new
-        else:
-            level = up if v > 0 else down
-            wall = level[1] + (level[0] - level[1]) * math.exp(-((v / stribeck) ** 2))
-            bent = (z + h * v) / (1.0 + h * stiffness * abs(v) / wall)  # implicit: fast stems bend them within a step
-            slip, z = (bent - z) / h, bent
-            v += h / mass * (net - stiffness * z - 0.05 * slip - viscous * v)
-        x += h * v
-    return x, v, z, p
-
-
-@njit(cache=True)
-def control_loop(dt, start, sp, load_in, load_out, noise, ff, manual, tuning, outer, lags, dead, integ, gain, fast, table,
-                 inverse, actuator, play, split, friction, op0, limits):  # type: ignore[no-untyped-def]
-    """Run the loop once; returns SP, measured PV, OP, stem [%], and crossings of the gap after sample `start`.
-
-    sp, load_in, load_out, noise, ff: (n,) [%], deviations except sp; manual: (n,), NaN in automatic. tuning: K, Ti, Td,
-    derivative filter, PV filter [s], gap half width [%], share of K inside the gap. outer: K, Ti, lag, gain of a master
-    loop on top, whose setpoint `sp` then is. lags: (m,) [s]; dead: samples; integ: gain of an integrator [1/s] or 0.
-    table: flow of the valve against the stem in steps of 0.1 %; inverse: stem wanted against OP, the same. actuator:
-    lag [s], 1 when play sits behind it. play: d, change of d per 10 % of travel, place of the stem in the gap at the
-    start. split: OP where the second valve takes over (< 0: one valve), flow of the second to the first, its d.
-    friction: kind, break-away and sliding up, the same down.
-    """
-    n, m = len(sp), len(lags)
-    y_sp, y, op, stem = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    decay = 1.0 - np.exp(-dt / lags)
-    line, at = np.zeros(dead + 1), 0
-    x, level = np.zeros(m), 0.0
-    K, Ti, Td, Tn, Tf, gap, inside = tuning
-    a_valve = 1.0 - math.exp(-dt / actuator[0]) if actuator[0] > 0 else 1.0
-    a_pv, a_d = (1.0 - math.exp(-dt / Tf) if Tf > 0 else 1.0), (1.0 - math.exp(-dt / Tn) if Tn > 0 else 1.0)
-    pv0 = sp[0]
-    total, filtered, slow, u = 0.0, pv0, pv0, op0
-    first = inverse[int(op0 * 10)]
-    lagged = first
-    pos = first + play[2] * play[0] / 2
-    two = split[0] >= 0
-    base_a, base_b = min(first, split[0]), max(first, split[0])
-    pos_a, pos_b = base_a, base_b
-    v, z, p, side, crossings = 0.0, 0.0, first, 0, 0
-    substeps = int(round(dt / 0.002))
-    flow0 = table[int(min(max(first * 10, 0), 1000))]
-    master, upper, upper_i = 0.0, 0.0, 0.0
-    for k in range(n):
-        true = pv0 + (level if integ != 0 else gain * (x[m - 1] + fast * (x[0] - x[m - 1]))) + load_out[k]
-        measured = true + noise[k]
-        wanted = sp[k]
-        if outer[0] != 0:
-            upper += dt / outer[2] * (outer[3] * (true - pv0) + load_in[k] * outer[4] - upper)
-            e2 = (sp[k] - pv0) * 0.3 - upper
-            upper_i += dt / outer[1] * e2 * outer[0]
-            wanted = pv0 + outer[0] * e2 + upper_i
-        filtered += a_pv * (measured - filtered)
-        e = wanted - filtered
-        rate = (filtered - slow) * a_d / dt if Tn > 0 else 0.0
-        slow += a_d * (filtered - slow)
-        share = inside if abs(e) < gap else 1.0
-        if math.isnan(manual[k]):
-            total += share * K * e * dt / Ti
-            fixed = op0 + share * K * (e - Td * rate) + ff[k]
-            u = fixed + total
-            if u < limits[0] or u > limits[1]:
-                u = min(max(u, limits[0]), limits[1])
-                total = u - fixed
-        else:
-            u = manual[k]
-            total = u - (op0 + share * K * (e - Td * rate) + ff[k])
-        y_sp[k], y[k], op[k] = wanted, measured, u
-        place = min(max(u * 10, 0.0), 999.999)
-        i = int(place)
-        demand = inverse[i] + (place - i) * (inverse[i + 1] - inverse[i])
-        if friction[0] > 0:
-            pos, v, z, p = friction_step(int(friction[0]), pos, v, z, p, demand, max(actuator[0], 0.05), substeps,
-                                         dt / substeps, friction[1:3], friction[3:5])
-        else:
-            if actuator[1] > 0:
-                lagged += a_valve * (demand - lagged)
-                demand = lagged
-            if two:
-                half = play[0] / 2
-                want_a, want_b = min(demand, split[0]), max(demand, split[0])
-                pos_a = min(max(pos_a, want_a - half), want_a + half)
-                half = split[2] / 2
-                pos_b = min(max(pos_b, want_b - half), want_b + half)
-                main, half, want = (pos_a, play[0] / 2, want_a) if play[0] > 0 else (pos_b, split[2] / 2, want_b)
-                free = first + (pos_a - base_a) + split[1] * (pos_b - base_b)
-            else:
-                half = play[0] / 2 * max(0.2, 1.0 + play[1] * (demand - first) / 10.0)
-                pos = min(max(pos, demand - half), demand + half)
-                main, want, free = pos, demand, pos
-            contact = 1 if main <= want - half + 1e-9 else (-1 if main >= want + half - 1e-9 else 0)
-            if half > 0 and contact != 0:
-                if contact == -side and k >= start:
-                    crossings += 1
-                side = contact
-            if actuator[1] <= 0:
-                lagged += a_valve * (free - lagged)
-                free = lagged
-            stem_now = free
-        if friction[0] > 0:
-            stem_now = pos
-        stem[k] = stem_now
-        place = min(max(stem_now * 10, 0.0), 999.999)
-        i = int(place)
-        line[at] = table[i] + (place - i) * (table[i + 1] - table[i]) - flow0
-        at = (at + 1) % (dead + 1)
-        inflow = line[at] + (0.0 if outer[0] != 0 and outer[4] != 0 else load_in[k])
-        for j in range(m):
-            inflow = x[j] + decay[j] * (inflow - x[j])
-            x[j] = inflow
-        level += dt * integ * x[m - 1]
-    return y_sp, y, op, stem, crossings
-
-
-def reversals(signal: Array, size: float) -> int:
-    """How often a signal turned by more than `size`: a zigzag that ignores smaller turns."""
-    low = high = signal[0]
-    side = count = 0
-    for value in signal[np.flatnonzero(np.r_[True, np.diff(signal) != 0])]:
-        if value > high:
-            high = value
-        if value < low:
-            low = value
-        if side >= 0 and value < high - size:
-            count, side, low = count + (side > 0), -1, value
-        elif side <= 0 and value > low + size:
-            count, side, high = count + (side < 0), 1, value
-        if side > 0:
-            low = value
-        elif side < 0:
-            high = value
-    return count
-
-
-def _pick(rng: np.random.Generator, chances: Mapping[Any, float]) -> Any:
+def _pick(rng: Random, chances: Mapping[Any, float]) -> Any:
     """One of the keys, with chances as given."""
-    keys = list(chances)
-    weights = np.array([chances[key] for key in keys], dtype=float)
-    return keys[int(rng.choice(len(keys), p=weights / weights.sum()))]
+    weights = np.array(list(chances.values()), dtype=float)
+    return list(chances)[int(rng.choice(len(weights), p=weights / weights.sum()))]
 
 
-def _log(rng: np.random.Generator, low: float, high: float) -> float:
+def _log(rng: Random, low: float, high: float) -> float:
     """Log-uniform."""
     return float(np.exp(rng.uniform(math.log(low), math.log(high))))
 
@@ -242,300 +98,362 @@ def _lag(signal: Array, samples: float) -> Array:
     return lfilter([1 - a], [1, -a], signal)  # type: ignore[no-any-return]
 
 
-def _held(rng: np.random.Generator, n: int, gap: float, steps: bool = True) -> Array:
+def _held(rng: Random, n: int, gap: float, straight: bool = False) -> Array:
     """Values that change at random times, `gap` samples apart in the mean; held, or joined by straight lines."""
     count = int(n / gap * 1.5) + 12
-    at = np.r_[0.0, np.cumsum(rng.exponential(gap, count) * 0.8 + 0.2 * gap)]
-    values = np.r_[0.0, rng.normal(size=count)]
-    if steps:
-        return values[np.searchsorted(at, np.arange(n), side="right") - 1]
-    return np.interp(np.arange(n), at, values)
+    at = np.r_[0.0, np.cumsum(rng.exponential(0.8 * gap, count) + 0.2 * gap)]
+    values, t = np.r_[0.0, rng.normal(size=count)], np.arange(n)
+    return np.interp(t, at, values) if straight else values[np.searchsorted(at, t, "right") - 1]
 
 
-def disturbance(rng: np.random.Generator, kind: str, n: int, ti: float, warm: int, hour: float) -> Array:
-    """A load of one kind, (n,), of any size; ti: integral time, hour: one hour, both in samples."""
-    t = np.arange(n, dtype=float)
-    rest = max(n - warm, 100)
+def disturbance(rng: Random, kind: str, n: int, ti: float, warm: int, hour: float) -> Array:
+    """A load of one kind, (n,), of any size; ti: integral time, warm: start of the record, hour: all in samples."""
+    t, rest = np.arange(n, dtype=float), max(n - warm, 100)
     if kind == "rw":
-        out = np.cumsum(rng.normal(size=n))
-    elif kind == "ou":
+        return np.cumsum(rng.normal(size=n))
+    if kind == "ou":
         out = _lag(rng.normal(size=n), _log(rng, 1, 50) * ti)
-        out = _lag(out, 0.3 * ti) if rng.random() < 0.5 else out
-    elif kind == "steps":
-        out = _held(rng, n, min(_log(rng, 6, 150) * ti, rest / 4))
-    elif kind == "square":
+        return _lag(out, 0.3 * ti) if rng.random() < 0.5 else out
+    if kind == "steps":
+        return _held(rng, n, min(_log(rng, 6, 150) * ti, rest / 4))
+    if kind == "square":
         period = min(_log(rng, 8, 100) * ti, rest / 3)
-        out = np.sign(np.sin(2 * np.pi * (t + 0.05 * period * _held(rng, n, 3 * period)) / period + rng.uniform(0, 6)))
-        out = _lag(out, rng.uniform(0.02, 1) * ti)
-    elif kind == "ramps":
-        out = _held(rng, n, min(_log(rng, 8, 80) * ti, rest / 5), steps=False)
-    elif kind == "diurnal":
-        out = np.sin(2 * np.pi * t / (24 * hour) + rng.uniform(0, 6.3)) + 0.03 * _lag(
-            rng.normal(size=n), 10 * ti) * math.sqrt(20 * ti)
-    elif kind == "sine":
+        phase = 0.3 * _held(rng, n, 3 * period) + rng.uniform(0, 6.3)
+        return _lag(np.sign(np.sin(2 * np.pi * t / period + phase)), rng.uniform(0.02, 1) * ti)
+    if kind == "ramps":
+        return _held(rng, n, min(_log(rng, 8, 80) * ti, rest / 5), straight=True)
+    if kind == "diurnal":
+        small = _lag(rng.normal(size=n), 10 * ti) * math.sqrt(20 * ti)
+        return np.sin(2 * np.pi * t / (24 * hour) + rng.uniform(0, 6.3)) + 0.03 * small
+    if kind == "sine":  # an oscillating loop upstream: one period, phase and size drift
         period = min(_log(rng, 3, 40) * ti, rest / 4)
-        phase = np.cumsum(rng.normal(size=n)) * _log(rng, 0.02, 0.3) / math.sqrt(period)
-        out = np.sin(2 * np.pi * t / period + phase + rng.uniform(0, 6.3))
-        out = out * (1 + 0.3 * _held(rng, n, 6 * period, steps=False))
-    elif kind == "spikes":
-        out = np.zeros(n)
+        phase = np.cumsum(rng.normal(size=n)) * _log(rng, 0.02, 0.3) / math.sqrt(period) + rng.uniform(0, 6.3)
+        return np.sin(2 * np.pi * t / period + phase) * (1 + 0.3 * _held(rng, n, 6 * period, straight=True))
+    out = np.zeros(n)
+    if kind == "spikes":
         at = rng.integers(0, n, max(3, int(n / min(_log(rng, 15, 200) * ti, rest / 5))))
         out[at] = rng.normal(size=len(at))
-        out = _lag(out, rng.uniform(0.3, 3) * ti)
-    else:  # mixed
-        parts = rng.choice([k for k in LOADS if k not in ("mixed", "diurnal")], 2, replace=False)
-        out = np.zeros(n)
-        for part in parts:
-            one = disturbance(rng, str(part), n, ti, warm, hour)
-            out += rng.uniform(0.4, 1) * one / (np.std(one[warm:]) + 1e-9)
-    return out - out[0]
+        return _lag(out, rng.uniform(0.3, 3) * ti)
+    for part in rng.choice([k for k in LOADS if k not in ("mixed", "diurnal")], 2, replace=False):
+        one = disturbance(rng, str(part), n, ti, warm, hour)
+        out += rng.uniform(0.4, 1) * one / (np.std(one[warm:]) + 1e-9)
+    return out
 
 
-def setpoint(rng: np.random.Generator, kind: str, n: int, ti: float, warm: int) -> Array:
-    """The motion of a setpoint, (n,), of any size."""
+def setpoint(rng: Random, kind: str, n: int, ti: float, warm: int) -> Array:
+    """The motion of a setpoint, (n,), of any size; ti, warm as for `disturbance`."""
     rest = max(n - warm, 100)
     if kind in ("fixed", "master"):
         return np.zeros(n)
     if kind == "cascade":
-        slow = _log(rng, 1.5, 15) * ti
-        return _lag(_lag(disturbance(rng, str(rng.choice(["ou", "ou", "steps", "sine"])), n, 4 * ti, warm, 1.0), slow), slow)
-    gap = min(_log(rng, 10, 200) * ti, rest / 4) if kind != "grades" else rest / rng.integers(3, 7)
-    grades = rng.normal(size=int(rng.integers(2, 5)))
-    base = _held(rng, n, gap)
-    turn = np.flatnonzero(np.diff(base) != 0) + 1
-    levels = np.zeros(n)
-    for i, begin in enumerate(turn):
-        levels[begin:] = grades[i % len(grades)] if kind == "grades" else base[begin]
+        slow, source = _log(rng, 1.5, 15) * ti, str(rng.choice(["ou", "ou", "steps", "sine"]))
+        return _lag(_lag(disturbance(rng, source, n, 4 * ti, warm, 1.0), slow), slow)
+    gap = rest / rng.integers(3, 7) if kind == "grades" else min(_log(rng, 10, 200) * ti, rest / 4)
+    levels = _held(rng, n, gap)
     if kind == "stepped":
         return levels
+    if kind == "grades":  # the same few products again and again
+        few = np.sort(rng.normal(size=int(rng.integers(2, 5))))
+        levels = few[np.clip(np.searchsorted(few, levels), 0, len(few) - 1)]
     width = max(2, int(min(_log(rng, 3, 30) * ti, gap / 2)))
-    return np.convolve(np.r_[np.zeros(width - 1), levels], np.full(width, 1.0 / width), "valid")
+    return np.convolve(np.r_[np.full(width - 1, levels[0]), levels], np.full(width, 1.0 / width), "valid")
 
 
-def gain_margin(K: float, Ti: float, Td: float, lags: Array, dead: float, integ: float, gain: float, fast: float) -> float:
-    """Gain margin of the linear loop: how much more gain it stands."""
-    w = np.geomspace(1e-4 / (lags.sum() + dead + Ti), 30 / (lags.min() + 0.02 * dead), 3000)
-    s = 1j * w
-    parts = 1 / (1 + s[:, None] * lags[None, :])
-    process = integ / s * parts.prod(1) if integ else gain * ((1 - fast) * parts.prod(1) + fast * parts[:, 0])
-    chain = abs(K) * (1 + 1 / (Ti * s) + Td * s / (1 + 0.1 * Td * s)) * process * (1 if (integ or gain) > 0 else -1)
-    phase = np.unwrap(np.angle(chain)) - w * dead
-    phase -= 2 * np.pi if phase[0] > 0.2 else 0
-    down = np.flatnonzero((phase[:-1] > -np.pi) & (phase[1:] <= -np.pi))
-    return 1 / abs(chain[down[0]]) if len(down) else 1e3
+def _process(rng: Random, it: SimpleNamespace) -> None:
+    """Draw the process: a ruling lag and others behind it [s], dead time [s], gain in % of PV per % of OP, its sign."""
+    fam, level = it.fam, it.fam == "level"
+    orders = {"flow": {1: 1, 2: 4}, "pressure": {2: 1, 3: 2}, "temperature": {3: 1, 4: 1}, "level": {1: 2, 2: 1}}
+    it.order = int(_pick(rng, orders.get(fam, {1: 2, 2: 3, 3: 3, 4: 2})))
+    slowest = {"flow": (5, 26), "pressure": (8, 100), "temperature": (15, 150), "level": (2, 15), "generic": (5, 100)}
+    ruling = _log(rng, *slowest[fam])
+    it.lags = np.maximum(ruling * np.r_[1.0, np.sort(rng.uniform(0.05, 0.7, it.order - 1))[::-1]], 0.2)
+    some = rng.random()
+    it.theta = {"flow": rng.uniform(0.1, 1), "pressure": rng.uniform(0, 1) * (some < 0.5),
+                "temperature": rng.uniform(0.1, 0.6) * ruling, "level": rng.uniform(0, 3) * (some < 0.3),
+                "generic": (some < 0.7) * _log(rng, 0.05, 1.5) * ruling}[fam]
+    it.sign = -1.0 if rng.random() < {"pressure": 0.5, "level": 0.5}.get(fam, 0.15) else 1.0
+    it.gain, it.integ = (0.0, it.sign / _log(rng, 80, 3000)) if level else (it.sign * _log(rng, 0.4, 2.5), 0.0)
+    if level:  # the tank is the first of the lags
+        it.lags = it.lags[1:] if it.order == 2 else np.array([0.3])
+    it.fast = rng.uniform(-0.3, 0.4) if fam == "generic" and it.order > 1 and rng.random() < 0.2 else 0.0
+    it.dt = 0.2 if (ruling < 15 and not level) or it.jitter else 0.5 if ruling < 50 else 1.0
 
 
-def _characteristic(rng: np.random.Generator, valve: str, op0: float) -> tuple[Array, Array]:
-    """Flow against stem and stem against OP in steps of 0.1 %; slope 1 at the working point op0."""
-    x = np.linspace(0, 100, 1001)
-    if "eq" not in valve.split("+"):
-        return x, x
-    inherent = rng.uniform(20, 50) ** (x / 100 - 1)
-    share = rng.uniform(0.15, 1)  # of the pressure drop that the open valve takes
-    flow = inherent / np.sqrt(share + (1 - share) * inherent**2)
-    if rng.random() < 0.15:  # linearised in the controller: OP is flow
-        flow = 100 * (flow - flow[0]) / (flow[-1] - flow[0])
-        return flow, np.interp(x, flow, x)
-    i = int(op0 * 10)
-    return (flow - flow[i]) * 0.2 / (flow[i + 1] - flow[i - 1]) + op0, x
+def _valve(rng: Random, it: SimpleNamespace) -> None:
+    """Draw the valve: characteristic, actuator, and what is wrong with it."""
+    it.valve = str(_pick(rng, VALVES[it.truth]))
+    parts = it.valve.split("+")
+    it.op0 = rng.uniform(40, 60) if "split" in parts else rng.uniform(30, 70)
+    it.d = _log(rng, 0.8, 8.0) if it.truth == "worn" else 0.0
+    it.S = _log(rng, 1.0, 6.0) if it.truth == "stick" else 0.0
+    it.J, it.fric = it.S * rng.uniform(0.1, 0.6), str(_pick(rng, {"karnopp": 7, "lugre": 3})) if it.S else ""
+    wall = np.array([it.S + it.J, it.S - it.J, it.S + it.J, it.S - it.J]) / 2
+    if "oneway" in parts:  # sticks when it opens, hardly when it closes
+        wall = np.array([0.9 * it.S, 0.9 * it.S - it.J, 0.1 * it.S, 0.1 * it.S])
+    it.friction = np.r_[{"karnopp": KARNOPP, "lugre": LUGRE}.get(it.fric, 0), wall]
+    slow = _log(rng, 0.3, 3) * (1 if it.fam == "flow" else 2)
+    it.actuator = np.array([slow if "lag" in parts else 0.0, float(rng.random() < 0.5)])
+    worn = int(rng.random() < 0.5) if "split" in parts else 0  # which of two valves
+    grows = rng.uniform(-0.3, 0.3) if "travel" in parts else 0.0
+    it.gaps = np.array([it.d * (1 - worn), it.d * worn, grows, rng.uniform(-1, 1)])
+    it.split = np.array([50.0, _log(rng, 0.6, 1.7)]) if "split" in parts else np.array([1e3, 1.0])
+    it.flow, it.inverse, it.linearised = PERCENT, PERCENT, False
+    if "eq" in parts:
+        opening = rng.uniform(20, 50) ** (PERCENT / 100 - 1)
+        share = rng.uniform(0.15, 1)  # of the pressure drop that the open valve takes
+        flow, i = opening / np.sqrt(share + (1 - share) * opening**2), int(it.op0 * 10)
+        it.linearised = bool(rng.random() < 0.15)
+        if it.linearised:  # OP is flow, the positioner's table undoes the curve
+            it.flow = 100 * (flow - flow[0]) / (flow[-1] - flow[0])
+            it.inverse = np.interp(PERCENT, it.flow, PERCENT)
+        else:  # slope 1 where the loop works
+            it.flow = flow * 0.2 / (flow[i + 1] - flow[i - 1])
 
 
-def _written(rng: np.random.Generator, form: str, K: float, Ti: float, Td: float, filtered: float, spans: tuple[float, float],
-             gain: float | None) -> tuple[dict[str, object], tuple[float, float, float]]:
-    """Controller settings as a control system shows them in its own form, and their ideal form (K, Ti, Td)."""
-    ideal = (K, Ti, Td)
-    if form == "series" and Td:
-        ideal = (K * (1 + Td / Ti), Ti + Td, Td * Ti / (Td + Ti))
-    shown: dict[str, object] = {"form": form} if form != "ideal" else {}
-    scale = 1.0
+def _controller(rng: Random, it: SimpleNamespace) -> None:
+    """Tune by lambda on the half-rule lag and dead time, with spread; write the settings as control systems do."""
+    level = it.fam == "level"
+    lags = np.r_[0.0, np.sort(it.lags)[::-1]] if level else np.r_[np.sort(it.lags)[::-1], 0.0]
+    dead, lead = it.theta + lags[1] / 2 + lags[2:].sum() + it.actuator[0] + it.dt, lags[0] + lags[1] / 2
+    it.speed = dead * float(np.exp(rng.normal(math.log(3.0), 0.6))) if not level else _log(rng, 20, 300)
+    it.speed = max(it.speed, _log(rng, 0.5, 3) * lead) if it.fam == "flow" else it.speed
+    closed = it.speed + dead
+    Ti = 4 * closed * _log(rng, 0.8, 1.6) if level else min(lead * float(np.exp(rng.normal(0, 0.25))), 4 * closed)
+    Ti = max(Ti, 4.5)
+    it.K = it.sign * min(1 / (abs(it.integ) * closed) if level else lead / (abs(it.gain) * closed), 12.0)
+    pid = rng.random() < {"temperature": 0.5, "generic": 0.25, "pressure": 0.15}.get(it.fam, 0.0)
+    Td = min(lags[1] + 0.2 * it.theta, Ti / 5) if pid else 0.0
+    it.form = str(_pick(rng, {"ideal": 76, "parallel": 15, "series": 9}))
+    ratio = 1 + Td / Ti if it.form == "series" else 1.0  # the knobs Ti, Td of the series form in ideal form
+    it.Ti, it.Td, it.Tf = Ti * ratio, Td / ratio, _log(rng, 0.05, 0.3) * Ti if rng.random() < 0.12 else 0.0
+    it.tight = bool(rng.random() < 0.1)
+    margin = gain_margin(it)
+    it.margin = min(rng.uniform(1.4, 2.2), margin) if it.tight else max(margin, rng.uniform(2.5, 4.0))
+    it.K *= min(margin / it.margin, 6.0, 12 / abs(it.K))
+    it.gap, it.inside = 0.0, 1.0
+    if rng.random() < (0.15 if level else 0.02):
+        it.gap, it.inside = rng.uniform(1, 4), rng.uniform(0.1, 0.4)
+    low, high = it.span = tuple(map(float, PV_RANGES[int(rng.integers(len(PV_RANGES)))]))
+    it.settings = str(_pick(rng, {"given": 77, "ranges": 14, "none": 9}))
+    shown: dict[str, object] = {"pv_range": [low, high], "op_range": [0.0, 100.0]}
+    way, scale, K = rng.random(3), 1.0, it.K / ratio
+    if it.settings == "given":
+        shown |= {"form": it.form} if it.form != "ideal" else {}
+        if rng.random() < 0.1:
+            shown["units"], scale = "engineering", 100 / (high - low)
+        if it.form == "parallel":
+            shown |= {"K": K * scale, "Ki": K * scale / Ti} | ({"Kd": K * scale * Td} if Td else {})
+        else:
+            shown |= {"PB": 100 / K} if scale == 1 and K > 0 and way[0] < 0.12 else {"K": K * scale}
+            shown |= ({"reset": f"{60 / Ti:.6g} /min"} if way[1] < 0.1 else {"Ti": f"{Ti / 60:.6g} min"} if way[1] > 0.8
+                      else {"Ti": Ti}) | ({"Td": Td} if Td else {})
+        shown |= {"Kp": it.gain} if it.gain and scale == 1 and way[2] < 0.15 else {}
+        shown |= {"Tf": it.Tf} if it.Tf or way[2] > 0.8 else {}
+    it.shown = shown if it.settings != "none" else {}
+
+
+def _simulate(rng: Random, it: SimpleNamespace) -> tuple[Array, Array, Array, Array, Array]:
+    """Let the plant run; returns SP, PV, OP, stem [%] and whether the loop was in manual, at steps of dt.
+
+    Load and setpoint are sized so that OP of a perfect valve would move a range drawn beforehand.
+    """
+    warm, dt = it.warm, it.dt
+    n = warm + int(it.dur_h * 3600 / dt)
+    ti = it.Ti / dt
+    shape = disturbance(rng, it.load, n, ti, warm, 3600 / dt)
+    if np.ptp(shape[warm:]) < 1e-6 * np.ptp(shape):  # nothing happens in this record
+        shape, it.load = disturbance(rng, "ou", n, ti, warm, 3600 / dt), "ou"
+    it.at_input = bool(rng.random() < 0.6) or it.fam == "level"
+    shape = shape - shape[0] if it.at_input else _lag(shape - shape[0], rng.uniform(0.2, 2) * ti)
+    moves = setpoint(rng, it.sp, n, ti, warm)
+    shape, moves = shape / np.ptp(shape), (moves - moves[0]) / (np.ptp(moves) + 1e-9)
+    outer, slow = np.zeros(5), _log(rng, 6, 20) * it.speed
+    if it.sp == "master":
+        outer = np.array([rng.uniform(0.5, 1.5), slow, slow, _log(rng, 0.5, 2), float(rng.random() < 0.7)])
+    it.forward = rng.uniform(0.4, 0.9) if it.at_input and it.sp != "master" and rng.random() < 0.08 else 0.0
+    ff = -it.forward * _lag(shape, 0.2 * ti)
+    zero, free = np.zeros(n), np.full(n, np.nan)
+    tuning = np.array([it.K, it.Ti, it.Td, 0.1 * it.Td, it.Tf, it.gap, it.inside])
+    fixed = (tuning, outer, it.lags, round(it.theta / dt), it.integ, it.gain, it.fast)
+
+    def ranges(sp: Array, load: Array, ff: Array) -> tuple[float, float]:
+        """Range of OP and of PV with a perfect valve."""
+        _, y, op, _, _ = control_loop(
+            dt, warm, sp, load * it.at_input, load * (not it.at_input), zero, ff, free, *fixed, PERCENT, PERCENT,
+            it.actuator * [1, 0], np.zeros(4), np.array([1e3, 1.0]), np.zeros(5), 50.0, np.array([-1e9, 1e9]))
+        return max(float(np.ptp(op[warm:])), 1e-3), max(float(np.ptp(y[warm:])), 1e-3)
+
+    target = float(np.clip(np.exp(rng.normal(math.log(13), 0.65)), 2, 70))
+    if it.truth != "healthy" and rng.random() < 0.7:
+        target = max(target, rng.uniform(1.5, 4) * max(it.d, it.S))
+    share = rng.uniform(0.3, 0.8) if moves.any() else 0.0
+    op_range, pv_range = ranges(zero, shape, ff)
+    size = min((1 - share) * target / op_range, 30 / pv_range)
+    op_range, pv_range = ranges(moves, zero, zero) if share else (1.0, 1.0)
+    sp_size = min(share * target / op_range, 40 / pv_range)
+    sd = _log(rng, *{"flow": (0.03, 0.4), "temperature": (0.01, 0.1)}.get(it.fam, (0.02, 0.35)))
+    kick = abs(it.K) * (1 + min(0.5 * it.Td / max(dt, 0.1 * it.Td), 5.0)) / math.sqrt(1 + 2 * it.Tf / dt)
+    it.noise_kind, it.noise = str(_pick(rng, {"white": 6, "coloured": 4})), min(sd, 0.08 * target / kick) / 100
+    noise = rng.normal(size=n) if it.noise_kind == "white" else _lag(rng.normal(size=n), _log(rng, 1, 8) / dt)
+    noise *= 100 * it.noise / noise.std()
+    it.night = bool(rng.random() < 0.1)
+    if it.night:
+        sun = np.sin(2 * np.pi * np.arange(n) * dt / 43200 + rng.uniform(0, 6))
+        noise *= np.where(sun > 0.2, rng.uniform(0.2, 0.5), 1.0)
+    manual = free.copy()
+    it.manual = bool(rng.random() < 0.1)
+    for _ in range(int(rng.integers(1, 4)) * it.manual):
+        begin = int(rng.uniform(warm, n))
+        manual[begin : begin + int(rng.uniform(0.01, 0.05) * (n - warm))] = it.op0 + rng.uniform(-0.3, 0.3) * target
+    it.limits = np.array([0.0, 100.0])
     if rng.random() < 0.1:
-        shown["units"], scale = "engineering", spans[1] / spans[0]
-    if form == "parallel":
-        shown |= {"K": K * scale, "Ki": K * scale / Ti} | ({"Kd": K * scale * Td} if Td else {})
-    else:
-        way = rng.random()
-        shown |= {"PB": 100 / K} if scale == 1 and way < 0.12 and K > 0 else {"K": K * scale}
-        shown |= {"reset": f"{60 / Ti:.6g} /min"} if 0.1 < way < 0.2 else {"Ti": f"{Ti / 60:.6g} min"} if way > 0.8 else {"Ti": Ti}
-        shown |= {"Td": Td} if Td else {}
-    if scale == 1 and gain is not None and rng.random() < 0.15:
-        shown["Kp"] = gain
-    if filtered or rng.random() < 0.2:
-        shown["Tf"] = filtered
-    return shown, ideal
+        it.limits = np.clip(it.op0 + target * np.array([-rng.uniform(0.7, 3), rng.uniform(0.7, 3)]), 0, 100)
+    shape, sp = size * shape, rng.uniform(35, 65) + sp_size * moves
+    *signals, it.crossings = control_loop(
+        dt, warm, sp, shape * it.at_input, shape * (not it.at_input), noise, size * ff, manual, *fixed,
+        it.flow, it.inverse, it.actuator, it.gaps, it.split, it.friction, it.op0, it.limits)
+    return (*signals, ~np.isnan(manual))
 
 
 def loop(seed: int) -> Loop:
     """Simulate the loop of a seed: everything about it is drawn from the seed alone."""
     rng = np.random.default_rng([1915, seed])
-    pick, u, log = (lambda chances: _pick(rng, chances)), rng.uniform, (lambda low, high: _log(rng, low, high))
-    fam, hours, interval = pick(FAMILIES), pick(HOURS), pick(INTERVALS)
-    hours = max(hours, 2.0 if interval == 10 else 1.0)
-    truth = pick({"healthy": 0.55, "worn": 0.33, "stick": 0.12})
-    # the process [s]: a dominant lag and others behind it, dead time, gain in % of PV per % of OP
-    order = int(pick({"flow": {1: 1, 2: 4}, "pressure": {2: 1, 3: 2}, "temperature": {3: 1, 4: 1}, "level": {1: 2, 2: 1},
-                      "generic": {1: 2, 2: 3, 3: 3, 4: 2}}[fam]))
-    ruling = log(*{"flow": (4, 20), "pressure": (8, 100), "temperature": (15, 150), "level": (2, 15), "generic": (5, 100)}[fam])
-    lags = np.maximum(ruling * np.r_[1.0, np.sort(u(0.05, 0.7, order - 1))[::-1]], 0.2)
-    dead = {"flow": u(0.1, 1), "pressure": u(0, 1) * (rng.random() < 0.5), "temperature": u(0.1, 0.6) * ruling,
-            "level": u(0, 3) * (rng.random() < 0.3), "generic": pick({0: 2, 1: 5}) * log(0.05, 1.5) * ruling}[fam]
-    sign = -1.0 if rng.random() < {"pressure": 0.5, "level": 0.5}.get(fam, 0.15) else 1.0
-    gain, integ = sign * log(0.4, 2.5), 0.0
-    if fam == "level":
-        integ, gain, lags = sign / log(150, 4000), 0.0, lags * np.r_[np.full(order - 1, 1.0), 0.3 if order == 1 else 1.0]
-    fast = u(-0.3, 0.4) if fam == "generic" and order > 1 and rng.random() < 0.2 else 0.0
-    # the valve
-    kind = {"healthy": {"ideal": 42, "eq": 22, "lag": 18, "lag+eq": 10, "split": 4, "eq+split": 0},
-            "worn": {"play": 28, "play+lag": 22, "play+eq": 20, "play+eq+lag": 20, "play+travel": 6, "play+split": 4},
-            "stick": {"stick": 60, "stick+eq": 30, "stick+oneway": 10}}[truth]
-    valve = pick(kind)
-    op0 = u(30, 70) if "split" not in valve else u(40, 60)
-    d = log(0.8, 8.0) if truth == "worn" else 0.0
-    S = log(1.0, 6.0) if truth == "stick" else 0.0
-    J = S * u(0.1, 0.6)
-    fric = pick({"karnopp": 7, "lugre": 3}) if S else ""
-    actuator = np.array([log(0.3, 3) * (1 if fam == "flow" else 2) if "lag" in valve else 0.0, float(rng.random() < 0.5)])
-    flow, inverse = _characteristic(rng, valve, op0)
-    second = pick({0: 1, 1: 1})  # which of two valves is the worn one
-    split = np.array([50.0, log(0.6, 1.7), d * second]) if "split" in valve else np.array([-1.0, 0, 0])
-    play = np.array([d * (1 - second) if "split" in valve else d, u(-0.3, 0.3) if "travel" in valve else 0.0, u(-1, 1)])
-    wall = np.array([(S + J) / 2, (S - J) / 2, (S + J) / 2, (S - J) / 2])
-    if "oneway" in valve:
-        wall = np.array([S * 0.9, S * 0.9 - J, S * 0.1, S * 0.1])
-    friction = np.r_[{"karnopp": KARNOPP, "lugre": LUGRE}.get(fric, 0), wall]
-    # the controller: lambda tuning on half-rule lag and dead time, with spread
-    dt = 0.2 if ruling < 15 and fam != "level" else 0.5 if ruling < 50 else 1.0
-    tail = np.r_[np.sort(lags)[::-1], 0.0] if fam != "level" else np.r_[0.0, np.sort(lags)[::-1]]
-    theta = dead + tail[1] / 2 + tail[2:].sum() + actuator[0] + dt
-    lead = tail[0] + tail[1] / 2
-    pid = rng.random() < {"temperature": 0.5, "generic": 0.25, "pressure": 0.15}.get(fam, 0.0)
-    speed = theta * float(np.exp(rng.normal(math.log(3.0), 0.6))) if fam != "level" else log(25, 400)
-    speed = max(speed, log(0.4, 3) * lead) if fam == "flow" else speed
-    Ti = min(lead * float(np.exp(rng.normal(0, 0.25))), 4 * (speed + theta)) if fam != "level" else 4 * (speed + theta) * log(0.8, 2)
-    Ti = max(Ti, 3.5)
-    K = lead / (abs(gain) * (speed + theta)) if fam != "level" else 1 / (abs(integ) * (speed + theta))
-    K = sign * min(K, 12.0)
-    Td = min(tail[1] + 0.2 * dead, Ti / 5) if pid else 0.0
-    tight, filtered = bool(rng.random() < 0.1), (log(0.05, 0.3) * Ti if rng.random() < 0.12 else 0.0)
-    form = str(pick({"ideal": 76, "parallel": 15, "series": 9}))
-    low, high = UNITS[int(rng.integers(len(UNITS)))]
-    written, (K, Ti, Td) = _written(rng, form, K, Ti, Td, filtered, (high - low, 100.0), gain or None)
-    margin = gain_margin(K, Ti, Td, np.r_[lags, max(filtered, 0.01), max(actuator[0], 0.01)], dead + dt, integ, gain, fast)
-    wanted = u(1.4, 2.2) if tight else max(margin, u(2.5, 4.0))
-    cut = min(margin / wanted, 12 / abs(K)) if margin < 1e3 else 1.0
-    K *= cut
-    written = {key: value * cut if key in ("K", "Ki", "Kd") else value / cut if key == "PB" else value
-               for key, value in written.items()}  # type: ignore[operator]
-    gap, inside = (u(1, 4), u(0.1, 0.4)) if rng.random() < (0.15 if fam == "level" else 0.02) else (0.0, 1.0)
-    # what happens to it
-    load, sp_kind = pick(LOADS), pick(SETPOINTS)
-    warm = int(min(12 * Ti, 3600) / dt)
-    n = warm + int(hours * 3600 / dt)
-    shape = disturbance(rng, load, n, Ti / dt, warm, 3600 / dt)
-    at_input = bool(rng.random() < 0.6) or fam == "level"
-    if not at_input:
-        shape = _lag(shape, u(0.2, 2) * Ti / dt)
-    if not np.ptp(shape[warm:]):  # nothing happened in this record
-        shape, load = disturbance(rng, "ou", n, Ti / dt, warm, 3600 / dt), "ou"
-    shape /= np.ptp(shape) + 1e-9
-    moves = setpoint(rng, sp_kind, n, Ti / dt, warm)
-    moves /= np.ptp(moves) + 1e-9
-    outer = np.zeros(5)
-    if sp_kind == "master":
-        slow = log(6, 20) * (speed + theta)
-        outer = np.array([u(0.5, 1.5), slow, slow, log(0.5, 2) * sign**2, float(rng.random() < 0.7)])
-    forward = u(0.4, 0.9) if at_input and rng.random() < 0.08 and not outer[0] else 0.0
-    ff = -forward * _lag(shape, 0.2 * Ti / dt) if forward else np.zeros(n)
-    zero, none, identity = np.zeros(n), np.full(n, np.nan), np.linspace(0, 100, 1001)
-    fixed = (np.array([K, Ti, Td, 0.1 * Td, filtered, gap, inside]), outer, lags, round(dead / dt), integ, gain, fast)
-    quiet = (np.array([-1.0, 0, 0]), np.zeros(5), 50.0, np.array([-1e9, 1e9]))
-
-    def pilot(sp: Array, load_in: Array, load_out: Array, ff: Array) -> tuple[float, float]:
-        """Range of OP and of PV with a perfect valve."""
-        _, y, op, _, _ = control_loop(dt, warm, sp, load_in, load_out, zero, ff, none, *fixed, identity, identity,
-                                      np.array([actuator[0], 1.0]), np.zeros(3), *quiet)
-        return float(np.ptp(op[warm:])), float(np.ptp(y[warm:]))
-
-    target = float(np.clip(np.exp(rng.normal(math.log(13), 0.65)), 2, 70))
-    if truth != "healthy" and rng.random() < 0.7:
-        target = max(target, u(1.5, 4) * max(d, S))
-    share = u(0.3, 0.8) if moves.any() else 0.0
-    size = sp_size = 0.0
-    op_range, pv_range = pilot(zero, shape * at_input, shape * (not at_input), ff)
-    size = min((1 - share) * target / max(op_range, 1e-3), 30 / max(pv_range, 1e-3))
-    if share:
-        op_range, pv_range = pilot(moves, zero, zero, zero)
-        sp_size = min(share * target / max(op_range, 1e-3), 40 / max(pv_range, 1e-3))
-    noise_kind = str(pick({"white": 6, "coloured": 4}))
-    noise_sd = log(*{"flow": (0.03, 0.4), "temperature": (0.01, 0.1)}.get(fam, (0.02, 0.35)))
-    kick = abs(K) * (1 + 0.5 * min(Td / max(dt, 0.1 * Td), 10.0) if Td else 1.0) / math.sqrt(1 + 2 * filtered / dt)
-    noise_sd = min(noise_sd, 0.08 * target / kick)
-    noise = rng.normal(size=n)
-    if noise_kind == "coloured":
-        noise = _lag(noise, log(1.0, 8.0) / dt)
-    noise *= noise_sd / noise.std()
-    night = rng.random() < 0.1
-    if night:
-        noise *= np.where(np.sin(2 * np.pi * np.arange(n) * dt / 43200 + u(0, 6)) > 0.2, u(0.2, 0.5), 1.0)
-    manual = none.copy()
-    in_hand = rng.random() < 0.1
-    if in_hand:
-        for _ in range(int(rng.integers(1, 4))):
-            begin = int(u(warm, n))
-            manual[begin : begin + int(u(0.01, 0.05) * (n - warm))] = np.clip(op0 + u(-0.3, 0.3) * target, 5, 95)
-    pv0 = u(35, 65)
-    limits = np.array([0.0, 100.0]) if rng.random() < 0.9 else np.clip([op0 - u(0.6, 2) * target, op0 + u(0.6, 2) * target], 0, 100)
-    y_sp, y, op, stem, crossings = control_loop(
-        dt, warm, pv0 + sp_size * moves, size * shape * at_input, size * shape * (not at_input), noise, size * ff, manual,
-        *fixed, flow, inverse, actuator, play, split, friction, op0, limits)
+    drawn = {"fam": FAMILIES, "truth": {"healthy": 55, "worn": 33, "stick": 12}, "dur_h": HOURS, "Ts": INTERVALS,
+             "load": LOADS, "sp": SETPOINTS, "jitter": {"": 82, "declared": 9, "hidden": 9}}
+    it = SimpleNamespace(**{key: _pick(rng, chances) for key, chances in drawn.items()})
+    it.dur_h = max(it.dur_h, 2.0) if it.Ts == 10 else it.dur_h
+    it.sp = "fixed" if it.sp == "master" and it.fam == "level" else it.sp
+    for part in (_process, _valve, _controller):
+        part(rng, it)
+    it.warm = int(min(12 * it.Ti, 3600) / it.dt)
+    simulated = _simulate(rng, it)
     # the historian
-    step = round(interval / dt)
-    grid = np.arange(0, n - warm, step)
-    time_s, at, jitter = grid * dt, grid + warm, str(pick({"": 82, "declared": 9, "hidden": 9}))
-    if jitter:  # one scanner stamps all loops of an export
-        shift = np.random.default_rng([int(interval), int(hours)]).normal(0, 0.15, len(grid)).clip(-0.4, 0.4) * interval
-        at = np.clip(at + np.rint(shift / dt).astype(int), warm, n - 1)
-        time_s = (at - warm) * dt if jitter == "declared" else time_s
-    pv_step, op_step = pick({0.0: 45, 0.025: 15, 0.05: 15, 0.1: 15, 0.2: 10}), pick({0.1: 50, 0.01: 30, 0.0: 20})
-    sp_s, pv_s, op_s, stem_s, hand = (a[at] for a in (y_sp, y, op, stem, ~np.isnan(manual)))
-    pv_s, op_s = (np.round(a / q) * q if q else a for a, q in ((pv_s, pv_step), (op_s, op_step)))
-    compressed = log(1, 3) * noise_sd if rng.random() < 0.05 else 0.0
-    if compressed:
-        pv_s = _exception(pv_s, compressed)
-    if rng.random() < 0.04:
-        begin = int(u(0, len(pv_s) * 0.95))
-        pv_s[begin : begin + int(u(0.002, 0.02) * len(pv_s)) + 1] = np.nan
-    auto = op_s[~hand]
-    mode = np.where(hand, "MAN", "CAS" if sp_kind in ("cascade", "master") else "AUTO") if in_hand or rng.random() < 0.2 else None
-    known = pick({"given": 77, "ranges": 14, "none": 9})
-    settings = {"pv_range": [float(low), float(high)], "op_range": [0.0, 100.0]} if known != "none" else {}
-    if "travel" in valve:
-        d *= float(np.mean(np.maximum(0.2, 1 + play[1] * (stem_s - op0) / 10)))
-    elif inverse is not flow and not np.array_equal(inverse, identity):
-        d /= float(np.interp(np.mean(auto), identity[:-1], np.diff(inverse) * 10))
-    told = dict(
-        truth=truth, d=d, S=S, J=J, valve=valve, fric=fric, fam=fam, order=order, integ=bool(integ), theta=dead, load=load,
-        sp=sp_kind, settings=known, form=form, Ts=interval, dur_h=hours, tight=tight, manual=in_hand, jitter=jitter,
-        noise_kind=noise_kind, noise=noise_sd / 100, oprange=float(np.ptp(auto)), oprange_dt=float(np.ptp(_straightened(auto))),
-        stem_range=float(np.ptp(stem_s)), crossings=int(crossings), K=K, Ti=Ti, Td=Td, reversals=reversals(auto, d or 1.0),
-        Kp=gain or integ, dt=dt, at_input=at_input, forward=forward, gap=gap, night=bool(night), compressed=compressed,
-        pv_step=pv_step, op_step=op_step, margin=wanted, Tf=filtered, actuator=float(actuator[0]), fast=fast,
-        linearised=not np.array_equal(inverse, identity), limited=float(np.mean((auto <= limits[0]) | (auto >= limits[1]))))
-    scale = (high - low) / 100
-    return Loop(f"{fam[0].upper()}C{seed:05d}", time_s, low + sp_s * scale, low + pv_s * scale, op_s, mode,
-                settings | (written if known == "given" else {}), K, Ti, Td, (low, high), (0.0, 100.0), interval, told)
+    grid = np.arange(0, len(simulated[0]) - it.warm, round(it.Ts / it.dt))
+    at = it.warm + grid
+    if it.jitter:  # one scanner stamps all loops of an export
+        late = np.random.default_rng([int(it.Ts), int(it.dur_h)]).normal(0, 0.15, len(grid)).clip(-0.4, 0.4)
+        at = np.maximum(at + np.rint(late * it.Ts / it.dt).astype(int), it.warm)
+    sp, pv, op, stem, hand = (signal[at] for signal in simulated)
+    it.pv_step = _pick(rng, {0.0: 45, 0.025: 15, 0.05: 15, 0.1: 15, 0.2: 10})
+    it.op_step = _pick(rng, {0.1: 50, 0.01: 30, 0.0: 20})
+    pv = np.round(pv / it.pv_step) * it.pv_step if it.pv_step else pv
+    op = np.round(op / it.op_step) * it.op_step if it.op_step else op
+    it.compressed = _log(rng, 100, 300) * it.noise if rng.random() < 0.05 else 0.0
+    pv = exception_report(pv, it.compressed) if it.compressed else pv
+    if rng.random() < 0.04:  # the transmitter was away
+        begin = int(rng.uniform(0, 0.95) * len(pv))
+        pv[begin : begin + int(rng.uniform(0.002, 0.02) * len(pv)) + 1] = np.nan
+    words = np.where(hand, "MAN", "CAS" if it.sp in ("cascade", "master") else "AUTO")
+    mode = words if it.manual or rng.random() < 0.2 else None
+    # the truth in terms of OP
+    auto, t = op[~hand], np.arange(np.sum(~hand))
+    if it.gaps[2]:
+        it.d *= float(np.mean(np.maximum(0.2, 1 + it.gaps[2] * (stem - it.op0) / 10)))
+    elif it.linearised:
+        it.d /= float(np.interp(auto.mean(), PERCENT[:-1], 10 * np.diff(it.inverse)))
+    it.oprange, it.stem_range, it.integ_gain, it.integ = np.ptp(auto), np.ptp(stem), it.integ, bool(it.integ)
+    it.oprange_dt, it.reversals = np.ptp(auto - np.polyval(np.polyfit(t, auto, 1), t)), reversals(auto, it.d or 1.0)
+    it.limited = np.mean((auto <= it.limits[0]) | (auto >= it.limits[1]))
+    truth = {key: getattr(value, "item", lambda value=value: value)() for key, value in vars(it).items()
+             if not isinstance(value, (np.ndarray, dict, tuple))}
+    low, scale = it.span[0], (it.span[1] - it.span[0]) / 100
+    return Loop(f"{it.fam[0].upper()}C{seed:05d}", (at - it.warm if it.jitter == "declared" else grid) * it.dt,
+                low + sp * scale, low + pv * scale, op, mode, it.shown, it.K, it.Ti, it.Td, it.span, (0.0, 100.0),
+                it.Ts, truth)
 
 
-def _straightened(signal: Array) -> Array:
-    """The signal without its straight line."""
-    t = np.arange(len(signal))
-    return signal - np.polyval(np.polyfit(t, signal, 1), t)
+def write(folder: str | Path, seeds: Iterable[int], per_file: int = 18) -> pd.DataFrame:
+    """Write wide exports f*.csv.gz, their f*.loops.toml, and truth.csv; loops of equal stamps share a file.
+
+    Returns the truth table: `COLUMNS` and further ones.
+    """
+    folder = Path(folder)
+    groups: dict[tuple[object, ...], list[Loop]] = {}
+    truths: list[dict[str, object]] = []
+    folder.mkdir(parents=True, exist_ok=True)
+
+    def export(loops: list[Loop]) -> None:
+        name = f"f{len({row['file'] for row in truths}):03d}"
+        stamps = pd.Timestamp("2026-05-04") + pd.to_timedelta(loops[0].time_s, unit="s")
+        table: dict[str, object] = {"Timestamp": stamps.strftime("%Y-%m-%d %H:%M:%S.%f").str[:-3]}
+        for one in loops:
+            table |= {f"{one.name}.{key}": np.round(getattr(one, key.lower()), 6) for key in ("SP", "PV", "OP")}
+            table |= {f"{one.name}.MODE": one.mode} if one.mode is not None else {}
+            truths.append({"name": one.name, "file": f"{name}.csv.gz", **one.truth})
+        packing = {"method": "gzip", "compresslevel": 1}
+        pd.DataFrame(table).to_csv(folder / f"{name}.csv.gz", index=False, compression=packing)
+        text = [f"[loops.{one.name}]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in one.settings.items())
+                for one in loops if one.settings]
+        (folder / f"{name}.loops.toml").write_text("\n".join(text))
+
+    for one in map(loop, seeds):
+        key = (one.interval_s, one.truth["dur_h"], one.truth["jitter"] == "declared")
+        groups.setdefault(key, []).append(one)
+        if len(groups[key]) == per_file:
+            export(groups.pop(key))
+    for loops in groups.values():
+        export(loops)
+    table = pd.DataFrame(truths)
+    table = table[[*COLUMNS, *(key for key in table if key not in COLUMNS)]]
+    table.to_csv(folder / "truth.csv", index=False)
+    return table
 
 
-@njit(cache=True)
-def _exception(signal, size):  # type: ignore[no-untyped-def]
-    """What a historian keeps that stores a value only when it differs by `size` from the last one stored."""
-    out = signal.copy()
-    for i in range(1, len(out)):
-        if abs(out[i] - out[i - 1]) < size:
-            out[i] = out[i - 1]
-    return out
+def judged(folder: str | Path) -> pd.DataFrame:
+    """Scan what `write` wrote; the truth table with verdict, confidence, size and its interval and limit [% of OP]."""
+    from backlash_cli import scan_files
+
+    rows = []
+    for file in sorted(Path(folder).glob("f*.csv.gz")):
+        for report in scan_files([file], loops=str(file).replace(".csv.gz", ".loops.toml"), jobs=1).loops:
+            size, test = report.cluster, report.confirmation
+            low, high = size.ci95 if size else (np.nan, np.nan)
+            limit = (test.limit_of_detection if test else None) or np.nan
+            rows.append([report.loop, str(report.verdict.value), report.confidence, *(100 * np.array(
+                [size.d if size else np.nan, low, high, limit]))])
+    found = pd.DataFrame(rows, columns=["name", "verdict", "confidence", "found", "low", "high", "limit"])
+    table = pd.read_csv(Path(folder) / "truth.csv", keep_default_na=False).merge(found, on="name", how="left")
+    return table.assign(verdict=table.verdict.fillna("missing"))
+
+
+def figures(table: pd.DataFrame) -> dict[str, object]:
+    """How the verdicts of a group of loops fared, one row of the tables that are printed."""
+    healthy, worn = table[table.truth == "healthy"], table[table.truth == "worn"]
+    called, moved = worn[worn.verdict == "backlash"], worn[worn.oprange >= 2 * worn.d]
+    error, inside = (called.found / called.d - 1).abs(), (called.low <= called.d) & (called.d <= called.high)
+    cleared = worn[worn.verdict == "no_backlash"]
+
+    def share(group: pd.DataFrame, verdict: str) -> str:
+        return f"{(group.verdict == verdict).sum()}/{len(group)}"
+
+    bands = {f"d {a}-{b} %": share(moved[(moved.d >= a) & (moved.d < b)], "backlash")
+             for a, b in ((0, 1), (1, 2), (2, 3), (3, 99))}
+    return {"healthy called": share(healthy, "backlash"), **bands, "worn cleared": share(worn, "no_backlash"),
+            "limit < d": int((cleared.limit < cleared.d).sum()), "|error| median": round(error.median(), 3),
+            "p90": round(error.quantile(0.9), 3), "inside": round(inside.mean(), 3),
+            "stick called": share(table[table.truth == "stick"], "backlash")}
+
+
+def main() -> None:
+    """Simulate, scan, and print the figures by family, load, setpoint and valve, and the reliability table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("loops", type=int)
+    parser.add_argument("--seed", type=int, default=0, help="first seed")
+    parser.add_argument("--write", help="folder that keeps the exports")
+    chosen = parser.parse_args()
+    with tempfile.TemporaryDirectory() as passing:
+        folder = chosen.write or passing
+        write(folder, range(chosen.seed, chosen.seed + chosen.loops))
+        table = judged(folder)
+    for key in (None, "fam", "load", "sp", "valve", "settings"):
+        groups = table.groupby(key) if key else [("all", table)]
+        print(pd.DataFrame({f"{name}": figures(group) for name, group in groups}).T.to_string(), "\n")
+    print("Stated confidence against how often it was right (sticking valves left out)")
+    said = table[table.verdict.isin(["backlash", "no_backlash"]) & (table.truth != "stick")]
+    right = (said.verdict == "backlash") == (said.truth == "worn")
+    stated = pd.cut(said.confidence, [0, 0.5, 0.7, 0.8, 0.9, 0.95, 1], include_lowest=True)
+    print(right.groupby([said.verdict, stated], observed=True).agg(["mean", "sum", "count"]).round(3).to_string())
+
+
+if __name__ == "__main__":
+    main()
