@@ -58,13 +58,14 @@ def control_loop(dt, start, sp, load_in, load_out, noise, ff, manual, tuning, ou
     """Run the loop once; returns SP, measured PV, OP, stem [%], and crossings of the gap from sample `start` on.
 
     sp, load_in, load_out, noise, ff: (n,) [%], deviations except sp; manual: (n,), NaN in automatic. tuning: K, Ti,
-    Td, derivative filter, PV filter [s], gap half width [%], share of K inside the gap. outer: K (0: none), Ti, lag and
-    gain of a master loop whose setpoint `sp` then is, share of the load that meets it. lags: (m,) [s]; dead: samples;
-    integ: gain of an integrator [1/s] or 0; gain, fast: static gain, share of the path that skips all lags but the
-    first. flow: flow of the valve against the stem; inverse: stem wanted against OP; both for 0 to 100 % in steps of
-    0.1 %. actuator: lag [s], 1 when the play sits behind it. gaps: d of the first and of the second valve, change of d
-    per 10 % of travel, place of the stem in the gap at the start (-1 to 1). split: OP where the second valve
-    takes over, its flow against the first. friction: kind (0: none), break-away and sliding up, the same down.
+    Td, derivative filter, PV filter [s], gap half width [%], share of the error that counts inside the gap. outer: K
+    (0: none), Ti, lag and gain of a master loop whose setpoint `sp` then is, share of the load that meets it. lags:
+    (m,) [s]; dead: samples; integ: gain of an integrator [1/s] or 0; gain, fast: static gain, share of the path that
+    skips all lags but the first. flow: flow of the valve against the stem; inverse: stem wanted against OP; both for
+    0 to 100 % in steps of 0.1 %. actuator: lag [s], 1 when the play sits behind it. gaps: d of the first and of the
+    second valve, change of d per 10 % of travel, place of the stem in the gap at the start (-1 to 1). split: OP where
+    the second valve takes over, its flow against the first. friction: kind (0: none), break-away and sliding up, the
+    same down.
     """
     n, m = len(sp), len(lags)
     y_sp, y, op, stem = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -94,9 +95,9 @@ def control_loop(dt, start, sp, load_in, load_out, noise, ff, manual, tuning, ou
         rate = (filtered - slow) * a_d / dt
         slow += a_d * (filtered - slow)
         error = wanted - filtered
-        strength = K * inside if abs(error) < gap else K
-        total += strength * error * dt / Ti
-        fixed = op0 + strength * (error - Td * rate) + ff[k]
+        error = inside * error if abs(error) < gap else error - math.copysign((1.0 - inside) * gap, error)
+        total += K * error * dt / Ti
+        fixed = op0 + K * (error - Td * rate) + ff[k]
         u = min(max(fixed + total, limits[0]), limits[1]) if math.isnan(manual[k]) else manual[k]
         total = u - fixed
         y_sp[k], y[k], op[k] = wanted, true + noise[k], u

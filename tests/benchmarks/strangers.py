@@ -20,6 +20,7 @@ import argparse
 import json
 import math
 import tempfile
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +37,8 @@ from .strange_plant import KARNOPP, LUGRE, control_loop, exception_report, gain_
 Array = npt.NDArray[np.float64]
 Random = np.random.Generator
 FAMILIES = {"generic": 31, "flow": 21, "pressure": 21, "temperature": 17, "level": 10}
+HOURS = {1.0: 1, 2.0: 1, 3.0: 2, 4.0: 2, 6.0: 1, 8.0: 1, 12.0: 2, 24.0: 1}
+INTERVALS = {1.0: 4, 2.0: 2, 5.0: 3, 10.0: 2}
 VALVES = {
     "healthy": {"ideal": 42, "eq": 24, "lag": 19, "lag+eq": 11, "split": 4},
     "worn": {"play": 28, "play+lag": 22, "play+eq": 20, "play+eq+lag": 20, "play+travel": 6, "play+split": 4},
@@ -43,8 +46,8 @@ VALVES = {
 }
 LOADS = {"rw": 14, "ou": 17, "steps": 15, "sine": 14, "ramps": 11, "diurnal": 8, "spikes": 6, "square": 5, "mixed": 12}
 SETPOINTS = {"fixed": 45, "cascade": 18, "stepped": 15, "ramped": 12, "grades": 5, "master": 5}
-HOURS = {1.0: 1, 2.0: 1, 3.0: 2, 4.0: 2, 6.0: 1, 8.0: 1, 12.0: 2, 24.0: 1}
-INTERVALS = {1.0: 4, 2.0: 2, 5.0: 3, 10.0: 2}
+DRAWN = {"fam": FAMILIES, "truth": {"healthy": 55, "worn": 33, "stick": 12}, "dur_h": HOURS, "Ts": INTERVALS,
+         "load": LOADS, "sp": SETPOINTS, "jitter": {"": 82, "declared": 9, "hidden": 9}}
 PV_RANGES = ((0, 100), (0, 10), (0, 250), (0, 400), (0, 900), (0, 1200), (20, 30), (20, 270), (-50, 150), (-1, 5))
 COLUMNS = [  # of truth.csv, in this order; further ones follow
     "name", "file", "truth", "d", "S", "J", "valve", "fric", "fam", "order", "integ", "theta", "load", "sp", "settings",
@@ -60,9 +63,8 @@ class Loop:
 
     time_s: seconds from the start, (n,). sp, pv, op: engineering units, NaN where nothing was stored, (n,). mode: words
     AUTO, CAS, MAN, (n,), or None. settings: as they stand in the metadata file (empty: nobody knows them). K_ideal,
-    Ti_ideal, Td_ideal: the controller in ideal form on normalised signals, seconds. truth: `COLUMNS` and more; d, S
-    (dead band plus stick band), J (slip) and ranges in % of OP, noise as a share of the PV span, reversals of OP by
-    more than d (healthy: 1 %) in automatic.
+    Ti_ideal, Td_ideal: the controller in ideal form on normalised signals, seconds. truth: `COLUMNS` and more; d, S, J
+    and ranges in % of OP, noise as a share of the PV span, reversals of OP by more than d (healthy: 1 %) in automatic.
     """
 
     name: str
@@ -191,10 +193,10 @@ def _valve(rng: Random, it: SimpleNamespace) -> None:
     if "oneway" in parts:  # sticks when it opens, hardly when it closes
         wall = np.array([0.9 * it.S, 0.9 * it.S - it.J, 0.1 * it.S, 0.1 * it.S])
     it.friction = np.r_[{"karnopp": KARNOPP, "lugre": LUGRE}.get(it.fric, 0), wall]
-    slow = _log(rng, 0.3, 3) * (1 if it.fam == "flow" else 2)
-    it.actuator = np.array([slow if "lag" in parts else 0.0, float(rng.random() < 0.5)])
+    slow = _log(rng, 0.3, 3) * (1 if it.fam == "flow" else 2) * ("lag" in parts)
+    it.actuator = np.array([slow, float(rng.random() < 0.5)])
     worn = int(rng.random() < 0.5) if "split" in parts else 0  # which of two valves
-    grows = rng.uniform(-0.3, 0.3) if "travel" in parts else 0.0
+    grows = rng.uniform(-0.2, 0.2) if "travel" in parts else 0.0
     it.gaps = np.array([it.d * (1 - worn), it.d * worn, grows, rng.uniform(-1, 1)])
     it.split = np.array([50.0, _log(rng, 0.6, 1.7)]) if "split" in parts else np.array([1e3, 1.0])
     it.flow, it.inverse, it.linearised = PERCENT, PERCENT, False
@@ -206,6 +208,7 @@ def _valve(rng: Random, it: SimpleNamespace) -> None:
         if it.linearised:  # OP is flow, the positioner's table undoes the curve
             it.flow = 100 * (flow - flow[0]) / (flow[-1] - flow[0])
             it.inverse = np.interp(PERCENT, it.flow, PERCENT)
+            it.gaps[0] *= (it.inverse[i + 1] - it.inverse[i - 1]) / 0.2
         else:  # slope 1 where the loop works
             it.flow = flow * 0.2 / (flow[i + 1] - flow[i - 1])
 
@@ -253,13 +256,9 @@ def _controller(rng: Random, it: SimpleNamespace) -> None:
 
 
 def _simulate(rng: Random, it: SimpleNamespace) -> tuple[Array, Array, Array, Array, Array]:
-    """Let the plant run; returns SP, PV, OP, stem [%] and whether the loop was in manual, at steps of dt.
-
-    Load and setpoint are sized so that OP of a perfect valve would move a range drawn beforehand.
-    """
-    warm, dt = it.warm, it.dt
+    """Let the plant run; returns SP, PV, OP, stem [%] and what was in manual. The upsets fit a range of OP drawn."""
+    warm, dt, ti = it.warm, it.dt, it.Ti / it.dt
     n = warm + int(it.dur_h * 3600 / dt)
-    ti = it.Ti / dt
     shape = disturbance(rng, it.load, n, ti, warm, 3600 / dt)
     if np.ptp(shape[warm:]) < 1e-6 * np.ptp(shape):  # nothing happens in this record
         shape, it.load = disturbance(rng, "ou", n, ti, warm, 3600 / dt), "ou"
@@ -293,7 +292,7 @@ def _simulate(rng: Random, it: SimpleNamespace) -> tuple[Array, Array, Array, Ar
     sp_size = min(share * target / op_range, 40 / pv_range)
     sd = _log(rng, *{"flow": (0.03, 0.4), "temperature": (0.01, 0.1)}.get(it.fam, (0.02, 0.35)))
     kick = abs(it.K) * (1 + min(0.5 * it.Td / max(dt, 0.1 * it.Td), 5.0)) / math.sqrt(1 + 2 * it.Tf / dt)
-    it.noise_kind, it.noise = str(_pick(rng, {"white": 6, "coloured": 4})), min(sd, 0.08 * target / kick) / 100
+    it.noise_kind, it.noise = str(_pick(rng, {"white": 6, "coloured": 4})), min(sd, 0.06 * target / kick) / 100
     noise = rng.normal(size=n) if it.noise_kind == "white" else _lag(rng.normal(size=n), _log(rng, 1, 8) / dt)
     noise *= 100 * it.noise / noise.std()
     it.night = bool(rng.random() < 0.1)
@@ -318,9 +317,7 @@ def _simulate(rng: Random, it: SimpleNamespace) -> tuple[Array, Array, Array, Ar
 def loop(seed: int) -> Loop:
     """Simulate the loop of a seed: everything about it is drawn from the seed alone."""
     rng = np.random.default_rng([1915, seed])
-    drawn = {"fam": FAMILIES, "truth": {"healthy": 55, "worn": 33, "stick": 12}, "dur_h": HOURS, "Ts": INTERVALS,
-             "load": LOADS, "sp": SETPOINTS, "jitter": {"": 82, "declared": 9, "hidden": 9}}
-    it = SimpleNamespace(**{key: _pick(rng, chances) for key, chances in drawn.items()})
+    it = SimpleNamespace(**{key: _pick(rng, chances) for key, chances in DRAWN.items()})
     it.dur_h = max(it.dur_h, 2.0) if it.Ts == 10 else it.dur_h
     it.sp = "fixed" if it.sp == "master" and it.fam == "level" else it.sp
     for part in (_process, _valve, _controller):
@@ -343,33 +340,27 @@ def loop(seed: int) -> Loop:
     if rng.random() < 0.04:  # the transmitter was away
         begin = int(rng.uniform(0, 0.95) * len(pv))
         pv[begin : begin + int(rng.uniform(0.002, 0.02) * len(pv)) + 1] = np.nan
-    words = np.where(hand, "MAN", "CAS" if it.sp in ("cascade", "master") else "AUTO")
-    mode = words if it.manual or rng.random() < 0.2 else None
+    mode = np.where(hand, "MAN", "CAS" if it.sp in ("cascade", "master") else "AUTO")
     # the truth in terms of OP
     auto, t = op[~hand], np.arange(np.sum(~hand))
     if it.gaps[2]:
         it.d *= float(np.mean(np.maximum(0.2, 1 + it.gaps[2] * (stem - it.op0) / 10)))
     elif it.linearised:
-        it.d /= float(np.interp(auto.mean(), PERCENT[:-1], 10 * np.diff(it.inverse)))
+        it.d = it.gaps[0] / float(np.interp(auto.mean(), PERCENT[:-1], 10 * np.diff(it.inverse)))
     it.oprange, it.stem_range, it.integ_gain, it.integ = np.ptp(auto), np.ptp(stem), it.integ, bool(it.integ)
     it.oprange_dt, it.reversals = np.ptp(auto - np.polyval(np.polyfit(t, auto, 1), t)), reversals(auto, it.d or 1.0)
     it.limited = np.mean((auto <= it.limits[0]) | (auto >= it.limits[1]))
     truth = {key: getattr(value, "item", lambda value=value: value)() for key, value in vars(it).items()
              if not isinstance(value, (np.ndarray, dict, tuple))}
-    low, scale = it.span[0], (it.span[1] - it.span[0]) / 100
+    low, scale = it.span[0], np.ptp(it.span) / 100
     return Loop(f"{it.fam[0].upper()}C{seed:05d}", (at - it.warm if it.jitter == "declared" else grid) * it.dt,
-                low + sp * scale, low + pv * scale, op, mode, it.shown, it.K, it.Ti, it.Td, it.span, (0.0, 100.0),
-                it.Ts, truth)
+                low + sp * scale, low + pv * scale, op, mode if it.manual or rng.random() < 0.2 else None, it.shown,
+                it.K, it.Ti, it.Td, it.span, (0.0, 100.0), it.Ts, truth)
 
 
 def write(folder: str | Path, seeds: Iterable[int], per_file: int = 18) -> pd.DataFrame:
-    """Write wide exports f*.csv.gz, their f*.loops.toml, and truth.csv; loops of equal stamps share a file.
-
-    Returns the truth table: `COLUMNS` and further ones.
-    """
-    folder = Path(folder)
-    groups: dict[tuple[object, ...], list[Loop]] = {}
-    truths: list[dict[str, object]] = []
+    """Write wide exports f*.csv.gz, their f*.loops.toml, and truth.csv (returned); equal stamps share a file."""
+    folder, groups, truths = Path(folder), defaultdict(list), []
     folder.mkdir(parents=True, exist_ok=True)
 
     def export(loops: list[Loop]) -> None:
@@ -380,15 +371,14 @@ def write(folder: str | Path, seeds: Iterable[int], per_file: int = 18) -> pd.Da
             table |= {f"{one.name}.{key}": np.round(getattr(one, key.lower()), 6) for key in ("SP", "PV", "OP")}
             table |= {f"{one.name}.MODE": one.mode} if one.mode is not None else {}
             truths.append({"name": one.name, "file": f"{name}.csv.gz", **one.truth})
-        packing = {"method": "gzip", "compresslevel": 1}
-        pd.DataFrame(table).to_csv(folder / f"{name}.csv.gz", index=False, compression=packing)
+        pd.DataFrame(table).to_csv(folder / f"{name}.csv.gz", index=False)
         text = [f"[loops.{one.name}]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in one.settings.items())
                 for one in loops if one.settings]
         (folder / f"{name}.loops.toml").write_text("\n".join(text))
 
     for one in map(loop, seeds):
         key = (one.interval_s, one.truth["dur_h"], one.truth["jitter"] == "declared")
-        groups.setdefault(key, []).append(one)
+        groups[key].append(one)
         if len(groups[key]) == per_file:
             export(groups.pop(key))
     for loops in groups.values():
@@ -409,8 +399,8 @@ def judged(folder: str | Path) -> pd.DataFrame:
             size, test = report.cluster, report.confirmation
             low, high = size.ci95 if size else (np.nan, np.nan)
             limit = (test.limit_of_detection if test else None) or np.nan
-            rows.append([report.loop, str(report.verdict.value), report.confidence, *(100 * np.array(
-                [size.d if size else np.nan, low, high, limit]))])
+            percent = 100 * np.array([size.d if size else np.nan, low, high, limit])
+            rows.append([report.loop, str(report.verdict.value), report.confidence, *percent])
     found = pd.DataFrame(rows, columns=["name", "verdict", "confidence", "found", "low", "high", "limit"])
     table = pd.read_csv(Path(folder) / "truth.csv", keep_default_na=False).merge(found, on="name", how="left")
     return table.assign(verdict=table.verdict.fillna("missing"))
@@ -422,13 +412,13 @@ def figures(table: pd.DataFrame) -> dict[str, object]:
     called, moved = worn[worn.verdict == "backlash"], worn[worn.oprange >= 2 * worn.d]
     error, inside = (called.found / called.d - 1).abs(), (called.low <= called.d) & (called.d <= called.high)
     cleared = worn[worn.verdict == "no_backlash"]
+    bands = ((0, 1), (1, 2), (2, 3), (3, 99))
 
     def share(group: pd.DataFrame, verdict: str) -> str:
         return f"{(group.verdict == verdict).sum()}/{len(group)}"
 
-    bands = {f"d {a}-{b} %": share(moved[(moved.d >= a) & (moved.d < b)], "backlash")
-             for a, b in ((0, 1), (1, 2), (2, 3), (3, 99))}
-    return {"healthy called": share(healthy, "backlash"), **bands, "worn cleared": share(worn, "no_backlash"),
+    sizes = {f"d {a}-{b} %": share(moved[(moved.d >= a) & (moved.d < b)], "backlash") for a, b in bands}
+    return {"healthy called": share(healthy, "backlash"), **sizes, "worn cleared": share(worn, "no_backlash"),
             "limit < d": int((cleared.limit < cleared.d).sum()), "|error| median": round(error.median(), 3),
             "p90": round(error.quantile(0.9), 3), "inside": round(inside.mean(), 3),
             "stick called": share(table[table.truth == "stick"], "backlash")}
@@ -436,7 +426,7 @@ def figures(table: pd.DataFrame) -> dict[str, object]:
 
 def main() -> None:
     """Simulate, scan, and print the figures by family, load, setpoint and valve, and the reliability table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser()
     parser.add_argument("loops", type=int)
     parser.add_argument("--seed", type=int, default=0, help="first seed")
     parser.add_argument("--write", help="folder that keeps the exports")
