@@ -92,8 +92,9 @@ def loop_parts(p: Place, wear: Wear, nights: Sequence[Night], half_periods: Sequ
         parts.append(Section("Wear", text=[f"{wear.message[:1].upper()}{wear.message[1:]}.", *remarks(wear)],
                              figure=wear_figure(nights, wear),
                              note="One point per night with its 95 % interval; a triangle says that the dead band is "
-                                  "smaller than this. The line is a robust fit (Theil-Sen) since the last repair; "
-                                  f"limit: {wear.limit.source}."))
+                                  "smaller than this. The line is the level that the nights together say, with its "
+                                  "95 % interval; it may bend, and starts anew after a repair. "
+                                  f"Limit: {wear.limit.source}."))
     if drawn and any(h.accepted for h in half_periods):
         parts.append(Section("Half periods", figure=half_period_figure(half_periods), folded=True,
                              note="The estimates behind the sizes of the last nights, one per half period of the "
