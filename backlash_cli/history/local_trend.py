@@ -28,7 +28,8 @@ STEPS = 0.02
 JUMP = 0.5  # usual size of a step, in usual levels
 MAYBE = 2.0  # standard errors of a step that may have come; OPEN of these are kept in mind
 OPEN = 4
-WIDER = 1.2  # of all intervals, because real wear follows none of these trends; from tests/benchmarks/wear.py
+PIECE = 240  # nights that are searched for shocks at a time
+WIDER = 1.25  # of all intervals, because real wear follows none of these trends; from tests/benchmarks/wear.py
 FAR = 3.0  # the same for the level, and its growth, before the first night
 
 
@@ -42,8 +43,8 @@ class Way(NamedTuple):
 LINE = Way(1, np.inf)
 BELIEF = {LINE: 0.1, **dict.fromkeys((Way(0, b) for b in (16.0, 8.0, 4.0, 2.0)), 0.09),
           **dict.fromkeys((Way(1, b) for b in (64.0, 45.0, 32.0, 23.0, 16.0, 11.0, 8.0, 5.7, 4.0)), 0.02),
-          **dict.fromkeys((Way(2, b) for b in (np.inf, 32.0, 16.0, 8.0)), 0.09)}  # before the nights are looked at
-STIFF = (LINE, Way(1, 32.0), Way(1, 16.0), Way(1, 11.0), Way(2, np.inf), Way(2, 32.0), Way(2, 16.0))
+          Way(2, np.inf): 0.13, Way(2, 16.0): 0.11, Way(2, 8.0): 0.09, Way(2, 5.0): 0.03}  # before a look at the nights
+STIFF = (LINE, Way(1, 32.0), Way(1, 16.0), Way(1, 11.0), Way(2, np.inf), Way(2, 16.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +58,8 @@ class Nights:
     def __len__(self) -> int:
         return len(self.days)
 
-    def first(self, count: int) -> Nights:
-        return Nights(self.days[:count], self.size[:count], self.error[:count])
+    def part(self, first: int, end: int) -> Nights:
+        return Nights(self.days[first:end], self.size[first:end], self.error[first:end])
 
 
 @dataclass(frozen=True)
@@ -267,7 +268,21 @@ def _apart(result: Any) -> FloatArray:
 
 
 def find_shocks(nights: Nights) -> Shocks:
-    """Return nights that lie apart and steps, the clearest first, until nothing is left that a trend cannot explain."""
+    """Return nights that lie apart and steps; long histories are looked at piece by piece, each with its surroundings."""
+    apart: list[int] = []
+    steps: list[int] = []
+    for first in range(0, max(len(nights) - PIECE // 2, 1), PIECE // 2):
+        end = min(first + PIECE, len(nights))
+        found = _shocks_of(nights.part(first, end))
+        low = first + PIECE // 4 if first else 0
+        high = first + 3 * PIECE // 4 if end < len(nights) else end
+        apart += [first + k for k in found.apart if low <= first + k < high]
+        steps += [first + k for k in found.steps if low <= first + k < high]
+    return Shocks(tuple(apart), tuple(steps))
+
+
+def _shocks_of(nights: Nights) -> Shocks:
+    """Return the shocks of one piece, the clearest first, until nothing is left that a trend cannot explain."""
     n, shocks = len(nights), Shocks()
     refused: set[int] = set()
     for _ in range(2 * n if n >= 2 * LEAST else 0):

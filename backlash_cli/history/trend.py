@@ -29,7 +29,6 @@ QUIET = 14  # nights in which nearly all must be silent for a repair
 SILENT = 0.8  # nearly all
 CHANCE = 0.01  # that nights of an unchanged valve look like that in one history
 QUIETEST = 0.01  # relative error of a night is never taken as smaller than this
-MOST = 400  # nights of one trend; more are put together
 HIDDEN = 0.25  # share of the last nights, on which a straight line and the local trend are compared
 DRAWN = 120.0  # days beyond the last night that a figure shows at most
 Fitted = dict[tuple[float, int], Trend]  # trends by first night and number of nights
@@ -100,15 +99,13 @@ def measurements(points: Sequence[Night]) -> Nights:
     error = np.where(np.isfinite(error), error, np.nanmedian(error) if np.isfinite(error).any() else scatter)
     error = np.maximum(error, QUIETEST * np.maximum(level, 1e-4))
     if len(size) > ENOUGH:
-        z = np.abs(np.diff(size)) / np.hypot(error[1:], error[:-1])
+        # each night against the line between its neighbours, so that wear itself does not count
+        share = (time[2:] - time[1:-1]) / np.maximum(time[2:] - time[:-2], 1e-9)
+        off = size[1:-1] - share * size[:-2] - (1 - share) * size[2:]
+        z = np.abs(off) / np.sqrt(error[1:-1] ** 2 + (share * error[:-2]) ** 2 + ((1 - share) * error[2:]) ** 2)
         trust = 2.0 * LEAST  # nights that the intervals' own word is worth
         error *= np.sqrt((trust + len(z) * (np.median(z) / 0.6745) ** 2) / (trust + len(z)))
     error *= np.where([p.verdict is Verdict.SUSPECTED for p in sized], 2.0, 1.0)
-    group = -(-len(size) // MOST)
-    if group > 1:  # neighbours together, as their medians
-        cuts = range(0, len(size), group)
-        time, size, error = (np.array([np.median(x[k : k + group]) for k in cuts]) for x in (time, size, error))
-        error = error * np.sqrt(0.5 * np.pi / group)
     return Nights(time, size, error)
 
 
@@ -154,7 +151,7 @@ def drops(part: Sequence[Night], fitted: Fitted) -> list[tuple[int, float, float
     """
     places = [k for k, p in enumerate(part) if p.d is not None]
     found = []
-    if 2 * LEAST <= len(places) <= MOST:
+    if len(places) >= 2 * LEAST:
         trend = _trend(part, fitted)
         for k in trend.shocks.steps:
             before, after = float(trend.level[k - 1]), float(trend.level[k])
@@ -221,7 +218,7 @@ def held_out(nights: Nights, shocks: Shocks) -> HeldOut | None:
     days, size, error = nights.days[hidden], nights.size[hidden], nights.error[hidden]
     scores, off = [], []
     for ways in ((LINE,), tuple(BELIEF)):
-        mean, spread = fit(nights.first(count), before, ways).ahead(days - nights.days[count - 1])
+        mean, spread = fit(nights.part(0, count), before, ways).ahead(days - nights.days[count - 1])
         variance = spread**2 + error**2
         scores.append(float(-0.5 * ((size - mean) ** 2 / variance + np.log(variance)).sum()))
         off.append(size - mean)
@@ -258,8 +255,9 @@ def _outlook(out: Wear, segment: Segment | None, trend: Trend | None, part: Sequ
     value, early, late = (DAY * day for day in used.reaches(limit))
     if not np.isfinite(value):
         return replace(out, state="growing", message=f"{grows}; {now}, which it does not reach if it goes on so")
-    message = (f"{grows}; now {percent(segment.level)}; the limit of {percent(limit)} {'was' if over else 'is'} reached "
-               f"about {_day(value)} (between {_day(early)} and {_day(late)}), by {MODELS[out.model]}")
+    verb = "was" if over else "is"
+    message = (f"{grows}; now {percent(segment.level)}; the limit of {percent(limit)} {verb} reached about "
+               f"{_day(value)} (between {_day(early)} and {_day(late)}), by {MODELS[out.model]}")
     return replace(out, state="growing", message=message, limit_date=(value, early, late),
                    forecast=_forecast(used, value / DAY))
 
