@@ -268,7 +268,7 @@ def _apart(result: Any) -> FloatArray:
 
 
 def find_shocks(nights: Nights) -> Shocks:
-    """Return nights that lie apart and steps; long histories are looked at piece by piece, each with its surroundings."""
+    """Return nights that lie apart and steps; long histories are searched piece by piece, with their surroundings."""
     apart: list[int] = []
     steps: list[int] = []
     for first in range(0, max(len(nights) - PIECE // 2, 1), PIECE // 2):

@@ -5,7 +5,7 @@ times noise, with the interval that a scan would give it. Three nights in ten ar
 the other half see no dead band although there is one; some nights are outliers. Printed for each kind: error of the
 present level and how often its interval holds the truth, error of the slope of the last month, how often the interval
 of the date of the limit holds the true day, and how often a repair is found where none was made. Last: histories with
-one repair, and the sixty nights from 0.9 to 4.0 % of issue and documentation.
+one repair, and sixty nights from 0.9 to 4.0 % that grow ever faster.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ def repairs(histories: int) -> tuple[float, float]:
 
 
 def sixty_nights(seed: int) -> tuple[History, Wear]:
-    """Return the case of the issue: sixty nights from 0.9 to 4.0 %, growing ever faster, sizes within 3 %."""
+    """Return sixty nights from 0.9 to 4.0 %, growing ever faster, sizes within 3 % of the truth."""
     rng = np.random.default_rng([60, seed])
 
     def curve(t: np.ndarray) -> np.ndarray:
