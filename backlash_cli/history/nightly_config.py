@@ -100,9 +100,10 @@ class _Checker:
         return NightlyConfig(
             self.path, tuple(str(folder / pattern) for pattern in inputs), history,
             self._file("lock") or history.with_name(history.name + ".lock"), self._file("loops"),
-            self._file("limits"), self._number("horizon", 90.0), self._texts("fail_on"), self._take("together", bool, False),
-            int(self._number("look_back", 14)), self._file("outputs.report"), None if scan is None else str(folder / scan),
-            self._file("outputs.trend"), int(self._number("outputs.keep", 30)), self._file("log.file"), log_format,
+            self._file("limits"), self._number("horizon", 90.0), self._texts("fail_on"),
+            self._take("together", bool, False), int(self._number("look_back", 14)), self._file("outputs.report"),
+            None if scan is None else str(folder / scan), self._file("outputs.trend"),
+            int(self._number("outputs.keep", 30)), self._file("log.file"), log_format,
             int(self._number("jobs", 1)) if "jobs" in self.document else None, reading)
 
     def _texts(self, key: str) -> tuple[str, ...]:

@@ -30,6 +30,8 @@ SILENT = 0.8  # nearly all
 CHANCE = 0.01  # that nights of an unchanged valve look like that in one history
 QUIETEST = 0.01  # relative error of a night is never taken as smaller than this
 HIDDEN = 0.25  # share of the last nights, on which a straight line and the local trend are compared
+UNLIKELY = 0.2  # share of its belief that the nights have to leave a line, not to have failed
+CLEAR = 1.0  # log likelihood of the hidden nights by which a line has to be worse, to have failed
 DRAWN = 120.0  # days beyond the last night that a figure shows at most
 Fitted = dict[tuple[float, int], Trend]  # trends by first night and number of nights
 
@@ -223,7 +225,8 @@ def held_out(nights: Nights, shocks: Shocks) -> HeldOut | None:
         scores.append(float(-0.5 * ((size - mean) ** 2 / variance + np.log(variance)).sum()))
         off.append(size - mean)
     line, local = (float(np.median(np.abs(x))) for x in off)
-    return HeldOut(len(hidden), float(days[0] * DAY), line, local, float(np.median(off[0])), scores[0] >= scores[1])
+    return HeldOut(len(hidden), float(days[0] * DAY), line, local, float(np.median(off[0])),
+                   scores[0] >= scores[1] - CLEAR)
 
 
 def _outlook(out: Wear, segment: Segment | None, trend: Trend | None, part: Sequence[Night]) -> Wear:
@@ -243,7 +246,7 @@ def _outlook(out: Wear, segment: Segment | None, trend: Trend | None, part: Sequ
     nights = measurements(part)
     compared = held_out(nights, trend.shocks)
     # a line has to stand both tests: the nights that it has not seen, and all of them against trends that bend
-    line = trend.straight >= BELIEF[LINE] and (compared is None or compared.line_holds) and not trend.shocks.steps
+    line = trend.straight >= UNLIKELY * BELIEF[LINE] and (compared is None or compared.line_holds) and not trend.shocks.steps
     out = replace(out, model="line" if line else "local", held_out=compared)
     used = fit(nights, trend.shocks, (LINE,)) if line else trend
     low, high = segment.slope_ci95

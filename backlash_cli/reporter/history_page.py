@@ -8,7 +8,7 @@ from .._version import __version__
 from ..results.history import DAY, HalfPeriod, Night, Place, Wear
 from .page import Cell, Section, Table, page
 from .safe import shorten
-from .trend_table import day_or_none, remarks
+from .trend_table import day_or_none, no_date, remarks
 from .wear_figure import half_period_figure, wear_figure
 from .words import MARKS, VERDICTS, percent
 
@@ -78,7 +78,7 @@ def _row(p: Place, wear: Wear, link: str) -> list[object]:
         None if level is None else Cell(level, text=f"{100 * level:.2f}"),
         Cell(wear.limit.value, text=f"{100 * wear.limit.value:.2g}"),
         None if growth is None else Cell(growth, text=f"+{100 * growth:.2f}"),
-        date if date else "no trend" if wear.state == "no_trend" else None,
+        date or no_date(wear) or None,
         None if spread is None or date is None else Cell(spread, text=f"{spread:.0f}" if spread < 1000 else "> 1000"),
         Cell(p.confidence, text=f"{100 * p.confidence:.0f}"), wear.nights,
     ]

@@ -122,8 +122,13 @@ def _cells(wear: Wear, place: Place) -> tuple[str, ...]:
         str(place.rank), terminal(place.loop, 24), WORDS[place.action],
         "" if now is None or now.level is None else f"{100 * now.level:.2f}", f"{100 * wear.limit.value:.2g}",
         f"+{3000 * now.slope:.2f}" if now is not None and now.growing and now.slope is not None else "",
-        date["value"] or ("no trend" if wear.state == "no_trend" else ""), early, late, str(wear.nights),
+        date["value"] or no_date(wear), early, late, str(wear.nights),
     )
+
+
+def no_date(wear: Wear) -> str:
+    """Say why there is no date of the limit, empty where the state says it."""
+    return "no trend" if wear.state == "no_trend" else "not in sight" if wear.state == "growing" else ""
 
 
 def model_words(wear: Wear) -> list[str]:
