@@ -211,12 +211,15 @@ def _segment(part: Sequence[Night], fitted: Fitted) -> tuple[Segment, Trend | No
 
 
 def held_out(nights: Nights, shocks: Shocks) -> HeldOut | None:
-    """Compare a straight line and the local trend on the last nights, that neither has seen; None with too few."""
+    """Compare a straight line and the local trend on the last nights, that neither fit has seen; None with too few.
+
+    Which nights lie apart, and where steps are, is known to both from all nights.
+    """
     count = len(nights) - min(max(int(HIDDEN * len(nights)), LEAST), 30)
-    if count < 2 * ENOUGH:
-        return None
     before = Shocks(tuple(k for k in shocks.apart if k < count), tuple(k for k in shocks.steps if k < count))
     hidden = [k for k in range(count, len(nights)) if k not in shocks.apart]
+    if count < 2 * ENOUGH or not hidden:
+        return None
     days, size, error = nights.days[hidden], nights.size[hidden], nights.error[hidden]
     scores, off = [], []
     for ways in ((LINE,), tuple(BELIEF)):
@@ -246,7 +249,8 @@ def _outlook(out: Wear, segment: Segment | None, trend: Trend | None, part: Sequ
     nights = measurements(part)
     compared = held_out(nights, trend.shocks)
     # a line has to stand both tests: the nights that it has not seen, and all of them against trends that bend
-    line = trend.straight >= UNLIKELY * BELIEF[LINE] and (compared is None or compared.line_holds) and not trend.shocks.steps
+    line = trend.straight >= UNLIKELY * BELIEF[LINE] and not trend.shocks.steps
+    line = line and (compared is None or compared.line_holds)
     out = replace(out, model="line" if line else "local", held_out=compared)
     used = fit(nights, trend.shocks, (LINE,)) if line else trend
     low, high = segment.slope_ci95
@@ -258,7 +262,7 @@ def _outlook(out: Wear, segment: Segment | None, trend: Trend | None, part: Sequ
     value, early, late = (DAY * day for day in used.reaches(limit))
     if not np.isfinite(value):
         return replace(out, state="growing", message=f"{grows}; {now}, which it does not reach if it goes on so")
-    verb = "was" if over else "is"
+    verb = "was" if value <= out.segments[-1].last else "is"
     message = (f"{grows}; now {percent(segment.level)}; the limit of {percent(limit)} {verb} reached about "
                f"{_day(value)} (between {_day(early)} and {_day(late)}), by {MODELS[out.model]}")
     return replace(out, state="growing", message=message, limit_date=(value, early, late),

@@ -190,11 +190,12 @@ class Limit:
 class Wear:
     """The wear of one loop: its segments, the repairs between them, and when the limit is reached.
 
-    limit_date: (value, early end, late end) in epoch seconds; None where there is no trend. state: "growing",
-    "over_limit", "no_trend", "too_few_nights" or "no_estimate". gaps: days whose scan gave no size, with the code of
-    the reason. missing: days between the first and the last night without any export. model: what the date comes from,
-    "line" (straight) or "local" (a trend that may bend), empty without a trend. held_out: the two compared, None with
-    too few nights. forecast: (epoch seconds, dead band, low, high) from the last night on, empty without a date ahead.
+    limit_date: (value, early end, late end) in epoch seconds; None where there is no trend, or it does not reach the
+    limit. state: "growing", "no_trend", "too_few_nights" or "no_estimate". gaps: days whose scan gave no size, with the
+    code of the reason. missing: days between the first and the last night without any export. model: what the date
+    comes from, "line" (straight) or "local" (a trend that may bend), empty without a trend. held_out: the two compared,
+    None with too few nights. forecast: (epoch seconds, dead band, low, high) from the last night on, empty without a
+    date ahead.
     """
 
     loop: str

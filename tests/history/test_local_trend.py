@@ -98,25 +98,23 @@ def test_the_sixty_nights_that_grow_ever_faster():
         history, found = sixty_nights(seed)
         score = scored(history, found)
         assert abs(score.level) < 0.05 and abs(score.slope) < 0.15 and score.date_hit
-        assert found.model == "local" and found.held_out.line > 4 * found.held_out.local and found.held_out.bias > 0.003
+        assert found.model == "local" and found.held_out.line > 3 * found.held_out.local and found.held_out.bias > 0.003
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_wear_of_every_kind_is_followed(kind):
-    """25 of the 200 histories of the benchmark; its full table is in docs/nightly.md."""
-    scores = judged(kind, 25)
+    """A few of the 200 histories of the benchmark; its whole table is in docs/reading-the-report.md."""
+    scores = judged(kind, 12)
     assert np.median(np.abs([s.level for s in scores])) < 0.05
-    assert np.mean([s.level_hit for s in scores]) >= 0.84
+    assert sum(s.level_hit for s in scores) >= 10
     assert np.nanmean([s.date_hit for s in scores]) >= 0.7
     assert sum(s.repairs > 0 for s in scores) <= 1
-    if kind == "linear":
-        assert sum(s.model == "line" for s in scores) >= 15
-    if kind == "accelerating":
-        assert sum(s.model == "local" for s in scores) >= 20
+    if kind in ("linear", "accelerating"):
+        assert sum(s.model == {"linear": "line", "accelerating": "local"}[kind] for s in scores) >= 10
 
 
 def test_repairs_are_found_among_missed_nights_and_few_that_are_none():
-    found, false = repairs(24)
+    found, false = repairs(16)
     assert found >= 0.75 and false <= 0.1
 
 
