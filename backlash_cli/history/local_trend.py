@@ -29,7 +29,7 @@ JUMP = 0.5  # usual size of a step, in usual levels
 MAYBE = 2.0  # standard errors of a step that may have come; OPEN of these are kept in mind
 OPEN = 4
 PIECE = 240  # nights that are searched for shocks at a time
-WIDER = 1.25  # of all intervals, because real wear follows none of these trends; from tests/benchmarks/wear.py
+WIDER = 1.3  # of all intervals, because real wear follows none of these trends; from tests/benchmarks/wear.py
 FAR = 3.0  # the same for the level, and its growth, before the first night
 
 
@@ -43,7 +43,7 @@ class Way(NamedTuple):
 LINE = Way(1, np.inf)
 BELIEF = {LINE: 0.1, **dict.fromkeys((Way(0, b) for b in (16.0, 8.0, 4.0, 2.0)), 0.09),
           **dict.fromkeys((Way(1, b) for b in (64.0, 45.0, 32.0, 23.0, 16.0, 11.0, 8.0, 5.7, 4.0)), 0.02),
-          Way(2, np.inf): 0.13, Way(2, 16.0): 0.11, Way(2, 8.0): 0.09, Way(2, 5.0): 0.03}  # before a look at the nights
+          Way(2, np.inf): 0.11, Way(2, 16.0): 0.10, Way(2, 8.0): 0.10, Way(2, 5.0): 0.05}  # before a look at the nights
 STIFF = (LINE, Way(1, 32.0), Way(1, 16.0), Way(1, 11.0), Way(2, np.inf), Way(2, 16.0))
 
 
