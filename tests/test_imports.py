@@ -57,6 +57,7 @@ HOMES = {
     "matplotlib": {"reporter"},
     "jinja2": {"reporter"},
     "sqlite3": {"history"},
+    "statsmodels": {"history"},
     "fsspec": {"loaders"},
     "dask": {"engines"},
     "distributed": {"engines"},
@@ -140,7 +141,8 @@ def loaded_by(code: str) -> set[str]:
 
 def test_the_package_and_its_help_load_nothing_heavy():
     code = "from backlash_cli.__main__ import cli\ncli.main(['--help'], standalone_mode=False)"
-    heavy = {"numpy", "pandas", "pyarrow", "scipy", "numba", "plotly", "matplotlib", "jinja2", "rich"}
+    heavy = {"numpy", "pandas", "pyarrow", "scipy", "numba", "plotly", "matplotlib", "jinja2", "rich",
+             "statsmodels"}
     assert not heavy & loaded_by(code)
     assert not heavy & loaded_by("import backlash_cli")
 

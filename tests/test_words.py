@@ -55,7 +55,6 @@ def test_no_stub_functions_in_the_package():
     assert not found, found
 
 
-
 def test_sample_data_stay_small():
     size = sum(p.stat().st_size for p in project_files() if "sample_data" in p.parts)
     assert size < 10_000_000

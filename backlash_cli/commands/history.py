@@ -33,7 +33,7 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
     2026-03-02T14:30.
     """
     from ..errors import UsageError
-    from ..history.repairs import chosen, mark, unmark
+    from ..history.plant import chosen, mark, unmark
     from ..history.store import History
 
     path = db or named

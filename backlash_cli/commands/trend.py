@@ -26,7 +26,8 @@ def trend(history: Path, limits: Path | None, settings: Path | None, horizon: fl
           output: Path | None, verbose: bool) -> None:
     """Show how dead bands grow from night to night, when they reach their limit, and which valve to pull first.
 
-    A night is one scanned export of a loop. Wear is a robust line through the nights since the last repair.
+    A night is one scanned export of a loop. Wear is a trend through the nights since the last repair that
+    may bend; single bad nights do not pull it. --verbose says whether a straight line would do.
     """
     from ..reporter.files import write_text
     from ..reporter.trend_table import trend_json, trend_text

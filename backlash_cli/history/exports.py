@@ -67,12 +67,18 @@ def missing_dates(exports: Sequence[Export]) -> list[str]:
 
 def matches(pattern: str) -> list[tuple[Path, date | None]]:
     """Return the files behind one pattern with the date in their names (None where the pattern has none)."""
-    wild = "".join(re.sub("[^/]+", "*", piece) if i % 2 else piece.replace("[", "[[]")
-                   for i, piece in enumerate(_pieces(pattern)))
-    expression, formats = _expression(pattern)
+    wild, expression, formats = "", "", []
+    for i, piece in enumerate(_DATE.split(pattern)):  # text and date formats by turns
+        if i % 2:
+            formats.append(piece or "%Y-%m-%d")
+            wild += re.sub("[^/]+", "*", formats[-1])
+            expression += f"({_format_expression(formats[-1], pattern)})"
+        else:
+            wild += piece.replace("[", "[[]")
+            expression += re.escape(piece).replace(r"\*\*/", "(?:.*/)?").replace(r"\*", "[^/]*").replace(r"\?", "[^/]")
     out: list[tuple[Path, date | None]] = []
     for name in sorted(glob.glob(wild, recursive=True)):
-        found = expression.fullmatch(name)
+        found = re.fullmatch(expression, name)
         if found is None or not Path(name).is_file():
             continue
         if not formats:
@@ -96,23 +102,6 @@ def expand(pattern: str, name: str) -> str:
             return re.sub(r"[^A-Za-z0-9._-]+", "_", name)
 
     return _DATE.sub(fill, pattern)
-
-
-def _pieces(pattern: str) -> list[str]:
-    """Text and date formats of a pattern by turns."""
-    return [piece if piece is not None else "%Y-%m-%d" for piece in _DATE.split(pattern)]
-
-
-def _expression(pattern: str) -> tuple[re.Pattern[str], list[str]]:
-    parts, formats = [], []
-    for i, piece in enumerate(_pieces(pattern)):
-        if i % 2:
-            parts.append(f"({_format_expression(piece, pattern)})")
-            formats.append(piece)
-        else:
-            text = re.escape(piece).replace(r"\*\*/", "(?:.*/)?").replace(r"\*", "[^/]*").replace(r"\?", "[^/]")
-            parts.append(text)
-    return re.compile("".join(parts)), formats
 
 
 def _format_expression(form: str, pattern: str) -> str:

@@ -10,10 +10,14 @@ from typing import Any
 
 from ..errors import MetadataError, nearest
 
-KEYS = ("inputs", "loops", "history", "limits", "horizon", "fail_on", "together", "look_back", "lock", "outputs", "log",
-        "reading", "jobs")
-OUTPUT_KEYS = ("report", "scan", "trend", "keep")
-LOG_KEYS = ("file", "format")
+KEYS: dict[str, tuple[str, ...]] = {  # by table; "" is the page itself
+    "": ("inputs", "loops", "history", "limits", "horizon", "fail_on", "together", "look_back", "lock", "outputs",
+         "log", "reading", "jobs"),
+    "outputs": ("report", "scan", "trend", "keep"),
+    "log": ("file", "format"),
+    "reading": ("time_format", "timezone", "interpolation", "delimiter", "decimal", "encoding", "layout", "columns",
+                "header_row", "only_loops", "good_quality", "auto_modes"),
+}
 SCAN_SUFFIXES = (".html", ".json", ".csv", ".parquet")
 
 
@@ -65,80 +69,70 @@ def read_config(path: str | Path) -> NightlyConfig:
 
 
 class _Checker:
-    """Takes values out of the document one by one and says what is wrong with them."""
+    """Takes values out of the document one by one and says what is wrong with them; keys are "table.key" or "key"."""
 
     def __init__(self, path: Path, document: dict[str, Any]) -> None:
-        self.path, self.folder, self.document = path, path.parent, document
+        self.path, self.document = path, document
 
     def config(self) -> NightlyConfig:
-        self._known(self.document, KEYS, "")
-        outputs = self._take(self.document, "outputs", dict, {})
-        log = self._take(self.document, "log", dict, {})
-        self._known(outputs, OUTPUT_KEYS, "outputs.")
-        self._known(log, LOG_KEYS, "log.")
-        inputs = self._texts(self.document, "inputs")
+        for name, keys in KEYS.items():
+            table = self._take(name, dict, {}) if name else self.document
+            for key in table:
+                if key not in keys:
+                    raise self._wrong(f"{name}.{key}".strip("."), "unknown key", nearest(key, keys))
+        folder, inputs, history = self.path.parent, self._texts("inputs"), self._file("history")
+        scan = self._take("outputs.scan", str, None)
         if not inputs:
             raise self._wrong("inputs", "no inputs are given", 'for example inputs = ["exports/plant_{date}.csv"]')
-        history = self._file(self.document, "history")
         if history is None:
             raise self._wrong("history", "no history is given", 'for example history = "backlash.db"')
-        scan = self._take(outputs, "scan", str, None, "outputs.")
         if scan is not None and "{date" not in scan:
             raise self._wrong("outputs.scan", "the name of a night's report needs its date",
                               'for example scan = "scans/{date}.html"')
         if scan is not None and Path(scan).suffix.lower() not in SCAN_SUFFIXES:
             raise self._wrong("outputs.scan", f"no report with the ending {Path(scan).suffix!r}",
                               f"one of: {', '.join(SCAN_SUFFIXES)}")
-        log_format = self._take(log, "format", str, "text", "log.")
+        log_format = self._take("log.format", str, "text")
         if log_format not in ("text", "json"):
             raise self._wrong("log.format", f"no log format {log_format!r}", "one of: text, json")
+        reading = {key: tuple(value) if isinstance(value, list) else value
+                   for key, value in self.document.get("reading", {}).items()}
         return NightlyConfig(
-            self.path, tuple(str(self.folder / pattern) for pattern in inputs), history,
-            self._file(self.document, "lock") or history.with_name(history.name + ".lock"),
-            self._file(self.document, "loops"), self._file(self.document, "limits"),
-            self._number("horizon", 90.0), self._texts(self.document, "fail_on"),
-            self._take(self.document, "together", bool, False), int(self._number("look_back", 14)),
-            self._file(outputs, "report", "outputs."), None if scan is None else str(self.folder / scan),
-            self._file(outputs, "trend", "outputs."), int(self._number("keep", 30, outputs, "outputs.")),
-            self._file(log, "file", "log."), log_format,
-            int(self._number("jobs", 1)) if "jobs" in self.document else None, self._reading(),
-        )
+            self.path, tuple(str(folder / pattern) for pattern in inputs), history,
+            self._file("lock") or history.with_name(history.name + ".lock"), self._file("loops"),
+            self._file("limits"), self._number("horizon", 90.0), self._texts("fail_on"),
+            self._take("together", bool, False), int(self._number("look_back", 14)), self._file("outputs.report"),
+            None if scan is None else str(folder / scan), self._file("outputs.trend"),
+            int(self._number("outputs.keep", 30)), self._file("log.file"), log_format,
+            int(self._number("jobs", 1)) if "jobs" in self.document else None, reading)
 
-    def _reading(self) -> dict[str, Any]:
-        values = self._take(self.document, "reading", dict, {})
-        known = ("time_format", "timezone", "interpolation", "delimiter", "decimal", "encoding", "layout", "columns",
-                 "header_row", "only_loops", "good_quality", "auto_modes")
-        self._known(values, known, "reading.")
-        return {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
-
-    def _texts(self, table: dict[str, Any], key: str) -> tuple[str, ...]:
-        value = table.get(key, [])
+    def _texts(self, key: str) -> tuple[str, ...]:
+        value = self._value(key, [])
         value = [value] if isinstance(value, str) else value
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
             raise self._wrong(key, "must be a text or a list of texts", f'for example {key} = ["..."]')
         return tuple(value)
 
-    def _file(self, table: dict[str, Any], key: str, prefix: str = "") -> Path | None:
-        value = self._take(table, key, str, None, prefix)
-        return None if value is None else self.folder / value
+    def _file(self, key: str) -> Path | None:
+        value = self._take(key, str, None)
+        return None if value is None else self.path.parent / value
 
-    def _number(self, key: str, default: float, table: dict[str, Any] | None = None, prefix: str = "") -> float:
-        value = (self.document if table is None else table).get(key, default)
+    def _number(self, key: str, default: float) -> float:
+        value = self._value(key, default)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < 1e6:
-            raise self._wrong(prefix + key, f"must be a positive number, not {value!r}", f"for example {default:g}")
+            raise self._wrong(key, f"must be a positive number, not {value!r}", f"for example {default:g}")
         return float(value)
 
-    def _take(self, table: dict[str, Any], key: str, kind: type, default: Any, prefix: str = "") -> Any:
-        value = table.get(key, default)
+    def _take(self, key: str, kind: type, default: Any) -> Any:
+        value = self._value(key, default)
         if value is not None and not isinstance(value, kind):
             names = {dict: "a table", str: "a text in quotes", bool: "true or false"}
-            raise self._wrong(prefix + key, f"must be {names[kind]}, not {value!r}", "docs/nightly.md shows an example")
+            raise self._wrong(key, f"must be {names[kind]}, not {value!r}", "docs/nightly.md shows an example")
         return value
 
-    def _known(self, table: dict[str, Any], keys: tuple[str, ...], prefix: str) -> None:
-        for key in table:
-            if key not in keys:
-                raise self._wrong(prefix + key, "unknown key", nearest(key, keys))
+    def _value(self, key: str, default: Any) -> Any:
+        table, _, name = key.rpartition(".")
+        return (self.document.get(table, {}) if table else self.document).get(name, default)
 
     def _wrong(self, key: str, what: str, remedy: str) -> MetadataError:
         return MetadataError(what, where=f"{self.path}, {key}", remedy=remedy)

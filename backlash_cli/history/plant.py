@@ -1,9 +1,10 @@
-"""The whole history at once: every loop's nights, its wear, and the order of repair."""
+"""The whole history at once: every loop's nights, its wear, and the order of repair; repairs as people type them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 from ..errors import UsageError, nearest
 from ..results.history import Night, Place, Wear
@@ -25,10 +26,41 @@ class PlantHistory:
 def plant_history(history: History, limits: Limits, *, loops: Sequence[str] = (),
                   horizon: float = HORIZON) -> PlantHistory:
     """Read a history and work out wear and ranking of all loops, or of the named ones."""
-    known = history.loops()
-    for name in loops:
-        if name not in known:
-            raise UsageError(f"the history has no loop {name!r}", where=str(history.path), remedy=nearest(name, known))
-    nights = {name: history.nights(name) for name in known if not loops or name in loops}
+    nights = {name: history.nights(name) for name in chosen(history, loops)}
     wears = {name: wear(name, found, history.repairs(name), limits.of(name)) for name, found in nights.items()}
     return PlantHistory(nights, wears, rank(list(wears.values()), nights, horizon))
+
+
+def chosen(history: History, names: Sequence[str]) -> list[str]:
+    """Return all loops, or the named ones after a look whether they exist."""
+    known = history.loops()
+    for name in names:
+        if name not in known:
+            raise UsageError(f"the history has no loop {name!r}", where=str(history.path), remedy=nearest(name, known))
+    return [name for name in known if not names or name in names]
+
+
+def mark(history: History, loop: str, date: str, note: str) -> str:
+    """Enter a repair and say so."""
+    chosen(history, [loop])
+    new = history.mark_repair(loop, moment_of(date), note)
+    return f"repair of {loop} on {date} {'entered' if new else 'was already entered'}: {note}"
+
+
+def unmark(history: History, loop: str, date: str) -> str:
+    """Take a repair back and say so."""
+    if not history.remove_repair(loop, moment_of(date)):
+        days = ", ".join(r.date.isoformat() for r in history.repairs(loop)) or "none"
+        raise UsageError(f"no repair of {loop} is entered on {date}", where=str(history.path),
+                         remedy=f"entered are: {days}")
+    return f"repair of {loop} on {date} taken back"
+
+
+def moment_of(date: str) -> float:
+    """Return a day or time (UTC unless it has an offset) as epoch seconds; a day means its first moment."""
+    try:
+        found = datetime.fromisoformat(date.strip())
+    except ValueError:
+        raise UsageError(f"{date!r} is not a day", where="--repair",
+                         remedy="write it as 2026-03-02 or 2026-03-02T14:30") from None
+    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()

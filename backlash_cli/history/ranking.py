@@ -146,9 +146,11 @@ def _trend_words(f: _Facts, horizon: float) -> str:
     if wear.state == "too_few_nights":
         nights = now.nights + now.below if now is not None else 0
         return f"Only {nights} night{'s' * (nights != 1)} since the last repair or start: too few for a trend."
-    if wear.limit_date is None or now is None or now.slope is None:
+    if wear.state != "growing" or now is None or now.slope is None:
         return "No trend: it is not getting worse for sure."
     rate = f"Grows by {percent(30 * now.slope)} of span a month"
+    if wear.limit_date is None:
+        return f"{rate}, ever slower; if it goes on so it does not reach the limit."
     if f.days_left is not None and f.days_left <= 0:
         return f"{rate}; it passed the limit about {day_of(wear.limit_date[0]).isoformat()}."
     if f.days_left is not None and f.days_left <= 3650:

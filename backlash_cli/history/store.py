@@ -19,8 +19,7 @@ from ..record import Note
 from ..results import LoopReport, ScanResult
 from ..results.history import DAY, HalfPeriod, Night, Outcome, Repair, Run, day_of
 from .connection import PATIENCE, Say, connect, in_words, transaction
-from .joins import active, distinct
-from .rejoin import rejoin
+from .joins import active, distinct, rejoin
 from .rows import (
     HALF_PERIOD_COLUMNS,
     NIGHT_COLUMNS,

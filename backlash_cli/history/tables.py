@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 from ..errors import UsageError, nearest
@@ -25,9 +26,7 @@ def rows_of(history: History, table: str, loops: list[str]) -> list[dict[str, An
         return [{"loop": loop, "time": r.time, "date": r.date.isoformat(), "note": r.note}
                 for loop in loops for r in history.repairs(loop)]
     if table == "half_periods":
-        return [{"loop": p.loop, "start": p.start, "end": p.end, "dt_s": p.dt_s, "dy": p.dy, "e_max": p.e_max,
-                 "d": p.d, "direction": p.direction, "accepted": p.accepted, "why": p.why, "joined": p.joined}
-                for loop in loops for p in history.half_periods(loop)]
+        return [asdict(p) for loop in loops for p in history.half_periods(loop)]
     return [night for loop in loops for night in map(night_values, history.nights(loop))]
 
 

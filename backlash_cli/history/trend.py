@@ -1,40 +1,120 @@
-"""From nights to wear: how fast a dead band grows since the last repair, and when it reaches the limit.
+"""From nights to wear: what the dead band is now, how it grows since the last repair, and when it reaches the limit.
 
+How each kind of night is used:
+- a size (backlash, suspected): a point with the error of its own interval, twice as much where it is only suspected;
+- no_backlash with a limit of detection: a bound. One or a few among sizes are nights that missed it; a run of them, too
+  long for that, is a repair;
+- anything else (cannot_tell, oscillating, insufficient_data, error, no limit of detection): a gap, named, not a zero.
 The time of a night is the middle of its data; the clock is never asked.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from ..results.history import DAY, Limit, Night, Repair, Segment, Wear, day_of
-from .change_points import WINDOW, drops
-from .points import Points, main_source, points_of, pooled, precision
-from .robust_line import ENOUGH, Line, robust_line
+from ..record import FloatArray
+from ..results import Verdict
+from ..results.history import DAY, HeldOut, Limit, Night, Repair, Segment, Wear, day_of
+from .local_trend import BELIEF, ENOUGH, LEAST, LINE, Nights, Shocks, Trend, find_shocks, fit
 
 SAME_REPAIR = 5  # a drop found this close (in nights) to a marked repair is that repair
+SMALLEST_SHARE = 0.25  # a repair takes away at least a quarter of the dead band ...
+SMALLEST = 0.005  # ... and at least 0.5 % of the output span
+WINDOW = 7  # nights on either side that say how large the dead band was
+QUIET = 14  # nights in which nearly all must be silent for a repair
+SILENT = 0.8  # nearly all
+CHANCE = 0.01  # that nights of an unchanged valve look like that in one history
+QUIETEST = 0.01  # relative error of a night is never taken as smaller than this
+HIDDEN = 0.25  # share of the last nights, on which a straight line and the local trend are compared
+UNLIKELY = 0.2  # share of its belief that the nights have to leave a line, not to have failed
+CLEAR = 1.0  # log likelihood of the hidden nights by which a line has to be worse, to have failed
+DRAWN = 120.0  # days beyond the last night that a figure shows at most
+Fitted = dict[tuple[float, int], Trend]  # trends by first night and number of nights
 
 
 def wear(loop: str, nights: Sequence[Night], marked: Sequence[Repair], limit: Limit) -> Wear:
     """Return the wear of one loop from its nights, in any order, and the repairs that people marked."""
     nights = sorted(nights, key=lambda n: n.time)
-    source = main_source(nights)
-    points, gaps = points_of(nights, source)
-    repairs = [*marked, *_found(loop, points, marked)]
-    repairs.sort(key=lambda r: r.time)
-    edges = [-np.inf, *(r.time for r in repairs), np.inf]
-    parts = [points.select((points.time >= first) & (points.time < last))
-             for first, last in pairwise(edges)]
-    fits = [(_line(part), part) for part in parts if len(part)]
-    segments = tuple(_segment(line, part) for line, part in fits)
+    points, gaps = points_of(nights)
+    fitted: Fitted = {}
+    repairs = sorted([*marked, *_found(loop, points, marked, fitted)], key=lambda r: r.time)
+    parts = _between(points, repairs)
+    known = [_segment(part, fitted) for part in parts if part]
     # after the last repair nothing may have been measured yet: then no older slope speaks for the valve
-    line, current = (fits[-1][0], segments[-1]) if fits and len(parts[-1]) else (None, None)
-    state, message, limit_date = _outlook(line, current, limit, bool(repairs))
-    return Wear(loop, len(nights), limit, state, message, segments, tuple(repairs), limit_date, tuple(gaps),
-                tuple(missing_days(nights)))
+    segment, trend = known[-1] if known and parts[-1] else (None, None)
+    out = Wear(loop, len(nights), limit, "no_estimate", "", tuple(s for s, _ in known), tuple(repairs), None,
+               tuple(gaps), tuple(missing_days(nights)))
+    return _outlook(out, segment, trend, parts[-1])
+
+
+def _between(points: Sequence[Night], repairs: Sequence[Repair]) -> list[list[Night]]:
+    """Return the nights before, between and after the repairs."""
+    edges = [-np.inf, *sorted(r.time for r in repairs), np.inf]
+    return [[p for p in points if first <= p.time < last] for first, last in pairwise(edges)]
+
+
+def _trend(part: Sequence[Night], fitted: Fitted) -> Trend:
+    """Return the trend through the nights of which at least five have a size; each is worked out once."""
+    key = (part[0].time, len(part))
+    if key not in fitted:
+        nights = measurements(part)
+        fitted[key] = fit(nights, find_shocks(nights))
+    return fitted[key]
+
+
+def points_of(nights: Sequence[Night]) -> tuple[list[Night], list[tuple[str, str]]]:
+    """Return the nights that say something, with the size that counts, and the others as (day, code of the reason).
+
+    Two kinds of estimate are never mixed: the one that most nights have stands for the loop.
+    """
+    sized = [n for n in nights if n.measured]
+    source = "confirmation" if 2 * sum(n.source == "confirmation" for n in sized) >= len(sized) else "cluster"
+    points, gaps = [], []
+    for night in nights:
+        other = night.details.get(source)
+        if night.below_detection or (night.measured and night.source == source):
+            points.append(night)
+        elif night.measured and isinstance(other, dict) and other.get("d") is not None:
+            points.append(replace(night, d=float(other["d"]), ci95=None))
+        else:
+            code = "no_size" if night.measured else night.reasons[0].code if night.reasons else str(night.verdict)
+            gaps.append((night.date.isoformat(), code))
+    return points, gaps
+
+
+def measurements(points: Sequence[Night]) -> Nights:
+    """Return sizes with their errors, from nights in time order of which at least one has a size; days since 1970.
+
+    The usual interval at that time counts, or the night's own where that is much wider; not the night's own dead band,
+    which would pull low. What neighbouring nights scatter more, or less, than their intervals say corrects them all.
+    """
+    sized = [p for p in points if p.d is not None]
+    time, size = np.array([[p.time / DAY, p.d] for p in sized], float).T
+    half = np.array([0.5 * (p.ci95[1] - p.ci95[0]) if p.ci95 else np.nan for p in sized])
+    usual, level = _running_median(half), _running_median(size)
+    scatter = float(np.median(np.abs(np.diff(size)))) / 0.6745 / 2**0.5 if len(size) > 1 else 0.0
+    error = np.where(half > 2.0 * usual, half, usual) / 1.96
+    error = np.where(np.isfinite(error), error, np.nanmedian(error) if np.isfinite(error).any() else scatter)
+    error = np.maximum(error, QUIETEST * np.maximum(level, 1e-4))
+    if len(size) > ENOUGH:
+        # each night against the line between its neighbours, so that wear itself does not count
+        share = (time[2:] - time[1:-1]) / np.maximum(time[2:] - time[:-2], 1e-9)
+        off = size[1:-1] - share * size[:-2] - (1 - share) * size[2:]
+        z = np.abs(off) / np.sqrt(error[1:-1] ** 2 + (share * error[:-2]) ** 2 + ((1 - share) * error[2:]) ** 2)
+        trust = 2.0 * LEAST  # nights that the intervals' own word is worth
+        error *= np.sqrt((trust + len(z) * (np.median(z) / 0.6745) ** 2) / (trust + len(z)))
+    error *= np.where([p.verdict is Verdict.SUSPECTED for p in sized], 2.0, 1.0)
+    return Nights(time, size, error)
+
+
+def _running_median(x: FloatArray) -> FloatArray:
+    """Return the median of the WINDOW nights about each night; NaN where none of them has a value."""
+    near = (x[max(0, k - WINDOW // 2) : k + WINDOW // 2 + 1] for k in range(len(x)))
+    return np.array([np.median(v) if len(v := part[np.isfinite(part)]) else np.nan for part in near])
 
 
 def missing_days(nights: Sequence[Night]) -> list[str]:
@@ -50,73 +130,155 @@ def missing_days(nights: Sequence[Night]) -> list[str]:
     return [day_of((first + int(k)) * DAY).isoformat() for k in np.flatnonzero(covered == 0.0)]
 
 
-def _found(loop: str, points: Points, marked: Sequence[Repair]) -> list[Repair]:
+def _found(loop: str, points: Sequence[Night], marked: Sequence[Repair], fitted: Fitted) -> list[Repair]:
     """Return repairs seen in the data that nobody marked; searched between the marked ones."""
     out = []
-    edges = [-np.inf, *sorted(r.time for r in marked), np.inf]
-    for first, last in pairwise(edges):
-        part = points.select((points.time >= first) & (points.time < last))
-        for k in drops(part.high, part.low != part.high):
-            near_start = np.isfinite(first) and k <= SAME_REPAIR
-            near_end = np.isfinite(last) and len(part) - k <= SAME_REPAIR
-            if near_start or near_end:
+    parts = _between(points, marked)
+    for number, part in enumerate(parts):
+        for k, before, after in drops(part, fitted):
+            if (number and k <= SAME_REPAIR) or (number + 1 < len(parts) and len(part) - k <= SAME_REPAIR):
                 continue
-            midnight = part.time[k] // DAY * DAY
-            time = midnight if midnight > part.time[k - 1] else 0.5 * (part.time[k - 1] + part.time[k])
-            before = float(np.median(part.high[max(0, k - WINDOW) : k]))
-            after = float(np.median(part.high[k : k + WINDOW]))
+            midnight = part[k].time // DAY * DAY
+            time = midnight if midnight > part[k - 1].time else 0.5 * (part[k - 1].time + part[k].time)
             note = f"found: dead band fell from {percent(before)} to {percent(after)}"
             out.append(Repair(loop, float(time), note, True, before, after))
     return out
 
 
-def _line(part: Points) -> Line:
-    start = part.time[0]
-    part = pooled(part)
-    days = (part.time - start) / DAY
-    return robust_line(days, part.low, part.high, part.weight * precision(part, days))
+def drops(part: Sequence[Night], fitted: Fitted) -> list[tuple[int, float, float]]:
+    """Return where the dead band is suddenly and lastingly smaller: (position, dead band before, after).
+
+    Wear makes a dead band grow slowly; nothing but a repair makes it fall at once. Either a step of the sizes down
+    (`find_shocks`), or nights that nearly all see no dead band where nearly all did before.
+    """
+    places = [k for k, p in enumerate(part) if p.d is not None]
+    found = []
+    if len(places) >= 2 * LEAST:
+        trend = _trend(part, fitted)
+        for k in trend.shocks.steps:
+            before, after = float(trend.level[k - 1]), float(trend.level[k])
+            if before - after >= SMALLEST and after <= (1 - SMALLEST_SHARE) * before:
+                found.append((places[k], before, after))
+    for k, before, after in _falls_silent(part):
+        if all(abs(k - other) > WINDOW for other, _, _ in found):
+            found.append((k, before, after))
+    return sorted(found)
 
 
-def _segment(line: Line, part: Points) -> Segment:
-    measured = part.low == part.high
-    last = float((part.time[-1] - part.time[0]) / DAY)
-    low, high = line.interval_at(last)
-    own = _own_width(part)
-    level = line.at(last)
-    return Segment(float(part.time[0]), float(part.time[-1]), int(measured.sum()), int((~measured).sum()),
-                   line.slope if line.slope_ci is not None else None, line.slope_ci, line.at(0.0), level,
-                   (level - float(np.hypot(level - low, own)), level + float(np.hypot(high - level, own))))
+def _falls_silent(part: Sequence[Night]) -> list[tuple[int, float, float]]:
+    """Return where nearly all nights fall silent, so many that they cannot have missed the dead band by chance."""
+    from scipy.stats import binom
+
+    silent = np.array([p.d is None for p in part], bool)
+    value = np.array([p.limit_of_detection if p.d is None else p.d for p in part], float)
+    found: list[tuple[int, float, float]] = []
+    for k in (np.flatnonzero(silent[1:] & ~silent[:-1]) + 1).tolist():
+        first = max(found[-1][0] if found else 0, k - 2 * QUIET)
+        before, after = silent[first:k], silent[k : k + QUIET]
+        m, s, sizes = len(after), int(after.sum()), value[first:k][~before]
+        if m < LEAST or s < SILENT * m or len(sizes) < LEAST:
+            continue
+        high, low = float(np.median(sizes[-WINDOW:])), float(np.median(value[k : k + QUIET][after]))
+        missed = (before.sum() + 1.0) / (len(before) + 2.0)
+        if (high - low >= SMALLEST and low <= (1 - SMALLEST_SHARE) * high
+                and binom.sf(s - 1, m, missed) * len(part) < CHANCE):
+            found.append((k, high, low))
+    return found
 
 
-def _own_width(part: Points) -> float:
-    """Return what the nights' own intervals add to that of the line: few nights scatter too little to be believed."""
-    width = part.width[np.isfinite(part.width)]
-    return float(np.median(width) / np.sqrt(max(len(part) / ENOUGH, 1.0))) if len(width) else 0.0
+def _segment(part: Sequence[Night], fitted: Fitted) -> tuple[Segment, Trend | None]:
+    """Return the wear between two repairs, and the trend behind it where there are enough nights."""
+    sized = [p for p in part if p.d is not None]
+    out = Segment(part[0].time, part[-1].time, len(sized), len(part) - len(sized))
+    if not sized:  # nothing but bounds: somewhere below
+        bound = float(np.median([p.limit_of_detection or 0.0 for p in part]))
+        return replace(out, level_first=0.5 * bound, level=0.5 * bound, level_ci95=(0.0, bound)), None
+    nights = measurements(part)
+    if len(sized) < ENOUGH:
+        level = float(np.median(nights.size))
+        spread = 1.96 * float(np.median(nights.error)) + float(np.abs(nights.size - level).max())
+        return replace(out, level_first=level, level=level, level_ci95=(max(level - spread, 0.0), level + spread)), None
+    trend = _trend(part, fitted)
+    levels, reach = trend.level, trend.reach * trend.error
+    days = (part[-1].time / DAY) - nights.days[-1]
+    now, error = (float(x[0]) for x in trend.ahead(np.array([max(days, 0.0)])))
+    path = tuple((float(t * DAY), float(y), float(y - r), float(y + r))
+                 for t, y, r in zip(trend.days, levels, reach, strict=True))
+    return replace(out, slope=trend.slope, level_first=float(levels[0]), level=now, path=path,
+                   slope_ci95=(trend.slope - trend.reach * trend.slope_error,
+                               trend.slope + trend.reach * trend.slope_error),
+                   level_ci95=(max(now - trend.reach * error, 0.0), now + trend.reach * error)), trend
 
 
-def _outlook(line: Line | None, current: Segment | None, limit: Limit,
-             repaired: bool) -> tuple[str, str, tuple[float, float, float] | None]:
-    """Return state, sentence and the date of the limit (value, early, late) in epoch seconds."""
-    if line is None or current is None:
-        since = " since the last repair" if repaired else ""
-        return "no_estimate", f"no night{since} gives a size of the dead band", None
-    assert current.level is not None
-    now, over = f"now {percent(current.level)}", current.level > limit.value
-    state_now = f"above the limit of {percent(limit.value)}" if over else f"below the limit of {percent(limit.value)}"
-    if current.slope_ci95 is None:
-        nights = current.nights + current.below
-        return "too_few_nights", (f"{nights} night{'s' * (nights != 1)} since the last repair or start; a trend needs "
-                                  f"{ENOUGH}; {now}, {state_now}"), None
-    low, high = current.slope_ci95
-    rate = f"{100 * line.slope:.2g} % of span per day (95 %: {100 * low:.2g} to {100 * high:.2g})"
-    reached = line.reaches(limit.value)
-    if reached is None:
+def held_out(nights: Nights, shocks: Shocks) -> HeldOut | None:
+    """Compare a straight line and the local trend on the last nights, that neither fit has seen; None with too few.
+
+    Which nights lie apart, and where steps are, is known to both from all nights.
+    """
+    count = len(nights) - min(max(int(HIDDEN * len(nights)), LEAST), 30)
+    before = Shocks(tuple(k for k in shocks.apart if k < count), tuple(k for k in shocks.steps if k < count))
+    hidden = [k for k in range(count, len(nights)) if k not in shocks.apart]
+    if count < 2 * ENOUGH or not hidden:
+        return None
+    days, size, error = nights.days[hidden], nights.size[hidden], nights.error[hidden]
+    scores, off = [], []
+    for ways in ((LINE,), tuple(BELIEF)):
+        mean, spread = fit(nights.part(0, count), before, ways).ahead(days - nights.days[count - 1])
+        variance = spread**2 + error**2
+        scores.append(float(-0.5 * ((size - mean) ** 2 / variance + np.log(variance)).sum()))
+        off.append(size - mean)
+    line, local = (float(np.median(np.abs(x))) for x in off)
+    return HeldOut(len(hidden), float(days[0] * DAY), line, local, float(np.median(off[0])),
+                   scores[0] >= scores[1] - CLEAR)
+
+
+def _outlook(out: Wear, segment: Segment | None, trend: Trend | None, part: Sequence[Night]) -> Wear:
+    """Return the wear with its state, sentence, model and the date of the limit in epoch seconds."""
+    limit, since = out.limit.value, " since the last repair" if out.repairs else ""
+    if segment is None or segment.level is None or segment.level_ci95 is None:
+        return replace(out, message=f"no night{since} gives a size of the dead band")
+    over = segment.level > limit
+    now = f"now {percent(segment.level)}, {'above' if over else 'below'} the limit of {percent(limit)}"
+    if not segment.nights and segment.below >= ENOUGH:
+        return replace(out, state="no_trend", message=f"no night{since} shows a dead band; it is below "
+                       f"{percent(segment.level_ci95[1])}")
+    if trend is None or segment.slope is None or segment.slope_ci95 is None:
+        n = segment.nights + segment.below
+        said = f"{n} night{'s' * (n != 1)} since the last repair or start"
+        return replace(out, state="too_few_nights", message=f"{said}; a trend needs {ENOUGH} with a size; {now}")
+    nights = measurements(part)
+    compared = held_out(nights, trend.shocks)
+    # a line has to stand both tests: the nights that it has not seen, and all of them against trends that bend
+    line = trend.straight >= UNLIKELY * BELIEF[LINE] and not trend.shocks.steps
+    line = line and (compared is None or compared.line_holds)
+    out = replace(out, model="line" if line else "local", held_out=compared)
+    used = fit(nights, trend.shocks, (LINE,)) if line else trend
+    low, high = segment.slope_ci95
+    rate = f"{100 * segment.slope:.2g} % of span per day (95 %: {100 * low:.2g} to {100 * high:.2g})"
+    if low <= 0 and not (trend.shocks.steps and trend.risen):
         word = "falls" if high < 0 else "shows no trend"
-        return "no_trend", f"the dead band {word}, {rate}; {now}, {state_now}", None
-    value, early, late = (current.first + DAY * days for days in reached)
-    verb = "was reached" if over else "is reached"
-    return "growing", (f"the dead band grows by {rate}; {now}; the limit of {percent(limit.value)} {verb} about "
-                       f"{_day(value)} (between {_day(early)} and {_day(late)})"), (value, early, late)
+        return replace(out, state="no_trend", message=f"the dead band {word}, {rate}; {now}")
+    grows = f"the dead band grows by {rate}" if low > 0 else f"the dead band grows in steps, of late by {rate}"
+    value, early, late = (DAY * day for day in used.reaches(limit))
+    if not np.isfinite(value):
+        return replace(out, state="growing", message=f"{grows}; {now}, which it does not reach if it goes on so")
+    verb = "was" if value <= out.segments[-1].last else "is"
+    message = (f"{grows}; now {percent(segment.level)}; the limit of {percent(limit)} {verb} reached about "
+               f"{_day(value)} (between {_day(early)} and {_day(late)}), by {MODELS[out.model]}")
+    return replace(out, state="growing", message=message, limit_date=(value, early, late),
+                   forecast=_forecast(used, value / DAY))
+
+
+MODELS = {"line": "a straight line", "local": "a trend that may bend"}
+
+
+def _forecast(trend: Trend, date: float) -> tuple[tuple[float, float, float, float], ...]:
+    """Return (time, level, low, high) from the last night to the limit, as far as a figure shows it."""
+    last = float(trend.days[-1])
+    days = np.linspace(0.0, min(max(date + 3.0 - last, 0.0), DRAWN), 12)
+    level, error = trend.ahead(days)
+    return tuple((float((last + t) * DAY), float(y), float(y - trend.reach * e), float(y + trend.reach * e))
+                 for t, y, e in zip(days, level, error, strict=True)) if date > last else ()
 
 
 def percent(value: float) -> str:

@@ -8,7 +8,7 @@ from .._version import __version__
 from ..results.history import DAY, HalfPeriod, Night, Place, Wear
 from .page import Cell, Section, Table, page
 from .safe import shorten
-from .trend_table import day_or_none, remarks
+from .trend_table import day_or_none, no_date, remarks
 from .wear_figure import half_period_figure, wear_figure
 from .words import MARKS, VERDICTS, percent
 
@@ -78,7 +78,7 @@ def _row(p: Place, wear: Wear, link: str) -> list[object]:
         None if level is None else Cell(level, text=f"{100 * level:.2f}"),
         Cell(wear.limit.value, text=f"{100 * wear.limit.value:.2g}"),
         None if growth is None else Cell(growth, text=f"+{100 * growth:.2f}"),
-        date if date else "no trend" if wear.state == "no_trend" else None,
+        date or no_date(wear) or None,
         None if spread is None or date is None else Cell(spread, text=f"{spread:.0f}" if spread < 1000 else "> 1000"),
         Cell(p.confidence, text=f"{100 * p.confidence:.0f}"), wear.nights,
     ]
@@ -92,8 +92,9 @@ def loop_parts(p: Place, wear: Wear, nights: Sequence[Night], half_periods: Sequ
         parts.append(Section("Wear", text=[f"{wear.message[:1].upper()}{wear.message[1:]}.", *remarks(wear)],
                              figure=wear_figure(nights, wear),
                              note="One point per night with its 95 % interval; a triangle says that the dead band is "
-                                  "smaller than this. The line is a robust fit (Theil-Sen) since the last repair; "
-                                  f"limit: {wear.limit.source}."))
+                                  "smaller than this. The line is the level that the nights together say, with its "
+                                  "95 % interval; it may bend, and starts anew after a repair. "
+                                  f"Limit: {wear.limit.source}."))
     if drawn and any(h.accepted for h in half_periods):
         parts.append(Section("Half periods", figure=half_period_figure(half_periods), folded=True,
                              note="The estimates behind the sizes of the last nights, one per half period of the "

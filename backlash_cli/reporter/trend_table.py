@@ -40,6 +40,8 @@ def loop_document(wear: Wear, place: Place) -> dict[str, Any]:
         "limit_class": wear.limit.name,
         "limit_source": wear.limit.source,
         "limit_date": _limit_date(wear),
+        "model": wear.model or None,
+        "held_out": _held_out(wear),
         "repairs": [_repair(r) for r in wear.repairs],
         "segments": [_segment(s) for s in wear.segments],
         "gaps": [{"date": date, "code": code} for date, code in wear.gaps],
@@ -71,6 +73,14 @@ def _limit_date(wear: Wear) -> dict[str, Any] | None:
     return {"value": value, "ci95": [early, late]}
 
 
+def _held_out(wear: Wear) -> dict[str, Any] | None:
+    h = wear.held_out
+    if h is None:
+        return None
+    return {"nights": h.nights, "since": day_or_none(h.since), "straight_line_error": h.line, "local_error": h.local,
+            "straight_line_bias": h.bias, "straight_line_holds": h.line_holds}
+
+
 def _repair(repair: Repair) -> dict[str, Any]:
     return {"date": repair.date.isoformat(), "time": iso_time(repair.time), "note": repair.note,
             "found": repair.found, "before": repair.before, "after": repair.after}
@@ -95,7 +105,7 @@ def trend_text(wears: Mapping[str, Wear], places: Sequence[Place], *, verbose: b
     rows: list[tuple[str, ...]] = [("#", "Loop", "To do", "Now", "Limit", "Per month", "Limit date", "between", "and",
                                     "Nights")]
     rows += [_cells(wears[place.loop], place) for place in places]
-    lines = [columns(rows), "Dead bands in % of the output span; per month: growth in 30 days, where it is sure."]
+    lines = [columns(rows), "Dead bands in % of the output span; per month: growth of the last 30 days, where sure."]
     if not verbose:
         lines.append("Why each loop has its place: --verbose")
     for place in places if verbose else ():
@@ -112,13 +122,38 @@ def _cells(wear: Wear, place: Place) -> tuple[str, ...]:
         str(place.rank), terminal(place.loop, 24), WORDS[place.action],
         "" if now is None or now.level is None else f"{100 * now.level:.2f}", f"{100 * wear.limit.value:.2g}",
         f"+{3000 * now.slope:.2f}" if now is not None and now.growing and now.slope is not None else "",
-        date["value"] or ("no trend" if wear.state == "no_trend" else ""), early, late, str(wear.nights),
+        date["value"] or no_date(wear), early, late, str(wear.nights),
     )
 
 
+def no_date(wear: Wear) -> str:
+    """Say why there is no date of the limit, empty where the state says it."""
+    return "no trend" if wear.state == "no_trend" else "not in sight" if wear.state == "growing" else ""
+
+
+def model_words(wear: Wear) -> list[str]:
+    """Say which trend was used, how it and a straight line foresaw the last nights, and where the line failed."""
+    if not wear.model:
+        return []
+    used = {"line": "The trend is a straight line.", "local": "The trend is one that may bend."}[wear.model]
+    h = wear.held_out
+    if h is None:
+        return [f"{used} There are too few nights to try both on nights that they have not seen."]
+    tried = (f"Of the last {h.nights} nights, hidden from it, a straight line was off by {100 * h.line:.2g} % of span, "
+             f"a trend that may bend by {100 * h.local:.2g} % (medians).")
+    if wear.model == "line":
+        return [f"{used} {tried}"]
+    if h.line_holds:
+        return [f"{used} {tried} The straight line does not fit the nights before: they bend or go in steps."]
+    side = "low" if h.bias > 0 else "high"
+    return [f"{used} {tried} The straight line fails from {day_or_none(h.since)} on: it is {100 * abs(h.bias):.2g} % "
+            f"of span too {side}."]
+
+
 def remarks(wear: Wear) -> list[str]:
-    """Name repairs, nights without an answer, and days without an export."""
+    """Name repairs, the model of the trend, nights without an answer, and days without an export."""
     out = [f"Repair {r.date.isoformat()}{', ' + r.note if r.note else ''}." for r in wear.repairs]
+    out += model_words(wear)
     if wear.gaps:
         codes = sorted({code for _, code in wear.gaps})
         out.append(f"{len(wear.gaps)} of {wear.nights} nights without a size ({', '.join(codes)}).")
@@ -126,5 +161,3 @@ def remarks(wear: Wear) -> list[str]:
         shown = ", ".join(wear.missing[:5]) + (", ..." if len(wear.missing) > 5 else "")
         out.append(f"{len(wear.missing)} days without an export: {shown}.")
     return out
-
-

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..results import Verdict
-from ..results.history import DAY, HalfPeriod, Night, Wear
+from ..results.history import HalfPeriod, Night, Wear
 from .figures import EVIDENCE, MEASUREMENT, OUTPUT, QUIET, SETPOINT
 from .safe import picture
 
-AHEAD = 120 * DAY  # how far beyond the last night the fitted line is drawn at most
 Figure = dict[str, Any]
 
 
@@ -23,10 +22,8 @@ def wear_figure(nights: Sequence[Night], wear: Wear) -> Figure:
         _bounds([n for n in nights if n.below_detection]),
         *_fits(wear),
     ]
-    ahead = _ahead(wear, last)
-    if ahead is not None:
-        lines.append(ahead)
-        last = max(last, ahead["x"][-1] / 1000.0)
+    lines += _ahead(wear)
+    last = max([last, *(p[0] for p in wear.forecast)])
     limit = 100 * wear.limit.value
     lines.append({"type": "scatter", "mode": "lines", "name": f"limit {limit:.2g} %", "x": [_ms(first), _ms(last)],
                   "y": [limit, limit], "line": {"color": OUTPUT, "dash": "dash", "width": 2}, "hoverinfo": "name"})
@@ -76,29 +73,28 @@ def _bounds(nights: Sequence[Night]) -> Figure:
 
 
 def _fits(wear: Wear) -> list[Figure]:
-    out = []
-    for number, s in enumerate(wear.segments):
-        if s.slope is not None and s.level is not None and s.level_first is not None:
-            out.append({
-                "type": "scatter", "mode": "lines", "name": "wear", "legendgroup": "wear", "showlegend": number == 0,
-                "x": [_ms(s.first), _ms(s.last)], "y": [round(100 * s.level_first, 4), round(100 * s.level, 4)],
-                "line": {"color": MEASUREMENT, "width": 3}, "hoverinfo": "skip",
-            })
-    if out and not any(line["showlegend"] for line in out):
-        out[0]["showlegend"] = True
+    """The level between repairs with its 95 % band."""
+    out: list[Figure] = []
+    for number, path in enumerate(s.path for s in wear.segments if s.path):
+        out += _band(path, "wear", number == 0)
     return out
 
 
-def _ahead(wear: Wear, last: float) -> Figure | None:
-    """The present line drawn on, to the limit or as far as the figure goes."""
-    now = wear.current if wear.state == "growing" else None
-    if now is None or now.level is None or now.slope is None or wear.limit_date is None or wear.limit_date[0] <= last:
-        return None
-    end = min(wear.limit_date[0] + 3 * DAY, last + AHEAD)
-    y = now.level + now.slope * (end - now.last) / DAY
-    return {"type": "scatter", "mode": "lines", "name": "if it goes on", "x": [_ms(now.last), _ms(end)],
-            "y": [round(100 * now.level, 4), round(100 * y, 4)], "hoverinfo": "skip",
-            "line": {"color": MEASUREMENT, "width": 2, "dash": "dot"}}
+def _ahead(wear: Wear) -> list[Figure]:
+    """What comes if it goes on, to the limit or as far as the figure goes."""
+    return _band(wear.forecast, "if it goes on", True, dash="dot") if wear.forecast else []
+
+
+def _band(path: Sequence[tuple[float, float, float, float]], name: str, shown: bool, **line: str) -> list[Figure]:
+    x = [_ms(p[0]) for p in path]
+    y, low, high = ([round(100 * max(p[i], 0.0), 4) for p in path] for i in (1, 2, 3))
+    common = {"type": "scatter", "mode": "lines", "legendgroup": name, "hoverinfo": "skip"}
+    return [
+        {**common, "name": f"{name}, 95 %", "showlegend": False, "x": [*x, *x[::-1]], "y": [*high, *low[::-1]],
+         "fill": "toself", "fillcolor": "rgba(128, 128, 128, 0.18)", "line": {"width": 0}},
+        {**common, "name": name, "showlegend": shown, "x": x, "y": y,
+         "line": {"color": MEASUREMENT, "width": 2 if line else 3, **line}},
+    ]
 
 
 def _repairs(wear: Wear) -> tuple[list[Figure], list[Figure]]:

@@ -139,8 +139,9 @@ class Outcome:
 class Segment:
     """Wear between two repairs: nights, slope [span/day] and the fitted dead band at both ends.
 
-    first, last: times of the first and last night. nights: with a size; below: below the limit of detection.
-    slope_ci95: None with too few nights. level_ci95: interval of the dead band at the last night.
+    first, last: times of the first and last night. nights: with a size; below: below the limit of detection. slope:
+    mean over the last month (or all days, where there are fewer); slope_ci95: None with too few nights. level_ci95:
+    interval of the dead band at the last night. path: (epoch seconds, dead band, low, high) at every night.
     """
 
     first: float
@@ -152,11 +153,28 @@ class Segment:
     level_first: float | None = None
     level: float | None = None
     level_ci95: tuple[float, float] | None = None
+    path: tuple[tuple[float, float, float, float], ...] = ()
 
     @property
     def growing(self) -> bool:
         """Whether the dead band grows for sure: the whole interval of the slope is above zero."""
         return self.slope_ci95 is not None and self.slope_ci95[0] > 0
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """How a straight line and a trend that may bend foresaw the last nights, from the nights before alone.
+
+    nights: so many were hidden; since: time of the first of them. line, local: median error of each [span]. bias:
+    median of nights less line [span], positive where the line is too low. line_holds: the line foresaw them as well.
+    """
+
+    nights: int
+    since: float
+    line: float
+    local: float
+    bias: float
+    line_holds: bool
 
 
 @dataclass(frozen=True)
@@ -172,9 +190,12 @@ class Limit:
 class Wear:
     """The wear of one loop: its segments, the repairs between them, and when the limit is reached.
 
-    limit_date: (value, early end, late end) in epoch seconds; None where there is no trend. state: "growing",
-    "over_limit", "no_trend", "too_few_nights" or "no_estimate". gaps: days whose scan gave no size, with the code of
-    the reason. missing: days between the first and the last night without any export.
+    limit_date: (value, early end, late end) in epoch seconds; None where there is no trend, or it does not reach the
+    limit. state: "growing", "no_trend", "too_few_nights" or "no_estimate". gaps: days whose scan gave no size, with the
+    code of the reason. missing: days between the first and the last night without any export. model: what the date
+    comes from, "line" (straight) or "local" (a trend that may bend), empty without a trend. held_out: the two compared,
+    None with too few nights. forecast: (epoch seconds, dead band, low, high) from the last night on, empty without a
+    date ahead.
     """
 
     loop: str
@@ -187,6 +208,9 @@ class Wear:
     limit_date: tuple[float, float, float] | None = None
     gaps: tuple[tuple[str, str], ...] = ()
     missing: tuple[str, ...] = ()
+    model: str = ""
+    held_out: HeldOut | None = None
+    forecast: tuple[tuple[float, float, float, float], ...] = ()
 
     @property
     def current(self) -> Segment | None:

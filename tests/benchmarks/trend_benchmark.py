@@ -1,8 +1,7 @@
-"""How well wear is followed: python -m tests.benchmarks.trend_benchmark [hours per night] [loops].
+"""How well wear is followed from records: python -m tests.benchmarks.trend_benchmark [hours per night] [loops].
 
-Three parts. False alarms: how often nights of an unchanged valve show a repair that never was. Coverage: how often the
-95 % intervals of slope and date hold the truth. Sixty nights: simulated loops whose dead band grows from 1 to 4 % of
-span, scanned night by night; slope, date of the 3 % limit from night 40 on, and a repair at night 30.
+Sixty nights: simulated loops whose dead band grows from 1 to 4 % of span, scanned night by night; slope, date of the
+3 % limit from night 40 on, and a repair at night 30. Wear of other kinds, from made sizes: tests.benchmarks.wear.
 """
 
 from __future__ import annotations
@@ -13,8 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from backlash_cli.history.change_points import drops
-from backlash_cli.history.robust_line import robust_line
 from backlash_cli.history.rows import night_of, night_row
 from backlash_cli.history.trend import wear
 from backlash_cli.record import Record
@@ -25,35 +22,6 @@ from backlash_cli.simulator import Controller, Process, Scenario, Signal, simula
 LIMIT = Limit(0.03, "no_positioner", "benchmark")
 START = 1772323200.0
 NIGHTS = 60
-
-
-def false_alarms(repeats: int = 300) -> None:
-    """Print the share of histories of an unchanged valve in which a repair is found."""
-    rng = np.random.default_rng(1)
-    print("false alarms: nights, relative noise, distribution, share of histories")
-    for nights in (20, 60, 180):
-        for noise, name in ((0.1, "normal"), (0.3, "normal"), (0.3, "t3")):
-            draws = rng.normal(size=(repeats, nights)) if name == "normal" else rng.standard_t(3, (repeats, nights))
-            found = np.mean([bool(drops(0.03 * np.exp(noise * row))) for row in draws])
-            print(f"  {nights:4d} {noise:.2f} {name:7s} {found:.3f}")
-
-
-def coverage(repeats: int = 400) -> None:
-    """Print how often the intervals of slope and limit date hold the truth, and how wide the date's is."""
-    rng = np.random.default_rng(2)
-    print("coverage: nights, slope, date of the limit, median width of the date [days]")
-    for nights in (8, 15, 40, 60):
-        t = np.arange(float(nights))
-        hits, widths = np.zeros(2), []
-        for _ in range(repeats):
-            d = (0.01 + 0.0005 * t) * (1 + 0.08 * rng.standard_t(4, nights))
-            line = robust_line(t, d, d, 1.0 / (0.01 + 0.0005 * t) ** 2)
-            assert line.slope_ci is not None
-            low, high = line.slope_ci
-            date = line.reaches(0.03)
-            hits += [low <= 0.0005 <= high, date is None or date[1] <= 40.0 <= date[2]]
-            widths += [date[2] - date[1]] if date else []
-        print(f"  {nights:4d} {hits[0] / repeats:.3f} {hits[1] / repeats:.3f} {np.median(widths):.1f}")
 
 
 def worn_night(loop: int, night: int, d: float, hours: float) -> Record:
@@ -115,11 +83,9 @@ def sixty_nights(hours: float, loops: int) -> None:
 
 
 def main() -> None:
-    """Print all three parts."""
+    """Print slopes, dates and repairs."""
     hours = float(sys.argv[1]) if len(sys.argv) > 1 else 8.0
     loops = int(sys.argv[2]) if len(sys.argv) > 2 else 4
-    false_alarms()
-    coverage()
     sixty_nights(hours, loops)
 
 

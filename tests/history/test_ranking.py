@@ -35,7 +35,7 @@ def test_every_group_has_its_kind_of_loop():
         "FIRST": "room", "LOW": "leave", "QUIET": "leave", "BLIND": "check"}
     assert found["SURE"].rank == 1 and found["BLIND"].rank == 10
     assert all(p.why and all(words.endswith(".") for words in p.why) for p in found.values())
-    assert "1.6 times the limit of 3 % (rule of practice)" in found["SURE"].why[0]
+    assert "1.7 times the limit of 3 % (rule of practice)" in found["SURE"].why[0]
     assert any("reaches the limit about" in words for words in found["GROWS"].why)
     assert found["QUIET"].why == ("14 of the last 14 nights saw no dead band.",)
     assert "made" in found["BLIND"].why[0]
