@@ -39,6 +39,11 @@ def propose(clues: Clues) -> list[Values]:
     return [{"times": times, "sizes": tuple(0.0 for _ in times)} for times in clues.step_times(5)]
 
 
+def plausible(values: Values, travel: float) -> bool:
+    """True when OP could have answered each step: the controller makes up for a load by as much output."""
+    return bool(np.max(np.abs(np.atleast_1d(values["sizes"])), initial=0.0) <= travel)
+
+
 EFFECT = Effect(
     name="load_step",
     stage=Stage.LOAD,
@@ -55,6 +60,7 @@ EFFECT = Effect(
         fixed=("times",),
         dear=("times",),
         propose=propose,
+        plausible=plausible,
         meaning="At {times} something other than the valve pushed the process by {sizes}. Look at what was switched, "
         "opened or changed over at that time.",
     ),

@@ -63,6 +63,7 @@ EFFECT = Effect(
     fitting=Fitting(
         whole=whole,
         propose=propose,
+        rivals=("unequal_speed",),
         meaning="The actuator moves no faster than {rate}: large moves of the output arrive late. Check the air "
         "supply, the volume booster and the travel time of the actuator.",
     ),

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from ..effects import Effect
+from ..effects import Effect, Stage
 from ..effects.fitting import Values
 from .clues import Clue
 from .fit import Fit, Solver, descend, finished, fit, refit_noise
@@ -16,7 +16,7 @@ from .free import free_numbers, get, put
 from .judge import Judge, jumpy
 from .linear import linear_values
 from .noise import Noise, whitener
-from .pipeline import Part, Shape
+from .pipeline import Part, Shape, predict
 from .problem import Problem
 
 LAG_SHARES = (0.6, 1.0)
@@ -77,7 +77,8 @@ def candidate(
     random = np.random.default_rng(seed)
     for ground, noise in grounds:
         solver = Solver(problem, whitener(noise, problem.used, problem.interval))
-        parts = starts(effect, Clue(problem, ground, solver.white, values), problem.columns)
+        entering = predict(problem, ground, solver.solve(ground)[0]) if effect.stage == Stage.SENSOR else None
+        parts = starts(effect, Clue(problem, ground, solver.white, values, entering), problem.columns)
         for shape in scan(solver, ground, parts, KEEP_JUMPY if jumpy(effect) else KEEP):
             if jumpy(effect):
                 shape = wander(solver, sweep(solver, shape), random, 40)
@@ -129,8 +130,8 @@ def plausible(problem: Problem, found: Fit) -> bool:
     judged = [(part.effect.fitting.plausible, place) for place, part in enumerate(found.shape.parts)]
     if not any(check for check, _ in judged):
         return True
-    values = linear_values(problem, found)
-    return all(check is None or check(values[place]) for check, place in judged)
+    values, travel = linear_values(problem, found), float(np.ptp(problem.output))
+    return all(check is None or check(values[place], travel) for check, place in judged)
 
 
 def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Shape]:

@@ -47,9 +47,9 @@ class Judge:
 
     def price_of(self, part: Part) -> float:
         """Return the price of one effect; a value picked from all places of the record costs twice, and narrow
-        valleys, of which one is always deep by chance, cost two values more."""
+        valleys, of which one is always deep by chance, cost two values more, as does an effect that is seldom."""
         fitting = part.effect.fitting
-        total = 2.0 if jumpy(part.effect) else 0.0
+        total = 2.0 if jumpy(part.effect) or fitting.seldom else 0.0
         for q in part.effect.parameters:
             value = part.values.get(q.name)
             if value is None or q.choices or (q.nuisance and not q.many) or not np.all(np.isfinite(as_tuple(value))):
