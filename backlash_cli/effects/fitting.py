@@ -59,7 +59,7 @@ class Fitting:
     search: "smooth" parameters are refined by slopes only; "jumpy" ones also by random trials, because the error has
     narrow valleys.
     siblings: names of effects that look much alike.
-    rivals: names of seldom effects that must do clearly worse before this one is called clear.
+    rivals: names of effects of another kind that must do clearly worse in its place before this one is called clear.
     bounds: (measurement, parameters) -> lowest and highest true value of each sample, for effects of the recorder.
     meaning: what it means in the plant, with {name} of parameters.
     whole: (values, parameters, interval) -> (samples,), a faster way to the same result as `step` over all samples.

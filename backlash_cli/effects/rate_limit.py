@@ -63,7 +63,7 @@ EFFECT = Effect(
     fitting=Fitting(
         whole=whole,
         propose=propose,
-        rivals=("unequal_speed",),
+        rivals=("unequal_speed", "dead_time", "second_lag"),
         meaning="The actuator moves no faster than {rate}: large moves of the output arrive late. Check the air "
         "supply, the volume booster and the travel time of the actuator.",
     ),

@@ -24,9 +24,9 @@ from .kept import in_ranges_of, kept_model, parts_of, shape_of
 from .linear import linear_values
 from .pipeline import Part, moved_process
 from .problem import Problem, problem_from_record
-from .recorder import distance, fitted_problem, recorded_floor, recorders
+from .recorder import distance, fitted_problem, only_reports, recorded_floor, recorders
 from .rounding import rounded, through_rounding
-from .search import ENOUGH, Found, baseline, families, search
+from .search import ENOUGH, WEAK, Found, baseline, families, search
 from .why import marked, with_reasons
 
 # PV must move by this many times its noise before anything can be said about how it follows OP
@@ -117,7 +117,8 @@ def looked(
             if effect.fitting.bounds is None and effect.name not in start.shape.names:
                 start = candidate(seen, judge, start, effect, seed=seed, must=True) or start
                 by_user.append(effect.name)
-    found = search(seen, () if chosen else tuple(known.values()), start, seed=seed)
+    tries = [e for e in known.values() if not (e.fitting.seldom and only_reports(problem, held))]
+    found = search(seen, () if chosen else tries, start, seed=seed)
     found = replace(found, final=through_rounding(seen, held, found.final))
     return problem, seen, base, found, held, by_user
 
@@ -168,7 +169,8 @@ def assemble(
         for part, values in zip(last.fit.shape.parts, linear_values(seen, last.fit), strict=True):
             fitted[part.effect.name] = moved_to(fitted[part.effect.name], values)
     gain, alikes = found.final.gain, alike(found, held)
-    sure = {**{p.effect.name: "clear" for p in held}, **confidence(found, by_user, steps, alikes)}
+    sure = {**{p.effect.name: "clear" for p in held}, **confidence(
+        found, by_user, steps, alikes, only_reports(problem, held))}
     siblings = {part.effect.name: part.effect.fitting.siblings for part in found.final.shape.parts}
     candidates = with_reasons(problem, gain, tried(problem, seen, found, plain, names), names, alikes, siblings, reason,
                               ENOUGH)
@@ -249,12 +251,13 @@ def alike(found: Found, held: Sequence[Part]) -> tuple[tuple[str, str], ...]:
 
 
 def confidence(
-    found: Found, by_user: Sequence[str], steps: Sequence[Step], alikes: Sequence[tuple[str, str]]
+    found: Found, by_user: Sequence[str], steps: Sequence[Step], alikes: Sequence[tuple[str, str]], reports: bool
 ) -> dict[str, str]:
     """Return for each accepted effect how sure it is: clear, likely or stand_in.
 
     A stand-in lowers the error, but what is left matters beside it, or an effect of another kind does as well in its
     place. An effect with a look-alike of its own kind, or that lowers the error little, is likely.
+    reports: PV is known only where an exception test let it through, which looks like a valve that moves in jumps.
     """
     out = {}
     errors = {step.added: (before.rmse_holdout, step.rmse_holdout) for before, step in pairwise(steps)}
@@ -263,9 +266,10 @@ def confidence(
         others = [other for taken, other in alikes if taken == name]
         before, after = errors.get(name, (1.0, 1.0))
         gain = found.gain(name) if name in found.without else np.inf
-        if fitting.seldom or not found.left.adequate([gain]) or any(o not in fitting.siblings for o in others):
+        jumps = reports and part.on_output and part.effect.stage == Stage.VALVE
+        if fitting.seldom or jumps or not found.left.adequate([gain]) or any(o not in fitting.siblings for o in others):
             out[name] = "stand_in"
-        elif name in by_user or others or before < LITTLE_LOWER * after or gain < 2.0 * ENOUGH:
+        elif name in by_user or others or before < LITTLE_LOWER * after or gain < WEAK:
             out[name] = "likely"
         else:
             out[name] = "clear"

@@ -31,7 +31,7 @@ from .response import whitened_gains
 # moved outputs held in memory at once
 BATCH = 64
 # steps to the linear numbers behind a transmitter that is not linear
-BENT_ROUNDS, BENT_ENOUGH = 6, 1e-4
+BENT_ROUNDS, COLD_ROUNDS, BENT_ENOUGH = 6, 25, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +113,11 @@ class Solver:
         raw = regressors(problem, shape)
         ridge = (problem.floor / spreads(problem, raw[:, 1:])) ** 2
         c = self._bent
-        if c is None or len(c) != raw.shape[1]:
+        cold = c is None or len(c) != raw.shape[1]
+        if cold:
             c = self.solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
         found, best = None, np.inf
-        for _ in range(BENT_ROUNDS):
+        for _ in range(COLD_ROUNDS if cold else BENT_ROUNDS):
             process = raw @ c
             off = white.one(problem.measurement - sensed(problem, shape, process))
             rss = float(off @ off)

@@ -36,6 +36,13 @@ def fitted_problem(problem: Problem, parts: Sequence[Part]) -> Problem:
     return problem
 
 
+def only_reports(problem: Problem, parts: Sequence[Part]) -> bool:
+    """True when old values are repeated, so that PV is known only where an exception test let it through."""
+    low, high = limits(problem, parts)
+    wide = problem.used & (high > low)
+    return bool(np.any(wide)) and not np.all(wide[problem.used])
+
+
 def recorded_floor(problem: Problem, parts: Sequence[Part], base: Fit) -> float:
     """Return the noise floor of what a recorder left: repeats hide the noise, a step of q stands for q / sqrt(12).
 

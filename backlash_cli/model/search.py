@@ -22,6 +22,8 @@ from .problem import Problem
 ENOUGH = 20.0
 # another effect that scores worse by less than this cannot be told apart
 ALIKE = 20.0
+# an effect that gains less than this needs a closer look
+WEAK = 100.0
 # nor one of the same kind that gains less by this share only: OP between the stored samples is not known
 SHARE_ALIKE = 0.05
 MOST_EFFECTS = 4
@@ -150,7 +152,13 @@ def rivals(problem: Problem, found: Found, effects: Sequence[Effect], seed: int)
         name, fitting = part.effect.name, part.effect.fitting
         if name not in found.without:
             continue
-        for other in (*fitting.siblings, *fitting.rivals):
+        # what gains little is compared with everything
+        weak = found.gain(name) < WEAK
+        for other in by_name if weak else (*fitting.siblings, *fitting.rivals):
+            effect = by_name.get(other)
+            if weak and other not in (*fitting.siblings, *fitting.rivals) and effect is not None and (
+                    effect.fitting.seldom or jumpy(effect) or not effect.fitted or effect.fitting.bounds):
+                continue
             if other in by_name and other not in found.final.shape.names:
                 there = candidate(problem, judge, found.without[name], by_name[other], known={name: found.final},
                                   seed=seed, must=True)

@@ -45,8 +45,9 @@ def explanation(e: Explanation) -> dict[str, Any]:
 def comparison(c: Comparison) -> dict[str, Any]:
     """Return a comparison in the same fields: no candidates, and the model's effects as they stand."""
     steps: list[dict[str, Any]] = [{"added": None, "rmse_holdout": c.baseline.rmse_holdout, "rmse": c.baseline.rmse}]
-    if c.effects:
-        last = {"added": c.effects[-1].effect, "rmse_holdout": c.fitness.rmse_holdout, "rmse": c.fitness.rmse}
+    if not c.fitted:
+        name = c.effects[-1].effect if c.effects else "model"
+        last = {"added": name, "rmse_holdout": c.fitness.rmse_holdout, "rmse": c.fitness.rmse}
         steps.append({**last, "chosen": "user"})
     return {
         **_head(c),

@@ -89,8 +89,9 @@ def _unit(unit: str, stage: str) -> tuple[float, str, str]:
         "span": (100.0, f" % of {whose} span", " %"),
         "OP span": (100.0, " % of OP span", " %"),
         "PV span": (100.0, " % of PV span", " %"),
+        "1/h": (100.0, " % per hour", " % per hour"),
         "OP span/h": (100.0, " % of OP span per hour", " % per hour"),
-        "1/s": (100.0, " % of OP span per second", " % per second"),
+        "1/s": (100.0, f" % of {whose} span per second", " % per second"),
         "OP span per column unit": (100.0, " % of OP span per unit of the column", " % per unit of the column"),
         "s": (1.0, " s", " s"),
         "1": (1.0, "", ""),
@@ -161,13 +162,13 @@ def meaning(effect: FittedEffect, settings: LoopSettings, start: float | None = 
 
 
 def fill(template: str, values: Mapping[str, str]) -> str:
-    """Put values into the {name} places of a sentence; a name that is not known stays as it is.
+    """Put values into the {name} places of a sentence; of a name that is not known it says so.
 
     >>> fill("The gap is {d}, {x}.", {"d": "3 %"})
-    'The gap is 3 %, {x}.'
+    'The gap is 3 %, none.'
     """
     try:
         pieces = list(Formatter().parse(template))
     except ValueError:
-        return template
+        return template.replace("{", "").replace("}", "")
     return "".join(text + ("" if name is None else values.get(name, f"{{{name}}}")) for text, name, _, _ in pieces)

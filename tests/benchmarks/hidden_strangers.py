@@ -141,7 +141,7 @@ def drawn(seed: int, hidden: tuple[str, ...], plant: bool):
     n, dt = (6000 if plant else 5400), min(h / 100.0, 0.005)
     if "lugre" in hidden:
         dt = 0.002
-    per = int(round(h / dt))
+    per = round(h / dt)
     control = int(random.choice([2, 4, 5]))
     gain = random.uniform(0.7, 1.6)
     truth: dict[str, dict[str, float]] = {}
@@ -257,7 +257,8 @@ def drawn(seed: int, hidden: tuple[str, ...], plant: bool):
                 if abs(pv[k] - last) > 100 * dev:
                     last = pv[k]
                 pv[k] = last
-        time = pd.Timestamp("2026-05-05T06:00:00") + pd.Timedelta(days=day) + pd.to_timedelta(h * np.arange(n), unit="s")
+        first = pd.Timestamp("2026-05-05T06:00:00") + pd.Timedelta(days=day)
+        time = first + pd.to_timedelta(h * np.arange(n), unit="s")
         days.append(pd.DataFrame({
             "time": time.strftime("%Y-%m-%dT%H:%M:%S.%f").str[:-3], "L1.SP": np.round(sp, 3), "L1.PV": np.round(pv, 4),
             "L1.OP": np.round(op, 1 if plant else 2),
