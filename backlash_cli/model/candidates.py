@@ -29,6 +29,8 @@ KEEP_JUMPY = 12
 WORTH_A_LOOK = 6.0
 # a start that is still this much worse than the model without the effect is not refined further
 HOPELESS = 4.0
+# share of the gain of the best effect that the look-alike of a jumpy one must reach
+HOPEFUL = 0.5
 
 
 def default_starts(effect: Effect) -> list[Values]:
@@ -191,13 +193,19 @@ def values_of(fitted: Fit, name: str) -> Values:
 def table(problem: Problem, judge: Judge, base: Fit, effects: Iterable[Effect], seed: int = 0) -> dict[str, Fit]:
     """Return the best fit with each effect added that is not in the model yet, by the effect's name."""
     out: dict[str, Fit] = {}
-    for effect in effects:
+    for effect in sorted(effects, key=jumpy):
         if not effect.fitted or effect.name in base.shape.names or effect.fitting.bounds is not None:
             continue
         like = [part.effect for part in base.shape.parts if effect.name in part.effect.fitting.siblings]
         if any(jumpy(other) or jumpy(effect) for other in like):
-            # one valve has one friction; `improve` sees whether the look-alike does better
+            # one valve has one friction; `search.rivals` sees whether the look-alike does better
             continue
+        if jumpy(effect) and out:
+            # a search with many valleys is dear: only where its smooth look-alike is among the good ones
+            gains = {name: base.deviance - fitted.deviance for name, fitted in out.items()}
+            like_gain = max((gains.get(name, 0.0) for name in effect.fitting.siblings), default=0.0)
+            if like_gain < HOPEFUL * max(gains.values()):
+                continue
         found = candidate(problem, judge, base, effect, known=out, seed=seed)
         if found is not None:
             out[effect.name] = found

@@ -234,7 +234,8 @@ def improve(
             continue
         less = fit(problem, now.shape.without(part.effect.name), now.noise, rounds=1)
         known: dict[str, Fit] = {}
-        likes = [by_name[n] for n in part.effect.fitting.siblings if n in by_name and n not in now.shape.names]
+        likes = [by_name[n] for n in part.effect.fitting.siblings
+                 if n in by_name and n not in now.shape.names and not jumpy(by_name[n])]
         # the smooth one first: it shows the jumpy one where to look
         for effect in sorted([part.effect, *likes], key=jumpy):
             found = candidate(problem, judge, less, effect, known=known, seed=seed)
