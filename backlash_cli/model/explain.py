@@ -19,14 +19,15 @@ from .compare import notes, series_of, unexplained, where_it_fails
 from .fit import Fit, fit
 from .holdout import Tested, better, least_squares, predicted_by, tested
 from .intervals import fitted_effects, moved_to, process_parameters
-from .judge import judge_for
+from .judge import ENOUGH, judge_for
 from .kept import in_ranges_of, kept_model, parts_of, shape_of
 from .linear import linear_values
 from .pipeline import Part, moved_process
 from .problem import Problem, problem_from_record
+from .prune import families
 from .recorder import distance, fitted_problem, only_reports, recorded_floor, recorders
 from .rounding import rounded, through_rounding
-from .search import ENOUGH, WEAK, Found, baseline, families, search
+from .search import WEAK, Found, baseline, search
 from .why import marked, with_reasons
 
 # PV must move by this many times its noise before anything can be said about how it follows OP
@@ -265,11 +266,11 @@ def confidence(
         name, fitting = part.effect.name, part.effect.fitting
         others = [other for taken, other in alikes if taken == name]
         before, after = errors.get(name, (1.0, 1.0))
-        gain = found.gain(name) if name in found.without else np.inf
+        gain = found.gain(name) if name in found.without else 0.0
         jumps = reports and part.on_output and part.effect.stage == Stage.VALVE
         if fitting.seldom or jumps or not found.left.adequate([gain]) or any(o not in fitting.siblings for o in others):
             out[name] = "stand_in"
-        elif name in by_user or others or before < LITTLE_LOWER * after or gain < WEAK:
+        elif not found.adequate or name in by_user or others or before < LITTLE_LOWER * after or gain < WEAK:
             out[name] = "likely"
         else:
             out[name] = "clear"

@@ -112,11 +112,13 @@ class Solver:
         problem, white = self.problem, self.white
         raw = regressors(problem, shape)
         ridge = (problem.floor / spreads(problem, raw[:, 1:])) ** 2
-        c = self._bent
-        cold = c is None or len(c) != raw.shape[1]
-        if cold:
-            c = self.solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
-        found, best = None, np.inf
+        known = self._bent
+        cold = known is None or len(known) != raw.shape[1]
+        if known is None or cold:
+            known = self.solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
+        c = known
+        found: tuple[FloatArray, FloatArray, FloatArray] | None = None
+        best = np.inf
         for _ in range(COLD_ROUNDS if cold else BENT_ROUNDS):
             process = raw @ c
             off = white.one(problem.measurement - sensed(problem, shape, process))
@@ -131,9 +133,10 @@ class Solver:
             if gained < BENT_ENOUGH * best:
                 break
         assert found is not None
-        self._bent, columns, off = found
-        self._take(columns, off + columns @ self._bent, ridge)
-        return self._bent, max(best, 1e-300), columns[:, 0]
+        c, columns, off = found
+        self._bent = c
+        self._take(columns, off + columns @ c, ridge)
+        return c, max(best, 1e-300), columns[:, 0]
 
     def _take(self, columns: FloatArray, measured: FloatArray, ridge: FloatArray) -> FloatArray:
         """Take whitened columns (samples, columns) and measurement (samples,) as the ones to solve; return their c."""

@@ -224,10 +224,9 @@ def moved_to(found: FittedEffect, values: Mapping[str, float | tuple[float, ...]
             out[name] = replace(p, value=value)
             continue
         many = isinstance(p.value, tuple)
-        ends = p.ci95 if many else (p.ci95,)
-        both = []
-        for old, new, (low, high) in zip(as_tuple(p.value), as_tuple(value), ends, strict=True):  # type: ignore[misc]
-            both.append((min(low, new - (old - low)), max(high, new + (high - old))))
+        ends = np.reshape(p.ci95, (-1, 2))
+        both = [(float(min(low, new - (old - low))), float(max(high, new + (high - old))))
+                for old, new, (low, high) in zip(as_tuple(p.value), as_tuple(value), ends, strict=True)]
         out[name] = replace(p, value=value, ci95=tuple(both) if many else both[0])
     return replace(found, parameters=out)
 

@@ -17,6 +17,9 @@ from .problem import Problem
 LAGS_PER_STRETCH = 6.0
 # a slow loop still gets weight enough that a model which does not predict cannot win
 LEAST_STRETCHES, MOST_STRETCHES = 30.0, 150.0
+# gain in score that an effect must bring, price paid: about what one more value costs twice. Loops with nothing hidden
+# gain up to 10 by chance; `python -m tests.benchmarks.explain_benchmark --kind none` counts those that gain more
+ENOUGH = 20.0
 # more than any likelihood
 WRONG_WAY = 1e7
 

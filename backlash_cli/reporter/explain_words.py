@@ -88,7 +88,8 @@ def look_alike_words(explanation: Explanation) -> list[str]:
 
 def _which_of_both(e: Explanation, a: str, b: str) -> str:
     """The band that backlash and stiction agree on, and the record that would tell them apart."""
-    sizes = [p.value for x in (*e.effects, *e.candidates) if x.effect in (a, b) for n, p in x.parameters.items()
+    tried: list[FittedEffect | Candidate] = [*e.effects, *e.candidates]
+    sizes = [p.value for x in tried if x.effect in (a, b) for n, p in x.parameters.items()
              if n in ("d", "S") and isinstance(p.value, float)]
     band = f"Either way the output must travel {share(sizes[0])} of its span before the stem turns. " if sizes else ""
     return (f" {band}A slow ramp of the output by hand, up and down again, recorded every second, would tell: PV "

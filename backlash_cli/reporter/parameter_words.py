@@ -14,6 +14,7 @@ from .safe import terminal
 SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
 A_DATE = 1e8  # epoch seconds (1973); a record that counts its seconds from zero stays below
 UNKNOWN = 1e4  # an interval this many times wider than its value says nothing
+FASTEST = 10.0  # spans per second: no valve is that fast, so that nothing limits it
 SWITCH = "0 or 1"  # unit of a parameter that is on or off
 
 
@@ -32,6 +33,8 @@ def quantity(
         return _several(p, stage, settings, start, brief)
     if math.isinf(p.value):
         return "none"
+    if p.unit == "1/s" and p.value > FASTEST:
+        return "no limit that shows"
     interval = p.ci95 if p.ci95 and not isinstance(p.ci95[0], tuple) else None
     low, high = interval if interval else (math.nan, math.nan)
     if p.unit == SWITCH:
@@ -171,4 +174,4 @@ def fill(template: str, values: Mapping[str, str]) -> str:
         pieces = list(Formatter().parse(template))
     except ValueError:
         return template.replace("{", "").replace("}", "")
-    return "".join(text + ("" if name is None else values.get(name, f"{{{name}}}")) for text, name, _, _ in pieces)
+    return "".join(text + ("" if name is None else values.get(name, "none")) for text, name, _, _ in pieces)
