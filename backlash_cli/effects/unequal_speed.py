@@ -9,55 +9,12 @@ As `rate_limit`, with a speed of its own for each direction; the output sample i
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-from ..record import FloatArray
 from .fitting import Clues, Fitting, Values
 from .rate_limit import propose as equal_speeds
+from .rate_limit import start, step, whole
 from .shape import Effect, Parameter, Stage
-
-
-def start(p: FloatArray, interval: float, first: float) -> FloatArray:
-    """State: [position at the start of the sample, largest rise and largest fall in one sample]."""
-    return np.array([first, p[0] * interval, p[1] * interval])
-
-
-def step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the mean position over one sample."""
-    position = state[0]
-    move = value - position
-    reach = state[1] if move > 0.0 else state[2]
-    if abs(move) <= reach:
-        state[0] = value
-        if move == 0.0 or reach == np.inf:
-            return value
-        return value - move * abs(move) / (2.0 * reach)
-    end = position + reach if move > 0.0 else position - reach
-    state[0] = end
-    return 0.5 * (position + end)
-
-
-@numba.njit(cache=True)
-def _moved(values: FloatArray, rise: float, fall: float) -> FloatArray:
-    out = np.empty_like(values)
-    position = values[0]
-    for k in range(len(values)):
-        move = values[k] - position
-        reach = rise if move > 0.0 else fall
-        if abs(move) <= reach:
-            out[k] = values[k] if move == 0.0 else values[k] - move * abs(move) / (2.0 * reach)
-            position = values[k]
-        else:
-            end = position + reach if move > 0.0 else position - reach
-            out[k] = 0.5 * (position + end)
-            position = end
-    return out
-
-
-def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
-    """Return the mean positions for all samples."""
-    return np.asarray(_moved(values, p[0] * interval, p[1] * interval))
 
 
 def propose(clues: Clues) -> list[Values]:

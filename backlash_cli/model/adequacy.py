@@ -58,7 +58,7 @@ def left_by(problem: Problem, fitted: Fit, error: float) -> Left:
     """Return what a fit leaves; error: its root mean square on samples that it did not see [span]."""
     solver = Solver(problem, whitener(fitted.noise, problem.used, problem.interval))
     _, _, rest = solver.rest(fitted.shape)
-    own = np.column_stack([solver.columns(fitted.shape), slopes(solver, fitted.shape, rest, free_numbers(
+    own = np.column_stack([solver.columns(fitted.shape), slopes(solver, fitted.shape, free_numbers(
         problem, fitted.shape))])
     linear, groups = signals(problem, fitted)
     basis = _basis(own)

@@ -236,7 +236,16 @@ def curvature(solver: Solver, shape: Shape, free: list[Free]) -> tuple[FloatArra
     The linear numbers follow the searched ones, but what their following does to the slopes in second order is left
     out (Kaufman, BIT 15, 1975): one column per number instead of a new solution.
     """
-    c, _, rest = solver.rest(shape)
+    _, _, rest = solver.rest(shape)
+    Z = slopes(solver, shape, free)
+    B = solver.cross(Z)
+    return Z.T @ Z - B.T @ solver.inverse(B), -Z.T @ rest
+
+
+def slopes(solver: Solver, shape: Shape, free: list[Free]) -> FloatArray:
+    """Return the change of the whitened prediction per unit of each searched number, (samples, numbers); the linear
+    numbers stay."""
+    c = solver.solve(shape)[0]
     here = predict(solver.problem, shape, c)
     numbers = get(shape, free)
     D = []
@@ -245,21 +254,7 @@ def curvature(solver: Solver, shape: Shape, free: list[Free]) -> tuple[FloatArra
         moved = numbers.copy()
         moved[j] += step
         D.append((predict(solver.problem, put(shape, free, moved), c) - here) / step)
-    Z = solver.white.columns(beside(D))
-    B = solver.cross(Z)
-    return Z.T @ Z - B.T @ solver.inverse(B), -Z.T @ rest
-
-
-def slopes(solver: Solver, shape: Shape, rest: FloatArray, free: list[Free]) -> FloatArray:
-    """Return the change of the whitened rest per unit of each searched number, (samples, numbers)."""
-    numbers = get(shape, free)
-    J = np.empty((len(rest), len(free)))
-    for j, f in enumerate(free):
-        step = f.step if numbers[j] + f.step <= f.high else -f.step
-        moved = numbers.copy()
-        moved[j] += step
-        J[:, j] = (solver.rest(put(shape, free, moved))[2] - rest) / step
-    return J
+    return solver.white.columns(beside(D))
 
 
 def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3) -> Fit:

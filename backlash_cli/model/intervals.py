@@ -53,7 +53,7 @@ def covariance(problem: Problem, fitted: Fit) -> tuple[dict[Key, Known], FloatAr
     free = free_numbers(problem, fitted.shape)
     _, rss, rest = solver.rest(fitted.shape)
     others = solver.columns(fitted.shape)
-    X = np.column_stack([slopes(solver, fitted.shape, rest, free), -others])
+    X = np.column_stack([-slopes(solver, fitted.shape, free), -others])
     H = _inverse(X.T @ X)
     white = H * rss / max(solver.white.samples, 1)
     length = max(int(LAGS_PER_STRETCH * fitted.shape.lag / problem.interval), len(rest) // MOST_STRETCHES, 1)
