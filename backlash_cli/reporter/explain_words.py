@@ -13,6 +13,8 @@ ABOUT = 0.1  # errors closer than this share say the same
 WORSE = 1.15  # share of the error over share of the time, from which a region is worth a line
 MUCH = 2.0  # error over noise from which "nothing is missing" needs a word more
 
+# reasons of `compare` that say that the plant is not as it was
+CHANGED = ("other_operating_point", "process_changed", "numbers_changed", "effect_not_here")
 NOT_TRIED, NOT_EXPLAINED = "not_tried", "not_explained"
 # why an effect that was tried is not in the model, by code
 WHY = {
@@ -195,7 +197,11 @@ def still_holds(c: Comparison) -> str:
         return said + "The model holds here: it predicts this record better than a plain model fitted to it."
     if ratio < 1.0 + ABOUT:
         return said + "It predicts this record about as well as a plain model fitted to it."
-    return said + "The model does not hold here: a plain model fitted to this record does better."
+    said += "The model does not hold here: a plain model fitted to this record does better. "
+    if any(note.code in CHANGED for note in c.reasons):
+        return said + "The plant has changed, or was not well known: see the reasons."
+    return said + ("No change of the process or of an effect explains it: a load has passed that no model can know, or "
+                   "something that is not among the effects.")
 
 
 def fails(regions: Sequence[Region]) -> list[Region]:
