@@ -65,7 +65,8 @@ class Fitting:
     whole: (values, parameters, interval) -> (samples,), a faster way to the same result as `step` over all samples.
     on_loads: what loads add goes through this effect as well, as it does through a lag of the process, but not
     through a delay on the way from the valve.
-    plausible: (values, travel of OP) -> False for fitted values that a search should not believe.
+    plausible: (values, travel) -> False for fitted values that a search should not believe; travel(t) is how far OP
+    went around t seconds, infinite where it was held.
     seldom: tried only where the usual effects leave more than noise and load, and never more than "acts like".
     """
 
@@ -81,5 +82,5 @@ class Fitting:
     meaning: str = ""
     whole: Whole | None = None
     on_loads: bool = False
-    plausible: Callable[[Values, float], bool] | None = None
+    plausible: Callable[[Values, Callable[[float], float]], bool] | None = None
     seldom: bool = False

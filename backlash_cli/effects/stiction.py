@@ -12,6 +12,8 @@ sticks again after every sample (He's model), so a ramp makes a staircase of ste
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..record import FloatArray
@@ -78,7 +80,7 @@ def propose(clues: Clues) -> list[Values]:
     ]
 
 
-def plausible(values: Values, travel: float) -> bool:
+def plausible(values: Values, travel: Callable[[float], float]) -> bool:
     """True when the slip jump is large enough to tell the valve from one with play."""
     return float(values["J"]) >= LEAST_JUMP * float(values["S"])  # type: ignore[arg-type]
 

@@ -29,6 +29,8 @@ KEEP_JUMPY = 12
 WORTH_A_LOOK = 6.0
 # a start that is still this much worse than the model without the effect is not refined further
 HOPELESS = 4.0
+# a controller has made up for a load after about this many time constants
+ANSWERED = 10.0
 # share of the gain of the best effect that the look-alike of a jumpy one must reach
 HOPEFUL = 0.5
 
@@ -100,7 +102,7 @@ def best_of(
     if hopeful and not valleys and judge.score(hopeful[0]) > before + HOPELESS:
         return hopeful[0]
     best: Fit | None = None
-    for trial in finalists(trials, valleys):
+    for trial in finalists(hopeful or trials, valleys):
         noise, shape = trial.noise, trial.shape
         if valleys:
             solver = Solver(problem, whitener(noise, problem.used, problem.interval))
@@ -132,7 +134,14 @@ def plausible(problem: Problem, found: Fit) -> bool:
     judged = [(part.effect.fitting.plausible, place) for place, part in enumerate(found.shape.parts)]
     if not any(check for check, _ in judged):
         return True
-    values, travel = linear_values(problem, found), float(np.ptp(problem.output))
+    values = linear_values(problem, found)
+    reach = max(int(ANSWERED * max(found.shape.lag, problem.settings.Ti or 0.0) / problem.interval), 60)
+
+    def travel(time: float) -> float:
+        at = int(time / problem.interval)
+        moved = float(np.ptp(problem.output[max(at - reach // 10, 0) : at + reach]))
+        return moved if moved > 1e-6 else np.inf
+
     return all(check is None or check(values[place], travel) for check, place in judged)
 
 

@@ -158,17 +158,23 @@ def assemble(
     order = [n for n in by_user if n in found.final.shape.names]
     order += sorted((n for n in found.final.shape.names if n not in order), key=lambda n: -found.gain(n))
     ladder = rungs(problem, seen, base, found.final, held, order)
+    fitted = {e.effect: e for e in fitted_effects(seen, found.final, held, careful=not rounded(seen, held))}
+    if ladder and ladder[-1][1].fit.shape is not found.final.shape:
+        # the smallest error may be that of another plant, where OP answers to loads: its numbers must agree
+        name, likelier = ladder[-1][0], tested(problem, found.final, held)
+        values = zip(found.final.shape.names, linear_values(seen, ladder[-1][1].fit), strict=True)
+        moved = [moved_to(fitted[name], own) for name, own in values]
+        if None in moved:
+            ladder[-1] = (name, likelier)
+        else:
+            fitted.update({e.effect: e for e in moved if e is not None})
     steps = [Step(None, plain.rmse_holdout, plain.rmse, predicted_by(problem, plain.fit))]
     steps += [
         Step(name, t.rmse_holdout, t.rmse, predicted_by(problem, t.fit), "user" if name in by_user else "search")
         for name, t in ladder
     ]
     last = ladder[-1][1] if ladder else plain
-    fitted = {e.effect: e for e in fitted_effects(seen, found.final, held, careful=not rounded(seen, held))}
     names = [*(p.effect.name for p in held), *order]
-    if last.fit.shape is not found.final.shape and ladder:
-        for part, values in zip(last.fit.shape.parts, linear_values(seen, last.fit), strict=True):
-            fitted[part.effect.name] = moved_to(fitted[part.effect.name], values)
     gain, alikes = found.final.gain, alike(found, held)
     sure = {**{p.effect.name: "clear" for p in held}, **confidence(
         found, by_user, steps, alikes, only_reports(problem, held))}

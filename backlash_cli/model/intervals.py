@@ -215,19 +215,16 @@ def _interval(
     return float(max(value - wide, q.low)), float(min(value + above, q.high))
 
 
-def moved_to(found: FittedEffect, values: Mapping[str, float | tuple[float, ...]]) -> FittedEffect:
-    """Return an effect with the values of another fit of the same model; the intervals hold what both fits say."""
+def moved_to(found: FittedEffect, values: Mapping[str, float | tuple[float, ...]]) -> FittedEffect | None:
+    """Return an effect with the values of another fit of the same model, None where its intervals exclude them."""
     out = {}
     for name, p in found.parameters.items():
         value = values.get(name, p.value)
-        if p.ci95 is None or value == p.value:
-            out[name] = replace(p, value=value)
-            continue
-        many = isinstance(p.value, tuple)
-        ends = np.reshape(p.ci95, (-1, 2))
-        both = [(float(min(low, new - (old - low))), float(max(high, new + (high - old))))
-                for old, new, (low, high) in zip(as_tuple(p.value), as_tuple(value), ends, strict=True)]
-        out[name] = replace(p, value=value, ci95=tuple(both) if many else both[0])
+        if p.ci95 is not None and not p.nuisance:
+            low, high = np.reshape(p.ci95, (-1, 2)).T
+            if np.any(np.array(as_tuple(value)) < low) or np.any(np.array(as_tuple(value)) > high):
+                return None
+        out[name] = replace(p, value=value)
     return replace(found, parameters=out)
 
 
