@@ -164,10 +164,10 @@ def assemble(
         name, likelier = ladder[-1][0], tested(problem, found.final, held)
         values = zip(found.final.shape.names, linear_values(seen, ladder[-1][1].fit), strict=True)
         moved = [moved_to(fitted[name], own) for name, own in values]
-        if None in moved:
-            ladder[-1] = (name, likelier)
+        if all(allowed for _, allowed in moved) or likelier.rmse_holdout > plain.rmse_holdout:
+            fitted.update({effect.effect: effect for effect, _ in moved})
         else:
-            fitted.update({e.effect: e for e in moved if e is not None})
+            ladder[-1] = (name, likelier)
     steps = [Step(None, plain.rmse_holdout, plain.rmse, predicted_by(problem, plain.fit))]
     steps += [
         Step(name, t.rmse_holdout, t.rmse, predicted_by(problem, t.fit), "user" if name in by_user else "search")

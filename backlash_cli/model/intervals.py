@@ -215,17 +215,20 @@ def _interval(
     return float(max(value - wide, q.low)), float(min(value + above, q.high))
 
 
-def moved_to(found: FittedEffect, values: Mapping[str, float | tuple[float, ...]]) -> FittedEffect | None:
-    """Return an effect with the values of another fit of the same model, None where its intervals exclude them."""
-    out = {}
+def moved_to(found: FittedEffect, values: Mapping[str, float | tuple[float, ...]]) -> tuple[FittedEffect, bool]:
+    """Return an effect with the values of another fit of the same model, and whether its intervals allow them.
+
+    A number that its interval excludes has no interval then.
+    """
+    out, allowed = {}, True
     for name, p in found.parameters.items():
         value = values.get(name, p.value)
         if p.ci95 is not None and not p.nuisance:
             low, high = np.reshape(p.ci95, (-1, 2)).T
             if np.any(np.array(as_tuple(value)) < low) or np.any(np.array(as_tuple(value)) > high):
-                return None
+                allowed, p = False, replace(p, ci95=None)
         out[name] = replace(p, value=value)
-    return replace(found, parameters=out)
+    return replace(found, parameters=out), allowed
 
 
 def process_parameters(problem: Problem, fitted: Fit) -> dict[str, FittedParameter]:
