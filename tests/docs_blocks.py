@@ -17,7 +17,7 @@ from pathlib import Path
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 # a block of commands, and perhaps the output shown below it
 _BLOCK = re.compile(r"^```sh\n((?:(?!```).*\n)*)```(?:\n\n```text\n((?:(?!```).*\n)*)```)?$", re.MULTILINE)
-FILES = {"own-effect": {"python": "slow_opening.py", "toml": "loop.toml"}}
+FILES = {"own-effect": {"python": "slow_draining.py", "toml": "loop.toml"}}
 LINES = 14  # of an output that is shown for the first time
 
 

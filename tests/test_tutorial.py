@@ -65,8 +65,8 @@ def test_the_own_effect_of_forty_lines_wins_and_is_kept(tmp_path, capfd, monkeyp
     assert walk("own-effect", tmp_path, capfd, monkeypatch) == 2
     assert len(first_block("own-effect", "python").splitlines()) <= 42
     (kept,) = load_model(tmp_path / "valve.model.toml").effects
-    assert kept.reference == "slow_opening:SLOW_OPENING"
-    assert kept.parameters["rate"] == pytest.approx(0.0003, rel=0.1)
+    assert kept.reference == "slow_draining:SLOW_DRAINING"
+    assert kept.parameters["rate"] == pytest.approx(0.0005, rel=0.1)
 
 
 def test_pictures_exist_and_are_small():

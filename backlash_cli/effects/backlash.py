@@ -72,6 +72,7 @@ EFFECT = Effect(
     step=step,
     fitting=Fitting(
         propose=propose,
+        rivals=("sensor_hysteresis",),
         whole=whole,
         siblings=("stiction",),
         meaning="The linkage or actuator has {d} of play: at every reversal the output travels that far before the "

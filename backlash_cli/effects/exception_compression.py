@@ -13,6 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..record import FloatArray
+from .fitting import Clues, Fitting, Values
+from .quantization import held_bounds, recorded_steps
 from .shape import Effect, Parameter, Stage
 
 
@@ -29,6 +31,12 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return state[0]
 
 
+def propose(clues: Clues) -> list[Values]:
+    """Return the deviation that the reports show: none of them is smaller."""
+    deviation, how = recorded_steps(clues)
+    return [{"deviation": deviation}] if how == "reported" else []
+
+
 EFFECT = Effect(
     name="exception_compression",
     stage=Stage.SENSOR,
@@ -37,5 +45,11 @@ EFFECT = Effect(
     parameters=(Parameter("deviation", "span", "change below which nothing is recorded", 0.0, 0.0, 1.0),),
     start=start,
     step=step,
-    fitted=False,
+    fitting=Fitting(
+        propose=propose,
+        fixed=("deviation",),
+        bounds=held_bounds,
+        meaning="PV is recorded only when it has moved by {deviation}: what is smaller cannot be seen. Set the "
+        "historian's exception deviation to a fraction of the noise, or store every sample for a day.",
+    ),
 )

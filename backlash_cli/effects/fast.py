@@ -12,13 +12,14 @@ from ..record import FloatArray
 
 
 @numba.njit(cache=True)
-def slew(values: FloatArray, reach: float) -> FloatArray:
-    """Return the mean position (samples,) in each interval behind a command that may move by `reach` per sample."""
+def slew(values: FloatArray, rise: float, fall: float) -> FloatArray:
+    """Return the mean position (samples,) behind a command that may rise and fall by so much per sample."""
     out = np.empty_like(values)
     position = values[0]
     for k in range(len(values)):
         value = values[k]
         move = value - position
+        reach = rise if move > 0.0 else fall
         if abs(move) <= reach:
             out[k] = value if move == 0.0 else value - move * abs(move) / (2.0 * reach)
             position = value

@@ -59,12 +59,15 @@ class Fitting:
     search: "smooth" parameters are refined by slopes only; "jumpy" ones also by random trials, because the error has
     narrow valleys.
     siblings: names of effects that look much alike.
+    rivals: names of effects of another kind that must do clearly worse in its place before this one is called clear.
     bounds: (measurement, parameters) -> lowest and highest true value of each sample, for effects of the recorder.
     meaning: what it means in the plant, with {name} of parameters.
     whole: (values, parameters, interval) -> (samples,), a faster way to the same result as `step` over all samples.
     on_loads: what loads add goes through this effect as well, as it does through a lag of the process, but not
     through a delay on the way from the valve.
-    plausible: False for fitted values that a search should not believe.
+    plausible: (values, travel) -> False for fitted values that a search should not believe; travel(t) is how far OP
+    went around t seconds, infinite where it was held.
+    seldom: tried only where the usual effects leave more than noise and load, and never more than "acts like".
     """
 
     linear: tuple[str, ...] = ()
@@ -74,8 +77,10 @@ class Fitting:
     dear: tuple[str, ...] = ()
     search: str = "smooth"
     siblings: tuple[str, ...] = ()
+    rivals: tuple[str, ...] = ()
     bounds: Interval | None = None
     meaning: str = ""
     whole: Whole | None = None
     on_loads: bool = False
-    plausible: Callable[[Values], bool] | None = None
+    plausible: Callable[[Values, Callable[[float], float]], bool] | None = None
+    seldom: bool = False

@@ -13,6 +13,8 @@ A drift need not be straight: `bends` are what it lies off the straight line at 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..record import FloatArray
@@ -50,7 +52,7 @@ def propose(clues: Clues) -> list[Values]:
     return [{"slope": 0.0, "length": clues.duration, "bends": (0.0,) * count} for count in counts]
 
 
-def plausible(values: Values) -> bool:
+def plausible(values: Values, travel: Callable[[float], float]) -> bool:
     """True when the load goes mostly one way: what wanders to and fro is a random load, not a drift."""
     length, slope, bends = values["length"], values["slope"], values["bends"]
     assert isinstance(length, float) and isinstance(slope, float) and isinstance(bends, tuple)

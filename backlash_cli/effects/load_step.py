@@ -10,11 +10,16 @@ sample; a step counts from the first sample at or after its time.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..record import FloatArray
 from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
+
+# a step may be this many times larger than what OP travelled around it: a slow loop may not be through yet
+UNANSWERED = 1.5
 
 
 def start(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -39,6 +44,12 @@ def propose(clues: Clues) -> list[Values]:
     return [{"times": times, "sizes": tuple(0.0 for _ in times)} for times in clues.step_times(5)]
 
 
+def plausible(values: Values, travel: Callable[[float], float]) -> bool:
+    """True when OP answered each step: the controller makes up for a load by as much output, wherever it is free to."""
+    pairs = zip(np.atleast_1d(values["times"]), np.atleast_1d(values["sizes"]), strict=True)
+    return all(abs(size) <= UNANSWERED * travel(float(time)) for time, size in pairs)
+
+
 EFFECT = Effect(
     name="load_step",
     stage=Stage.LOAD,
@@ -55,6 +66,7 @@ EFFECT = Effect(
         fixed=("times",),
         dear=("times",),
         propose=propose,
+        plausible=plausible,
         meaning="At {times} something other than the valve pushed the process by {sizes}. Look at what was switched, "
         "opened or changed over at that time.",
     ),

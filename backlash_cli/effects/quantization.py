@@ -19,6 +19,8 @@ from .shape import Effect, Parameter, Stage
 # share of samples that repeat the one before, above which rounding counts: with white noise of standard deviation s
 # a rounding step q repeats this often at q = 1.5 s, where the rounding error is a fifth of the noise variance
 REPEATS = 0.4
+# the smallest report of an exception test is its deviation, over the one in twenty that is next
+SHARP = 0.9
 
 
 def start(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -41,26 +43,43 @@ def bounds(measurement: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArr
     """Return the lowest and highest true value of each recorded sample; a sample that was just kept is exact."""
     if p[1] == 0.0:
         return measurement - 0.5 * p[0], measurement + 0.5 * p[0]
+    return held_bounds(measurement, p)
+
+
+def held_bounds(measurement: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the bounds of samples that repeat the value kept last, which is exact; p[0]: the deviation."""
     kept = np.concatenate([[True], np.diff(measurement) != 0.0])
     reach = np.where(kept, 0.0, p[0])
     return measurement - reach, measurement + reach
 
 
-def propose(clues: Clues) -> list[Values]:
-    """Return the step that the repeated values of the measurement show; none when values hardly repeat."""
+def recorded_steps(clues: Clues) -> tuple[float, str]:
+    """Return the step that the repeated values of the measurement show, and how it came about.
+
+    "rounded": few levels, a whole number of steps apart. "reported": no report is smaller than the step. "held": old
+    values are repeated, and some reports are small, as where a report is due after a longest time. "": no step.
+    """
     values = clues.measurement[clues.used]
     jumps = np.abs(np.diff(values))
     moved = jumps[jumps > 0.0]
     if moved.size < 3 or moved.size > (1.0 - REPEATS) * jumps.size:
-        return []
+        return 0.0, ""
     levels = np.unique(values)
     apart = np.diff(levels)
     # a rounded record has few levels, a whole number of steps apart; a record of exceptions has a level per report
     grid = float(np.median(apart[apart > 0.1 * np.median(apart)]))
     off = np.abs(moved / grid - np.rint(moved / grid))
     if levels.size < 0.5 * moved.size and np.mean(off < 0.05) > 0.9:
-        return [{"step": grid, "hold": 0.0}]
-    return [{"step": float(np.quantile(moved, 0.1)), "hold": 1.0}]
+        return grid, "rounded"
+    if float(np.min(moved)) > SHARP * float(np.quantile(moved, 0.05)):
+        return float(np.min(moved)), "reported"
+    return float(np.quantile(moved, 0.1)), "held"
+
+
+def propose(clues: Clues) -> list[Values]:
+    """Return the step that the repeated values of the measurement show; none when values hardly repeat."""
+    step, how = recorded_steps(clues)
+    return [{"step": step, "hold": float(how == "held")}] if how in ("rounded", "held") else []
 
 
 EFFECT = Effect(

@@ -18,14 +18,15 @@ from .shape import Effect, Parameter, Stage
 
 
 def start(p: FloatArray, interval: float, first: float) -> FloatArray:
-    """State: [position at the start of the sample, largest move in one sample]."""
-    return np.array([first, p[0] * interval])
+    """State: [position at the start of the sample, largest rise and largest fall in one sample]."""
+    return np.array([first, p[0] * interval, p[-1] * interval])
 
 
 def step(state: FloatArray, value: float, p: FloatArray) -> float:
     """Return the mean position over one sample."""
-    position, reach = state[0], state[1]
+    position = state[0]
     move = value - position
+    reach = state[1] if move > 0.0 else state[2]
     if abs(move) <= reach:
         state[0] = value
         if move == 0.0 or reach == np.inf:
@@ -40,7 +41,7 @@ def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
     """Return the mean positions for all samples."""
     from .fast import slew
 
-    return values if p[0] == np.inf else np.asarray(slew(values, p[0] * interval))
+    return values if np.all(p == np.inf) else np.asarray(slew(values, p[0] * interval, p[-1] * interval))
 
 
 def propose(clues: Clues) -> list[Values]:
@@ -63,6 +64,7 @@ EFFECT = Effect(
     fitting=Fitting(
         whole=whole,
         propose=propose,
+        rivals=("unequal_speed", "dead_time", "second_lag"),
         meaning="The actuator moves no faster than {rate}: large moves of the output arrive late. Check the air "
         "supply, the volume booster and the travel time of the actuator.",
     ),

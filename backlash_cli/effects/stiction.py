@@ -12,11 +12,16 @@ sticks again after every sample (He's model), so a ramp makes a staircase of ste
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..record import FloatArray
 from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
+
+# a slip jump below this share of the band moves the stem as backlash does
+LEAST_JUMP = 0.1
 
 
 def start(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -59,8 +64,10 @@ def propose(clues: Clues) -> list[Values]:
     dead_band = float(clues.known.get("backlash", {}).get("d", 0.0))  # type: ignore[arg-type]
     travel = float(np.ptp(clues.output))
     if dead_band > 0.0:
-        bands = dead_band * np.geomspace(0.95, 2.7, 28)
-        shares = np.geomspace(0.25, 1.0, 56)
+        # a physical valve of static friction Fs and moving friction Fc has S = Fs + Fc, J = Fs - Fc: mostly a tenth to
+        # a third of S, which moves the stem much as backlash of a little less than S does
+        bands = dead_band * np.concatenate([np.geomspace(0.95, 1.35, 24), np.geomspace(1.4, 2.7, 11)])
+        shares = np.concatenate([np.geomspace(LEAST_JUMP, 0.24, 10), np.geomspace(0.25, 1.0, 50)])
     else:
         bands = np.geomspace(0.006, 0.2, 30)
         shares = np.geomspace(0.25, 1.0, 7)
@@ -71,6 +78,11 @@ def propose(clues: Clues) -> list[Values]:
         for restick in (0.0, 1.0)
         for place in (-0.5, 0.5)
     ]
+
+
+def plausible(values: Values, travel: Callable[[float], float]) -> bool:
+    """True when the slip jump is large enough to tell the valve from one with play."""
+    return float(values["J"]) >= LEAST_JUMP * float(values["S"])  # type: ignore[arg-type]
 
 
 EFFECT = Effect(
@@ -90,6 +102,8 @@ EFFECT = Effect(
         propose=propose,
         whole=whole,
         search="jumpy",
+        plausible=plausible,
+        rivals=("sensor_hysteresis",),
         siblings=("backlash",),
         meaning="The valve sticks: the output must move {S} before the stem moves, and then it jumps by {J}. "
         "Check the packing, the seat and the actuator's size.",

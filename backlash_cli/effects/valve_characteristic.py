@@ -61,6 +61,7 @@ EFFECT = Effect(
     fitting=Fitting(
         whole=whole,
         propose=propose,
+        rivals=("sensor_curve",),
         meaning="The gain changes with the opening (curvature {curvature}): the loop is tuned right at one end only. "
         "Linearise it with a characteriser in the controller or positioner, or schedule the gain.",
     ),

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from ..effects import Effect
+from ..effects import Effect, Stage
 from ..effects.fitting import Values
 from .clues import Clue
 from .fit import Fit, Solver, descend, finished, fit, refit_noise
@@ -16,7 +16,7 @@ from .free import free_numbers, get, put
 from .judge import Judge, jumpy
 from .linear import linear_values
 from .noise import Noise, whitener
-from .pipeline import Part, Shape
+from .pipeline import Part, Shape, predict
 from .problem import Problem
 
 LAG_SHARES = (0.6, 1.0)
@@ -29,6 +29,10 @@ KEEP_JUMPY = 12
 WORTH_A_LOOK = 6.0
 # a start that is still this much worse than the model without the effect is not refined further
 HOPELESS = 4.0
+# a controller has made up for a load after about this many time constants
+ANSWERED = 10.0
+# share of the gain of the best effect that the look-alike of a jumpy one must reach
+HOPEFUL = 0.5
 
 
 def default_starts(effect: Effect) -> list[Values]:
@@ -77,7 +81,8 @@ def candidate(
     random = np.random.default_rng(seed)
     for ground, noise in grounds:
         solver = Solver(problem, whitener(noise, problem.used, problem.interval))
-        parts = starts(effect, Clue(problem, ground, solver.white, values), problem.columns)
+        entering = predict(problem, ground, solver.solve(ground)[0]) if effect.stage == Stage.SENSOR else None
+        parts = starts(effect, Clue(problem, ground, solver.white, values, entering), problem.columns)
         for shape in scan(solver, ground, parts, KEEP_JUMPY if jumpy(effect) else KEEP):
             if jumpy(effect):
                 shape = wander(solver, sweep(solver, shape), random, 40)
@@ -97,7 +102,7 @@ def best_of(
     if hopeful and not valleys and judge.score(hopeful[0]) > before + HOPELESS:
         return hopeful[0]
     best: Fit | None = None
-    for trial in finalists(trials, valleys):
+    for trial in finalists(hopeful or trials, valleys):
         noise, shape = trial.noise, trial.shape
         if valleys:
             solver = Solver(problem, whitener(noise, problem.used, problem.interval))
@@ -130,7 +135,14 @@ def plausible(problem: Problem, found: Fit) -> bool:
     if not any(check for check, _ in judged):
         return True
     values = linear_values(problem, found)
-    return all(check is None or check(values[place]) for check, place in judged)
+    reach = max(int(ANSWERED * max(found.shape.lag, problem.settings.Ti or 0.0) / problem.interval), 60)
+
+    def travel(time: float) -> float:
+        at = int(time / problem.interval)
+        moved = float(np.ptp(problem.output[max(at - reach // 10, 0) : at + reach]))
+        return moved if moved > 1e-6 else np.inf
+
+    return all(check is None or check(values[place], travel) for check, place in judged)
 
 
 def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Shape]:
@@ -190,13 +202,19 @@ def values_of(fitted: Fit, name: str) -> Values:
 def table(problem: Problem, judge: Judge, base: Fit, effects: Iterable[Effect], seed: int = 0) -> dict[str, Fit]:
     """Return the best fit with each effect added that is not in the model yet, by the effect's name."""
     out: dict[str, Fit] = {}
-    for effect in effects:
+    for effect in sorted(effects, key=jumpy):
         if not effect.fitted or effect.name in base.shape.names or effect.fitting.bounds is not None:
             continue
         like = [part.effect for part in base.shape.parts if effect.name in part.effect.fitting.siblings]
         if any(jumpy(other) or jumpy(effect) for other in like):
-            # one valve has one friction; `improve` sees whether the look-alike does better
+            # one valve has one friction; `search.rivals` sees whether the look-alike does better
             continue
+        if jumpy(effect) and out:
+            # a search with many valleys is dear: only where its smooth look-alike is among the good ones
+            gains = {name: base.deviance - fitted.deviance for name, fitted in out.items()}
+            like_gain = max((gains.get(name, 0.0) for name in effect.fitting.siblings), default=0.0)
+            if like_gain < HOPEFUL * max(gains.values()):
+                continue
         found = candidate(problem, judge, base, effect, known=out, seed=seed)
         if found is not None:
             out[effect.name] = found

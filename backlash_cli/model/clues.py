@@ -40,9 +40,12 @@ def lag_adjoint(z: FloatArray, h: float, tau: float) -> FloatArray:
 class Clue:
     """What is known about the loop when start values are proposed (see effects.fitting.Clues)."""
 
-    def __init__(self, problem: Problem, shape: Shape, white: Whitener, known: Mapping[str, Values]) -> None:
+    def __init__(
+        self, problem: Problem, shape: Shape, white: Whitener, known: Mapping[str, Values],
+        entering: FloatArray | None = None,
+    ) -> None:
         self._problem, self._shape, self._white = problem, shape, white
-        self.output = moved_output(problem, shape.parts)
+        self.output = moved_output(problem, shape.parts) if entering is None else entering
         self.measurement: FloatArray = problem.measurement
         self.used: NDArray[np.bool_] = problem.used
         self.interval = problem.interval

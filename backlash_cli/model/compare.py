@@ -8,17 +8,20 @@ from numpy.typing import NDArray
 from ..record import FloatArray, Note, Record
 from ..results import Comparison, Fitness, FittedEffect, FittedParameter, Model, Region, Series
 from .coarse_output import finer
+from .fit import BENT_ROUNDS
 from .holdout import better, folds, predicted_by, with_load
 from .holds import why_not
 from .intervals import process_parameters
 from .kept import apart, coefficients_of, in_ranges_of, kept_model, loads_left_out, parts_of, shape_of
 from .locate import regions
-from .pipeline import Part, Shape, as_tuple, moved_output, regressors
+from .pipeline import Part, Shape, as_tuple, moved_output, regressors, sensed, sensed_slopes
 from .problem import FEWEST_SAMPLES, Problem, problem_from_record
 from .recorder import distance
 from .search import baseline
 
 Mask = NDArray[np.bool_]
+# a setpoint that stays within this range [span] does not move
+STEADY = 1e-3
 
 
 def compare(record: Record, model: Model | None = None) -> Comparison:
@@ -117,14 +120,16 @@ def matched(
     def predict(s: Shape) -> tuple[FloatArray, float]:
         c = coefficients_of(model, problem, s)
         X = regressors(problem, s)
-        known = np.concatenate([c, np.zeros(X.shape[1] - len(c))])
-        rest = problem.measurement - X @ known
+        process = X @ np.concatenate([c, np.zeros(X.shape[1] - len(c))])
         # offset, start and holes belong to the record, not to the model
         own = np.column_stack([X[:, 1 : 3 + len(problem.holes)], X[:, len(c) :]])
         small = 1e-6 * np.eye(own.shape[1])
-        A = own[problem.used]
-        more = np.linalg.solve(A.T @ A + small, A.T @ rest[problem.used])
-        predicted = X @ known + own @ more
+        for _ in range(BENT_ROUNDS if s.sensors else 1):
+            rest = problem.measurement - sensed(problem, s, process)
+            slopes = sensed_slopes(problem, s, process, own)
+            A = slopes[problem.used]
+            process = process + own @ np.linalg.solve(A.T @ A + small, A.T @ rest[problem.used])
+        predicted = sensed(problem, s, process)
         return predicted, float(np.sum((problem.measurement - predicted)[problem.used] ** 2))
 
     def best(place: int, name: str, values: FloatArray) -> Shape:
@@ -183,12 +188,15 @@ def notes(problem: Problem, record: Record, model: Model | None = None) -> tuple
         out.append(Note("many_gaps", f"{100 * missing:.0f} % of the record is missing or bad", {"share": missing}))
     if problem.by_load:
         seconds = problem.ahead * problem.interval
+        steady = float(np.ptp(problem.setpoint[problem.used])) < STEADY
+        why = (f"OP answers mostly to the load: setpoint and operator move {100 * problem.driven:.0f} % of it" if steady
+               else f"only {100 * problem.driven:.0f} % of what OP does is a plain answer to the setpoint")
         message = (
-            f"OP answers mostly to the load: setpoint and operator move {100 * problem.driven:.0f} % of it. PV is "
-            f"predicted {seconds:g} s ahead, from OP and from what PV did until then; most of that error is load that "
-            "no model can know"
+            f"{why}. PV is predicted {seconds:g} s ahead, from OP and from what PV did until then; most of that error "
+            "is load that no model can know"
         )
-        out.append(Note("load_driven", message, {"driven": problem.driven, "ahead_s": seconds}))
+        code = "load_driven" if steady else "predicted_ahead"
+        out.append(Note(code, message, {"driven": problem.driven, "ahead_s": seconds}))
     if len(problem.holes):
         out.append(
             Note("output_holes", f"OP is missing in {len(problem.holes)} places; its mean there is fitted", {})

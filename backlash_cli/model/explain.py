@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,25 +12,28 @@ from ..effects import Effect, Stage
 from ..effects.registry import all_effects, load_effect
 from ..errors import UsageError
 from ..record import Note, Record
-from ..results import Candidate, Explanation, Fitness, Model, Step
+from ..results import Candidate, Explanation, Fitness, Model, Rest, Step
 from .candidates import candidate
 from .coarse_output import finer
 from .compare import notes, series_of, unexplained, where_it_fails
 from .fit import Fit, fit
 from .holdout import Tested, better, least_squares, predicted_by, tested
-from .intervals import fitted_effects, process_parameters
-from .judge import judge_for
+from .intervals import fitted_effects, moved_to, process_parameters
+from .judge import ENOUGH, judge_for
 from .kept import in_ranges_of, kept_model, parts_of, shape_of
+from .linear import linear_values
 from .pipeline import Part, moved_process
 from .problem import Problem, problem_from_record
-from .recorder import distance, fitted_problem, recorders
+from .prune import families
+from .recorder import distance, fitted_problem, only_reports, recorded_floor, recorders
 from .rounding import rounded, through_rounding
-from .search import ENOUGH, Found, baseline, families, search
+from .search import WEAK, Found, baseline, search
 from .why import marked, with_reasons
 
 # PV must move by this many times its noise before anything can be said about how it follows OP
 LEAST_MOTION = 3.0
-ALIKE = 20.0
+# the error on unseen samples without an effect that is clear is at least this many times larger
+LITTLE_LOWER = 1.03
 
 
 def explain(
@@ -55,11 +59,11 @@ def explain(
             why = "needs a measured column, and this record has none" if effect.fitted else "cannot be fitted"
             remedy = "backlash effects lists what can be added"
             raise UsageError(f"{effect.name} {why}", where=record.loop, remedy=remedy)
-    tries = [Looked(problem, *looked(record, problem, model, known, chosen, seed))]
+    tries = [Looked(*looked(record, problem, model, known, chosen, seed))]
     between = finer(problem)
     # rounding blurs how large an effect of the valve is and of which kind, it does not make one
     if between is not None and valve_effects(tries[0].found.final):
-        tries.append(Looked(between, *looked(record, between, model, known, chosen, seed)))
+        tries.append(Looked(*looked(record, between, model, known, chosen, seed)))
     # OP as recorded, unless PV says clearly that the valve got what OP was before it was rounded
     first, last = tries[0], tries[-1]
     same = valve_effects(first.found.final) == valve_effects(last.found.final)
@@ -96,12 +100,13 @@ class Looked:
 def looked(
     record: Record, problem: Problem, model: Model | None, known: Mapping[str, Effect], chosen: Sequence[Effect],
     seed: int,
-) -> tuple[Problem, Fit, Found, tuple[Part, ...], list[str]]:
-    """Return the problem as a fit sees it, its plain model, what the search found, recorders and the user's names."""
+) -> tuple[Problem, Problem, Fit, Found, tuple[Part, ...], list[str]]:
+    """Return the problem, also as a fit sees it, its plain model, what was found, recorders and the user's names."""
     base = baseline(problem)
     given = parts_of(model, problem, float(record.time[0])) if model is not None else ()
     shown = recorders(problem, base, [e for e in known.values() if not chosen or e in chosen])
     held = tuple([p for p in given if p.is_recorder] or shown)
+    problem = replace(problem, floor=recorded_floor(problem, held, base))
     seen = fitted_problem(problem, held)
     if held:
         base = baseline(seen)
@@ -113,9 +118,10 @@ def looked(
             if effect.fitting.bounds is None and effect.name not in start.shape.names:
                 start = candidate(seen, judge, start, effect, seed=seed, must=True) or start
                 by_user.append(effect.name)
-    found = search(seen, () if chosen else tuple(known.values()), start, seed=seed)
+    tries = [e for e in known.values() if not (e.fitting.seldom and only_reports(problem, held))]
+    found = search(seen, () if chosen else tries, start, seed=seed)
     found = replace(found, final=through_rounding(seen, held, found.final))
-    return seen, base, found, held, by_user
+    return problem, seen, base, found, held, by_user
 
 
 def as_effect(effect: Effect | str) -> Effect:
@@ -152,15 +158,26 @@ def assemble(
     order = [n for n in by_user if n in found.final.shape.names]
     order += sorted((n for n in found.final.shape.names if n not in order), key=lambda n: -found.gain(n))
     ladder = rungs(problem, seen, base, found.final, held, order)
+    fitted = {e.effect: e for e in fitted_effects(seen, found.final, held, careful=not rounded(seen, held))}
+    if ladder and ladder[-1][1].fit.shape is not found.final.shape:
+        # the smallest error may be that of another plant, where OP answers to loads: its numbers must agree
+        name, likelier = ladder[-1][0], tested(problem, found.final, held)
+        values = zip(found.final.shape.names, linear_values(seen, ladder[-1][1].fit), strict=True)
+        moved = [moved_to(fitted[name], own) for name, own in values]
+        if all(allowed for _, allowed in moved) or likelier.rmse_holdout > plain.rmse_holdout:
+            fitted.update({effect.effect: effect for effect, _ in moved})
+        else:
+            ladder[-1] = (name, likelier)
     steps = [Step(None, plain.rmse_holdout, plain.rmse, predicted_by(problem, plain.fit))]
     steps += [
         Step(name, t.rmse_holdout, t.rmse, predicted_by(problem, t.fit), "user" if name in by_user else "search")
         for name, t in ladder
     ]
     last = ladder[-1][1] if ladder else plain
-    fitted = {e.effect: e for e in fitted_effects(seen, found.final, held, careful=not rounded(seen, held))}
     names = [*(p.effect.name for p in held), *order]
-    gain, alikes = found.final.gain, alike(found)
+    gain, alikes = found.final.gain, alike(found, held)
+    sure = {**{p.effect.name: "clear" for p in held}, **confidence(
+        found, by_user, steps, alikes, only_reports(problem, held))}
     siblings = {part.effect.name: part.effect.fitting.siblings for part in found.final.shape.parts}
     candidates = with_reasons(problem, gain, tried(problem, seen, found, plain, names), names, alikes, siblings, reason,
                               ENOUGH)
@@ -173,7 +190,9 @@ def assemble(
         noise_floor=problem.floor,
         candidates=candidates,
         steps=tuple(steps),
-        effects=marked(problem, gain, (fitted[n] for n in names)),
+        effects=marked(problem, gain, (replace(fitted[n], confidence=sure[n]) for n in names)),
+        adequate=found.adequate,
+        rest=Rest(last.rmse_holdout / problem.floor, found.left.goes_with),
         missing_effect=names[0] if names else None,
         where=where,
         where_before=where_it_fails(record, problem, before, plain.fit.shape),
@@ -189,6 +208,7 @@ def assemble(
         model=kept_model(record, seen, last.fit, held, last.rmse_holdout),
         details={
             "gains": {name: found.gain(name) for name in found.without},
+            "left": {"score": found.left.score, "share": found.left.share},
             "noise": {"ratio": last.fit.noise.ratio, "slow": last.fit.noise.slow, "fast": last.fit.noise.fast},
         },
     )
@@ -231,17 +251,36 @@ def tried(
     return tuple(sorted(out, key=lambda c: (c.effect not in accepted, c.rmse_holdout)))
 
 
-def alike(found: Found) -> tuple[tuple[str, str], ...]:
-    """Return pairs of an accepted effect and a look-alike that scores within ALIKE of it."""
-    out = []
+def alike(found: Found, held: Sequence[Part]) -> tuple[tuple[str, str], ...]:
+    """Return pairs of an accepted effect and one that the record cannot tell from it."""
+    told = [(part.effect.name, other) for part in held for other in part.effect.fitting.siblings]
+    return (*told, *found.alike())
+
+
+def confidence(
+    found: Found, by_user: Sequence[str], steps: Sequence[Step], alikes: Sequence[tuple[str, str]], reports: bool
+) -> dict[str, str]:
+    """Return for each accepted effect how sure it is: clear, likely or stand_in.
+
+    A stand-in lowers the error, but what is left matters beside it, or an effect of another kind does as well in its
+    place. An effect with a look-alike of its own kind, or that lowers the error little, is likely.
+    reports: PV is known only where an exception test let it through, which looks like a valve that moves in jumps.
+    """
+    out = {}
+    errors = {step.added: (before.rmse_holdout, step.rmse_holdout) for before, step in pairwise(steps)}
     for part in found.final.shape.parts:
-        name = part.effect.name
-        for other in part.effect.fitting.siblings:
-            if other in found.first and name in found.first and other not in found.final.shape.names:
-                gap = found.judge.score(found.first[other]) - found.judge.score(found.first[name])
-                if gap < ALIKE:
-                    out.append((name, other))
-    return tuple(out)
+        name, fitting = part.effect.name, part.effect.fitting
+        others = [other for taken, other in alikes if taken == name]
+        before, after = errors.get(name, (1.0, 1.0))
+        gain = found.gain(name) if name in found.without else 0.0
+        jumps = reports and part.on_output and part.effect.stage == Stage.VALVE
+        if fitting.seldom or jumps or not found.left.adequate([gain]) or any(o not in fitting.siblings for o in others):
+            out[name] = "stand_in"
+        elif not found.adequate or name in by_user or others or before < LITTLE_LOWER * after or gain < WEAK:
+            out[name] = "likely"
+        else:
+            out[name] = "clear"
+    return out
 
 
 def margin(found: Found) -> tuple[float, str] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,12 +12,26 @@ from ..record import FloatArray
 from .free import Free, free_numbers, get, put
 from .noise import Noise, Whitener, whitener
 from .noise_fit import fit_noise
-from .pipeline import Part, Shape, beside, load_regressors, moved_output, moved_process, predict, spreads
+from .pipeline import (
+    Part,
+    Shape,
+    beside,
+    load_regressors,
+    moved_output,
+    moved_process,
+    predict,
+    regressors,
+    sensed,
+    sensed_slopes,
+    spreads,
+)
 from .problem import Problem
 from .response import whitened_gains
 
 # moved outputs held in memory at once
 BATCH = 64
+# steps to the linear numbers behind a transmitter that is not linear
+BENT_ROUNDS, COLD_ROUNDS, BENT_ENOUGH = 6, 25, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +55,9 @@ class Fit:
         return float(self.coefficients[0])
 
 
-def on_output(part: Part) -> bool:
+def moves_output(part: Part) -> bool:
     """True for an effect that changes the moved output only, and no other column."""
-    return not part.is_linear and part.effect.stage != Stage.PROCESS
+    return part.on_output and part.effect.stage != Stage.PROCESS
 
 
 class Solver:
@@ -51,9 +65,10 @@ class Solver:
 
     def __init__(self, problem: Problem, white: Whitener) -> None:
         self.problem, self.white = problem, white
-        self._y = white.one(problem.measurement)
+        self._measured = self._y = white.one(problem.measurement)
         self._yy = float(self._y @ self._y)
         self._key: object = None
+        self._bent: FloatArray | None = None
         self._others = np.empty((0, 0))
         self._gram = np.empty((0, 0))
         self._cross = np.empty(0)
@@ -61,7 +76,7 @@ class Solver:
         self._G = np.empty((0, 0))
 
     def _use(self, shape: Shape) -> None:
-        own = [p for p in shape.parts if not on_output(p)]
+        own = [p for p in shape.parts if not moves_output(p)]
         delay = shape.delay if self.problem.holes else 0.0
         key = (shape.lag, delay, *[(p.effect.name, p.column, tuple(p.values.items())) for p in own])
         if key != self._key:
@@ -74,21 +89,63 @@ class Solver:
 
     def solve(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened moved process of a shape."""
+        if shape.sensors:
+            return self._solve_bent(shape)
+        if self._y is not self._measured:
+            self._y, self._yy = self._measured, float(self._measured @ self._measured)
         self._use(shape)
-        x = self.white.one(moved_process(self.problem, shape))
+        return self._solved(self.white.one(moved_process(self.problem, shape)))
+
+    def _solved(self, x: FloatArray) -> tuple[FloatArray, float, FloatArray]:
         m = len(self._cross) + 1
         G = np.empty((m, m))
         G[1:, 1:] = self._gram
         G[0, 1:] = G[1:, 0] = x @ self._others
         G[0, 0] = x @ x
         b = np.concatenate([[x @ self._y], self._cross])
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-300))
-        A = G * scale[:, None] * scale
-        # a trace of damping, so that a column that does nothing gets the coefficient 0
-        A[np.diag_indices(m)] += 1e-10
-        c = np.linalg.solve(A, scale * b) * scale
         self._x, self._G = x, G
+        c = self.inverse(b[:, None])[:, 0]
         return c, max(self._yy - float(c @ (2.0 * b - G @ c)), 1e-300), x
+
+    def _solve_bent(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
+        """As `solve`, where a transmitter that is not linear shows the sum of the columns: Gauss-Newton steps."""
+        problem, white = self.problem, self.white
+        raw = regressors(problem, shape)
+        ridge = (problem.floor / spreads(problem, raw[:, 1:])) ** 2
+        known = self._bent
+        cold = known is None or len(known) != raw.shape[1]
+        if known is None or cold:
+            known = self.solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
+        c = known
+        found: tuple[FloatArray, FloatArray, FloatArray] | None = None
+        best = np.inf
+        for _ in range(COLD_ROUNDS if cold else BENT_ROUNDS):
+            process = raw @ c
+            off = white.one(problem.measurement - sensed(problem, shape, process))
+            rss = float(off @ off)
+            if found is not None and rss >= best:
+                c = 0.5 * (c + found[0])
+                continue
+            gained, best = best - rss, rss
+            columns = white.columns(sensed_slopes(problem, shape, process, raw))
+            found = (c, columns, off)
+            c = self._take(columns, off + columns @ c, ridge)
+            if gained < BENT_ENOUGH * best:
+                break
+        assert found is not None
+        c, columns, off = found
+        self._bent = c
+        self._take(columns, off + columns @ c, ridge)
+        return c, max(best, 1e-300), columns[:, 0]
+
+    def _take(self, columns: FloatArray, measured: FloatArray, ridge: FloatArray) -> FloatArray:
+        """Take whitened columns (samples, columns) and measurement (samples,) as the ones to solve; return their c."""
+        self._key, self._y, self._yy = None, measured, float(measured @ measured)
+        self._others = columns[:, 1:]
+        self._cross = self._others.T @ measured
+        self._gram = self._others.T @ self._others
+        self._gram[np.diag_indices(len(self._gram))] += ridge
+        return self._solved(columns[:, 0])[0]
 
     def cross(self, Z: FloatArray) -> FloatArray:
         """Return the columns of the shape solved last times those of Z (samples, numbers), (columns, numbers)."""
@@ -97,6 +154,7 @@ class Solver:
     def inverse(self, B: FloatArray) -> FloatArray:
         """Return (columns, numbers) that the shape solved last turns into B."""
         scale = 1.0 / np.sqrt(np.maximum(np.diag(self._G), 1e-300))
+        # a trace of damping, so that a column that does nothing gets the coefficient 0
         A = self._G * np.outer(scale, scale) + 1e-10 * np.eye(len(scale))
         out: FloatArray = np.linalg.solve(A, scale[:, None] * B) * scale[:, None]
         return out
@@ -112,7 +170,8 @@ class Solver:
 
     def rss_of_many(self, shapes: Sequence[Shape]) -> list[float]:
         """Return the whitened sums of squares of shapes that share lag and delay; fast where the loads are the same."""
-        if not shapes or any(self._differs(shapes[0], shape) for shape in shapes[1:2]):
+        bent = any(p.on_load or p.on_sensor for shape in shapes[:1] for p in shape.parts)
+        if not shapes or bent or any(self._differs(shapes[0], shape) for shape in shapes[1:2]):
             return [self.rss(shape) for shape in shapes]
         out: list[float] = []
         self._use(shapes[0])
@@ -132,7 +191,7 @@ class Solver:
     @staticmethod
     def _differs(one: Shape, other: Shape) -> bool:
         """True when two shapes differ in more than what moves the output."""
-        return [p for p in one.parts if not on_output(p)] != [p for p in other.parts if not on_output(p)]
+        return [p for p in one.parts if not moves_output(p)] != [p for p in other.parts if not moves_output(p)]
 
     def rest(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened rest (samples,) of a shape."""
@@ -177,7 +236,16 @@ def curvature(solver: Solver, shape: Shape, free: list[Free]) -> tuple[FloatArra
     The linear numbers follow the searched ones, but what their following does to the slopes in second order is left
     out (Kaufman, BIT 15, 1975): one column per number instead of a new solution.
     """
-    c, _, rest = solver.rest(shape)
+    _, _, rest = solver.rest(shape)
+    Z = slopes(solver, shape, free)
+    B = solver.cross(Z)
+    return Z.T @ Z - B.T @ solver.inverse(B), -Z.T @ rest
+
+
+def slopes(solver: Solver, shape: Shape, free: list[Free]) -> FloatArray:
+    """Return the change of the whitened prediction per unit of each searched number, (samples, numbers); the linear
+    numbers stay."""
+    c = solver.solve(shape)[0]
     here = predict(solver.problem, shape, c)
     numbers = get(shape, free)
     D = []
@@ -186,21 +254,7 @@ def curvature(solver: Solver, shape: Shape, free: list[Free]) -> tuple[FloatArra
         moved = numbers.copy()
         moved[j] += step
         D.append((predict(solver.problem, put(shape, free, moved), c) - here) / step)
-    Z = solver.white.columns(beside(D))
-    B = solver.cross(Z)
-    return Z.T @ Z - B.T @ solver.inverse(B), -Z.T @ rest
-
-
-def slopes(solver: Solver, shape: Shape, rest: FloatArray, free: list[Free]) -> FloatArray:
-    """Return the change of the whitened rest per unit of each searched number, (samples, numbers)."""
-    numbers = get(shape, free)
-    J = np.empty((len(rest), len(free)))
-    for j, f in enumerate(free):
-        step = f.step if numbers[j] + f.step <= f.high else -f.step
-        moved = numbers.copy()
-        moved[j] += step
-        J[:, j] = (solver.rest(put(shape, free, moved))[2] - rest) / step
-    return J
+    return solver.white.columns(beside(D))
 
 
 def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3) -> Fit:

@@ -17,6 +17,9 @@ from .problem import Problem
 LAGS_PER_STRETCH = 6.0
 # a slow loop still gets weight enough that a model which does not predict cannot win
 LEAST_STRETCHES, MOST_STRETCHES = 30.0, 150.0
+# gain in score that an effect must bring, price paid: about what one more value costs twice. Loops with nothing hidden
+# gain up to 10 by chance; `python -m tests.benchmarks.explain_benchmark --kind none` counts those that gain more
+ENOUGH = 20.0
 # more than any likelihood
 WRONG_WAY = 1e7
 
@@ -47,9 +50,9 @@ class Judge:
 
     def price_of(self, part: Part) -> float:
         """Return the price of one effect; a value picked from all places of the record costs twice, and narrow
-        valleys, of which one is always deep by chance, cost two values more."""
+        valleys, of which one is always deep by chance, cost two values more, as does an effect that is seldom."""
         fitting = part.effect.fitting
-        total = 2.0 if jumpy(part.effect) else 0.0
+        total = 2.0 if jumpy(part.effect) or fitting.seldom else 0.0
         for q in part.effect.parameters:
             value = part.values.get(q.name)
             if value is None or q.choices or (q.nuisance and not q.many) or not np.all(np.isfinite(as_tuple(value))):

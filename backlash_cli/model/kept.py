@@ -171,10 +171,3 @@ def coefficients_of(model: Model, problem: Problem, shape: Shape) -> FloatArray:
                 else:
                     out.append(model.Kp * value)
     return np.array(out, dtype=np.float64)
-
-
-def freed(model: Model, parts: Sequence[Part], problem: Problem) -> Shape:
-    """Return the shape of a model as a start for a fit: what is solved for is set to nothing."""
-    shape = shape_of(model, parts)
-    delay = shape.delay if problem.delay is None else problem.delay
-    return replace(shape, delay=delay)

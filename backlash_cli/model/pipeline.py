@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import EFFECTS, Effect, Stage
+from ..effects.fast import late
 from ..effects.fitting import Values
 from ..record import FloatArray
 from .problem import Hole, Problem
@@ -17,6 +18,8 @@ ORDER = {stage: i for i, stage in enumerate(Stage)}
 # a load moves PV by less than this [span]
 USUAL_SPAN = 0.5
 MOST_REMEMBERED, FEW_REMEMBERED = 60, 16
+# move of PV [span] by which the slopes of a transmitter are taken
+SMALL_MOVE = 1e-4
 PLACE = {effect.name: i for i, effect in enumerate(EFFECTS)}
 
 
@@ -42,6 +45,21 @@ class Part:
         """True when the effect belongs to the recorder and does not move the prediction."""
         return self.effect.fitting.bounds is not None
 
+    @property
+    def on_output(self) -> bool:
+        """True for an effect between the controller and the process that is not linear."""
+        return not self.is_linear and self.effect.stage in (Stage.COMMAND, Stage.VALVE, Stage.PROCESS)
+
+    @property
+    def on_load(self) -> bool:
+        """True for an effect that acts where loads meet the process, after the dead time, and is not linear."""
+        return not self.is_linear and self.effect.stage == Stage.LOAD
+
+    @property
+    def on_sensor(self) -> bool:
+        """True for an effect of the transmitter: it acts on PV after the process and all loads."""
+        return self.effect.stage == Stage.SENSOR and not self.is_recorder
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -66,6 +84,11 @@ class Shape:
         return replace(self, parts=tuple(parts))
 
     @property
+    def sensors(self) -> tuple[Part, ...]:
+        """The effects of the transmitter."""
+        return tuple(p for p in self.parts if p.on_sensor)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects, in the order a signal meets them."""
         return tuple(p.effect.name for p in self.parts)
@@ -77,8 +100,8 @@ def in_order(parts: Sequence[Part]) -> tuple[Part, ...]:
 
 
 def moved_output(problem: Problem, parts: Sequence[Part]) -> FloatArray:
-    """Return the output (samples,) after all effects that are not linear and not of the recorder."""
-    movers = [part for part in parts if not part.is_linear and not part.is_recorder]
+    """Return the output (samples,) after all effects between the controller and the process that are not linear."""
+    movers = [part for part in parts if part.on_output]
     if not movers:
         return problem.output
     # most trials of a fit change the process or the loads only
@@ -147,9 +170,36 @@ def as_tuple(value: object) -> tuple[float, ...]:
     return tuple(value) if isinstance(value, tuple | list) else (float(value),)  # type: ignore[arg-type]
 
 
+def into_process(problem: Problem, shape: Shape) -> tuple[FloatArray, float]:
+    """Return what enters the first lag of the process per unit of gain (samples,), and by how much it is delayed [s].
+
+    An effect on the load that is not linear acts on what has passed the dead time, so that none is left then.
+    """
+    moved = moved_output(problem, shape.parts)
+    loads = [part for part in shape.parts if part.on_load]
+    if not loads:
+        return moved, shape.delay
+    return through(problem, loads, late(moved, shape.delay / problem.interval)), 0.0
+
+
 def moved_process(problem: Problem, shape: Shape) -> FloatArray:
     """Return how the process follows the moved output, per unit of gain, (samples,)."""
-    return delayed_lag(moved_output(problem, shape.parts), problem.interval, shape.lag, shape.delay)
+    moved, delay = into_process(problem, shape)
+    return delayed_lag(moved, problem.interval, shape.lag, delay)
+
+
+def sensed(problem: Problem, shape: Shape, process: FloatArray) -> FloatArray:
+    """Return what the transmitter shows of the process's own value (samples,)."""
+    return through(problem, shape.sensors, process)
+
+
+def sensed_slopes(problem: Problem, shape: Shape, process: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return how what the transmitter shows changes per unit of each column (samples, columns) added to `process`."""
+    if not shape.sensors:
+        return columns
+    here = sensed(problem, shape, process)
+    steps = SMALL_MOVE / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
+    return beside([(sensed(problem, shape, process + e * x) - here) / e for e, x in zip(steps, columns.T, strict=True)])
 
 
 def beside(columns: Sequence[FloatArray]) -> FloatArray:
@@ -164,7 +214,7 @@ def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
     last, for each further lag of the process, what it has to forget of its start.
     """
     h, n, tau = problem.interval, problem.samples, shape.lag
-    process = [part for part in shape.parts if part.effect.stage == Stage.PROCESS]
+    process = [part for part in shape.parts if part.on_output and part.effect.stage == Stage.PROCESS]
     lags = [part for part in process if part.effect.fitting.on_loads]
     columns = [np.ones(n), forgotten(n, h, tau)]
     for hole in problem.holes:
@@ -198,9 +248,10 @@ def kick(problem: Problem, lag: float) -> FloatArray:
 
 
 def predict(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatArray:
-    """Return predicted PV (samples,): `regressors` times coefficients, with one lag for all that goes through it."""
+    """Return predicted PV (samples,): `regressors` times coefficients as the transmitter shows them, with one lag for
+    all that goes through it."""
     h, n = problem.interval, problem.samples
-    process = [part for part in shape.parts if part.effect.stage == Stage.PROCESS]
+    process = [part for part in shape.parts if part.on_output and part.effect.stage == Stage.PROCESS]
     lags = [part for part in process if part.effect.fitting.on_loads]
     first_load = 3 + len(problem.holes)
     place = first_load
@@ -214,17 +265,18 @@ def predict(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatAr
         direct = after(problem, lag, direct)
     for lag, size in zip(lags, coefficients[place:], strict=True):
         direct = direct + size * after(problem, lag, kick(problem, shape.lag))
-    late = coefficients[0] * moved_output(problem, shape.parts)
+    moved, delay = into_process(problem, shape)
+    passed = coefficients[0] * moved
     for hole, size in zip(problem.holes, coefficients[3:first_load], strict=True):
-        late += size * through(problem, process, pulse(problem, hole))
-    if shape.delay == 0.0:
-        out = delayed_lag(late + direct, h, shape.lag, 0.0)
+        passed = passed + size * through(problem, process, pulse(problem, hole))
+    if delay == 0.0:
+        out = delayed_lag(passed + direct, h, shape.lag, 0.0)
     else:
-        out = delayed_lag(late, h, shape.lag, shape.delay)
+        out = delayed_lag(passed, h, shape.lag, delay)
         if place > first_load or lags:
             out += delayed_lag(direct, h, shape.lag, 0.0)
     predicted: FloatArray = out + coefficients[1] + coefficients[2] * forgotten(n, h, shape.lag)
-    return predicted
+    return sensed(problem, shape, predicted)
 
 
 def spreads(problem: Problem, columns: FloatArray) -> FloatArray:

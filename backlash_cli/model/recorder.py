@@ -36,6 +36,26 @@ def fitted_problem(problem: Problem, parts: Sequence[Part]) -> Problem:
     return problem
 
 
+def only_reports(problem: Problem, parts: Sequence[Part]) -> bool:
+    """True when old values are repeated, so that PV is known only where an exception test let it through."""
+    low, high = limits(problem, parts)
+    wide = problem.used & (high > low)
+    return bool(np.any(wide)) and not np.all(wide[problem.used])
+
+
+def recorded_floor(problem: Problem, parts: Sequence[Part], base: Fit) -> float:
+    """Return the noise floor of what a recorder left: repeats hide the noise, a step of q stands for q / sqrt(12).
+
+    Where old values repeat, the reports themselves are exact, so that the plain model's error there is a limit, too.
+    """
+    low, high = limits(problem, parts)
+    wide = problem.used & (high > low)
+    if not np.any(wide):
+        return problem.floor
+    step = float(np.mean((high - low)[wide])) / np.sqrt(12.0)
+    return max(problem.floor, step if np.all(wide[problem.used]) else min(0.5 * step, base.rmse))
+
+
 def limits(problem: Problem, parts: Sequence[Part]) -> tuple[FloatArray, FloatArray]:
     """Return the lowest and highest true PV of each sample, (samples,) each; equal where nothing was rounded."""
     low = high = problem.measurement

@@ -51,36 +51,6 @@ def forgotten(samples: int, h: float, tau: float) -> FloatArray:
     return out
 
 
-def distinct(taus: FloatArray) -> FloatArray:
-    """Return the time constants pushed apart by at least 0.01 %, so that partial fractions exist.
-
-    >>> distinct(np.array([5.0, 5.0])).tolist()
-    [5.0, 5.0005]
-    """
-    out = np.sort(np.asarray(taus, dtype=np.float64))
-    for i in range(1, len(out)):
-        out[i] = max(out[i], out[i - 1] * 1.0001)
-    return out
-
-
-def respond(u: FloatArray, h: float, taus: FloatArray, delay: float = 0.0) -> FloatArray:
-    """Return how lags in series with time constants `taus` [s] follow u after `delay` [s], by partial fractions."""
-    poles = distinct(taus)
-    if len(poles) == 1:
-        return delayed_lag(u, h, poles[0], delay)
-    out = np.zeros(len(u))
-    for i, tau in enumerate(poles):
-        others = np.delete(poles, i)
-        out += np.prod(tau / (tau - others)) * delayed_lag(u, h, tau, delay)
-    return out
-
-
-def transients(samples: int, h: float, taus: FloatArray) -> list[FloatArray]:
-    """Return how each lag forgets its unknown start: exp(-t/tau), one (samples,) array per time constant."""
-    t = h * np.arange(samples)
-    return [np.exp(-t / tau) for tau in distinct(taus)]
-
-
 @numba.njit(cache=True)
 def whitened_gains(moved, h, tau, delay, a1, a2, gain, weight, Q, rest):
     """Return by how much each moved output (rows of `moved`) would lower the whitened sum of squares, (rows,).

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from ..record import FloatArray, LoopSettings
 from ..results import Comparison, FittedEffect, FittedParameter, Region, Series
 from . import explain_figures as figures
-from .explain_words import error_size, fails, plain_name, predicted_name, share, span_words, still_holds
+from .explain_words import error_size, fails, plain_name, predicted_name, share, span_words, still_holds, sureness
 from .loop_page import note_table
 from .page import Cell, Section, Table, page
 from .parameter_words import meaning, numbers, quantity
@@ -20,7 +21,7 @@ def compare_page(c: Comparison) -> str:
     """Return the page of a comparison."""
     rows: list[list[object]] = [
         [name, error(f.rmse), error(f.rmse_holdout)]
-        for name, f in ([("this model", c.fitness)] if c.effects else []) + [("plain model", c.baseline)]
+        for name, f in ([] if c.fitted else [("this model", c.fitness)]) + [("plain model", c.baseline)]
     ]
     rows.append(["noise floor", error(c.noise_floor), None])
     text = [] if not still_holds(c) else [
@@ -86,13 +87,31 @@ def effect_sections(effects: Sequence[FittedEffect], settings: LoopSettings, ser
     start = None if series is None else float(series.time[0])
     parts = [
         Section(plain_name(e.effect).capitalize(),
-                text=[meaning(e, settings, start), *(f"Take care: {note.message}." for note in e.notes)],
-                table=Table(["Parameter", "What it is", "Value"],
-                            [[name, e.parameters[name].meaning if name in e.parameters else "measured column", said]
-                             for name, said in numbers(e, settings, start).items()], sortable=False))
+                text=[meaning(e, settings, start), *filter(None, [sureness(e)]),
+                      *(f"Take care: {note.message}." for note in e.notes)],
+                table=_events(e, settings, start) or Table(
+                    ["Parameter", "What it is", "Value"],
+                    [[name, e.parameters[name].meaning if name in e.parameters else "measured column", said]
+                     for name, said in numbers(e, settings, start).items()], sortable=False))
         for e in effects
     ]
     return [Section("What it means in the plant", parts=parts, anchor="effects")]
+
+
+def _events(effect: FittedEffect, settings: LoopSettings, start: float | None) -> Table | None:
+    """An effect of several events as a table, one event in a row; None for any other."""
+    lists = {n: p for n, p in effect.parameters.items() if isinstance(p.value, tuple) and not p.nuisance}
+    counts = {len(p.value) for p in lists.values() if isinstance(p.value, tuple)}
+    if len(lists) < 2 or len(counts) != 1:
+        return None
+
+    def one(p: FittedParameter, i: int) -> str:
+        assert isinstance(p.value, tuple)
+        own = None if p.ci95 is None else (p.ci95[i],)
+        only = replace(p, value=(p.value[i],), ci95=own)  # type: ignore[arg-type]
+        return quantity(only, effect.stage, settings, start)
+
+    return Table(list(lists), [[one(p, i) for p in lists.values()] for i in range(counts.pop())], sortable=False)
 
 
 def depends_on(series: Series, predictions: Mapping[str, FloatArray], noise_floor: float) -> Section:

@@ -19,7 +19,8 @@ STEM = "#0b8a9e"
 STEP_COLOURS = (QUIET, "#d1345b", "#2a9d5c", "#7a5bc7", "#b8578f", "#5a6b00")
 SHADES = ("rgba(209,52,91,0.18)", "rgba(199,119,0,0.18)", "rgba(42,157,92,0.18)", "rgba(122,91,199,0.18)",
           "rgba(11,138,158,0.18)", "rgba(141,153,165,0.22)")
-POINTS = 8000  # per line: every sample of a usual record, so that zooming in loses nothing
+POINTS = 4000  # per line: a page of five steps stays below 3 MB
+USUAL = 0.99  # share of the residuals that the axis shows at least
 SHADED = 6  # kinds of regions offered for shading
 ROWS = {"yaxis": [0.52, 1.0], "yaxis2": [0.25, 0.46], "yaxis3": [0.0, 0.19]}
 
@@ -38,7 +39,7 @@ def overlay(
     lines += _stems(series, settings)
     shaded = [r for r in (fails(regions) or regions) if r.stretches][:SHADED]
     lines += [shading(series, region, place) for place, region in enumerate(shaded)]
-    return {"data": lines, "layout": _layout(settings, noise_floor)}
+    return {"data": lines, "layout": _layout(settings, noise_floor, [series.residual])}
 
 
 def _stems(series: Series, settings: LoopSettings) -> list[Figure]:
@@ -68,7 +69,8 @@ def ladder_overlay(series: Series, steps: Sequence[Step], settings: LoopSettings
             line(series, rest, _width(settings.pv_range), f"residual {name}", colour, "y2") | {"showlegend": False},
         ]
         lines += [one | {"visible": place in shown, "legendgroup": name} for one in pair]
-    layout = _layout(settings, noise_floor)
+    rests = [np.where(series.used, series.measured - prediction, np.nan) for _, _, prediction in drawn]
+    layout = _layout(settings, noise_floor, rests)
     layout["updatemenus"] = [_buttons(drawn, always)]
     layout["margin"] = {"b": 90}
     return {"data": lines, "layout": layout}
@@ -175,7 +177,7 @@ def shading(series: Series, region: Region, place: int) -> Figure:
             "visible": True if place == 0 else "legendonly"}
 
 
-def _layout(settings: LoopSettings, noise_floor: float) -> Figure:
+def _layout(settings: LoopSettings, noise_floor: float, rests: Sequence[FloatArray] = ()) -> Figure:
     titles = {"yaxis": "PV", "yaxis2": "residual", "yaxis3": "OP"}
     layout: Figure = {key: {"title": {"text": titles[key]}, "domain": domain} for key, domain in ROWS.items()}
     layout["yaxis4"] = {"overlaying": "y2", "range": [0, 1], "fixedrange": True, "visible": False, "side": "right"}
@@ -184,6 +186,10 @@ def _layout(settings: LoopSettings, noise_floor: float) -> Figure:
     band = 2 * noise_floor * (high - low)
     layout["shapes"] = [{"type": "line", "xref": "paper", "x0": 0, "x1": 1, "yref": "y2", "y0": y, "y1": y,
                          "line": {"color": QUIET, "width": 1, "dash": "dot"}} for y in (-band, band)]
+    known = [np.abs(rest[np.isfinite(rest)]) for rest in rests]
+    if reach := max((float(np.quantile(r, USUAL)) for r in known if r.size), default=0.0):
+        # a model is often far off in its first seconds; the legend's lines go on beyond the axis
+        layout["yaxis2"]["range"] = [side * 1.5 * max(reach * (high - low), band) for side in (-1.0, 1.0)]
     return layout | {"hovermode": "x", "height": 640}
 
 

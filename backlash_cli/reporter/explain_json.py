@@ -31,6 +31,8 @@ def explanation(e: Explanation) -> dict[str, Any]:
         "where": [_region(r) for r in e.where],
         "where_before": [_region(r) for r in e.where_before],
         "unexplained": e.unexplained,
+        "adequate": e.adequate,
+        "rest": None if e.rest is None else {"times_noise": e.rest.times_noise, "goes_with": list(e.rest.goes_with)},
         "verdict": e.verdict,
         "reasons": [_note(n) for n in e.reasons],
         "look_alikes": [list(pair) for pair in e.look_alikes],
@@ -43,8 +45,9 @@ def explanation(e: Explanation) -> dict[str, Any]:
 def comparison(c: Comparison) -> dict[str, Any]:
     """Return a comparison in the same fields: no candidates, and the model's effects as they stand."""
     steps: list[dict[str, Any]] = [{"added": None, "rmse_holdout": c.baseline.rmse_holdout, "rmse": c.baseline.rmse}]
-    if c.effects:
-        last = {"added": c.effects[-1].effect, "rmse_holdout": c.fitness.rmse_holdout, "rmse": c.fitness.rmse}
+    if not c.fitted:
+        name = c.effects[-1].effect if c.effects else "model"
+        last = {"added": name, "rmse_holdout": c.fitness.rmse_holdout, "rmse": c.fitness.rmse}
         steps.append({**last, "chosen": "user"})
     return {
         **_head(c),
@@ -116,7 +119,10 @@ def _candidate(c: Candidate) -> dict[str, Any]:
 
 
 def _effect(f: FittedEffect) -> dict[str, Any]:
-    return {"effect": f.effect, **_numbers(f), "sentence": f.sentence, "notes": [_note(n) for n in f.notes]}
+    notes = [_note(n) for n in f.notes]
+    return {
+        "effect": f.effect, "confidence": f.confidence or None, **_numbers(f), "sentence": f.sentence, "notes": notes,
+    }
 
 
 def _region(r: Region) -> dict[str, Any]:

@@ -5,7 +5,16 @@ from __future__ import annotations
 from ..results import Candidate, Explanation
 from . import explain_figures as figures
 from .compare_page import depends_on, effect_sections, error, parameter_table, where
-from .explain_words import candidate_verdict, ladder, look_alike_words, plain_name, share, span_words, verdict
+from .explain_words import (
+    candidate_verdict,
+    ladder,
+    look_alike_words,
+    plain_name,
+    rest_words,
+    share,
+    span_words,
+    verdict,
+)
 from .loop_page import note_table
 from .page import Cell, Section, Table, page
 from .parameter_words import numbers
@@ -14,6 +23,7 @@ from .parameter_words import numbers
 def explain_page(e: Explanation, *, plotly_file: str = "", back: tuple[str, str] | None = None) -> str:
     """Return the page of an explanation; plotly_file and back as in `page`, for a folder of many pages."""
     text = [verdict(e), *[n.message for n in e.reasons], *look_alike_words(e)]
+    text += [rest_words(e)] if e.adequate else []
     if e.unexplained is not None:
         text.append(f"Of the squared error above the noise, {share(e.unexplained)} stays unexplained.")
     sections = [Section("The answer", text=text, figure=figures.ladder_bars(e.steps, e.noise_floor),

@@ -19,9 +19,11 @@ from .explain_words import (
     ladder,
     look_alike_words,
     plain_name,
+    rest_words,
     share,
     span_words,
     still_holds,
+    sureness,
     verdict,
 )
 from .parameter_words import meaning, numbers
@@ -37,11 +39,12 @@ def comparison_text(c: Comparison, *, verbose: bool = False, colour: bool = Fals
     console, out = _console(colour, width)
     _head(console, c, "model against measurement")
     table = _table("", "fit", "hold-out", "")
-    if c.effects:
+    if not c.fitted:
         names = ", ".join(plain_name(e.effect) for e in c.effects)
-        table.add_row("this model", error_size(c.fitness.rmse), error_size(c.fitness.rmse_holdout), f"with {names}")
+        table.add_row("this model", error_size(c.fitness.rmse), error_size(c.fitness.rmse_holdout),
+                      f"with {names}" if names else "gain, lag and offset of the model file")
     table.add_row("plain model", error_size(c.baseline.rmse), error_size(c.baseline.rmse_holdout),
-                  "gain, one lag and offset" + ("" if c.effects else "; this is the model compared"))
+                  "gain, one lag and offset" + ("; this is the model compared" if c.fitted else ""))
     table.add_row("noise floor", error_size(c.noise_floor), "", "no model can do better than the measurement noise")
     console.print(table)
     if still_holds(c):
@@ -67,6 +70,8 @@ def explanation_text(e: Explanation, *, verbose: bool = False, colour: bool = Fa
     _effects(console, e)
     for sentence in look_alike_words(e):
         _say(console, sentence)
+    if e.adequate:
+        _say(console, rest_words(e))
     _candidates(console, e, verbose)
     if e.unexplained is not None:
         _say(console, f"\nOf the squared error above the noise, {share(e.unexplained)} stays unexplained.")
@@ -131,6 +136,8 @@ def _effects(console: Console, found: Comparison | Explanation) -> None:
         said = ", ".join(f"{name} = {text}" for name, text in numbers(effect, found.settings, start).items())
         _say(console, f"{plain_name(effect.effect)}: {said}", indent=2)
         _say(console, terminal(meaning(effect, found.settings, start)), indent=4)
+        if sureness(effect):
+            _say(console, sureness(effect), indent=4)
         for note in effect.notes:
             _say(console, terminal(f"Take care: {note.message}."), indent=4)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ..results import Candidate, Comparison, Explanation, Region, Step
+from ..results import Candidate, Comparison, Explanation, FittedEffect, Region, Step
 from .safe import terminal
 from .words import duration, moment
 
@@ -13,6 +13,8 @@ ABOUT = 0.1  # errors closer than this share say the same
 WORSE = 1.15  # share of the error over share of the time, from which a region is worth a line
 MUCH = 2.0  # error over noise from which "nothing is missing" needs a word more
 
+# reasons of `compare` that say that the plant is not as it was
+CHANGED = ("other_operating_point", "process_changed", "numbers_changed", "effect_not_here")
 NOT_TRIED, NOT_EXPLAINED = "not_tried", "not_explained"
 # why an effect that was tried is not in the model, by code
 WHY = {
@@ -71,13 +73,56 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
+KIN = {frozenset(("backlash", "stiction"))}  # one valve has one of them: said in one breath
+
+
 def look_alike_words(explanation: Explanation) -> list[str]:
     """One sentence for each pair of effects that this record cannot tell apart."""
-    return [
-        f"{plain_name(a).capitalize()} and {plain_name(b)} explain this record about equally well: it cannot tell "
-        "them apart."
-        for a, b in explanation.look_alikes
-    ]
+    said = []
+    for a, b in explanation.look_alikes:
+        one = f"{plain_name(a).capitalize()} and {plain_name(b)} explain this record about equally well: it cannot "
+        one += "tell them apart."
+        if frozenset((a, b)) in KIN:
+            one += _which_of_both(explanation, a, b)
+        said.append(one)
+    return said
+
+
+def _which_of_both(e: Explanation, a: str, b: str) -> str:
+    """The band that backlash and stiction agree on, and the record that would tell them apart."""
+    tried: list[FittedEffect | Candidate] = [*e.effects, *e.candidates]
+    sizes = [p.value for x in tried if x.effect in (a, b) for n, p in x.parameters.items()
+             if n in ("d", "S") and isinstance(p.value, float)]
+    band = f"Either way the output must travel {share(sizes[0])} of its span before the stem turns. " if sizes else ""
+    return (f" {band}A slow ramp of the output by hand, up and down again, recorded every second, would tell: PV "
+            "follows in jumps where the valve sticks, and evenly after the gap where it has play.")
+
+
+def effect_name(explanation: Explanation, effect: str) -> str:
+    """The name of an accepted effect, with its twin where the record cannot tell them apart."""
+    twin = [b for a, b in explanation.look_alikes if a == effect and frozenset((a, b)) in KIN]
+    return " or ".join(plain_name(name) for name in sorted([effect, *twin]))
+
+
+def sureness(effect: FittedEffect) -> str:
+    """How sure an accepted effect is, as a sentence; empty where it is clear or was not judged."""
+    return {
+        "likely": "Likely, not certain: it explains little, or something much like it does nearly as well.",
+        "stand_in": "Acts like this, but may be something else: the numbers are conditional, right only if it is this.",
+    }.get(effect.confidence, "")
+
+
+def rest_words(explanation: Explanation) -> str:
+    """What is left, and what it goes with; empty where it was not judged."""
+    e = explanation
+    if e.rest is None or e.adequate is None:
+        return ""
+    times = f"What is left is {e.rest.times_noise:.2g} times the noise"
+    goes = "; ".join(e.rest.goes_with)
+    if e.adequate:
+        faint = f" Faintly it goes with {goes}." if goes else ""
+        return f"{times}, as a wandering load and noise would leave it.{faint}"
+    return f"{times} and more than noise and load: it goes with {goes}."
 
 
 def candidate_verdict(explanation: Explanation, candidate: Candidate) -> str:
@@ -95,7 +140,8 @@ def verdict(explanation: Explanation) -> str:
     if explanation.verdict:
         return explanation.verdict
     added = explanation.steps[1:]
-    names = listed([plain_name(s.added or "") for s in added if s.chosen == "search"])
+    sure = {e.effect: e.confidence for e in explanation.effects}
+    found = [s.added or "" for s in added if s.chosen == "search"]
     own = listed([plain_name(s.added or "") for s in added if s.chosen != "search"])
     said = []
     if own:
@@ -103,14 +149,24 @@ def verdict(explanation: Explanation) -> str:
             f"With your own choice, {own}, the error on unseen samples goes from "
             f"{error_size(explanation.steps[0].rmse_holdout)} to {error_size(_after_own(added))}."
         )
-    if names:
-        with_it = "it" if sum(s.chosen == "search" for s in added) == 1 else "them"
-        model = "model" if own else "plain model"
+    model = "model" if own else "plain model"
+    taken = [name for name in found if sure.get(name) != "stand_in"]
+    if taken:
+        names = listed([effect_name(explanation, name) + " (likely)" * (sure.get(name) == "likely") for name in taken])
+        with_it = "it" if len(taken) == 1 else "them"
         said.append(f"Missing in the {model}: {names}. The error on unseen samples falls with {with_it}.")
+    if stand_ins := [effect_name(explanation, name) for name in found if sure.get(name) == "stand_in"]:
+        also = listed([plain_name(b) for a, b in explanation.look_alikes if sure.get(a) == "stand_in"])
+        said.append(
+            f"{'What else is missing' if taken else 'What is missing'} acts like {listed(stand_ins)}, but may be "
+            f"something else{f': {also} would look the same' if also else ''}."
+        )
+    if explanation.adequate is False:
+        said.append(rest_words(explanation))
     if not added:
         said.append("Nothing is missing: no effect that was tried predicts this record better than the plain model.")
         times = explanation.baseline.rmse_holdout / max(explanation.noise_floor, 1e-12)
-        if times > MUCH:
+        if times > MUCH and explanation.adequate is not False:
             said.append(f"The error is {times:.2g} times the noise, though: what remains is load that nobody measured, "
                         "or something that is not among the effects.")
     return " ".join(said)
@@ -141,7 +197,11 @@ def still_holds(c: Comparison) -> str:
         return said + "The model holds here: it predicts this record better than a plain model fitted to it."
     if ratio < 1.0 + ABOUT:
         return said + "It predicts this record about as well as a plain model fitted to it."
-    return said + "The model does not hold here: a plain model fitted to this record does better."
+    said += "The model does not hold here: a plain model fitted to this record does better. "
+    if any(note.code in CHANGED for note in c.reasons):
+        return said + "The plant has changed, or was not well known: see the reasons."
+    return said + ("No change of the process or of an effect explains it: a load has passed that no model can know, or "
+                   "something that is not among the effects.")
 
 
 def fails(regions: Sequence[Region]) -> list[Region]:
@@ -152,7 +212,7 @@ def fails(regions: Sequence[Region]) -> list[Region]:
 def predicted_name(found: Comparison | Explanation) -> str:
     """What the prediction is: of PV from OP alone, or a short time ahead where OP answers to the load."""
     for note in found.warnings:
-        if note.code == "load_driven" and isinstance(ahead := note.values.get("ahead_s"), float):
+        if note.code in ("load_driven", "predicted_ahead") and isinstance(ahead := note.values.get("ahead_s"), float):
             return f"PV predicted {duration(ahead)} ahead"
     return "PV predicted"
 

@@ -14,6 +14,7 @@ from .safe import terminal
 SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
 A_DATE = 1e8  # epoch seconds (1973); a record that counts its seconds from zero stays below
 UNKNOWN = 1e4  # an interval this many times wider than its value says nothing
+FASTEST = 10.0  # spans per second: no valve is that fast, so that nothing limits it
 SWITCH = "0 or 1"  # unit of a parameter that is on or off
 
 
@@ -32,6 +33,8 @@ def quantity(
         return _several(p, stage, settings, start, brief)
     if math.isinf(p.value):
         return "none"
+    if p.unit == "1/s" and p.value > FASTEST:
+        return "no limit that shows"
     interval = p.ci95 if p.ci95 and not isinstance(p.ci95[0], tuple) else None
     low, high = interval if interval else (math.nan, math.nan)
     if p.unit == SWITCH:
@@ -89,8 +92,9 @@ def _unit(unit: str, stage: str) -> tuple[float, str, str]:
         "span": (100.0, f" % of {whose} span", " %"),
         "OP span": (100.0, " % of OP span", " %"),
         "PV span": (100.0, " % of PV span", " %"),
+        "1/h": (100.0, " % per hour", " % per hour"),
         "OP span/h": (100.0, " % of OP span per hour", " % per hour"),
-        "1/s": (100.0, " % of OP span per second", " % per second"),
+        "1/s": (100.0, f" % of {whose} span per second", " % per second"),
         "OP span per column unit": (100.0, " % of OP span per unit of the column", " % per unit of the column"),
         "s": (1.0, " s", " s"),
         "1": (1.0, "", ""),
@@ -161,13 +165,13 @@ def meaning(effect: FittedEffect, settings: LoopSettings, start: float | None = 
 
 
 def fill(template: str, values: Mapping[str, str]) -> str:
-    """Put values into the {name} places of a sentence; a name that is not known stays as it is.
+    """Put values into the {name} places of a sentence; of a name that is not known it says so.
 
     >>> fill("The gap is {d}, {x}.", {"d": "3 %"})
-    'The gap is 3 %, {x}.'
+    'The gap is 3 %, none.'
     """
     try:
         pieces = list(Formatter().parse(template))
     except ValueError:
-        return template
-    return "".join(text + ("" if name is None else values.get(name, f"{{{name}}}")) for text, name, _, _ in pieces)
+        return template.replace("{", "").replace("}", "")
+    return "".join(text + ("" if name is None else values.get(name, "none")) for text, name, _, _ in pieces)

@@ -1,6 +1,6 @@
 """Frozen results: all that a reporter ever sees."""
 
-from .explain import Comparison, Explanation, PlantExplanation, Region, Series, Step
+from .explain import Comparison, Explanation, PlantExplanation, Region, Rest, Series, Step
 from .fitted import Candidate, Fitness, FittedEffect, FittedParameter, Model, ModelEffect, gap_size
 from .scan import Cluster, Compensator, Confirmation, Estimate, Estimates, LoopReport, ScanResult, Verdict
 
@@ -21,6 +21,7 @@ __all__ = [
     "ModelEffect",
     "PlantExplanation",
     "Region",
+    "Rest",
     "ScanResult",
     "Series",
     "Step",

@@ -107,6 +107,14 @@ class Comparison:
     details: Mapping[str, object] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Rest:
+    """What the final model leaves: how many times the measurement noise, and what it goes with, in words."""
+
+    times_noise: float
+    goes_with: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Explanation:
     """Which physical effects are missing in the first-order model of a loop, and how far the error falls with them.
@@ -115,6 +123,7 @@ class Explanation:
     they were accepted, numbers as fitted together. missing_effect: the first of them, None when nothing is missing.
     where: of the final model, worst first; where_before: of the baseline. unexplained: share of the squared error
     above the noise floor that no effect removed. look_alikes: (effect, other) pairs that the data cannot tell apart.
+    adequate: what is left is what noise and a wandering load would leave; rest: what it is. None where not judged.
     margin: evidence of the first accepted effect over the runner-up, with the runner-up's name.
     verdict: one plain sentence. reasons: why, for instance why nothing can be told.
     """
@@ -129,6 +138,8 @@ class Explanation:
     where: tuple[Region, ...] = ()
     where_before: tuple[Region, ...] = ()
     unexplained: float | None = None
+    adequate: bool | None = None
+    rest: Rest | None = None
     look_alikes: tuple[tuple[str, str], ...] = ()
     margin: tuple[float, str] | None = None
     verdict: str = ""

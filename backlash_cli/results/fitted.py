@@ -33,6 +33,8 @@ class FittedEffect:
 
     column: measured column it uses, if any. sentence: what the effect is. meaning: what it says about this plant, with
     {name} where a parameter belongs. stage: command, valve, process, load or sensor. notes: where its size is small.
+    confidence: "clear", "likely", or "stand_in" where it lowers the error but something else may be the cause; "" where
+    it was not judged.
     """
 
     effect: str
@@ -42,6 +44,7 @@ class FittedEffect:
     meaning: str = ""
     stage: str = ""
     notes: tuple[Note, ...] = ()
+    confidence: str = ""
 
 
 @dataclass(frozen=True)

@@ -251,7 +251,7 @@ def test_exception_compression_reports_only_larger_moves():
 
 
 def test_effects_are_found_by_name_and_from_outside(tmp_path, monkeypatch):
-    assert load_effect("backlash") is EFFECTS[1]
+    assert load_effect("backlash") in EFFECTS
     (tmp_path / "my_effects.py").write_text(
         "import numpy as np\n"
         "from backlash_cli.effects import Effect, Parameter, Stage\n"

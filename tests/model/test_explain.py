@@ -26,7 +26,7 @@ def test_a_gap_is_found_with_its_size_and_the_error_falls_to_the_noise() -> None
     assert isinstance(d.ci95, tuple) and isinstance(d.value, float)
     # a 95 % interval misses once in twenty loops; how often it does is the benchmark's matter
     half = 0.5 * (float(d.ci95[1]) - float(d.ci95[0]))  # type: ignore[arg-type]
-    assert abs(d.value - 0.03) < 1.5 * half < 0.002
+    assert abs(d.value - 0.03) < 1.5 * half < 0.004
     assert found.steps[-1].rmse_holdout < 0.6 * found.steps[0].rmse_holdout
     assert found.unexplained is not None and found.unexplained < 0.3
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from backlash_cli.model.clues import lag_adjoint
 from backlash_cli.model.noise import Noise, whitener
 from backlash_cli.model.noise_fit import fit_noise
-from backlash_cli.model.response import delayed_lag, distinct, respond, whitened_gains
+from backlash_cli.model.response import delayed_lag, whitened_gains
 
 from .loops import process, steps
 
@@ -29,17 +29,6 @@ def test_fractional_delay_agrees_with_a_fine_grid(delay: float, lag: float) -> N
     late = np.concatenate([np.full(round(delay / h * fine), u[0]), held])[: len(held)]
     expected = process(late, h / fine, 1.0, lag, 0.0)[::fine]
     assert delayed_lag(u, h, lag, round(delay / h * fine) * h / fine) == pytest.approx(expected, abs=1e-9)
-
-
-def test_two_lags_agree_with_one_after_the_other_on_a_fine_grid() -> None:
-    u, h, fine = steps(80, hold=11), 2.0, 400
-    first = process(np.repeat(u, fine), h / fine, 1.0, 12.0, 0.0)
-    expected = process(first, h / fine, 1.0, 20.0, 0.0)[::fine]
-    assert respond(u, h, np.array([20.0, 12.0])) == pytest.approx(expected, abs=2e-4)
-
-
-def test_equal_lags_are_pushed_apart() -> None:
-    assert np.all(np.diff(distinct(np.array([5.0, 5.0, 5.0]))) > 0.0)
 
 
 def dense_covariance(noise: Noise, h: float, samples: int) -> np.ndarray:

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import pytest
 
+from backlash_cli.effects import EFFECTS
 from backlash_cli.record import LoopSettings
 from backlash_cli.reporter.explain_json import to_json
 from backlash_cli.reporter.explain_text import comparison_text, explanation_text
-from backlash_cli.reporter.explain_words import error_size, ladder, share
-from backlash_cli.reporter.parameter_words import fill, quantity
-from backlash_cli.results import FittedParameter, Step
+from backlash_cli.reporter.explain_words import error_size, ladder, share, verdict
+from backlash_cli.reporter.parameter_words import fill, meaning, quantity
+from backlash_cli.results import FittedEffect, FittedParameter, Rest, Step
 from tests.reporter.explanations import SETTINGS, comparison, explanation, nothing
 from tests.reporter.reports import HOSTILE
 
@@ -54,13 +55,13 @@ def test_events_are_told_by_the_clock_and_counted_when_many():
 def test_small_words():
     assert (share(0.412), share(0.013), share(None), share(0.0)) == ("41 %", "1.3 %", "–", "0 %")
     assert (error_size(0.00812), error_size(float("nan"))) == ("0.812 %", "–")
-    assert fill("{d} and {", {"d": "3"}) == "{d} and {"  # a template that is none stays as it is
-    assert fill("{d!r:>9} {e}", {"d": "3"}) == "3 {e}"
+    assert fill("{d} and {", {"d": "3"}) == "d and "  # a template that is none loses its braces
+    assert fill("{d!r:>9} {e}", {"d": "3"}) == "3 none"
 
 
 def test_explanation_gives_answer_meaning_look_alikes_and_the_rest():
     text = explanation_text(explanation())
-    order = ["baseline 3.2 % -> + backlash 0.81 %", "Missing in the plain model: backlash and load step",
+    order = ["baseline 3.2 % -> + backlash 0.81 %", "Missing in the plain model: backlash or stiction and load step",
              "also holds on samples", "What it means", "backlash: d = 6.02 % of OP span (95 %: 5.94 to 6.11 %)",
              "has 6.02 % of play", "cannot tell them apart", "Each effect tried alone", "4 % stays unexplained",
              "Where the model fails", "After the output turned", "short: the record is short"]
@@ -136,3 +137,45 @@ def test_json_of_nothing_and_of_a_comparison():
     assert compared["candidates"] == [] and compared["missing_effect"] is None
     assert [s["added"] for s in compared["steps"]] == [None, "backlash"]
     assert json.loads(to_json(replace(comparison(), series=None)))["samples"] is None
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: e.name)
+def test_no_sentence_keeps_an_unfilled_place_whatever_is_missing(effect):
+    template = effect.fitting.meaning or effect.sentence
+    names = [q.name for q in effect.parameters]
+    for left_out in [*names, None, "all"]:
+        given = {n: FittedParameter(0.02, "span") for n in names if left_out not in (n, "all")}
+        one = FittedEffect(effect.name, given, "", effect.sentence, template, str(effect.stage))
+        said = meaning(one, SETTINGS)
+        assert "{" not in said and "}" not in said and said.strip()
+    e = explanation()
+    bare = replace(e, effects=tuple(replace(f, parameters={}) for f in e.effects), margin=None, unexplained=None)
+    assert "{" not in explanation_text(bare, verbose=True)
+
+
+def test_the_answer_says_how_sure_it_is_and_what_is_left():
+    e = explanation()
+    first, *others = e.effects
+
+    def told(confidence, **more):
+        sure = replace(e, effects=(replace(first, confidence=confidence), *others), **more)
+        return " ".join(explanation_text(sure).split()), verdict(sure)
+
+    text, said = told("clear", look_alikes=(), adequate=True, rest=Rest(1.2))
+    assert said.startswith("Missing in the plain model: backlash") and "conditional" not in text
+    assert "What is left is 1.2 times the noise, as a wandering load and noise would leave it." in text
+    text, said = told("likely", look_alikes=())
+    assert "backlash (likely)" in said and "Likely, not certain" in text
+    rest = Rest(5.0, ("time: the gain changes in the course of the record",))
+    text, said = told("stand_in", look_alikes=(("backlash", "sensor_hysteresis"),), adequate=False, rest=rest)
+    assert "acts like backlash, but may be something else: sensor hysteresis would look the same" in said
+    assert "5 times the noise and more than noise and load: it goes with time" in said
+    assert "the numbers are conditional" in text
+    document = json.loads(to_json(replace(e, adequate=False, rest=rest)))
+    assert document["adequate"] is False and document["rest"]["times_noise"] == 5.0 and document["rest"]["goes_with"]
+
+
+def test_backlash_or_stiction_comes_with_the_band_and_what_would_tell():
+    text = " ".join(explanation_text(replace(explanation(), look_alikes=(("backlash", "stiction"),))).split())
+    assert "backlash or stiction" in text and "the output must travel 6 % of its span" in text
+    assert "A slow ramp of the output by hand" in text
