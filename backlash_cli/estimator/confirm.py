@@ -12,7 +12,9 @@ half of what gaps that forget would gain in its place: a load or a curved valve 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -21,13 +23,15 @@ from numpy.typing import NDArray
 from ..record import FloatArray, LoopSettings, Note, Record
 from ..results import Confirmation
 from .criteria import MOTION
-from .gap_test import GapTest, gaps_tested, imitations
+from .gap_test import GapTest, gaps_tested, imitations, together
 from .predictor import Predictor, Recording, block_means, predictor
 from .rebuild import OutputRebuilder
 
 PARTS_OF_TI = (1, 2, 4, 8, 16)  # block lengths as parts of Ti
 SHORT = 6000  # blocks; the shortest blocks are tried only in records of fewer
 MOST_ROWS = 6000  # of a longer record every second, third .. block is predicted, each from all that lies before it
+APART = 3600.0  # seconds; process and load may have changed between recordings further apart: each is predicted by
+LONG_ENOUGH = 100.0  # itself, if it is so many integral times long, and the evidence added up
 SHORTEST = 10.0  # integral times: a shorter record holds no loop's behaviour
 FEWEST_BLOCKS = 60  # of Ti/8: no prediction can be fitted to fewer
 NARROWEST, WIDEST = 0.4, 20.0  # % of span: the widths tried
@@ -46,10 +50,9 @@ MOST_SAMPLES = 1 << 22  # kept of one loop; of a longer record the last ones
 
 @dataclass(frozen=True)
 class Asked:
-    """What one block length says: prediction, gaps tested, and what the best imitation gains."""
+    """What one block length says: predictions, gaps tested in all of them, and what the best imitation gains."""
 
-    part: int
-    prediction: Predictor
+    predictions: tuple[Predictor, ...]
     test: GapTest
     imitation: float
 
@@ -110,8 +113,8 @@ class ConfirmationScanner:
         seconds = len(usable) * self.interval
         asked = self._asked(recordings, span) if seconds >= SHORTEST * self._Ti else []
         if not asked:
-            return Note("short_record", f"the record holds {_in_words(seconds)} that can be used in one piece; at least "
-                        f"{_in_words(SHORTEST * self._Ti)} are needed, ten times Ti", {"usable_s": seconds})
+            return Note("short_record", f"the record holds {_in_words(seconds)} that can be used in one piece; at "
+                        f"least {_in_words(SHORTEST * self._Ti)} are needed, ten times Ti", {"usable_s": seconds})
         return self._confirmation(recordings, asked, span)
 
     def _recordings(self) -> list[Recording] | Note:
@@ -137,25 +140,34 @@ class ConfirmationScanner:
             grid = np.arange(len(u))
             held = np.maximum.accumulate(np.where(np.isfinite(u), grid, 0))
             y = np.interp(grid, grid[good], y[good])
-            found.append(Recording(u[held] - mean, y - y.mean(), good))
+            found.append(Recording(u[held] - mean, y - y.mean(), good, int(index[first])))
         return found or Note("short_record", "no stretch of the record is long enough")
 
     def _asked(self, recordings: list[Recording], span: float) -> list[Asked]:
         Ti, asked, sizes = self._Ti, [], set()
         widths = np.geomspace(NARROWEST, max(min(WIDEST, TURN * span), 1.5 * NARROWEST), WIDTHS)
         samples = sum(len(r.output) for r in recordings)
+        groups = [[recordings[0]]]
+        for before, r in pairwise(recordings):
+            hole = (r.begin - before.begin - len(before.output)) * self.interval
+            if hole > APART:
+                groups.append([])
+            groups[-1].append(r)
+        if any(sum(len(r.output) for r in group) * self.interval < LONG_ENOUGH * Ti for group in groups):
+            groups = [recordings]
         for part in PARTS_OF_TI:
             size = max(1, round(Ti / part / self.interval))
             if size in sizes or (part == PARTS_OF_TI[-1] and samples // size > SHORT):
                 continue
             sizes.add(size)
-            p = predictor(recordings, size, span, MOST_ROWS)
-            if p is not None:
-                asked.append(Asked(part, p, self._test(p, widths), imitations(p, widths[::3], Ti, self.interval)))
+            found = tuple(p for group in groups if (p := predictor(group, size, span, MOST_ROWS)) is not None)
+            if found:
+                imitated = sum(imitations(p, widths[::3], Ti, self.interval) for p in found)
+                asked.append(Asked(found, self._test(found, widths), float(np.max(imitated))))
         return asked
 
-    def _test(self, p: Predictor, widths: FloatArray) -> GapTest:
-        return gaps_tested(p, widths, self.settings.K, self._Ti, self.interval)
+    def _test(self, predictions: Sequence[Predictor], widths: FloatArray) -> GapTest:
+        return together([gaps_tested(p, widths, self.settings.K, self._Ti, self.interval) for p in predictions])
 
     def _confirmation(self, recordings: list[Recording], asked: list[Asked], span: float) -> Confirmation:
         from ..kernels import gap_crossings
@@ -167,7 +179,7 @@ class ConfirmationScanner:
         widths, j = best.test.widths, int(best.test.fit.argmax())
         fine = np.geomspace(widths[max(j - 1, 0)], widths[min(j + 1, len(widths) - 1)], FINE + 2)[1:-1]
         fine = fine[np.abs(fine / widths[j] - 1.0) > 1e-3]
-        closer = self._test(best.prediction, fine)
+        closer = self._test(best.predictions, fine)
         order = np.argsort(np.append(widths, fine))
         grid = np.append(widths, fine)[order]
         answer = np.append(best.test.fit, closer.fit)[order]
@@ -187,8 +199,8 @@ class ConfirmationScanner:
         details: dict[str, float | str] = {
             "evidence": evidence, "gain": float(answer[at]), "imitation": best.imitation, "share": float(share[at]),
             "share_deviation": float(deviation[at]),
-            "edge": float(at in (0, len(grid) - 1)), "rows": float(best.prediction.rows),
-            "block_s": best.prediction.size * self.interval, "output_range": span / 100.0,
+            "edge": float(at in (0, len(grid) - 1)), "rows": float(sum(p.rows for p in best.predictions)),
+            "block_s": best.predictions[0].size * self.interval, "output_range": span / 100.0,
             "crossings": float(crossings), "recordings": float(len(recordings)), "raw": raw,
             "trace": float(evidence >= TRACE or raw >= RAW_TRACE),
             "left_out": float(self._left_out), "sign_known": float(self.settings.K is not None),
@@ -196,7 +208,7 @@ class ConfirmationScanner:
         }
         profile = tuple((float(w) / 100.0, float(v)) for w, v in zip(grid, answer, strict=True))
         return Confirmation(d / 100.0, (low / 100.0, high / 100.0), float(reduction[at]),
-                            2.0 * evidence - float(np.log(best.prediction.rows)),
+                            2.0 * evidence - float(np.log(sum(p.rows for p in best.predictions))),
                             None if limit is None else limit / 100.0, details, profile)
 
     def _limit(self, recordings: list[Recording], asked: Asked, span: float) -> float | None:
@@ -207,11 +219,10 @@ class ConfirmationScanner:
         widths = LIMITS[span > MOTION * LIMITS]
         if not K or not len(widths):
             return None
-        p = asked.prediction
-        means = [block_means(r.output, p.size) for r in recordings]
+        means = [block_means(r.output, asked.predictions[0].size) for r in recordings]
         crossings = np.array([sum(gap_crossings(m, w) for m in means) for w in widths], dtype=float)
         length = sum(np.count_nonzero(r.usable) for r in recordings) * self.interval / Ti
-        error = float(np.sqrt(p.loss / p.rows))
+        error = float(np.sqrt(sum(p.loss for p in asked.predictions) / sum(p.rows for p in asked.predictions)))
         enough = shown(widths, length=length, span=span, crossings=crossings, answer=widths / (K * error)) >= POWER
         if not enough[-1]:
             return None

@@ -17,6 +17,7 @@ the imperfection of the prediction is worth.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -104,18 +105,35 @@ def gaps_tested(p: Predictor, widths: FloatArray, K: float | None, Ti: float, in
     return GapTest(widths, columns[0], columns[1], columns[2], columns[3], columns[4] > 0.0, columns[5])
 
 
-def imitations(p: Predictor, widths: FloatArray, Ti: float, interval: float) -> float:
-    """Best gain [nats] of gaps that forget within SCALES of Ti, each with FREE_LAGS free lags."""
+def together(tests: Sequence[GapTest]) -> GapTest:
+    """The same widths tested in several recordings, each with a prediction of its own: gains add up.
+
+    The share is the mean of theirs, weighed by how well each is known; an answer is possible where that of most of the
+    gain is.
+    """
+    if len(tests) == 1:
+        return tests[0]
+    gain = np.array([t.gain for t in tests])
+    weight = 1.0 / np.maximum(np.array([t.deviation for t in tests]), 1e-6) ** 2
+    share = np.sum(weight * np.array([t.share for t in tests]), axis=0) / weight.sum(0)
+    possible = np.sum(gain * np.array([t.possible for t in tests]), axis=0) > 0.5 * gain.sum(0)
+    reduction = np.mean([t.error_reduction for t in tests], axis=0)
+    return GapTest(tests[0].widths, gain.sum(0), share, weight.sum(0) ** -0.5,
+                   np.sum([t.tied for t in tests], axis=0), possible, reduction)
+
+
+def imitations(p: Predictor, widths: FloatArray, Ti: float, interval: float) -> FloatArray:
+    """Gains [nats] of gaps that forget within SCALES of Ti, each with FREE_LAGS free lags: (widths times scales,)."""
     from ..kernels import forgetting_gap_means
 
     size = np.tile(widths, len(SCALES))
     rates = np.repeat([min(1.0, interval / (scale * Ti)) for scale in SCALES], len(widths))
     G = p.lagged(lambda u, block, count: forgetting_gap_means(u, size, rates, block, count))[:, :FREE_LAGS]
-    return max(free_gains(p, G))
+    return free_gains(p, G)
 
 
-def free_gains(p: Predictor, G: FloatArray) -> list[float]:
-    """Gain [nats] of each of the signals G (signals, lags, rows), its lags free."""
+def free_gains(p: Predictor, G: FloatArray) -> FloatArray:
+    """Gain [nats] (signals,) of each of the signals G (signals, lags, rows), its lags free."""
     weighted = p.columns * p.weights
     found = []
     for X in G:
@@ -125,7 +143,7 @@ def free_gains(p: Predictor, G: FloatArray) -> list[float]:
         left[np.diag_indices_from(left)] += 1e-9
         right = X @ (p.weights * p.error)
         found.append(-0.5 * p.rows * float(np.log(max(1.0 - right @ np.linalg.solve(left, right) / p.loss, 1e-9))))
-    return found
+    return np.array(found)
 
 
 def _possible(p: Predictor, b: FloatArray, K: float | None, Ti: float, interval: float) -> bool:

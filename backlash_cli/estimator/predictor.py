@@ -37,11 +37,15 @@ MODEL_ERROR = 0.002  # of the deviation of PV: no model of a process is better t
 
 @dataclass(frozen=True)
 class Recording:
-    """Samples without a gap in time: output, measurement (samples,) of any units, and which of them may be used."""
+    """Samples without a gap in time: output, measurement (samples,) of any units, and which of them may be used.
+
+    begin: number of the first sample on the grid of the whole record.
+    """
 
     output: FloatArray
     measurement: FloatArray
     usable: NDArray[np.bool_]
+    begin: int = 0
 
 
 @dataclass(frozen=True)
