@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import UsageError
-from .terminal import progress, say
+from .terminal import progress, say, say_if_first_run
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -65,6 +65,8 @@ class Job:
             self.__dict__["records"] = RecordsByName(plant.recipes)
         total = len(plant.recipes)
         self._tell(inputs, [recipe.key for recipe in plant.recipes])
+        if self.shown:
+            say_if_first_run()
         with _Counting(total, self.shown, self.keep is not None) as done:
             return scan(plant, self.options, jobs=self.jobs, progress=done, keep=self.keep)
 

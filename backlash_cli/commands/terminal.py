@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import click
 
@@ -32,6 +34,14 @@ def emit(text: str) -> None:
 def say(text: str) -> None:
     """Write one line to standard error, with foreign control characters made visible."""
     click.echo(f"backlash: {terminal(text)}", err=True)
+
+
+def say_if_first_run() -> None:
+    """Say what the first command after installation waits for: loops over samples are compiled once and kept."""
+    own = Path(__file__).resolve().parents[1]
+    kept = Path(os.environ.get("NUMBA_CACHE_DIR") or own)
+    if os.access(own, os.W_OK) and not any(kept.rglob("*.nbi")):
+        say("first run after installation: compiling, about half a minute; later runs start at once")
 
 
 @contextlib.contextmanager
