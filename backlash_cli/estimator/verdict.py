@@ -17,7 +17,7 @@ from .oscillation import Oscillation
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
 AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share
 HARMLESS = 0.015  # span: a reconstructed PV imitates dead bands of this size, which half periods cannot confirm
-HEALTHY = 0.95  # of the strange loops that were cleared
+HEALTHY = 0.92  # of the strange loops that were cleared
 BLOCKED, LIMITED = "blocks", "limits"
 TOO_LITTLE = "short_record"  # what only more data can mend; all else cannot be told from data of this kind
 

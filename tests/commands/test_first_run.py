@@ -7,7 +7,8 @@ import pytest
 from backlash_cli.commands.terminal import say_if_first_run
 
 
-def test_the_wait_is_explained_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_the_wait_is_explained_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                    capsys: pytest.CaptureFixture[str]):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     say_if_first_run()
     assert "first run" in capsys.readouterr().err

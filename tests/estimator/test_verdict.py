@@ -80,8 +80,8 @@ def test_confidence_grows_with_the_evidence_and_stays_below_certainty():
     sure = [decide(findings(confirmation=replace(FOUND, details={**DETAILS, "evidence": e}))).confidence
             for e in (10.5, 18.0, 30.0, 60.0, 600.0)]
     assert sure == sorted(sure)
-    assert 0.8 < sure[0] < 0.9
-    assert sure[-1] == 0.985
+    assert 0.7 < sure[0] < 0.8
+    assert sure[-1] == 0.97
 
 
 def test_compressed_pv_needs_both_methods():
