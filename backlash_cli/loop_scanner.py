@@ -11,7 +11,7 @@ from .estimator.compensator import recommend
 from .estimator.haegglund import DEFAULT_KP, ErrorScanner, error_scanner, estimate, no_half_periods
 from .estimator.identify import settings_of
 from .estimator.law_check import check_quickly
-from .estimator.oscillation import Oscillation, detect_oscillation, follows_setpoint
+from .estimator.oscillation import Oscillation, detect_oscillation
 from .estimator.quality import quality_of
 from .estimator.reading import Reading, known_noise, read_half_periods
 from .estimator.survey import Survey
@@ -154,10 +154,9 @@ class LoopScanner:
         tally = tally_of(half_periods, left_out)
         accepted = tally.accepted
         rounding = quality.op.step if quality.op else 0.0
-        driven = follows_setpoint(oscillation, quality.setpoint_moves, quality.setpoint_range, self.interval)
         warnings += on_settings
         decision = decide(Findings(reading.cluster, accepted, tally.long, oscillation, confirmation,
-                                   (*quality.notes, *on_settings), rounding, driven, reading.notes))
+                                   (*quality.notes, *on_settings), rounding, reading.notes))
         if decision.verdict is Verdict.CANNOT_TELL:
             decision = replace(decision, reasons=(*_contradictions(on_settings), *decision.reasons))
         confirmed = confirmation if isinstance(confirmation, Confirmation) else None

@@ -33,7 +33,7 @@ Item = TypeVar("Item")
 PER_TASK = 16  # loops that a process takes at once; they share their time stamps on the way
 # CPU time on a machine of 2026, in seconds; a process that takes longer to start than it works is not worth it
 START = 0.8  # of a process
-PER_SAMPLE, PER_SAMPLE_CONFIRMED, PER_LOOP = 40e-9, 150e-9, 0.5e-3  # of a scan
+PER_SAMPLE, PER_SAMPLE_CONFIRMED, PER_LOOP = 40e-9, 2e-6, 0.5e-3  # of a scan
 
 
 def processes(loops: Sequence[Record | Recipe], wanted: int | None = None, *, confirm: bool = True) -> int:

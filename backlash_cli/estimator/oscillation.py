@@ -16,7 +16,6 @@ from ..segmenter import Segments
 
 AMPLITUDE = 0.01  # a: an oscillation of 1 % of span must count
 ENOUGH = 10.0  # this many half periods within the supervision time are an oscillation
-DRIVES = 0.25  # of the error's swing that the setpoint must make: in fast setpoint squares it makes 0.4 to 0.6
 SUPERVISION = 50.0  # supervision time in integral times
 
 
@@ -76,13 +75,3 @@ def detect_oscillation(segments: Segments, interval: float, Ti: float) -> Oscill
     amplitude = 0.5 * np.pi * np.median(segments.area[of_large] * interval / dt)
     return Oscillation(True, float(min(1.0, dt.sum() / span)), float(counts.max()),
                        2.0 * float(np.median(dt)), float(amplitude))
-
-
-def follows_setpoint(seen: Oscillation, moves: float, setpoint_range: float, interval: float) -> bool:
-    """True when the setpoint moves in every period, by a quarter of the error's swing or more: it drives the loop.
-
-    moves: share of the samples at which the setpoint moves. setpoint_range [span].
-    """
-    if seen.period is None or seen.amplitude is None:
-        return False
-    return moves * seen.period / interval >= 1.0 and setpoint_range >= DRIVES * 2.0 * seen.amplitude

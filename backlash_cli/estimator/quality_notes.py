@@ -6,7 +6,7 @@ Codes and their effect:
     sampling_too_coarse   info     fewer than 2 samples per Ti: the published rule needs more, PV against OP does not
     measurement_constant  blocks   PV is the same number throughout
     output_constant       blocks   OP is the same number throughout
-    sampling_coarse       info     fewer than 5 samples per Ti: more evidence is needed
+    sampling_coarse       info     fewer than 5 samples per Ti: less shows
     compressed_held       limits   PV is stored by exception (deviation in values) and held; blocks when too rare for Ti
     compressed_linear     limits   PV is interpolated between stored values; blocks when too rare for Ti
     scanned_slowly        limits   PV is recorded less often than exported; blocks when too rare for Ti

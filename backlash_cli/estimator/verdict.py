@@ -27,7 +27,7 @@ class Findings:
     """All that the verdict is made of. confirmation: a Note says why PV could not be tested against OP, None that it
     was not asked for. detections: half periods that pass the publication's gates. quality: notes whose
     values["effect"] says what they mean for the verdict. output_step: rounding step of OP
-    [span], 0 when not rounded or rebuilt. driven: an oscillation is that of the setpoint. reading: what is to be said
+    [span], 0 when not rounded or rebuilt. reading: what is to be said
     of the half periods besides their centre."""
 
     cluster: Cluster | None
@@ -37,7 +37,6 @@ class Findings:
     confirmation: Confirmation | Note | None = None
     quality: tuple[Note, ...] = ()
     output_step: float = 0.0
-    driven: bool = False
     reading: tuple[Note, ...] = ()
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from backlash_cli.estimator.oscillation import Oscillation, follows_setpoint
+from backlash_cli.estimator.oscillation import Oscillation
 from backlash_cli.estimator.verdict import Findings, decide
 from backlash_cli.record import Note
 from backlash_cli.results import Cluster, Confirmation, Verdict
@@ -127,17 +127,6 @@ def test_a_record_too_short_for_the_test_is_too_little_data():
 def test_an_oscillation_without_a_dead_band_is_an_oscillation():
     assert decide(findings(confirmation=NOTHING, oscillation=SWINGING)).verdict is Verdict.OSCILLATING
     assert decide(findings(oscillation=SWINGING)).verdict is Verdict.BACKLASH
-
-
-def test_a_loop_that_swings_with_its_setpoint_is_no_limit_cycle():
-    driven = findings(oscillation=SWINGING, cluster=None, detections=0, driven=True)
-    assert decide(driven).verdict is Verdict.BACKLASH
-
-
-@pytest.mark.parametrize(("moves", "reach", "drives"), [(0.02, 0.03, True), (0.01, 0.03, False), (0.02, 0.005, False)])
-def test_a_setpoint_drives_the_loop_when_it_moves_often_and_far(moves: float, reach: float, drives: bool):
-    assert follows_setpoint(SWINGING, moves, reach, interval=1.0) is drives
-    assert not follows_setpoint(CALM, moves, reach, interval=1.0)
 
 
 def test_half_periods_alone_never_do_more_than_suspect():
