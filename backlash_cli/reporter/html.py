@@ -9,23 +9,24 @@ from pathlib import Path
 from .._version import __version__
 from ..record import Record
 from ..results import LoopReport, ScanResult
-from .figures import EVIDENCE, OUTPUT, QUIET, Figure
+from .figures import EVIDENCE, OUTPUT, POINTS, QUIET, Figure
 from .folder import links_to, write_pages
 from .loop_page import loop_sections, note_table
 from .page import Cell, Section, Table, drawn, page
 from .safe import file_names, picture, shorten
 from .words import MARKS, VERDICTS, advice, by_size, excluded, interval, moment, percent, size
 
-DRAWN = 60  # loops with figures in a single file; a folder has no limit
-RANKED = 40  # loops in the picture of the plant
+DRAWN = 40  # loops in the picture of the plant, and with figures of their own in a single file; a folder has no limit
+FINE = 12  # of them with lines as fine as a screen; more share the room, so that a page stays below 3 MB
 COLOURS = {"bad": EVIDENCE, "warn": OUTPUT, "good": "#2a9d5c", "quiet": QUIET}
 _TITLE = "Dead band report"
 
 
 def single_page(result: ScanResult, records: Mapping[str, Record]) -> str:
-    """Return one self-contained page; figures for the first 60 loops of the work list, numbers for all."""
+    """Return one self-contained page; figures for the first 40 loops of the work list, numbers for all."""
     reports = by_size(result.loops)
     links = {r.loop: f"#loop-{i}" for i, r in enumerate(reports)}
+    points = min(POINTS, POINTS * FINE // max(1, min(len(reports), DRAWN)))
     notes = []
     if len(reports) > DRAWN:
         notes.append(
@@ -35,7 +36,7 @@ def single_page(result: ScanResult, records: Mapping[str, Record]) -> str:
     loops = [
         Section(
             shorten(r.loop, 120), folded=True, anchor=f"loop-{i}", mark=MARKS[r.verdict], summary=_brief(r),
-            parts=drawn(loop_sections(r, records.get(r.loop) if i < DRAWN else None)),
+            parts=drawn(loop_sections(r, records.get(r.loop) if i < DRAWN else None, points)),
         )
         for i, r in enumerate(reports)
     ]
@@ -148,10 +149,10 @@ def _overview(
         "of the output span. Select a loop for its evidence.",
         *notes,
     ]
-    shown = reports[:RANKED]
+    shown = reports[:DRAWN]
     note = "Worst on top. Point and line: size and its 95 % interval."
     note += " Triangle: a dead band of this size or more is excluded." * any(excluded(r) is not None for r in shown)
-    note += f" The first {RANKED} of {len(reports)} loops are drawn." * (len(reports) > RANKED)
+    note += f" The first {DRAWN} of {len(reports)} loops are drawn." * (len(reports) > DRAWN)
     sections = [Section("The plant", figure=plant_figure(shown), note=note)] * bool(shown)
     sections += [Section("Overview", text=text, table=Table(columns, rows, filterable=True, choices="Verdict"))]
     if result.failures:

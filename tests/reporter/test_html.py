@@ -120,9 +120,10 @@ def test_the_picture_of_the_plant_has_sizes_intervals_bounds_and_words():
     assert found["cannot tell (1)"]["text"] == ["cannot tell"] and not found["cannot tell (1)"]["showlegend"]
 
 
-def test_a_page_of_twelve_noisy_loops_stays_below_3_mb():
+@pytest.mark.parametrize("loops", [12, html.DRAWN])
+def test_a_page_of_noisy_loops_stays_below_3_mb(loops):
     rng = np.random.default_rng(1)
-    noisy = {f"L{k}": record(f"L{k}", 20_000) for k in range(12)}
+    noisy = {f"L{k}": record(f"L{k}", 20_000) for k in range(loops)}
     for made in noisy.values():
         made.measurement[:] += rng.normal(0.0, 0.005, len(made))
     assert len(single_page(result(*map(report, noisy)), noisy)) < 3_000_000
