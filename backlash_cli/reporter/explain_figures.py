@@ -10,7 +10,7 @@ import numpy as np
 from ..record import FloatArray, LoopSettings
 from ..results import Region, Series, Step
 from .explain_words import error_size, fails, inside_name, plain_name
-from .figures import MEASUREMENT, OUTPUT, QUIET, SETPOINT, Figure, thin
+from .figures import MEASUREMENT, OUTPUT, QUIET, SETPOINT, Figure, thin, units
 from .residual_causes import Cause
 from .safe import picture
 
@@ -20,6 +20,7 @@ STEP_COLOURS = (QUIET, "#d1345b", "#2a9d5c", "#7a5bc7", "#b8578f", "#5a6b00")
 SHADES = ("rgba(209,52,91,0.18)", "rgba(199,119,0,0.18)", "rgba(42,157,92,0.18)", "rgba(122,91,199,0.18)",
           "rgba(11,138,158,0.18)", "rgba(141,153,165,0.22)")
 POINTS = 4000  # per line: a page of five steps stays below 3 MB
+DIGITS = 5  # of the span: residuals are small beside it
 USUAL = 0.99  # share of the residuals that the axis shows at least
 SHADED = 6  # kinds of regions offered for shading
 ROWS = {"yaxis": [0.52, 1.0], "yaxis2": [0.25, 0.46], "yaxis3": [0.0, 0.19]}
@@ -118,7 +119,7 @@ def plane(series: Series, settings: LoopSettings) -> Figure:
         kept = np.where(series.used, values, np.nan)[::step]
         lines.append({
             "type": "scatter", "mode": "lines", "name": name, "line": {"color": colour, "width": 1}, "opacity": 0.7,
-            "x": units(series.output[::step], settings.op_range), "y": units(kept, settings.pv_range),
+            "x": units(series.output[::step], settings.op_range, DIGITS), "y": units(kept, settings.pv_range, DIGITS),
             "hovertemplate": "OP %{x}, PV %{y}",
         })
     return {"data": lines, "layout": {"xaxis": {"title": {"text": "OP"}}, "yaxis": {"title": {"text": "PV"}},
@@ -160,7 +161,7 @@ def line(series: Series, values: FloatArray, span: tuple[float, float], name: st
     """A signal over time in engineering units; it breaks where it is not known."""
     chosen, _ = thin(np.arange(len(values), dtype=np.int64), values, POINTS)
     return {"type": "scatter", "mode": "lines", "name": picture(name), "yaxis": axis, "connectgaps": False,
-            "x": (series.time[chosen] * 1000).astype(np.int64).tolist(), "y": units(values[chosen], span),
+            "x": (series.time[chosen] * 1000).astype(np.int64).tolist(), "y": units(values[chosen], span, DIGITS),
             "line": {"color": colour, "width": width, "dash": dash}, "hovertemplate": "%{y}"}
 
 
@@ -191,14 +192,6 @@ def _layout(settings: LoopSettings, noise_floor: float, rests: Sequence[FloatArr
         # a model is often far off in its first seconds; the legend's lines go on beyond the axis
         layout["yaxis2"]["range"] = [side * 1.5 * max(reach * (high - low), band) for side in (-1.0, 1.0)]
     return layout | {"hovermode": "x", "height": 640}
-
-
-def units(values: FloatArray, span: tuple[float, float]) -> list[float | None]:
-    """Normalised values in engineering units with the digits that a plot can show; None for what is not known."""
-    low, high = span
-    digits = max(0, 5 - int(np.floor(np.log10(abs(high - low) or 1.0))))
-    rounded = np.round(low + (high - low) * values, digits)
-    return [v if np.isfinite(v) else None for v in rounded.tolist()]
 
 
 def _width(span: tuple[float, float]) -> tuple[float, float]:

@@ -12,31 +12,31 @@ from ..record import IntArray, Record
 from ..results import Confirmation, Estimate, LoopReport
 from .safe import picture
 
-POINTS = 2000  # per line: more than a screen has columns, few enough that a page opens at once
+POINTS = 1600  # per line: lowest and highest of each of 800 columns; a page of twelve loops stays below 3 MB
 CLOSE_LOOK = 8  # half periods in the close look
 
 SETPOINT, MEASUREMENT, OUTPUT, EVIDENCE, QUIET = "#7a8793", "#2878c8", "#c77700", "#d1345b", "#8d99a5"
 Figure = dict[str, Any]
 
 
-def trend(record: Record, report: LoopReport, window: slice | None = None) -> Figure:
+def trend(record: Record, report: LoopReport, window: slice | None = None, points: int = POINTS) -> Figure:
     """SP, PV and OP over time, with the half periods that carry the verdict drawn over the measurement.
 
-    Long records are thinned to the smallest and largest value of each piece, so that no peak is lost.
+    Long records are thinned to smallest and largest of each piece, so that no peak is lost: `points` per line.
     """
     part = record if window is None else record.slice(window.start, window.stop)
     s = record.settings
     pv, sp = part.measurement, part.setpoint
     lines = [
-        _line(part, sp, s.pv_range, "SP", SETPOINT, width=1.2, dash="dot"),
-        _line(part, pv, s.pv_range, "PV", MEASUREMENT),
+        _line(part, sp, s.pv_range, "SP", SETPOINT, points, width=1.2, dash="dot"),
+        _line(part, pv, s.pv_range, "PV", MEASUREMENT, points),
     ]
     marked = np.where(_inside(part, report), pv, np.nan)
     if np.isfinite(marked).any():
-        lines.append(_line(part, marked, s.pv_range, "PV in the half periods used", EVIDENCE, width=3))
+        lines.append(_line(part, marked, s.pv_range, "PV in the half periods used", EVIDENCE, points, width=3))
     layout: Figure = {"xaxis": {"type": "date"}, "yaxis": {"title": {"text": "SP, PV"}}, "hovermode": "x"}
     if part.output is not None:
-        lines.append(_line(part, part.output, s.op_range, "OP", OUTPUT) | {"yaxis": "y2"})
+        lines.append(_line(part, part.output, s.op_range, "OP", OUTPUT, points) | {"yaxis": "y2"})
         layout |= {
             "yaxis": {"title": {"text": "SP, PV"}, "domain": [0.42, 1.0]},
             "yaxis2": {"title": {"text": "OP"}, "domain": [0.0, 0.36]},
@@ -46,23 +46,22 @@ def trend(record: Record, report: LoopReport, window: slice | None = None) -> Fi
     return {"data": lines, "layout": layout}
 
 
-def plane(record: Record, window: slice) -> Figure:
+def plane(record: Record, window: slice, points: int = POINTS) -> Figure:
     """PV against OP: without dead band a line or a cloud, with dead band a leaning box with flat sides."""
     assert record.output is not None
     s = record.settings
-    step = max(1, len(record) // POINTS)
-    every = slice(None, None, step)
-    near = slice(window.start, window.stop, max(1, (window.stop - window.start) // POINTS))
+    every = slice(None, None, max(1, len(record) // points))
+    near = slice(window.start, window.stop, max(1, (window.stop - window.start) // points))
 
-    def points(part: slice) -> Figure:
+    def path_of(part: slice) -> Figure:
         assert record.output is not None
-        return {"x": _units(record.output[part], s.op_range), "y": _units(record.measurement[part], s.pv_range)}
+        return {"x": units(record.output[part], s.op_range), "y": units(record.measurement[part], s.pv_range)}
 
     cloud = {"type": "scatter", "mode": "markers", "name": "whole record", "marker": {"size": 3, "color": QUIET}}
     path = {"type": "scatter", "mode": "lines", "name": "close look", "line": {"color": EVIDENCE, "width": 1.5}}
     layout = {"xaxis": {"title": {"text": "OP"}}, "yaxis": {"title": {"text": "PV"}}, "hovermode": "closest",
               "height": 420}
-    return {"data": [cloud | points(every), path | points(near)], "layout": layout}
+    return {"data": [cloud | path_of(every), path | path_of(near)], "layout": layout}
 
 
 def estimates(report: LoopReport) -> Figure:
@@ -139,12 +138,12 @@ def _inside(record: Record, report: LoopReport) -> NDArray[np.bool_]:
 
 
 def _line(
-    record: Record, values: NDArray[np.float64], span: tuple[float, float], name: str, colour: str,
+    record: Record, values: NDArray[np.float64], span: tuple[float, float], name: str, colour: str, points: int,
     width: float = 1.5, dash: str = "solid",
 ) -> Figure:
-    chosen, gaps = thin(record.index, values)
+    chosen, gaps = thin(record.index, values, points)
     x: list[int | None] = (record.time[chosen] * 1000).astype(np.int64).tolist()
-    y: list[float | None] = _units(values[chosen], span)
+    y: list[float | None] = units(values[chosen], span)
     for position in reversed(gaps):
         x.insert(position, x[position])
         y.insert(position, None)
@@ -175,12 +174,11 @@ def thin(index: IntArray, values: NDArray[np.float64], points: int = POINTS) -> 
     return chosen, (np.flatnonzero(np.diff(piece)) + 1).tolist()
 
 
-def _units(values: NDArray[np.float64], span: tuple[float, float]) -> list[float | None]:
-    """Normalised values in engineering units, with the digits that a plot can show; None for what is not known."""
+def units(values: NDArray[np.float64], span: tuple[float, float], digits: int = 4) -> list[float | None]:
+    """Normalised values in engineering units, with the digits of the span that a plot can show; None: not known."""
     low, high = span
-    digits = max(0, 4 - math.floor(math.log10(abs(high - low) or 1.0)))
-    rounded = np.round(low + (high - low) * values, digits)
-    return [v if math.isfinite(v) else None for v in rounded.tolist()]
+    places = max(0, digits - math.floor(math.log10(abs(high - low) or 1.0)))
+    return [v if math.isfinite(v) else None for v in np.round(low + (high - low) * values, places).tolist()]
 
 
 def _ms(epoch: float) -> int:

@@ -9,20 +9,24 @@ from pathlib import Path
 from .._version import __version__
 from ..record import Record
 from ..results import LoopReport, ScanResult
+from .figures import EVIDENCE, OUTPUT, POINTS, QUIET, Figure
 from .folder import links_to, write_pages
 from .loop_page import loop_sections, note_table
 from .page import Cell, Section, Table, drawn, page
-from .safe import file_names, shorten
+from .safe import file_names, picture, shorten
 from .words import MARKS, VERDICTS, advice, by_size, excluded, interval, moment, percent, size
 
-DRAWN = 60  # loops with figures in a single file; a folder has no limit
+DRAWN = 40  # loops in the picture of the plant, and with figures of their own in a single file; a folder has no limit
+FINE = 12  # of them with lines as fine as a screen; more share the room, so that a page stays below 3 MB
+COLOURS = {"bad": EVIDENCE, "warn": OUTPUT, "good": "#2a9d5c", "quiet": QUIET}
 _TITLE = "Dead band report"
 
 
 def single_page(result: ScanResult, records: Mapping[str, Record]) -> str:
-    """Return one self-contained page; figures for the first 60 loops of the work list, numbers for all."""
+    """Return one self-contained page; figures for the first 40 loops of the work list, numbers for all."""
     reports = by_size(result.loops)
     links = {r.loop: f"#loop-{i}" for i, r in enumerate(reports)}
+    points = min(POINTS, POINTS * FINE // max(1, min(len(reports), DRAWN)))
     notes = []
     if len(reports) > DRAWN:
         notes.append(
@@ -32,7 +36,7 @@ def single_page(result: ScanResult, records: Mapping[str, Record]) -> str:
     loops = [
         Section(
             shorten(r.loop, 120), folded=True, anchor=f"loop-{i}", mark=MARKS[r.verdict], summary=_brief(r),
-            parts=drawn(loop_sections(r, records.get(r.loop) if i < DRAWN else None)),
+            parts=drawn(loop_sections(r, records.get(r.loop) if i < DRAWN else None, points)),
         )
         for i, r in enumerate(reports)
     ]
@@ -63,7 +67,8 @@ def write_folder(
             step()
 
     def index(subfolder: str) -> str:
-        return page(_TITLE, _overview(result, reports, links_to(names, subfolder)), subtitle=_subtitle(result))
+        return page(_TITLE, _overview(result, reports, links_to(names, subfolder)), subtitle=_subtitle(result),
+                    plotly_file=f"{subfolder}/plotly.js")
 
     write_pages(folder, mark, pages(), index)
 
@@ -92,6 +97,34 @@ def _brief(r: LoopReport) -> str:
     return f"{said}, {span}, confidence {percent(r.confidence, 0)}"
 
 
+def plant_figure(reports: Sequence[LoopReport]) -> Figure:
+    """The loops of the work list, worst on top: size with its 95 % interval, or what is excluded; colour by verdict."""
+    data: list[Figure] = []
+    for verdict in dict.fromkeys(r.verdict for r in reports):
+        own = [(k, r, size(r), excluded(r)) for k, r in enumerate(reports) if r.verdict is verdict]
+        at = [100 * (d or below or 0.0) for _, _, d, below in own]
+        said = ["" if d is not None else VERDICTS[verdict] if below is None else f"below {100 * below:.2f} %"
+                for _, _, d, below in own]
+        spans = [(x, x) if r.cluster is None or words else (100 * r.cluster.ci95[0], 100 * r.cluster.ci95[1])
+                 for x, words, (_, r, _, _) in zip(at, said, own, strict=True)]
+        colour = COLOURS[MARKS[verdict]]
+        data.append({
+            "type": "scatter", "mode": "markers+text", "name": f"{VERDICTS[verdict]} ({len(own)})", "x": at,
+            "y": [k for k, *_ in own], "text": said, "textposition": "middle right", "cliponaxis": False,
+            "showlegend": any(at), "hovertext": [picture(f"{r.loop}: {_brief(r)}", 200) for _, r, _, _ in own],
+            "hoverinfo": "text", "marker": {"color": colour, "size": 10, "opacity": [float(x > 0) for x in at],
+                                            "symbol": ["triangle-left-open" if words else "circle" for words in said]},
+            "error_x": {"type": "data", "symmetric": False, "visible": not all(said), "color": colour, "thickness": 2,
+                        "array": [max(high - x, 0.0) for x, (_, high) in zip(at, spans, strict=True)],
+                        "arrayminus": [max(x - low, 0.0) for x, (low, _) in zip(at, spans, strict=True)]},
+        })
+    axis = {"tickvals": [*range(len(reports))], "ticktext": [picture(r.loop, 24) for r in reports], "fixedrange": True,
+            "range": [len(reports) - 0.4, -0.6], "zeroline": False}
+    return {"data": data, "layout": {
+        "xaxis": {"title": {"text": "dead band [% of output span]"}, "rangemode": "tozero"}, "yaxis": axis,
+        "hovermode": "closest", "height": 130 + 26 * len(reports)}}
+
+
 def _overview(
     result: ScanResult, reports: Sequence[LoopReport], links: Mapping[str, str], notes: Sequence[str] = ()
 ) -> list[Section]:
@@ -116,7 +149,12 @@ def _overview(
         "of the output span. Select a loop for its evidence.",
         *notes,
     ]
-    sections = [Section("Overview", text=text, table=Table(columns, rows, filterable=True, choices="Verdict"))]
+    shown = reports[:DRAWN]
+    note = "Worst on top. Point and line: size and its 95 % interval."
+    note += " Triangle: a dead band of this size or more is excluded." * any(excluded(r) is not None for r in shown)
+    note += f" The first {DRAWN} of {len(reports)} loops are drawn." * (len(reports) > DRAWN)
+    sections = [Section("The plant", figure=plant_figure(shown), note=note)] * bool(shown)
+    sections += [Section("Overview", text=text, table=Table(columns, rows, filterable=True, choices="Verdict"))]
     if result.failures:
         sections.append(Section("Could not be read or analysed", table=note_table(result.failures)))
     if result.warnings:

@@ -12,8 +12,11 @@ from .safe import shorten
 from .words import duration, interval, moment, percent
 
 
-def loop_sections(r: LoopReport, record: Record | None) -> list[Section]:
-    """Return everything about one loop: reasons, figures (when its record is given), numbers, settings, warnings."""
+def loop_sections(r: LoopReport, record: Record | None, points: int = figures.POINTS) -> list[Section]:
+    """Return everything about one loop: reasons, figures (when its record is given), numbers, settings, warnings.
+
+    points: of each line over time.
+    """
     sections = [Section("Why this verdict", text=[n.message for n in r.reasons] or ["No reason was recorded."])]
     if r.compensator is not None:
         c = r.compensator
@@ -21,26 +24,26 @@ def loop_sections(r: LoopReport, record: Record | None) -> list[Section]:
         caution = "This is advice to a person; nothing is written to the control system."
         sections.append(Section("Advice", text=[words, caution]))
     if record is not None and len(record):
-        sections += _evidence(r, record)
+        sections += _evidence(r, record, points)
     sections += [Section("Numbers", table=_numbers(r)), Section("Controller settings", table=_settings(r))]
     if r.warnings:
         sections.append(Section("Warnings", table=note_table(r.warnings)))
     return sections
 
 
-def _evidence(r: LoopReport, record: Record) -> list[Section]:
+def _evidence(r: LoopReport, record: Record, points: int) -> list[Section]:
     window = figures.close_look(record, r)
     sections = [
-        Section("Trend", figure=figures.trend(record, r),
+        Section("Trend", figure=figures.trend(record, r, points=points),
                 note="Whole record. The thick line marks the half periods that entered the estimate. Drag to zoom, "
                      "double-click to return."),
     ]
     if window.stop - window.start < len(record):
-        sections.append(Section("Close look", figure=figures.trend(record, r, window),
-                                note="Every sample around an ordinary half period. Look for an output that ramps "
+        sections.append(Section("Close look", figure=figures.trend(record, r, window, points),
+                                note="The record around an ordinary half period. Look for an output that ramps "
                                      "while the measurement stays."))
     if record.output is not None:
-        sections.append(Section("PV against OP", figure=figures.plane(record, window),
+        sections.append(Section("PV against OP", figure=figures.plane(record, window, points),
                                 note="Without dead band PV answers every turn of OP. With dead band OP turns and moves "
                                      "on while PV waits: the path gets flat sides."))
     if r.estimates:

@@ -78,7 +78,7 @@ def test_sorting_by_keyboard(browser, page):
 def test_a_link_opens_the_loop_draws_its_figures_and_zoom_works(browser, page):
     browser.open(page)
     plot = "document.querySelector('details[open] .plot')"
-    assert browser.evaluate("document.querySelectorAll('.main-svg').length") == 0
+    assert browser.evaluate("document.querySelectorAll('details .main-svg').length") == 0
     browser.evaluate("Array.from(document.links).find(a => a.textContent === 'FIC10').click()")
     browser.wait("document.querySelectorAll('details[open] .main-svg').length > 0")
     before = browser.evaluate(f"{plot}.layout.xaxis.range")
@@ -93,9 +93,32 @@ def test_a_link_opens_the_loop_draws_its_figures_and_zoom_works(browser, page):
 
 def test_the_figures_follow_a_change_to_dark(browser, page):
     browser.open(page, fragment="#loop-1")
-    browser.wait("document.querySelectorAll('.main-svg').length > 0")
+    browser.wait("document.querySelectorAll('details[open] .main-svg').length > 0")
     browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
-    browser.wait("document.querySelector('.plot').layout.font.color === '#e6eaee'")
+    browser.wait("document.querySelector('details[open] .plot').layout.font.color === '#e6eaee'")
+
+
+def test_the_plant_is_drawn_at_the_top_and_the_table_fits_a_usual_screen(browser, tmp_path):
+    write_text(tmp_path / "r.html", single_page(result(), {}))
+    browser.open(tmp_path / "r.html", width=1280)
+    browser.wait("document.querySelectorAll('.main-svg').length > 0")
+    drawn = browser.evaluate("Array.from(document.querySelectorAll('.yaxislayer-above .ytick, .ytick'))"
+                             ".map(t => t.textContent)")
+    assert drawn == ["LARGE", "small", "maybe", "fine", "waves", "short", "odd", "broken"]
+    assert browser.evaluate("document.querySelectorAll('.errorbar').length") == 3
+    box = "document.querySelector('.scroll')"
+    assert browser.evaluate(f"{box}.scrollWidth <= {box}.clientWidth")
+
+
+def test_a_browser_that_cannot_unpack_says_so_and_shows_the_numbers(browser, page):
+    old = browser.call("Page.addScriptToEvaluateOnNewDocument", source="delete window.DecompressionStream")
+    try:
+        browser.open(page)
+        browser.wait("getComputedStyle(document.querySelector('.plot'), '::before').visibility === 'visible'")
+        assert "2023" in browser.evaluate("getComputedStyle(document.querySelector('.plot'), '::before').content")
+        assert "FIC10" in browser.evaluate(COLUMN % 0)
+    finally:
+        browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=old["identifier"])
 
 
 def test_a_folder_of_a_thousand_loops_opens_at_once_and_loads_a_loop_when_asked(browser, tmp_path):

@@ -11,8 +11,9 @@ import pytest
 from backlash_cli.record import Note
 from backlash_cli.reporter import figures, html
 from backlash_cli.reporter.html import single_page, write_folder
+from backlash_cli.results import Verdict
 from tests.reporter.reports import HOSTILE, record, report, result
-from tests.reporter.test_page import Reader
+from tests.reporter.test_page import Reader, unpacked
 
 
 def test_one_file_holds_every_loop_with_its_evidence():
@@ -23,8 +24,7 @@ def test_one_file_holds_every_loop_with_its_evidence():
         assert words in page, words
     read = Reader(page)
     assert [d["id"] for d in read.named("details")] == ["loop-0", "loop-1"]
-    titles = [json.loads(s)["layout"] for s in read.scripts[:-2]]
-    assert len(titles) == 5  # trend, close look, plane, estimates, confirmation
+    assert len(json.loads(unpacked(read.scripts[0]))) == 6  # plant, trend, close look, plane, estimates, confirmation
 
 
 def test_many_loops_in_one_file_keep_numbers_and_name_the_folder(monkeypatch):
@@ -32,7 +32,7 @@ def test_many_loops_in_one_file_keep_numbers_and_name_the_folder(monkeypatch):
     loops = [report(f"L{i}", 0.01 * (i + 1)) for i in range(4)]
     page = single_page(result(*loops), {r.loop: record(r.loop) for r in loops})
     assert "--output FOLDER" in page and len(Reader(page).named("details")) == 4
-    assert page.count("plot-data") == 2 * 5 + 1  # and once in the script
+    assert page.count('class="plot"') == 1 + 2 * 5
 
 
 def test_hostile_names_appear_as_text():
@@ -90,13 +90,13 @@ def test_overview_of_a_thousand_loops_is_light(tmp_path):
     assert (tmp_path / "index.html").stat().st_size < 1_500_000
 
 
-@pytest.mark.parametrize("n", [0, 1, 2, 1999, 2000, 2001, 54_321])
+@pytest.mark.parametrize("n", [0, 1, 2, figures.POINTS - 1, figures.POINTS, figures.POINTS + 1, 54_321])
 def test_thinning_keeps_the_extremes(n):
     rng = np.random.default_rng(n)
     values = rng.normal(size=n)
     values[rng.random(n) < 0.2] = np.nan
     chosen, gaps = figures.thin(np.arange(n), values)
-    assert len(chosen) <= 2002 and (np.diff(chosen) > 0).all() and gaps == []
+    assert len(chosen) <= figures.POINTS + 2 and (np.diff(chosen) > 0).all() and gaps == []
     if np.isfinite(values).any():
         assert np.nanmax(values[chosen]) == np.nanmax(values) and np.nanmin(values[chosen]) == np.nanmin(values)
 
@@ -108,13 +108,34 @@ def test_lines_break_at_gaps():
     assert None in trend["data"][0]["y"]
 
 
+def test_the_picture_of_the_plant_has_sizes_intervals_bounds_and_words():
+    loops = [report("a", 0.05), report("b", 0.02), report("c", 0.004, Verdict.NO_BACKLASH, confirmation=None),
+             report("d", None, Verdict.CANNOT_TELL)]
+    found = {trace["name"]: trace for trace in html.plant_figure(loops)["data"]}
+    sizes = found["backlash (2)"]
+    assert sizes["x"] == [5.0, 2.0] and sizes["y"] == [0, 1] and sizes["text"] == ["", ""]
+    assert sizes["error_x"]["array"] == pytest.approx([0.5, 0.2])
+    assert sizes["error_x"]["arrayminus"] == pytest.approx([0.5, 0.2])
+    assert found["no backlash (1)"]["x"] == [0.4] and found["no backlash (1)"]["text"] == ["below 0.40 %"]
+    assert found["cannot tell (1)"]["text"] == ["cannot tell"] and not found["cannot tell (1)"]["showlegend"]
+
+
+@pytest.mark.parametrize("loops", [12, html.DRAWN])
+def test_a_page_of_noisy_loops_stays_below_3_mb(loops):
+    rng = np.random.default_rng(1)
+    noisy = {f"L{k}": record(f"L{k}", 20_000) for k in range(loops)}
+    for made in noisy.values():
+        made.measurement[:] += rng.normal(0.0, 0.005, len(made))
+    assert len(single_page(result(*map(report, noisy)), noisy)) < 3_000_000
+
+
 def test_figures_use_engineering_units_and_bounded_points():
     plain = record()
     settings = plain.settings.with_values("metadata", pv_range=(0.0, 200.0), op_range=(0.0, 100.0))
     made = replace(plain, settings=settings)
     data = figures.trend(made, report())["data"]
     assert data[0]["y"][0] == 100.0 and 38 <= min(y for y in data[-1]["y"] if y is not None) <= 42
-    assert all(len(line["x"]) <= 2100 for line in data)
+    assert all(len(line["x"]) <= 1.2 * figures.POINTS for line in data)
     assert data[2]["name"] == "PV in the half periods used"
 
 
