@@ -109,6 +109,7 @@ class LoopScanner:
                 "missing_settings", f"{missing} not given, and not to be read from the data: {found.message};"
                 " give K and Ti in the loops file", {"why": found.code})
             return None
+        self._confirm = None  # the samples that it holds are given to the second scanner once more
         scanner = LoopScanner(self.loop, found.settings(self.settings), self.start, self.interval, self.options)
         scanner._survey, scanner._surveyed = self._survey, True
         used = scanner.settings
@@ -135,13 +136,13 @@ class LoopScanner:
             return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL,
                                 (*_contradictions(on_settings), refusal), 0.0, on_settings, carry=self._packed())
         if refusal is None:
-            assert self._errors is not None and settings.Ti is not None
+            assert self._errors is not None and self.settings.Ti is not None
             if settings.Kp is None:
                 settings = settings.with_values("default", Kp=DEFAULT_KP)
                 warnings.append(Note("default_kp", f"Kp is not given; the paper's default {DEFAULT_KP} is used"))
             half_periods = estimate(self._errors.smooth.finish(), self.interval, settings)
             left_out = self._errors.smooth.left_out
-            oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, float(settings.Ti or 0.0))
+            oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, self.settings.Ti)
         else:
             warnings.append(Note("rule_left_out", "the published rule (15) on half periods is left out: "
                                  + refusal.message, {"why": refusal.code}))

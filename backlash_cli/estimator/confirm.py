@@ -90,8 +90,7 @@ class ConfirmationScanner:
             if self._rebuilder is None:
                 self._rebuilder = OutputRebuilder(self.settings, self.interval)
             output = self._rebuilder.update(block, usable & np.isfinite(block.setpoint))
-        error = block.setpoint - block.measurement if not self._Ti else block.measurement
-        self._blocks.append((block.index, block.measurement, output, usable & np.isfinite(output), error))
+        self._blocks.append((block.index, block.setpoint, block.measurement, output, usable & np.isfinite(output)))
         self._samples += len(block)
         while self._samples - len(self._blocks[0][0]) > MOST_SAMPLES:
             gone = len(self._blocks.popleft()[0])
@@ -121,11 +120,12 @@ class ConfirmationScanner:
         """The samples on grids without gaps, in % of span, OP and PV less their means."""
         if not self._blocks:
             return Note("no_output", "no controller output (OP) in the data, and K or Ti to rebuild it are not known")
-        index, measured, output, usable, error = (np.concatenate(c) for c in zip(*self._blocks, strict=True))
+        index, setpoint, measured, output, usable = (np.concatenate(c) for c in zip(*self._blocks, strict=True))
         if not usable.any():
             return Note("short_record", "no sample of the record can be used", {"usable_s": 0.0})
         if not self._Ti:
-            self._Ti = 0.5 * memory(np.where(np.isfinite(error), error, -measured)[usable]) * self.interval
+            error = np.where(np.isfinite(setpoint), setpoint, 0.0) - measured
+            self._Ti = 0.5 * memory(error[usable]) * self.interval
         mean = 100.0 * float(output[usable].mean())
         found = []
         for part in np.split(np.arange(len(index)), np.flatnonzero(np.diff(index) > GAP) + 1):
@@ -181,11 +181,9 @@ class ConfirmationScanner:
         fine = fine[np.abs(fine / widths[j] - 1.0) > 1e-3]
         closer = self._test(best.predictions, fine)
         order = np.argsort(np.append(widths, fine))
-        grid = np.append(widths, fine)[order]
-        answer = np.append(best.test.fit, closer.fit)[order]
-        deviation = np.append(best.test.deviation, closer.deviation)[order]
-        share = np.append(best.test.share, closer.share)[order]
-        reduction = np.append(best.test.error_reduction, closer.error_reduction)[order]
+        grid, answer, deviation, share, reduction = (np.append(a, b)[order] for a, b in (
+            (widths, fine), (best.test.fit, closer.fit), (best.test.deviation, closer.deviation),
+            (best.test.share, closer.share), (best.test.error_reduction, closer.error_reduction)))
         d = _peak(grid, answer)
         at = int(answer.argmax())
         imperfection = min(best.imitation / max(float(answer[at]), 1e-9), 1.0)

@@ -26,9 +26,8 @@ TOO_LITTLE = "short_record"  # what only more data can mend; all else cannot be 
 class Findings:
     """All that the verdict is made of. confirmation: a Note says why PV could not be tested against OP, None that it
     was not asked for. detections: half periods that pass the publication's gates. quality: notes whose
-    values["effect"] says what they mean for the verdict. output_step: rounding step of OP
-    [span], 0 when not rounded or rebuilt. reading: what is to be said
-    of the half periods besides their centre."""
+    values["effect"] says what they mean for the verdict. output_step: rounding step of OP [span], 0 when not rounded
+    or rebuilt. reading: what is to be said of the half periods besides their centre."""
 
     cluster: Cluster | None
     detections: int
