@@ -8,6 +8,8 @@ import os
 import pkgutil
 import signal
 import sys
+import threading
+import time
 import warnings
 from typing import Any
 
@@ -77,6 +79,9 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO)  # without a file's name: standar
 NOT_WRITTEN = "standard output: cannot write: {} -> write to another place"
 
 
+PATIENCE = 8.0  # seconds that an orderly end may take after a stop
+
+
 class Stopped(KeyboardInterrupt):
     """The process was asked to end (SIGTERM, or its terminal was closed); handled like Ctrl-C."""
 
@@ -90,6 +95,7 @@ def main() -> None:
     for name in ("SIGTERM", "SIGHUP"):
         if hasattr(signal, name) and signal.getsignal(getattr(signal, name)) is signal.SIG_DFL:
             signal.signal(getattr(signal, name), _stop)
+    _see_to_the_end()
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # remarks of libraries to programmers; ours are in the report
     code = _guarded(sys.argv[1:])
@@ -171,6 +177,24 @@ def _say(text: str) -> None:
 
 def _stop(number: int, frame: object) -> None:
     raise Stopped(number)
+
+
+def _see_to_the_end() -> None:
+    """End the process where a stop is lost on its way: an exception that lands inside an import or a callback of a
+    library may be swallowed there, or leave a lock closed for ever."""
+    told, tell = os.pipe()
+    os.set_blocking(tell, False)
+    signal.set_wakeup_fd(tell, warn_on_full_buffer=False)  # a byte for each signal, whatever Python is doing
+
+    def wait() -> None:
+        stops = {getattr(signal, name, signal.SIGINT) for name in ("SIGINT", "SIGTERM", "SIGHUP")}
+        while (number := os.read(told, 1)[0]) not in stops:
+            pass
+        time.sleep(PATIENCE)
+        os.write(2, b"backlash: stopped; nothing was left half written\n")
+        os._exit(128 + number)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 if __name__ == "__main__":

@@ -80,6 +80,19 @@ def test_a_stop_ends_the_other_processes_too(plant, tmp_path):
                 time.sleep(0.05)
 
 
+def test_a_stop_that_is_lost_on_its_way_ends_the_process_all_the_same(plant):
+    """An exception that lands in a library's callback or import is swallowed there, or leaves a lock closed."""
+    deaf = "        try:\n            time.sleep(60)\n        except BaseException:\n            time.sleep(60)\n"
+    code = SLOW.replace("        time.sleep(60)\n", deaf).replace("main()\n", "import backlash_cli.__main__\n"
+        "backlash_cli.__main__.PATIENCE = 0.5\nmain()\n")
+    running = subprocess.Popen([sys.executable, "-c", code, "scan", str(plant), "--no-confirm"], stdout=subprocess.PIPE,
+                               stderr=subprocess.PIPE, text=True)
+    assert running.stderr is not None and running.stderr.readline() == "second loop\n"
+    running.send_signal(signal.SIGTERM)
+    _, err = running.communicate(timeout=20)
+    assert running.returncode == 143 and "stopped" in err
+
+
 @pytest.mark.parametrize("form", ["json", "html"])
 def test_a_reader_that_goes_away_is_no_error(plant, form):
     command = f"{subprocess.list2cmdline(COMMAND)} scan {plant} --no-confirm --format {form} | head -c 10"
