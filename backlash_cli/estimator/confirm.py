@@ -7,6 +7,7 @@
 The same question is asked in block means of Ti, Ti/2, Ti/4 and Ti/8 (short records Ti/16 as well): dead bands of slow
 loops show in long blocks, of fast ones in short ones. The evidence is the mean of the two that show it best, each less
 half of what gaps that forget would gain in its place: a load or a curved valve that is not linear gains for both.
+What is excluded where there is no evidence is the matter of `exclusion`.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, LoopSettings, Note, Record
 from ..results import Confirmation
-from .criteria import MOTION
+from .exclusion import excluded
 from .gap_test import GapTest, gaps_tested, imitations, together
-from .predictor import Predictor, Recording, block_means, predictor
+from .predictor import Predictor, Recording, predictor
 from .rebuild import OutputRebuilder
 
 PARTS_OF_TI = (1, 2, 4, 8, 16)  # block lengths as parts of Ti
@@ -38,10 +39,7 @@ NARROWEST, WIDEST = 0.4, 20.0  # % of span: the widths tried
 WIDTHS, FINE = 16, 9  # how many of them, and how many between the neighbours of the best
 TURN = 0.9  # of the range of OP: wider gaps were never crossed in both directions
 IMITATED = 0.5  # of what the imitations gain is taken off
-TRACE, RAW_TRACE = 3.0, 10.0  # nats of evidence, and of gain before anything is taken off, that are a trace of a gap
-LENGTH_COUNTS, SPAN_COUNTS, CROSSINGS_COUNT, ANSWER_COUNTS, SHOWN_OFFSET = 0.81, -0.13, -0.17, 0.75, -4.48
-POWER = 0.95  # chance of a trace that is asked for: 90 % and what the calibration may be off
-LIMITS = np.geomspace(1.0, 10.0, 14)  # % of span: the limits of detection that are told apart
+TRACE = 3.0  # nats of evidence that are a trace of a gap
 DROP = 1.92  # nats: 95 % of a likelihood
 LEAST_INTERVAL, IMPERFECTION = 0.08, 0.6  # of d, each way: floor, and what imitations gain as a share of the gap's gain
 GAP = 20  # samples; a hole as long ends a recording
@@ -58,8 +56,13 @@ class Asked:
 
     @property
     def net(self) -> FloatArray:
-        """Evidence (widths,) [nats]."""
+        """Evidence (widths,) [nats] of gaps that are a possible answer of PV."""
         return self.test.answer - IMITATED * self.imitation
+
+    @property
+    def fitting(self) -> FloatArray:
+        """The same (widths,) whether the answer is a possible one or not."""
+        return self.test.fit - IMITATED * self.imitation
 
 
 class ConfirmationScanner:
@@ -77,6 +80,8 @@ class ConfirmationScanner:
         self._samples = 0
         self._rebuilder: OutputRebuilder | None = None
         self._left_out = 0
+        self.tests: list[tuple[GapTest, float]] = []  # after finish: of each block length, with its imitation's gain
+        self.length = self.span = 0.0  # of the record in integral times; of OP [%]
 
     def update(self, block: Record) -> None:
         """Take the next block; its index goes on where the last one ended, or later."""
@@ -172,11 +177,11 @@ class ConfirmationScanner:
     def _confirmation(self, recordings: list[Recording], asked: list[Asked], span: float) -> Confirmation:
         from ..kernels import gap_crossings
 
-        ranked = sorted(asked, key=lambda a: float(a.net.max()), reverse=True)
-        nets = [float(a.net.max()) for a in ranked[:2]]
-        evidence = float(np.mean(nets)) if len(nets) > 1 else 0.5 * nets[0]
-        best = ranked[0]
-        widths, j = best.test.widths, int(best.test.fit.argmax())
+        shown = _shown(asked)
+        evidence, j = float(shown.max()), int(shown.argmax())
+        best = max(asked, key=lambda a: float(a.net[j]))
+        widths = best.test.widths
+        j = _top(best.test.fit, j)
         fine = np.geomspace(widths[max(j - 1, 0)], widths[min(j + 1, len(widths) - 1)], FINE + 2)[1:-1]
         fine = fine[np.abs(fine / widths[j] - 1.0) > 1e-3]
         closer = self._test(best.predictions, fine)
@@ -184,23 +189,26 @@ class ConfirmationScanner:
         grid, answer, deviation, share, reduction = (np.append(a, b)[order] for a, b in (
             (widths, fine), (best.test.fit, closer.fit), (best.test.deviation, closer.deviation),
             (best.test.share, closer.share), (best.test.error_reduction, closer.error_reduction)))
-        d = _peak(grid, answer)
-        at = int(answer.argmax())
+        at = _top(answer, int(np.searchsorted(grid, widths[j])))
+        d = _peak(grid, answer, at)
         imperfection = min(best.imitation / max(float(answer[at]), 1e-9), 1.0)
-        low, high = _interval(grid, answer, d, LEAST_INTERVAL + IMPERFECTION * imperfection)
-        if len(ranked) > 1 and nets[1] > 0.0:  # a size that another block length does not share is known less well
-            other = _peak(ranked[1].test.widths, ranked[1].test.fit)
+        low, high = _interval(grid, answer, at, d, LEAST_INTERVAL + IMPERFECTION * imperfection)
+        others = [a for a in asked if a is not best and a.fitting[j] > 0.0]
+        if others:  # a size that another block length does not share is known less well
+            second = max(others, key=lambda a: float(a.fitting[j])).test
+            other = _peak(widths, second.fit, _top(second.fit, j))
             low, high = min(low, other), max(high, other)
-        limit = self._limit(recordings, asked[0], span)
-        raw = max(float(a.test.gain.max()) for a in asked)
+        self.tests, self.span = [(a.test, a.imitation) for a in asked], span
+        self.length = sum(np.count_nonzero(r.usable) for r in recordings) * self.interval / self._Ti
+        limit = excluded(self.tests, self.length, span)
         crossings = sum(gap_crossings(r.output, d) for r in recordings)
         details: dict[str, float | str] = {
             "evidence": evidence, "gain": float(answer[at]), "imitation": best.imitation, "share": float(share[at]),
             "share_deviation": float(deviation[at]),
             "edge": float(at in (0, len(grid) - 1)), "rows": float(sum(p.rows for p in best.predictions)),
             "block_s": best.predictions[0].size * self.interval, "output_range": span / 100.0,
-            "crossings": float(crossings), "recordings": float(len(recordings)), "raw": raw,
-            "trace": float(evidence >= TRACE or raw >= RAW_TRACE),
+            "crossings": float(crossings), "recordings": float(len(recordings)),
+            "trace": float(evidence >= TRACE),
             "left_out": float(self._left_out), "sign_known": float(self.settings.K is not None),
             "output": "rebuilt" if self._rebuilder else "recorded",
         }
@@ -208,23 +216,6 @@ class ConfirmationScanner:
         return Confirmation(d / 100.0, (low / 100.0, high / 100.0), float(reduction[at]),
                             2.0 * evidence - float(np.log(sum(p.rows for p in best.predictions))),
                             None if limit is None else limit / 100.0, details, profile)
-
-    def _limit(self, recordings: list[Recording], asked: Asked, span: float) -> float | None:
-        """Smallest gap [% of span] from which on this record would have shown a trace of it; None if there is none."""
-        from ..kernels import gap_crossings
-
-        K, Ti = abs(self.settings.K or 0.0), self._Ti
-        widths = LIMITS[span > MOTION * LIMITS]
-        if not K or not len(widths):
-            return None
-        means = [block_means(r.output, asked.predictions[0].size) for r in recordings]
-        crossings = np.array([sum(gap_crossings(m, w) for m in means) for w in widths], dtype=float)
-        length = sum(np.count_nonzero(r.usable) for r in recordings) * self.interval / Ti
-        error = float(np.sqrt(sum(p.loss for p in asked.predictions) / sum(p.rows for p in asked.predictions)))
-        enough = shown(widths, length=length, span=span, crossings=crossings, answer=widths / (K * error)) >= POWER
-        if not enough[-1]:
-            return None
-        return float(widths[0 if enough.all() else int(np.flatnonzero(~enough)[-1]) + 1])
 
 
 def confirm(record: Record, settings: LoopSettings | None = None) -> Confirmation | Note:
@@ -243,9 +234,26 @@ def memory(values: FloatArray) -> float:
     return float(below[0]) if len(below) else float(len(v))
 
 
-def _peak(widths: FloatArray, answer: FloatArray) -> float:
-    """Width at the top of the parabola in log width through the best one and its neighbours."""
-    j = int(answer.argmax())
+def _shown(asked: Sequence[Asked]) -> FloatArray:
+    """Evidence (widths,) [nats]: the mean of the two block lengths that show a width best. In one of them the answer
+    must be a possible one; slow parts of it are known too badly to ask that of both."""
+    possible = np.max([a.net for a in asked], axis=0)
+    second = np.sort([a.fitting for a in asked], axis=0)[-2] if len(asked) > 1 else 0.0
+    shown: FloatArray = np.where(possible > 0.0, 0.5 * (possible + second), np.minimum(possible, 0.0))
+    return shown
+
+
+def _top(answer: FloatArray, j: int) -> int:
+    """Where one arrives that climbs from number j to the next summit."""
+    while True:
+        up = max((k for k in (j - 1, j, j + 1) if 0 <= k < len(answer)), key=lambda k: float(answer[k]))
+        if answer[up] <= answer[j]:
+            return j
+        j = up
+
+
+def _peak(widths: FloatArray, answer: FloatArray, j: int) -> float:
+    """Width at the top of the parabola in log width through number j and its neighbours."""
     if 0 < j < len(widths) - 1 and min(answer[j - 1], answer[j + 1]) > 0.0:
         at = np.log(widths[j - 1 : j + 2])
         a, b, _ = np.polyfit(at - at[1], answer[j - 1 : j + 2], 2)
@@ -254,10 +262,9 @@ def _peak(widths: FloatArray, answer: FloatArray) -> float:
     return float(widths[j])
 
 
-def _interval(widths: FloatArray, answer: FloatArray, d: float, least: float) -> tuple[float, float]:
-    """Ends of the widths whose answer is within DROP nats of the best, at least the share `least` of d each way."""
-    level = float(answer.max()) - DROP
-    j = int(answer.argmax())
+def _interval(widths: FloatArray, answer: FloatArray, j: int, d: float, least: float) -> tuple[float, float]:
+    """Ends of the widths whose answer is within DROP nats of number j, at least the share `least` of d each way."""
+    level = float(answer[j]) - DROP
     ends = []
     for way in (-1, 1):
         k = j
@@ -270,19 +277,6 @@ def _interval(widths: FloatArray, answer: FloatArray, d: float, least: float) ->
         else:
             ends.append(float(widths[k]))
     return max(min(ends[0], d * (1.0 - least)), 0.0), max(ends[1], d * (1.0 + least))
-
-
-def shown(widths: FloatArray, *, length: float, span: float, crossings: FloatArray, answer: FloatArray) -> FloatArray:
-    """Chance (widths,) that a record with a gap of that width would have shown a trace of it at least.
-
-    length: of the record in integral times. span: of OP, in the units of widths. crossings: (widths,) of the gap by
-    OP in block means over Ti. answer: (widths,) width / (K times the prediction error of PV over Ti). A logistic
-    model of 304 worn loops of strange plants, of which 0.85 showed a trace; docs/reliability.md has what it reaches.
-    """
-    score = (LENGTH_COUNTS * np.log(length) + SPAN_COUNTS * np.log(span / widths)
-             + CROSSINGS_COUNT * np.log1p(crossings) + ANSWER_COUNTS * np.minimum(np.log(answer), 3.0) + SHOWN_OFFSET)
-    chance: FloatArray = 1.0 / (1.0 + np.exp(-score))
-    return chance
 
 
 def _in_words(seconds: float) -> str:

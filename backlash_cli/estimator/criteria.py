@@ -1,7 +1,7 @@
 """What counts as evidence: the rules on a Confirmation, each with its origin.
 
-CALLED, SOME and the table CONFIDENCE come from 2,000 loops of plants that share nothing with the model of the test
-(tests/benchmarks/strangers.py; docs/reliability.md): there 2 to 3 % of the healthy ones go beyond CALLED. The others
+CALLED, SOME and the table CONFIDENCE come from 2,200 loops of plants that share nothing with the model of the test
+(tests/benchmarks/strangers.py; docs/reliability.md): there 2 % of the healthy ones go beyond CALLED. The others
 are what evidence means: one event is no proof, and a number that the grid or the record made is not the valve's.
 """
 
@@ -14,15 +14,15 @@ import numpy as np
 from ..record import Note
 from ..results import Confirmation
 
-CALLED = 9.0  # nats
-SOME = 5.0  # nats: worth a look
+CALLED = 6.5  # nats
+SOME = 4.0  # nats: worth a look
 UNKNOWN_SIGN = 3.0  # times as much where K is not known: nothing tells then which answers a process can give
-CONFIDENCE = ((5.0, 0.42), (8.0, 0.62), (10.0, 0.74), (18.0, 0.80), (30.0, 0.95), (60.0, 0.97))  # nats, share right
+CONFIDENCE = ((4.0, 0.4), (6.5, 0.5), (8.0, 0.8), (11.0, 0.9), (25.0, 0.92), (40.0, 0.98))  # nats, share right
 SMALLEST = 0.005  # span: nobody opens a valve for less, and errors of the prediction read as such sizes
 MOTION, LEAST_MOTION = 1.5, 1.2  # range of OP over a dead band that it can show; the least, with evidence for three
 FEWEST_CROSSINGS = 2  # of the gap, back after forth; from one upset any curve looks like a gap
 STEADY = 2.5  # deviations from zero of the share with which PV answers the gap, over stretches of the record
-CLEARED = 0.05  # span: "no backlash, below" is worth saying up to here
+CLEARED = 0.02  # span: "no backlash, below" is said up to here; larger ones would be no news
 KNOWN = 0.75  # half interval over d; beyond, nobody can act on the size
 OUTPUT_STEPS = 2.5  # a dead band below this many rounding steps of OP is not seen in OP
 

@@ -54,10 +54,10 @@ def test_no_half_periods_still_gives_a_number():
 
 
 @pytest.mark.parametrize(("change", "code"), [
-    ({"evidence": 8.0}, "weak_evidence"), ({"crossings": 1.0}, "few_reversals"),
+    ({"evidence": 6.0}, "weak_evidence"), ({"crossings": 1.0}, "few_reversals"),
     ({"share_deviation": 0.5}, "single_event"),
     ({"edge": 1.0}, "edge_of_widths"), ({"output_range": 0.034}, "little_motion"),
-    ({"output_range": 0.04, "evidence": 20.0}, "little_motion"),
+    ({"output_range": 0.04, "evidence": 15.0}, "little_motion"),
 ])
 def test_a_rule_against_it_makes_it_suspected(change: dict[str, float], code: str):
     decision = decide(findings(confirmation=replace(FOUND, details={**DETAILS, **change})))
@@ -78,10 +78,10 @@ def test_sizes_below_half_a_percent_are_no_alarm():
 
 def test_confidence_grows_with_the_evidence_and_stays_below_certainty():
     sure = [decide(findings(confirmation=replace(FOUND, details={**DETAILS, "evidence": e}))).confidence
-            for e in (10.5, 18.0, 30.0, 60.0, 600.0)]
+            for e in (7.0, 18.0, 30.0, 60.0, 600.0)]
     assert sure == sorted(sure)
-    assert 0.7 < sure[0] < 0.8
-    assert sure[-1] == 0.97
+    assert 0.5 < sure[0] < 0.8
+    assert sure[-1] == 0.98
 
 
 def test_compressed_pv_needs_both_methods():
@@ -108,7 +108,7 @@ def test_healthy_only_with_a_stated_limit():
 
 @pytest.mark.parametrize(("confirmation", "code"), [
     (replace(NOTHING, limit_of_detection=None), "little_information"),
-    (replace(NOTHING, limit_of_detection=0.08), "little_information"),
+    (replace(NOTHING, limit_of_detection=0.028), "little_information"),
     (replace(NOTHING, details={**NOTHING.details, "trace": 1.0}), "not_separable"),
     (Note("output_still", "OP stands still"), "output_still"),
 ])
@@ -141,7 +141,7 @@ def test_a_size_that_is_not_known_is_suspected_at_most():
 
 
 def test_an_oscillation_gets_no_size_that_is_not_called():
-    weak = replace(FOUND, details={**DETAILS, "evidence": 8.0})
+    weak = replace(FOUND, details={**DETAILS, "evidence": 6.0})
     decision = decide(findings(confirmation=weak, oscillation=SWINGING))
     assert decision.verdict is Verdict.OSCILLATING
     assert decision.cluster is None

@@ -1,0 +1,62 @@
+"""Which dead bands does a record exclude? The smallest one that would not have hidden in it.
+
+A loop without a sign of a dead band may still have one. A dead band of L is excluded where two things hold for all
+widths from L on: PV answers such gaps clearly less than it answers OP, and the chance that one hides all the same is
+small. That chance is calibrated on plants that share nothing with the test, a third of whose valves have play
+(`python -m tests.benchmarks.exclusion` fits it anew).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..record import FloatArray
+from .gap_test import GapTest
+
+LIMITS = (0.8, 1.1, 1.5, 2.0, 2.8, 4.0, 5.6)  # % of span: the limits of detection that are told apart
+SMALLER, BEYOND = 0.85, 1.2  # widths from this share of L on, up to the range of OP over this
+FULL, SHORT_OF = 0.8, 1.0  # share of a gap that is there, less what the test loses; deviations it is short of
+BEST, IMITATED = 2, 0.5  # block lengths that count for the gain; what of an imitation's gain is taken off
+WEIGHTS, CONSTANT = (0.377, -0.781, 0.069, -0.32, 0.79, -0.317, -1.544), -4.413  # of the signs, by logistic regression
+HIDDEN = 0.025  # chance that is left when a dead band is said to be excluded
+
+
+def signs(tests: Sequence[tuple[GapTest, float]], L: float, length: float, span: float) -> tuple[float, ...]:
+    """What speaks for a dead band of L or more, (7,), in the order of `WEIGHTS`, and how far PV's answer falls short.
+
+    tests: of each block length, with what its best imitation gained. length: of the record in integral times. L, span
+    (of OP): % of span. The signs are the net gain of the two best block lengths, by how many deviations PV's share in
+    the gap is short of full and the tied gain (medians over block lengths), these three as sign times log1p; and the
+    logs of length, of span over L, of L, and of the share's deviation. The last number is the shortfall as it is.
+    """
+    widths = tests[0][0].widths
+    there = (widths >= SMALLER * L) & (widths <= span / BEYOND)
+    if not there.any():
+        there = widths == widths[-1]
+    gains = sorted((float(t.gain[there].max()) - IMITATED * imitated for t, imitated in tests), reverse=True)[:BEST]
+    tied = float(np.median([t.tied[there].max() for t, _ in tests]))
+    short = float(np.median([np.min((FULL - t.share[there]) / np.maximum(t.deviation[there], 0.02)) for t, _ in tests]))
+    deviation = float(np.median([np.median(t.deviation[there]) for t, _ in tests]))
+    known = np.log([max(length, 1.0), span / L, L, max(deviation, 1e-3)])
+    return (_compressed(sum(gains) / BEST), _compressed(short), _compressed(tied), *known.tolist(), short)
+
+
+def chance_hidden(signs: FloatArray) -> FloatArray:
+    """Chance (rows,) that a dead band hides behind such signs (rows, 7)."""
+    chance: FloatArray = 1.0 / (1.0 + np.exp(-(signs @ np.array(WEIGHTS) + CONSTANT)))
+    return chance
+
+
+def excluded(tests: Sequence[tuple[GapTest, float]], length: float, span: float) -> float | None:
+    """The smallest of LIMITS [% of span] from which on no dead band hides in the record; None where there is none."""
+    found = np.array([signs(tests, L, length, span) for L in LIMITS])
+    hidden = (chance_hidden(found[:, :-1]) > HIDDEN) | (found[:, -1] < SHORT_OF)
+    if hidden[-1]:
+        return None
+    return LIMITS[0 if not hidden.any() else int(np.flatnonzero(hidden)[-1]) + 1]
+
+
+def _compressed(value: float) -> float:
+    return float(np.sign(value) * np.log1p(abs(value)))
