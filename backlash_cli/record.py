@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +62,7 @@ class LoopSettings:
     theta: float | None = None
     pv_range: tuple[float, float] = (0.0, 1.0)
     op_range: tuple[float, float] = (0.0, 1.0)
-    source: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    source: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def filter_time(self) -> float | None:

@@ -137,7 +137,7 @@ def _job(config: NightlyConfig, export: Export) -> Job:
     from ..scan import ScanOptions
 
     return Job(export.files, config.loops, ReadOptions(**config.reading), ScanOptions(carry=True), config.jobs,
-               shown=False, pictures=True)
+               shown=False)
 
 
 def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records: Mapping[str, Record],

@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import gc
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,9 +27,8 @@ if TYPE_CHECKING:
 
 @dataclass
 class Job:
-    """One scan. client: of the cluster, None for this machine; absolute: its workers are other machines. shown: with
-    progress on a terminal. pictures: `records` will be asked for. keep: what is finished, for a history; taken_over: so
-    many loops of it."""
+    """One scan. client: of the cluster, None for this machine. shown: with progress on a terminal. keep: what is
+    finished, for a history; taken_over: so many loops of it. files: of each loop, where its measurement stands."""
 
     inputs: Sequence[Path | Remote]
     loops: Path | None
@@ -37,66 +36,47 @@ class Job:
     options: ScanOptions
     jobs: int | None = None
     client: Client | None = None
-    absolute: bool = False
     shown: bool = True
-    pictures: bool = False
     keep: Unfinished | None = None
     taken_over: int = 0
+    files: dict[str, set[str]] = field(default_factory=dict)
+
+    @cached_property
+    def plant(self) -> OpenPlant:
+        return self._open(self.inputs)
 
     @cached_property
     def records(self) -> Mapping[str, Record]:
         """The loops by name, each read again when it is asked for: pictures need the samples."""
         from ..loaders.plant import RecordsByName
 
-        return RecordsByName(self._open(self.inputs).recipes)
+        return RecordsByName(self.plant.recipes)
 
     def scan(self, inputs: Sequence[Path | Remote] | None = None) -> ScanResult:
         """Return the result of all inputs, or of these."""
-        inputs = self.inputs if inputs is None else inputs
-        return self._here(inputs) if self.client is None else self._on_cluster(self.client, inputs)
-
-    def _here(self, inputs: Sequence[Path | Remote]) -> ScanResult:
         from ..api import scan
-        from ..loaders.plant import RecordsByName
 
         gc.freeze()  # the program itself holds no garbage: looking it through took a tenth of a scan
-        plant = self._open(inputs)
-        if self.pictures and inputs is self.inputs:
-            self.__dict__["records"] = RecordsByName(plant.recipes)
-        total = len(plant.recipes)
-        self._tell(inputs, [recipe.key for recipe in plant.recipes])
+        plant = self.plant if inputs is None else self._open(inputs)
+        if inputs is None:
+            self.files = {r.loop: {item.where for item in r.series.roles.get("pv", ())} for r in plant.recipes}
+            self._tell([recipe.key for recipe in plant.recipes])
         if self.shown:
             say_if_first_run()
-        with _Counting(total, self.shown, self.keep is not None) as done:
-            return scan(plant, self.options, jobs=self.jobs, progress=done, keep=self.keep)
+        with _Counting(len(plant.recipes), self.shown, self.keep is not None) as done:
+            return scan(plant, self.options, jobs=self.jobs, progress=done, keep=self.keep, client=self.client)
 
     def _open(self, inputs: Sequence[Path | Remote]) -> OpenPlant:
-        from ..api import open_files
-        from ..loaders.parts import keyed, marks_of
-        from ..loaders.sources import find_sources, size_of
+        from ..loaders.plant import open_plant
+        from ..loaders.sources import size_of
 
-        marks = {} if self.keep is None else marks_of(find_sources(list(inputs)))
         with progress("reading", size_of(inputs), shown=self.shown, of_bytes=True) as taken:
-            plant = open_files(list(inputs), loops=self.loops, reading=self.reading, taken=taken)
-        if self.keep is None:
-            return plant
-        return replace(plant, recipes=keyed(plant.recipes, marks, plant.moment, repr(self.options)))
+            return open_plant(list(inputs), loops=self.loops, options=self.reading, taken=taken,
+                              salt=None if self.keep is None else repr(self.options))
 
-    def _on_cluster(self, client: Client, inputs: Sequence[Path | Remote]) -> ScanResult:
-        from ..api import scan_part
-        from ..engines.plant import DaskPlant
-
-        with progress("looking at the files", None, shown=self.shown):
-            plant = DaskPlant(client, inputs, loops=self.loops, reading=self.reading, absolute=self.absolute)
-        salt = repr(self.options)
-        if self.keep is not None and self.keep.resumed:
-            self._tell(inputs, list(plant.keys(salt).values()))
-        with _Counting(len(plant.plan.loops), self.shown, self.keep is not None) as done:
-            return plant.scan(partial(scan_part, options=self.options), keep=self.keep, salt=salt, progress=done)
-
-    def _tell(self, inputs: Sequence[Path | Remote], keys: Sequence[str]) -> None:
+    def _tell(self, keys: Sequence[str]) -> None:
         """Say how many loops are taken over from the scan that was stopped."""
-        if self.keep is None or inputs is not self.inputs:
+        if self.keep is None:
             return
         self.taken_over = sum(key in self.keep.known for key in keys)
         if self.keep.resumed and self.shown:

@@ -77,8 +77,7 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], fo
     reading = replace(reading, only_loops=only)
     with kept(history, (inputs, loops, reading, options), resume=resume) as keep:
         with working(engine, scheduler, jobs) as client:
-            job = Job(inputs, loops, reading, options, jobs, client, scheduler is not None, not quiet,
-                      pictures=form == "html" or plot is not None, keep=keep)
+            job = Job(inputs, loops, reading, options, jobs, client, not quiet, keep)
             result = job.scan()
             if history is not None:
                 _remember(result, history, job)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +11,6 @@ from ..results import ScanResult
 from .terminal import say
 
 if TYPE_CHECKING:
-    from ..loaders.sources import Source
     from ..results.history import Outcome
     from .run_scan import Job
 
@@ -44,35 +42,17 @@ def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
     long = [r.loop for r in result.loops if r.start is not None and r.end is not None and r.end - r.start > LONG]
     if not long:
         return []
-    sources = find_sources(list(job.inputs))
-    nights: Counter[str] = Counter()
-    readable, failed = [], []
-    for source in sources if len(sources) > 1 else ():
-        try:
-            nights.update(_loops_in(source, job))
-            readable.append(source.path)
-        except BacklashError as error:
-            failed.append(f"{source.path.name}: {error}")
-    if max(nights.values(), default=0) < 2:
+    if max(map(len, job.files.values()), default=0) < 2:
         say(f"{', '.join(long[:3])}: the export covers more than a day and enters the history as one night; "
             "scan single days to see wear")
         return []
     found = []
-    for path in readable:
+    for source in find_sources(list(job.inputs)):
         try:
-            found.append(job.scan([path]))
+            found.append(job.scan([source.path]))
         except BacklashError as error:
-            failed.append(f"{path.name}: {error}")
-    for words in failed:
-        say(f"this export is no night of the history: {words}")
+            say(f"this export is no night of the history: {source.path.name}: {error}")
     return found
-
-
-def _loops_in(source: Source, job: Job) -> list[str]:
-    from ..loaders.parts import make_plan, survey
-
-    return list(make_plan([source.path], [source], [survey(source, job.reading, end=True)], loops=job.loops,
-                          reading=job.reading).loops)
 
 
 def undated(result: ScanResult) -> ScanResult:

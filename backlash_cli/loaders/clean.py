@@ -5,8 +5,9 @@ A loop longer than CHUNK rows is made in chunks of that size: its grid and spans
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -69,6 +70,28 @@ class Recipe:
             joiner.next_chunk(begin, end)
             notes = self.notes if end == ends[-1] else None
             yield _noted(build(_window(self.series, begin, end), settings, joiner, self.options, going), notes)
+
+    def keyed(self, marks: Mapping[str, str], common: tuple[object, ...]) -> Recipe:
+        """Return the recipe with its key; without one where a file cannot be known again.
+
+        marks: what changes when the content of a file does, by its name. common: what else a report depends on.
+        """
+        items = [(role, item) for role, items in sorted(self.series.roles.items()) for item in items]
+        if not all(marks.get(item.where) for _, item in items):
+            return self
+        parts = [(role, i.tag, i.loop, i.signal, i.where, marks[i.where]) for role, i in items]
+        # which loops are wanted is not how they are read
+        how = replace(self.options, only_loops=(), loops_matching=(), sample=None, sample_seed=0, since=None)
+        values = self.values
+        settings = None if values is None else (dict(values.values), values.where, sorted(values.from_defaults))
+        whole = repr((common, how, self.loop, settings, [(note.code, note.message) for note in self.notes],
+                      sorted(self.series.missing_tags.items()), parts))
+        return replace(self, key=hashlib.sha256(whole.encode("utf-8", "backslashreplace")).hexdigest()[:32])
+
+    def packed(self) -> Recipe:
+        """Return the recipe with its samples, to be sent to another machine; columns of Parquet files are read there.
+        """
+        return replace(self, series=self.series.packed())
 
     @property
     def rows(self) -> int:

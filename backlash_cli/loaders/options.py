@@ -22,20 +22,6 @@ _AGE = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(s|min|h|d|w)\s*")
 
 
 @dataclass(frozen=True)
-class Share:
-    """The part of a plant that one worker computes, settled before by a plan of the whole.
-
-    loops: exact names. renamed: names in the data -> names of these loops, where they differ. since: moment
-    [microseconds since 1970 UTC] from which on data count; age: it was given as an age.
-    """
-
-    loops: tuple[str, ...]
-    renamed: tuple[tuple[str, str], ...] = ()
-    since: int | None = None
-    age: bool = False
-
-
-@dataclass(frozen=True)
 class ReadOptions:
     """How to read exports; every `None` means: find it in the file.
 
@@ -72,7 +58,6 @@ class ReadOptions:
     good_quality: tuple[str, ...] = ()
     auto_modes: tuple[str, ...] = ()
     max_bytes: int = 2 << 30
-    share: Share | None = None
 
     def __post_init__(self) -> None:
         _one_of("interpolation", self.interpolation, INTERPOLATIONS)

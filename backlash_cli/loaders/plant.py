@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import cached_property
 from os import PathLike
@@ -26,7 +26,6 @@ from .tables import Reading, signals_of_file
 
 Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]
 READING_ERRORS = (BacklashError, ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
-SOURCE = "of source"  # key of a value that only travels from a part to the whole
 FEW_LOOPS = 3  # loops of the loops file without data that are named one by one
 
 
@@ -89,7 +88,7 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
         except BacklashError as error:
             failures.append(failure(error, loop=recipe.loop))
     lost = opened.with_lost(failures)
-    if opened.whole and not records and lost:
+    if not records and lost:
         raise no_loop_read(lost)
     return Plant(tuple(records), opened.warnings, (*opened.failures, *lost), opened.inputs)
 
@@ -117,8 +116,7 @@ def failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:
 class OpenPlant:
     """One or several exports whose loops are known and not yet read: one recipe per loop, by name.
 
-    failures: files that could not be read. lost: loops that cannot be. whole: False for a share of a plant. moment: of
-    --since [microseconds since 1970 UTC]. The rest as in Plant.
+    failures: files that could not be read. lost: loops that cannot be. The rest as in Plant.
     """
 
     recipes: tuple[Recipe, ...]
@@ -126,8 +124,6 @@ class OpenPlant:
     failures: tuple[Note, ...] = ()
     inputs: tuple[str, ...] = ()
     lost: tuple[Note, ...] = ()
-    whole: bool = True
-    moment: int | None = None
 
     def with_lost(self, more: Sequence[Note]) -> tuple[Note, ...]:
         """Return the loops that could not be read, with those found out when they were read, by name."""
@@ -158,22 +154,21 @@ class RecordsByName(Mapping[str, Record]):
 
 def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
                options: ReadOptions | None = None, taken: Callable[[int], None] | None = None,
-               room: Room | None = None) -> OpenPlant:
+               room: Room | None = None, salt: str | None = None) -> OpenPlant:
     """Find the loops of exports; their samples are put where a loop is read from when its turn comes.
 
     taken: called with the bytes of a file that were read. room: memory for samples, the rest goes to a scratch file.
-    Raises BacklashError as `read` does.
+    salt: what a report depends on beside the data and how they are read, where reports of loops are kept. Raises
+    BacklashError as `read` does.
     """
     options = options or ReadOptions()
     given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
     sources = find_sources(given)
+    marks = {} if salt is None else {str(source.path): source.mark() for source in sources}  # before they are read
     metadata, warnings = metadata_of(given, sources, loops)
     files = _files(sources, Reading(options, _wanted(metadata, options), _needed(metadata, options), taken,
                                     room or Room()))
     warnings += files.notes
-    if options.share is not None:
-        return _share(files.series, metadata, options, OpenPlant((), tuple(files.notes), tuple(files.failures),
-                                                                 whole=False))
     if not files.series:
         raise nothing_read(len(sources), files.first_problem)
     settled = settle(files.series, metadata, options, str(sources[0].path))
@@ -188,8 +183,9 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
             raise nothing_since(options.since, moment, last)
         warnings += since_notes(options.since, moment, without, len(settled.loops))
     warnings += settled.unmatched
-    return OpenPlant(recipes_of(wanted, metadata, options), tuple(warnings), tuple(files.failures),
-                     tuple(str(item) for item in given), tuple(lost), moment=moment)
+    recipes = (_recipe(name, wanted[name], metadata, options) for name in sorted(wanted))
+    return OpenPlant(tuple(recipe.keyed(marks, (salt, moment)) for recipe in recipes), tuple(warnings),
+                     tuple(files.failures), tuple(str(item) for item in given), tuple(lost))
 
 
 @dataclass
@@ -214,8 +210,6 @@ def _files(sources: Sequence[Source], reading: Reading) -> _Files:
             found.failures.append(failure(error, file=where))
             continue
         found.series += series
-        if reading.options.share is not None:  # by their files the notes of several parts of a plant are put in order
-            notes = [Note(note.code, note.message, {**note.values, SOURCE: where}) for note in notes]
         found.notes += notes
     return found
 
@@ -294,19 +288,6 @@ def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata) -> list[Not
     return notes
 
 
-def _share(found: list[Series], metadata: Metadata, options: ReadOptions, so_far: OpenPlant) -> OpenPlant:
-    """The part of a plant whose names and loops are settled; what concerns the plant as a whole is said elsewhere."""
-    share = options.share
-    assert share is not None
-    series = by_loop(found, metadata, dict(share.renamed))
-    wanted = {name: series[name] for name in share.loops if name in series}
-    lost: list[Note] = []
-    if share.since is not None:
-        wanted, without, more = _cut(wanted, share.since, age=share.age)
-        lost = [*(Note("nothing_since", "", {"loop": name}) for name in without), *more]
-    return replace(so_far, recipes=recipes_of(wanted, metadata, options), lost=tuple(lost))
-
-
 def _cut(wanted: Mapping[str, LoopSeries], moment: int, *, age: bool) -> tuple[
         dict[str, LoopSeries], list[str], list[Note]]:
     """Return the loops from `moment` on, the names of those that have nothing left, and what cannot be cut."""
@@ -327,11 +308,6 @@ def _cut(wanted: Mapping[str, LoopSeries], moment: int, *, age: bool) -> tuple[
     return kept, without, wrong
 
 
-def recipes_of(loops: Mapping[str, LoopSeries], metadata: Metadata, options: ReadOptions) -> tuple[Recipe, ...]:
-    """Return the recipes of loops, by name."""
-    return tuple(_recipe(name, loops[name], metadata, options) for name in sorted(loops))
-
-
 def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOptions) -> Recipe:
     values = metadata.of(name)
     notes: list[Note] = []
@@ -345,12 +321,11 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
 
 def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[list[Named]], set[int]]:
     """Return what says which columns of a wide file the wanted loops use."""
-    if options.share is None and not (options.only_loops or options.loops_matching):
+    if not (options.only_loops or options.loops_matching):
         return lambda found: {one.column for one in found}
-    renamed = dict(options.share.renamed) if options.share is not None else None
 
     def needed(found: list[Named]) -> set[int]:
-        loops = by_loop(found, metadata, renamed)
+        loops = by_loop(found, metadata)
         return {int(item.column) for name in _perhaps_wanted(loops, options) for item in loops[name].items()}
 
     return needed
@@ -358,17 +333,15 @@ def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[list[Named]],
 
 def _wanted(metadata: Metadata, options: ReadOptions) -> Callable[[str], bool]:
     """Return what says of a tag whether a loop that the options do not rule out may use it."""
-    if options.share is None and not (options.only_loops or options.loops_matching):
+    if not (options.only_loops or options.loops_matching):
         return lambda tag: True
-    renamed = dict(options.share.renamed) if options.share is not None else None
     owners = explicit_tags(metadata)[0]
 
     def wanted(tag: str) -> bool:
         loop = split_tag(tag).loop
         names = {tag, loop, *(name for name, _ in owners.get(tag.strip().lower(), ()))}
         for name in (tag, loop):
-            found = (metadata.match(name), metadata.part_of(name)) if renamed is None else (renamed.get(name),)
-            names.update(match for match in found if match)
+            names.update(match for match in (metadata.match(name), metadata.part_of(name)) if match)
         return bool(_perhaps_wanted(names, options))
 
     return wanted
@@ -376,8 +349,6 @@ def _wanted(metadata: Metadata, options: ReadOptions) -> Callable[[str], bool]:
 
 def _perhaps_wanted(names: Iterable[str], options: ReadOptions) -> list[str]:
     """Loops that the options do not rule out; which are drawn for a sample is known only when all files are open."""
-    if options.share is not None:
-        return [name for name in names if name in set(options.share.loops)]
     tests = [check_pattern(pattern) for pattern in options.loops_matching]
     return [name for name in names
             if (not options.only_loops

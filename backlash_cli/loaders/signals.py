@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Protocol
@@ -156,6 +156,31 @@ class SomeRows:
         return found if first >= last else self._taken(found, first, last)
 
 
+@dataclass(frozen=True, eq=False)
+class ReadRows:
+    """Rows in memory."""
+
+    count: int
+    columns: dict[str, Cells]
+
+    def cells(self, column: str, first: int, last: int) -> Cells:
+        found = self.columns[column]
+        return Cells(found.values[first:last], None if found.codes is None else found.codes[first:last], found.lexicon)
+
+    def stamps(self, column: str, first: int, last: int) -> IntArray:
+        raise NotImplementedError("stamps in memory stand in their axis")
+
+
+def packed(rows: Rows, columns: Iterable[str]) -> Rows:
+    """Return rows with the samples of some columns that lie in the scratch file of this machine in memory."""
+    base = rows
+    while isinstance(base, SomeRows):
+        base = base.base
+    if not isinstance(base, StoredRows):
+        return rows
+    return ReadRows(rows.count, {column: rows.cells(column, 0, rows.count) for column in columns if column})
+
+
 def part_of(rows: Rows, chosen: slice | IntArray) -> Rows:
     """Return some rows of others."""
     if isinstance(chosen, slice):
@@ -233,6 +258,13 @@ class Axis:
             return Axis(micros=self.micros[chosen], **about)
         line = self.first_line + int(chosen.start or 0) if isinstance(chosen, slice) and self.first_line else 0
         return Axis(part_of(self.rows, chosen), self.column, first_line=line, **about)
+
+    def packed(self) -> Axis:
+        """Return these stamps in memory where they lie in the scratch file of this machine."""
+        if self.rows is None or packed(self.rows, ()) is self.rows:
+            return self
+        return Axis(micros=self.micros, absolute=self.absolute, notes=self.notes, where=self.where,
+                    first_line=self.first_line, parts=self.parts, last=self._last)
 
     def _used(self) -> None:
         """Forget what was found out of the axes that were not used for long; it can be found out again."""

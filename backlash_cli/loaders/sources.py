@@ -39,6 +39,17 @@ class Source(PathLike[str]):
     def __fspath__(self) -> str:
         return str(self.path)
 
+    def mark(self) -> str:
+        """Return what changes when the content of the file does, "" where that cannot be known."""
+        try:
+            if isinstance(self.path, Remote):
+                version = self.path.version()
+                return version if " " in version else ""  # its size alone says too little
+            about = self.path.stat()
+            return f"{about.st_size} {about.st_mtime_ns} {about.st_ctime_ns}"
+        except OSError:
+            return ""
+
 
 def find_sources(inputs: str | PathLike[str] | Sequence[str | PathLike[str]]) -> list[Source]:
     """Return the files behind the inputs, each once, in order. Raises InputError for what does not exist."""
