@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import bz2
 import codecs
+import gzip
+import io
+import lzma
 import stat
 import zlib
 from collections.abc import Callable, Iterator
@@ -29,7 +33,7 @@ _FOREIGN = {
     b"\x89HDF": ("an HDF5 file", "export the data as CSV or Parquet"),
     b"ORC": ("an ORC file", "export the data as CSV or Parquet"),
 }
-_DAMAGED = (OSError, EOFError, zlib.error, ValueError, pa.ArrowException)
+_DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, pa.ArrowException)
 _MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe\x00\x00", "utf-32-le"), (b"\xff\xfe", "utf-16-le"),
           (b"\xfe\xff", "utf-16-be"))  # fmt: skip
 
@@ -131,8 +135,8 @@ class Text:
                 except _DAMAGED as error:
                     if not codec:
                         raise
-                    problem = str(error).strip() or type(error).__name__
-                    if total < 200:
+                    problem = "the compressed stream ends too early" if isinstance(error, EOFError) else str(error)
+                    if total < 200 or isinstance(error, gzip.BadGzipFile):  # a wrong checksum: any part may be wrong
                         raise InputError(f"damaged {codec} file: {problem}", where=str(self.path),
                                          remedy="export or copy it again") from None
                     self.notes.append(Note("truncated", f"damaged or truncated {codec} file ({problem}): only the part "
@@ -187,68 +191,34 @@ class Text:
             self.notes.append(Note("encoding", text))
 
 
-class _Counting:
+class _Counting(io.RawIOBase):
     """A file that tells how much of it was read."""
 
     def __init__(self, file: BinaryIO, taken: Callable[[int], None] | None) -> None:
         self._file, self._taken = file, taken
-        self.closed = False
 
-    def read(self, size: int = -1) -> bytes:
-        data = self._file.read(size)
+    def readinto(self, buffer: Any) -> int:
+        data = self._file.read(len(buffer))
+        buffer[: len(data)] = data
         if self._taken is not None:
             self._taken(len(data))
-        return data
+        return len(data)
 
     def readable(self) -> bool:
         return True
 
-    def close(self) -> None:
-        self.closed = True  # the file itself is closed by who opened it
-
 
 def _decompressed(file: Any, codec: str) -> Iterator[bytes]:
-    if codec == "gzip":
-        yield from _gunzip(file)
-        return
+    """Yield the text piece by piece, and all that is whole of a damaged file before the error."""
+    opened: Any = io.BufferedReader(file, CHUNK)
     if codec == "zstd":
-        file = pa.CompressedInputStream(pa.PythonFile(file, mode="r"), "zstd")
+        opened = pa.CompressedInputStream(pa.PythonFile(opened, mode="r"), "zstd")
     elif codec:
-        import bz2
-        import lzma
-
-        decoder: Any = bz2.BZ2Decompressor if codec == "bz2" else lzma.LZMADecompressor
-        inflate = decoder()
-        while chunk := file.read(CHUNK):
-            try:
-                while chunk:
-                    yield inflate.decompress(chunk)
-                    chunk = inflate.unused_data if inflate.eof else b""
-                    inflate = decoder() if inflate.eof else inflate
-            except lzma.LZMAError as error:
-                raise OSError(str(error)) from None
-        return
-    while piece := file.read(CHUNK):
+        openers: dict[str, Any] = {"gzip": gzip.open, "bz2": bz2.open, "xz": lzma.open}
+        opened = openers[codec](opened)
+    read = opened.read if codec == "zstd" else opened.read1  # of what is whole, no more than one piece
+    while piece := read(CHUNK):
         yield piece
-
-
-def _gunzip(file: Any) -> Iterator[bytes]:
-    """Yield the text of a gzip file piece by piece, and all that is whole of a damaged one before the error."""
-    inflate = zlib.decompressobj(wbits=31)
-    rest = b""
-    while chunk := rest or file.read(CHUNK):
-        rest = b""
-        if inflate.eof:
-            if not chunk.startswith(b"\x1f\x8b"):
-                return  # padding after the last member
-            inflate = zlib.decompressobj(wbits=31)
-        if piece := inflate.decompress(chunk, CHUNK):
-            yield piece
-        rest = inflate.unused_data if inflate.eof else inflate.unconsumed_tail
-    if tail := inflate.flush():
-        yield tail
-    if not inflate.eof:
-        raise EOFError("the compressed stream ends too early")
 
 
 def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> tuple[str, int]:
@@ -320,7 +290,6 @@ def sheets(path: Path | Remote) -> list[tuple[str, bytes]]:
         raise InputError("reading Excel workbooks needs python-calamine", where=str(path),
                          remedy="pip install 'backlash[excel]', or save the sheet as CSV") from None
     import csv
-    import io
 
     found = []
     try:
