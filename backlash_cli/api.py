@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from .engines.local import analyse
 from .errors import MetadataError, UsageError
-from .loaders.plant import OpenPlant, no_loop_read, open_plant
+from .loaders.plant import OpenPlant, open_plant
 from .record import Note, Record
 from .results import LoopReport, Model, ScanResult, Verdict
 from .scan import ScanOptions
@@ -54,10 +54,7 @@ def scan(
         if progress is not None:
             progress(report)
     if isinstance(plant, OpenPlant):
-        lost = list(plant.with_lost(lost))
-        if not reports and lost:
-            raise no_loop_read(lost)
-        failures += tuple(lost)
+        failures += plant.all_lost(lost, read=len(reports))
     known = {report.loop for report in reports}
     refused = [_refused(note) for note in failures if _loop(note) and _loop(note) not in known]
     others = tuple(note for note in failures if not _loop(note) or _loop(note) in known)

@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from ..errors import BacklashError
 from ..history.unfinished import Unfinished
 from ..loaders.clean import Recipe
-from ..loaders.join import Joiner
-from ..loaders.plant import failure
+from ..loaders.join import Joiner, failure
 from ..record import Note, Record
 from ..results import LoopReport, Verdict
 from ..scan import ScanOptions, pieces, scan, scan_blocks

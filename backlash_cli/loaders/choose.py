@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError, UsageError, nearest
 from ..record import IntArray, Note
-from .join import LoopSeries
+from .join import LoopSeries, failure
 from .options import check_pattern, parse_since, sample_size
 from .order import NAT, utc_text
 from .signals import Axis, Series
@@ -23,27 +23,21 @@ from .signals import Axis, Series
 SHOWN = 12  # names written out in a message; all of them stand in its values
 
 
-@dataclass(frozen=True)
-class Choice:
-    """names: the loops to compute, in order. notes: what was left out, and why."""
-
-    names: tuple[str, ...]
-    notes: tuple[Note, ...] = ()
-
-
 def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[str] = (), sample: str | None = None,
-           seed: int = 0) -> Choice:
-    """Return the loops that are wanted of all `names`.
+           seed: int = 0) -> tuple[list[str], list[Note]]:
+    """Return the loops that are wanted of all `names`, in order, and what was left out and why.
 
     only: names or wildcards, each of which must exist. matching: patterns (`check_pattern`), of which one must exist.
     sample: "20" or "5%" of what is left, drawn by `seed`. Raises UsageError for a name or patterns that nothing fits.
     """
     everything = sorted(set(names))
-    chosen = _named(everything, only)
+    for pattern in only:
+        if not any(is_named(name, [pattern]) for name in everything):
+            raise UsageError(f"no loop {pattern!r} in the data", where="--loop", remedy=nearest(pattern, everything))
+    chosen = [name for name in everything if is_named(name, only)]
     notes: list[Note] = []
     if matching:
-        tests = [check_pattern(pattern) for pattern in matching]
-        fitting = [name for name in chosen if any(test(name) for test in tests)]
+        fitting = [name for name in chosen if is_matching(name, matching)]
         words = " or ".join(repr(pattern) for pattern in matching)
         if not fitting:
             raise UsageError(f"none of {len(chosen)} loops matches {words}", where="--loops-matching",
@@ -59,19 +53,17 @@ def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[st
                     f"{left} were not computed")
             notes.append(Note("sampled", text, {"loops": float(left), "seed": float(seed), "drawn": ", ".join(drawn)}))
         chosen = drawn
-    return Choice(tuple(chosen), tuple(notes))
+    return chosen, notes
 
 
-def _named(names: list[str], only: Sequence[str]) -> list[str]:
-    if not only:
-        return names
-    chosen: set[str] = set()
-    for pattern in only:
-        hits = [name for name in names if name == pattern or fnmatchcase(name.lower(), pattern.lower())]
-        if not hits:
-            raise UsageError(f"no loop {pattern!r} in the data", where="--loop", remedy=nearest(pattern, names))
-        chosen.update(hits)
-    return sorted(chosen)
+def is_named(name: str, only: Sequence[str]) -> bool:
+    """Say whether a loop is one of those named, also by wildcards; all are where none is named."""
+    return not only or any(name == pattern or fnmatchcase(name.lower(), pattern.lower()) for pattern in only)
+
+
+def is_matching(name: str, matching: Sequence[str]) -> bool:
+    """Say whether a loop's name fits a pattern; every name does where there is none."""
+    return not matching or any(check_pattern(pattern)(name) for pattern in matching)
 
 
 def draw(names: Sequence[str], count: int, seed: int = 0) -> list[str]:
@@ -91,52 +83,68 @@ def shown(names: Sequence[str]) -> str:
     return ", ".join(name[:40] for name in names[:SHOWN]) + more
 
 
-def moment_of(since: str, timezone: str | None, last: int | None) -> int:
-    """Return the moment [microseconds since 1970 UTC] from which on data count; `last`: last stamp of the data.
+@dataclass(frozen=True)
+class Since:
+    """What --since leaves. loops: from the moment on [microseconds since 1970 UTC]. lost: those that cannot be cut."""
 
-    Raises UsageError when an age is given and the data have no stamps.
+    moment: int
+    loops: dict[str, LoopSeries]
+    notes: list[Note]
+    lost: list[Note]
+
+
+def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None) -> Since:
+    """Take off what lies before a moment, or before an age of the last stamp of all series found.
+
+    Of signals with rows of their own (a setpoint that is recorded when it changes) the last value before the moment
+    stays, as it still holds. Raises UsageError when the data have no times, InputError when no loop has later ones.
     """
-    moment, age = parse_since(since, timezone)
-    if moment is not None:
-        return moment
-    if last is None:
-        raise UsageError("the data have no times", where=f"--since {since}", remedy="leave --since out")
-    return last - age
+    moment, age = parse_since(when, timezone)
+    last = max((last for axis in {id(item.axis): item.axis for item in found}.values()
+                if (last := axis.last()) is not None), default=None)
+    if moment is None:
+        if last is None:
+            raise UsageError("the data have no times", where=f"--since {when}", remedy="leave --since out")
+        moment = last - age
+    cut = _Cut(moment)
+    kept, without, lost = {}, [], []
+    for name, own in loops.items():
+        measured = own.roles.get("pv", [])
+        if not age and any(not item.axis.absolute for item in measured):
+            error = InputError("the times count from an unknown start", where=measured[0].where,
+                               remedy="give --since as an age, such as 3h")
+            lost.append(failure(error, loop=name))
+            continue
+        own = cut.loop(own)
+        if measured and "pv" not in own.roles:
+            without.append(name)
+        else:
+            kept[name] = own
+    text = f"{utc_text(moment)} UTC"
+    if without and not kept:
+        ends = "" if last is None else f"; the data end at {utc_text(last)} UTC"
+        raise InputError(f"no loop has data since {text}{ends}", where=f"--since {when}",
+                         remedy="give an earlier time, or an age such as 3d")
+    notes = [Note("since", f"data before {text} were left out (--since {when})", {"since": text})]
+    if without:
+        said = f"{len(without)} of {len(loops)} loops have no data since {text} and were not computed: {shown(without)}"
+        notes.append(Note("nothing_since", said, {"loops": float(len(without)), "names": ", ".join(without)}))
+    return Since(moment, kept, notes, lost)
 
 
-def last_stamp(series: Iterable[Series]) -> int | None:
-    """Return the last stamp [microseconds since 1970 UTC] of all series, None if there is none."""
-    axes = {id(item.axis): item.axis for item in series}
-    return max((last for axis in axes.values() if (last := axis.last()) is not None), default=None)
-
-
-class Cut:
+class _Cut:
     """Takes off what lies before a moment; series that share their rows share the shorter ones too."""
 
-    def __init__(self, moment: int, *, age: bool) -> None:
-        self.moment, self.age = moment, age
+    def __init__(self, moment: int) -> None:
+        self.moment = moment
         self._axes: dict[tuple[int, bool], tuple[Axis, slice | IntArray]] = {}
 
-    def loop(self, loop: LoopSeries) -> LoopSeries | None:
-        """Return the loop from the moment on, None where no measurement is left.
-
-        Of signals with rows of their own (a setpoint that is recorded when it changes) the last value before the
-        moment stays, as it still holds. Raises InputError for a date where the data count from an unknown start.
-        """
-        measured = loop.roles.get("pv", [])
-        if not self.age and any(not item.axis.absolute for item in measured):
-            raise InputError("the times count from an unknown start", where=measured[0].where,
-                             remedy="give --since as an age, such as 3h")
-        own = {id(item.axis) for item in measured}
-        roles = self._all(loop.roles, own)
-        if measured and "pv" not in roles:
-            return None
-        return LoopSeries(loop.name, roles, self._all(loop.extra, own), loop.missing_tags)
-
-    def _all(self, signals: Mapping[str, list[Series]], own: set[int]) -> dict[str, list[Series]]:
-        found = {name: [part for item in items if (part := self._part(item, keep_one=id(item.axis) not in own)).count]
-                 for name, items in signals.items()}
-        return {name: parts for name, parts in found.items() if parts}
+    def loop(self, loop: LoopSeries) -> LoopSeries:
+        own = {id(item.axis) for item in loop.roles.get("pv", ())}
+        roles, extra = ({name: parts for name, items in signals.items() if (parts := [
+            part for item in items if (part := self._part(item, keep_one=id(item.axis) not in own)).count])}
+            for signals in (loop.roles, loop.extra))
+        return LoopSeries(loop.name, roles, extra, loop.missing_tags)
 
     def _part(self, item: Series, *, keep_one: bool) -> Series:
         key = id(item.axis), keep_one
@@ -157,21 +165,3 @@ class Cut:
             return slice(0, 0)
         first = int(later[0])
         return np.flatnonzero(~before) if before[first:].any() else slice(first, None)
-
-
-def since_notes(since: str, moment: int, without: Sequence[str], loops: int) -> list[Note]:
-    """Say from when on data were used, and which loops have none since then."""
-    when = f"{utc_text(moment)} UTC"
-    notes = [Note("since", f"data before {when} were left out (--since {since})", {"since": when})]
-    if without:
-        without = sorted(without)
-        text = f"{len(without)} of {loops} loops have no data since {when} and were not computed: {shown(without)}"
-        notes.append(Note("nothing_since", text, {"loops": float(len(without)), "names": ", ".join(without)}))
-    return notes
-
-
-def nothing_since(since: str, moment: int, last: int | None) -> InputError:
-    """The error when no loop has data since then."""
-    ends = "" if last is None else f"; the data end at {utc_text(last)} UTC"
-    return InputError(f"no loop has data since {utc_text(moment)} UTC{ends}", where=f"--since {since}",
-                      remedy="give an earlier time, or an age such as 3d")

@@ -259,18 +259,11 @@ def _offsets(zone: pa.Array) -> tuple[IntArray, NDArray[np.bool_], NDArray[np.bo
 
 
 def days_of(year: IntArray, month: IntArray, day: IntArray) -> IntArray:
-    """Days since 1970-01-01 of the Gregorian calendar; NAT where there is no such day (H. Hinnant's algorithm)."""
+    """Days since 1970-01-01; NAT where there is no such day."""
     bad = (month < 1) | (month > 12) | (day < 1) | (day > 31) | (year < 1) | (year > 9999)
-    y = np.where(month <= 2, year - 1, year)
-    era = y // 400
-    yoe = y - era * 400
-    doy = (153 * (month + np.where(month > 2, -3, 9)) + 2) // 5 + day - 1
-    out = era * 146097 + yoe * 365 + yoe // 4 - yoe // 100 + doy - 719468
-    last = np.array([0, 31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31])[np.clip(month, 0, 12)]
-    leap = (year % 4 == 0) & ((year % 100 != 0) | (year % 400 == 0))
-    bad |= (day > last) | ((month == 2) & (day == 29) & ~leap)
-    out[bad] = NAT
-    return out
+    months = (12 * (np.where(bad, 1970, year) - 1970) + np.where(bad, 1, month) - 1).astype("datetime64[M]")
+    days = months.astype("datetime64[D]") + (np.where(bad, 1, day) - 1)
+    return np.where(bad | (days.astype("datetime64[M]") != months), NAT, days.astype(np.int64))
 
 
 def _int(fields: pa.StructArray, name: str, missing: int = -1) -> IntArray:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LoopError
+from ..errors import BacklashError, LoopError
 from ..record import FloatArray, Note
 from ..settings import ROLE_KEYS, Metadata
 from .names import SIGNALS, plain
@@ -19,6 +19,12 @@ from .quality import good_samples
 from .signals import Axis, Series, packed
 
 MOST_JOINED = 8  # axes kept: more than one loop has, and few enough for plants of many files
+
+
+def failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:
+    """Return an error as a failure of the plant, about a loop or a file."""
+    values: dict[str, float | str] = {key: value for key, value in (("loop", loop), ("file", file)) if value}
+    return Note(error.code, f"{loop}: {error}" if loop else str(error), values)
 
 
 @dataclass

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 
@@ -13,12 +12,12 @@ from pyarrow.lib import ArrowException
 from ..errors import BacklashError, InputError, LoopError, UsageError, nearest
 from ..record import Note, Record
 from ..settings import ROLE_KEYS, Metadata, merge
-from .choose import Cut, choose, last_stamp, moment_of, nothing_since, since_notes
+from .choose import choose, is_matching, is_named, since
 from .clean import Recipe
-from .join import Joiner, LoopSeries, by_loop, explicit_tags
+from .join import Joiner, LoopSeries, by_loop, explicit_tags, failure
 from .layouts import Named
 from .names import split_tag
-from .options import ReadOptions, check_pattern, is_age
+from .options import ReadOptions
 from .scratch import Room
 from .signals import Series
 from .sources import Source, find_sidecars, find_sources, read_metadata
@@ -87,29 +86,8 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
             records.append(recipe.record(joiner))
         except BacklashError as error:
             failures.append(failure(error, loop=recipe.loop))
-    lost = opened.with_lost(failures)
-    if not records and lost:
-        raise no_loop_read(lost)
+    lost = opened.all_lost(failures, read=len(records))
     return Plant(tuple(records), opened.warnings, (*opened.failures, *lost), opened.inputs)
-
-
-def no_loop_read(lost: Sequence[Note]) -> LoopError:
-    """The error of a plant none of whose loops could be read."""
-    first = lost[0]
-    return LoopError(f"no loop could be read; {first.message}" if len(lost) > 1 else first.message, code=first.code)
-
-
-def nothing_read(files: int, first_problem: BacklashError | None) -> BacklashError:
-    """The error when no file could be read."""
-    if files == 1 and first_problem is not None:
-        return first_problem
-    return InputError(f"none of {files} files could be read; the first: {first_problem}", remedy="export them again")
-
-
-def failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:
-    """Return an error as a failure of the plant, about a loop or a file."""
-    values: dict[str, float | str] = {key: value for key, value in (("loop", loop), ("file", file)) if value}
-    return Note(error.code, f"{loop}: {error}" if loop else str(error), values)
 
 
 @dataclass(frozen=True)
@@ -125,9 +103,17 @@ class OpenPlant:
     inputs: tuple[str, ...] = ()
     lost: tuple[Note, ...] = ()
 
-    def with_lost(self, more: Sequence[Note]) -> tuple[Note, ...]:
-        """Return the loops that could not be read, with those found out when they were read, by name."""
-        return tuple(sorted([*self.lost, *more], key=lambda note: str(note.values["loop"])))
+    def all_lost(self, more: Sequence[Note], *, read: int) -> tuple[Note, ...]:
+        """Return the loops that could not be read, with those found out when they were read, by name.
+
+        read: how many could. Raises LoopError when none could.
+        """
+        lost = tuple(sorted([*self.lost, *more], key=lambda note: str(note.values["loop"])))
+        if lost and not read:
+            first = lost[0]
+            raise LoopError(f"no loop could be read; {first.message}" if len(lost) > 1 else first.message,
+                            code=first.code)
+        return lost
 
 
 class RecordsByName(Mapping[str, Record]):
@@ -165,65 +151,45 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
     sources = find_sources(given)
     marks = {} if salt is None else {str(source.path): source.mark() for source in sources}  # before they are read
-    metadata, warnings = metadata_of(given, sources, loops)
-    files = _files(sources, Reading(options, _wanted(metadata, options), _needed(metadata, options), taken,
-                                    room or Room()))
-    warnings += files.notes
-    if not files.series:
-        raise nothing_read(len(sources), files.first_problem)
-    settled = settle(files.series, metadata, options, str(sources[0].path))
-    warnings += settled.notes
-    wanted, moment = settled.loops, None
-    lost: list[Note] = []
+    metadata, warnings = _metadata(given, sources, loops)
+    series, failures, problems = [], [], []
+    reading = Reading(options, _wanted(metadata, options), _needed(metadata, options), taken, room or Room())
+    for source in sources:
+        try:
+            found, notes = signals_of_file(source, reading)
+        except READING_ERRORS as error:
+            problems.append(_as_input_error(error, str(source.path)))
+            failures.append(failure(problems[-1], file=str(source.path)))
+            continue
+        series += found
+        warnings += notes
+    if not series:
+        first = problems[0] if problems else None
+        raise first if first is not None and len(sources) == 1 else InputError(
+            f"none of {len(sources)} files could be read; the first: {first}", remedy="export them again")
+    all_loops = by_loop(series, metadata)
+    wanted, notes = _chosen(series, all_loops, metadata, options, str(sources[0].path))
+    warnings += notes
+    lost, moment = [], None
     if options.since is not None:
-        last = last_stamp(files.series)
-        moment = moment_of(options.since, options.timezone, last)
-        wanted, without, lost = _cut(wanted, moment, age=is_age(options.since))
-        if not wanted and without:
-            raise nothing_since(options.since, moment, last)
-        warnings += since_notes(options.since, moment, without, len(settled.loops))
-    warnings += settled.unmatched
+        later = since(wanted, series, options.since, options.timezone)
+        wanted, lost, moment = later.loops, later.lost, later.moment
+        warnings += later.notes
+    warnings += _unmatched(all_loops, metadata)
     recipes = (_recipe(name, wanted[name], metadata, options) for name in sorted(wanted))
     return OpenPlant(tuple(recipe.keyed(marks, (salt, moment)) for recipe in recipes), tuple(warnings),
-                     tuple(files.failures), tuple(str(item) for item in given), tuple(lost))
+                     tuple(failures), tuple(str(item) for item in given), tuple(lost))
 
 
-@dataclass
-class _Files:
-    """What was read of files, and what could not be."""
-
-    series: list[Series] = field(default_factory=list)
-    notes: list[Note] = field(default_factory=list)
-    failures: list[Note] = field(default_factory=list)
-    first_problem: BacklashError | None = None
-
-
-def _files(sources: Sequence[Source], reading: Reading) -> _Files:
-    found = _Files()
-    for source in sources:
-        where = str(source.path)
-        try:
-            series, notes = signals_of_file(source, reading)
-        except READING_ERRORS as caught:
-            error = as_input_error(caught, where)
-            found.first_problem = found.first_problem or error
-            found.failures.append(failure(error, file=where))
-            continue
-        found.series += series
-        found.notes += notes
-    return found
-
-
-def as_input_error(error: BaseException, where: str) -> BacklashError:
-    """Return what went wrong with a file as an error that says where."""
+def _as_input_error(error: BaseException, where: str) -> BacklashError:
     if isinstance(error, BacklashError):
         return error
     text = str(error).strip().split("\n")[0][:300] or type(error).__name__
     return InputError(f"cannot be read: damaged or not understood: {text}", where=where, remedy="export the file again")
 
 
-def metadata_of(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
-                loops: str | PathLike[str] | Metadata | None) -> tuple[Metadata, list[Note]]:
+def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
+              loops: str | PathLike[str] | Metadata | None) -> tuple[Metadata, list[Note]]:
     """Return the settings of a plant's loops, from the file that is named or those beside the data, and remarks."""
     if isinstance(loops, Metadata):
         return loops, []
@@ -238,21 +204,9 @@ def metadata_of(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
     return metadata, notes
 
 
-@dataclass(frozen=True)
-class Settled:
-    """loops: those that are wanted, by name, in order. notes: what was left out. unmatched: loops without data."""
-
-    loops: dict[str, LoopSeries]
-    notes: tuple[Note, ...] = ()
-    unmatched: tuple[Note, ...] = ()
-
-
-def settle(found: Sequence[Series], metadata: Metadata, options: ReadOptions, where: str) -> Settled:
-    """Return the loops of all signals of a plant that the options ask for; needs names and tags, no samples.
-
-    Raises InputError when no signal belongs to a loop, UsageError when no loop is what the options ask for.
-    """
-    series = by_loop(found, metadata)
+def _chosen(found: Sequence[Series], series: dict[str, LoopSeries], metadata: Metadata, options: ReadOptions, where: str
+            ) -> tuple[dict[str, LoopSeries], list[Note]]:
+    """Return the loops that the options ask for, by name, in order, and what was left out."""
     if not series:
         tags = sorted({item.tag for item in found})
         shown = ", ".join(filter(None, tags[:12])) or "columns without a name"
@@ -266,9 +220,8 @@ def settle(found: Sequence[Series], metadata: Metadata, options: ReadOptions, wh
         notes.append(Note("single_signals", f"{len(single)} tags have one signal only and are no loops; they are left "
                           f"out: {shown}"))
         series = {name: own for name, own in series.items() if name not in single}
-    choice = choose(series, options.only_loops, options.loops_matching, options.sample, options.sample_seed)
-    return Settled({name: series[name] for name in choice.names}, (*notes, *choice.notes),
-                   tuple(_unmatched(series, metadata)))
+    names, more = choose(series, options.only_loops, options.loops_matching, options.sample, options.sample_seed)
+    return {name: series[name] for name in names}, [*notes, *more]
 
 
 def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata) -> list[Note]:
@@ -286,26 +239,6 @@ def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata) -> list[Not
         notes.append(Note("loop_not_found", f"loop {name} of the loops file is not found in the data ({hint})",
                           {"loop": name}))
     return notes
-
-
-def _cut(wanted: Mapping[str, LoopSeries], moment: int, *, age: bool) -> tuple[
-        dict[str, LoopSeries], list[str], list[Note]]:
-    """Return the loops from `moment` on, the names of those that have nothing left, and what cannot be cut."""
-    cut = Cut(moment, age=age)
-    kept: dict[str, LoopSeries] = {}
-    without: list[str] = []
-    wrong: list[Note] = []
-    for name, own in wanted.items():
-        try:
-            shorter = cut.loop(own)
-        except BacklashError as error:
-            wrong.append(failure(error, loop=name))
-            continue
-        if shorter is None:
-            without.append(name)
-        else:
-            kept[name] = shorter
-    return kept, without, wrong
 
 
 def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOptions) -> Recipe:
@@ -349,8 +282,4 @@ def _wanted(metadata: Metadata, options: ReadOptions) -> Callable[[str], bool]:
 
 def _perhaps_wanted(names: Iterable[str], options: ReadOptions) -> list[str]:
     """Loops that the options do not rule out; which are drawn for a sample is known only when all files are open."""
-    tests = [check_pattern(pattern) for pattern in options.loops_matching]
-    return [name for name in names
-            if (not options.only_loops
-                or any(name == p or fnmatchcase(name.lower(), p.lower()) for p in options.only_loops))
-            and (not tests or any(test(name) for test in tests))]
+    return [name for name in names if is_named(name, options.only_loops) and is_matching(name, options.loops_matching)]

@@ -5,6 +5,8 @@ Looks at some dozens of lines at the beginning and the end of the first megabyte
 
 from __future__ import annotations
 
+import contextlib
+import csv
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -337,31 +339,11 @@ def kind(cell: str) -> str:
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
-    """Split one line into cells; quotes are honoured, a quote that never ends is taken as it is."""
-    if '"' not in line:
-        return line.split(delimiter)
-    cells: list[str] = []
-    position, size = 0, len(line)
-    while position <= size:
-        if line.startswith('"', position):
-            end = position + 1
-            while True:
-                end = line.find('"', end)
-                if end < 0:
-                    return cells + line[position:].split(delimiter)
-                if line.startswith('""', end):
-                    end += 2
-                    continue
-                break
-            stop = line.find(delimiter, end)
-            stop = size if stop < 0 else stop
-            cells.append(line[position + 1 : end].replace('""', '"') + line[end + 1 : stop])
-        else:
-            stop = line.find(delimiter, position)
-            stop = size if stop < 0 else stop
-            cells.append(line[position:stop])
-        position = stop + 1
-    return cells
+    """Split one line into cells; quotes are honoured."""
+    if '"' in line:
+        with contextlib.suppress(csv.Error):  # of quotes that are none
+            return next(csv.reader([line], delimiter=delimiter), [""])
+    return line.split(delimiter)
 
 
 def lines_of(text: str) -> list[tuple[int, int, str]]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..record import FloatArray, IntArray, Note
-from .dates import DateOrder, days_of, read_dates
+from .dates import DateOrder, Dates, read_dates
 from .names import plain
 from .numbers import codes_and_words, is_number, is_text, plain_numbers, to_array
 from .options import ReadOptions
@@ -158,7 +158,11 @@ class StampReader:
                 values = plain_numbers(words, ",")
             if np.isfinite(np.append(values, np.nan)[codes]).mean() > 0.5:
                 return self._numbers(np.append(values, np.nan)[codes])
-        # texts count in the order in which they first stand in the file
+        return self._dates(codes, words, found)
+
+    def _dates(self, codes: IntArray, words: list[str], found: Dates | None = None) -> IntArray:
+        """The stamps of texts; they count in the order in which they first stand in the file."""
+        found = read_dates(words) if found is None else found
         out = np.append(found.micros, NAT)
         out[found.open] = _OPEN + (self._order.take(found) << _SHIFT) + found.clock + DAY
         there = out[:-1] != NAT
@@ -174,9 +178,14 @@ class StampReader:
         out = np.full(len(values), NAT)
         if not len(known):
             return out
+        if not self._unit and not self.options.time_format and _are_dates(known):
+            self._unit = "digits"
+        if self._unit == "digits":  # 20260317080000
+            return self._dates(*codes_and_words(pa.array(values, from_pandas=True).cast(pa.int64(), safe=False).cast(
+                pa.string())))
         if not self._unit:
-            self._unit = self.options.time_format or _written_digits(known) or _unit_of(known, self.name)
-            if self._unit not in (*_FACTORS, "ymdhms", "ymdhm"):
+            self._unit = self.options.time_format or _unit_of(known, self.name)
+            if self._unit not in _FACTORS:
                 raise InputError(f"column {self.name!r} holds numbers, not {self._unit!r} stamps", where=self.where,
                                  remedy="mend --time-format")
             if self._unit == "excel":
@@ -186,8 +195,6 @@ class StampReader:
                 self.notes.append(Note("relative_time", f"times of {self.name!r} count from an unknown start; shown "
                                        "from 1970-01-01"))
         self._known = True
-        if self._unit.startswith("ymdhm"):
-            return _from_digits(values, self._unit)
         factor, zero, _ = _FACTORS[self._unit]
         with np.errstate(over="ignore", invalid="ignore"):
             scaled = (values - zero) * factor
@@ -223,18 +230,14 @@ def _by_pattern(words: list[str], pattern: str) -> IntArray:
     return stamps.to_numpy(dtype="datetime64[us]").astype(np.int64)
 
 
-def _written_digits(known: FloatArray) -> str:
-    """Return the pattern of stamps written as one number, 20260317080000 or 202603170800, "" when they are none."""
-    for pattern, low, high in (("ymdhms", 1.9e13, 2.2e13), ("ymdhm", 1.9e11, 2.2e11)):
-        if known.min() < low or known.max() >= high or np.any(known % 1):
-            continue
-        rest = known if pattern == "ymdhms" else known * 100
-        fits = (rest % 100 < 60) & (rest // 100 % 100 < 60) & (rest // 1e4 % 100 < 24)
-        day, month = rest // 1e6 % 100, rest // 1e8 % 100
-        fits &= (day >= 1) & (day <= 31) & (month >= 1) & (month <= 12)
-        if fits.all():
-            return pattern
-    return ""
+def _are_dates(known: FloatArray) -> bool:
+    """Say whether numbers are stamps written as one number, 20260317080000 or 202603170800."""
+    for low, high, rest in ((1.9e13, 2.2e13, known), (1.9e11, 2.2e11, known * 100)):
+        if known.min() >= low and known.max() < high and not np.any(known % 1):
+            day, month = rest // 1e6 % 100, rest // 1e8 % 100
+            fits = (rest % 100 < 60) & (rest // 100 % 100 < 60) & (rest // 1e4 % 100 < 24)
+            return bool(np.all(fits & (day >= 1) & (day <= 31) & (month >= 1) & (month <= 12)))
+    return False
 
 
 def _unit_of(known: FloatArray, name: str) -> str:
@@ -255,15 +258,6 @@ def _unit_of(known: FloatArray, name: str) -> str:
         if word.endswith(ends) or bracket in brackets:
             return unit
     return "seconds"
-
-
-def _from_digits(values: FloatArray, pattern: str) -> IntArray:
-    present = np.isfinite(values)
-    whole = np.where(present, values, 0.0).astype(np.int64) * (1 if pattern == "ymdhms" else 100)
-    days = days_of(whole // 10**10, whole // 10**8 % 100, whole // 10**6 % 100)
-    known = present & (days != NAT)
-    clock = ((whole // 10**4 % 100) * 60 + whole // 100 % 100) * 60 + whole % 100
-    return np.where(known, np.where(known, days, 0) * DAY + clock * SECOND, NAT)
 
 
 def _micros(column: pa.ChunkedArray | pa.Array, unit: str) -> IntArray:
