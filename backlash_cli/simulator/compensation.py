@@ -11,12 +11,11 @@ import numpy as np
 
 from ..record import Note
 from ..results.compensation import CompensationStudy, Glimpse, ProcessModel, Trial
-from .applied import use
 from .controller import Compensator, Controller, Scheme
 from .limit_cycle import limit_cycle
 from .loop import Trace, trace
 from .process import Process
-from .scenario import Scenario
+from .scenario import Scenario, use
 
 SHARES = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)  # gains shown, in dead bands
 MARGIN = 1.25  # the loop must stay quiet at this much more than the recommended gain

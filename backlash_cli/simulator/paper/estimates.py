@@ -11,11 +11,9 @@ from ...record import Record
 from ...results import Estimate
 from ...results.paper import Line, Panel, PaperFigure
 from ..loop import Trace, simulate, trace
-from ..named import load_scenarios, with_seed
 from ..scenario import Manual, Scenario
-from .drawing import listed, recording
-from .limit_cycles import Numbers
-from .loads import example_2
+from ..scenario_file import load_scenarios, with_seed
+from .simulated import Numbers, example_2, listed, recording
 
 SIZES = {"fig12": 0.01, "fig13": 0.03, "fig14": 0.05, "fig15": 0.1}
 SEED = 0  # of the runs that are drawn and whose detections are counted
