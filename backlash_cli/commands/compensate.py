@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import LoopError
-from .engine import check_engine, engine_options, working
-from .options import inputs_argument, loops_option, reading_options
-from .terminal import emit, progress, say
+from .options import check_engine, engine_options, inputs_argument, json_option, loops_option, reading_options, working
+from .terminal import emit, progress, put
 
 if TYPE_CHECKING:
     from ..loaders import ReadOptions
@@ -29,8 +28,7 @@ if TYPE_CHECKING:
               "lags, dead_time. Default: fitted to the record.")
 @click.option("--dead-band", metavar="D", help="Dead band in spans of the output (0.03 or 3%). Default: from the scan.")
 @click.option("--html", metavar="FILE", type=click.Path(path_type=Path), help="Draw the loop before and after.")
-@click.option("--json", "json_file", metavar="FILE", type=click.Path(path_type=Path),
-              help="Write the numbers as JSON; - is standard output.")
+@json_option
 @engine_options
 @reading_options
 def compensate(inputs: tuple[Path, ...], loops: Path | None, loop: str, process_text: str | None,
@@ -48,7 +46,6 @@ def compensate(inputs: tuple[Path, ...], loops: Path | None, loop: str, process_
     from ..engines.cluster import on_cluster
     from ..loaders import read
     from ..reporter.compensation_text import to_document, to_text
-    from ..reporter.files import write_text
     from ..simulator.process_text import parse_dead_band, parse_process
 
     process = parse_process(process_text) if process_text else None
@@ -59,19 +56,14 @@ def compensate(inputs: tuple[Path, ...], loops: Path | None, loop: str, process_
             record = read(inputs, loops=loops, options=reading)[loop]
         work = partial(study_of, process=process, dead_band=size)
         study = work(record) if client is None else next(on_cluster(client, [record], work, _lost))
-    document = json.dumps(to_document(study), indent=2, allow_nan=False) + "\n"
-    if json_file is not None and str(json_file) == "-":
-        emit(document)
-        return 0
     if json_file is not None:
-        write_text(json_file, document)
-        say(f"numbers written to {json_file}")
+        put(json_file, json.dumps(to_document(study), indent=2, allow_nan=False) + "\n", "numbers")
     if html is not None:
         from ..reporter.compensation_page import compensation_page
 
-        write_text(html, compensation_page(study))
-        say(f"page written to {html}")
-    emit(to_text(study, colour=sys.stdout.isatty()))
+        put(html, compensation_page(study), "page")
+    if str(json_file) != "-":
+        emit(to_text(study, colour=sys.stdout.isatty()))
     return 0
 
 

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import UsageError
-from .engine import working
-from .one_loop import put
-from .terminal import progress, say
+from .options import working
+from .terminal import progress, put, say
 
 if TYPE_CHECKING:
     from ..loaders import ReadOptions

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from ..errors import BacklashError, LoopError, UsageError
-from .terminal import emit, say
+from .terminal import put, say
 
 if TYPE_CHECKING:
     from ..loaders import Plant, ReadOptions
@@ -76,17 +76,6 @@ def check_places(inputs: Sequence[Path], *outputs: Path | None) -> None:
     for output in outputs:
         if output is not None and any(given.is_file() and output.resolve() == given.resolve() for given in inputs):
             raise UsageError("this is the export itself", where=str(output), remedy="choose another name")
-
-
-def put(path: Path, text: str, what: str = "") -> None:
-    """Write a result to a file, or to standard output when the file is called -."""
-    from ..reporter.files import write_text
-
-    if str(path) == "-":
-        emit(text)
-        return
-    write_text(path, text)
-    say(f"{what} written to {path}")
 
 
 def deliver(

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from .engine import engine_options, working
-from .options import inputs_argument, loops_option, reading_options, selection_options
+from .options import (
+    engine_options,
+    inputs_argument,
+    loops_option,
+    only_loops_option,
+    reading_options,
+    selection_options,
+    working,
+)
 from .terminal import emit, progress, say
 
 if TYPE_CHECKING:
@@ -25,8 +31,7 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
                "  backlash scan sample_data/plant.csv --fail-on 'd>3%' --format csv --output loops.csv")
 @inputs_argument
 @loops_option
-@click.option("--loop", "only", metavar="NAME", multiple=True,
-              help="Only this loop; may be repeated, with wildcards such as 'FIC*'.")
+@only_loops_option
 @click.option("--format", "form", metavar="FORMAT", type=click.Choice(FORMATS),
               help="table, json, csv, parquet or html. Default: after the suffix of --output, else table.")
 @click.option("--output", "-o", metavar="FILE|DIR", type=click.Path(path_type=Path),
@@ -55,8 +60,8 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
 @engine_options
 @reading_options
 @selection_options
-def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], form: str | None, output: Path | None,
-         table: str, plot: Path | None, history: Path | None, resume: bool, fail_on: tuple[str, ...], no_confirm: bool,
+def scan(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output: Path | None, table: str,
+         plot: Path | None, history: Path | None, resume: bool, fail_on: tuple[str, ...], no_confirm: bool,
          jobs: int | None, verbose: bool, quiet: bool, engine: str, scheduler: str | None,
          reading: ReadOptions) -> int:
     """Find dead band in every loop of an export and say how much, how sure, and what to do.
@@ -74,7 +79,6 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], fo
     rules = parse_rules(fail_on)
     form = check_delivery(form, output, table)
     options = ScanOptions(confirm=not no_confirm, carry=history is not None)
-    reading = replace(reading, only_loops=only)
     with kept(history, (inputs, loops, reading, options), resume=resume) as keep:
         with working(engine, scheduler, jobs) as client:
             job = Job(inputs, loops, reading, options, jobs, client, not quiet, keep)
@@ -96,7 +100,7 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], fo
 
 
 def _remember(result: ScanResult, history: Path, job: Job) -> None:
-    from .to_history import remember
+    from .run_scan import remember
 
     outcome = remember(result, history, job)
     if job.shown:

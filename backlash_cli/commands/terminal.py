@@ -44,6 +44,17 @@ def say_if_first_run() -> None:
         say("first run after installation: compiling, about half a minute; later runs start at once")
 
 
+def put(path: Path, text: str, what: str = "") -> None:
+    """Write a result to a file, or to standard output when the file is called -."""
+    from ..reporter.files import write_text
+
+    if str(path) == "-":
+        emit(text)
+        return
+    write_text(path, text)
+    say(f"{what} written to {path}")
+
+
 @contextlib.contextmanager
 def progress(
     words: str, total: int | None, *, shown: bool, of_bytes: bool = False

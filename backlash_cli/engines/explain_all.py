@@ -25,9 +25,9 @@ def explain_all(records: Sequence[Record], effects: Sequence[str] = (), *, jobs:
     """
     work = partial(explain_loop, effects=tuple(effects))
     if client is not None:
-        return on_cluster(client, records, work, unexplained)
+        return on_cluster(client, records, work, _died)
     count = max(1, min(len(records), cores() if jobs is None else jobs))
-    return (work(record) for record in records) if count == 1 else in_processes(records, work, unexplained, count)
+    return (work(record) for record in records) if count == 1 else in_processes(records, work, _died, count)
 
 
 def explain_loop(record: Record, effects: tuple[str, ...] = ()) -> Explanation | Note:
@@ -40,9 +40,13 @@ def explain_loop(record: Record, effects: tuple[str, ...] = ()) -> Explanation |
         where = "" if error.where.startswith(record.loop) else f"{record.loop}: "
         return Note(error.code, f"{where}{error}", {"loop": record.loop})
     except Exception as error:  # one loop's failure must not cost the others their answer
-        return unexplained(record, Note("internal_error", f"failed: {type(error).__name__}: {error}"))
+        return unexplained(record.loop, Note("internal_error", f"failed: {type(error).__name__}: {error}"))
 
 
-def unexplained(record: Record, reason: Note) -> Note:
+def unexplained(loop: str, reason: Note) -> Note:
     """The note of a loop that has no explanation."""
-    return Note(reason.code, f"{record.loop}: {reason.message}", {**reason.values, "loop": record.loop})
+    return Note(reason.code, f"{loop}: {reason.message}", {**reason.values, "loop": loop})
+
+
+def _died(record: Record, reason: Note) -> Note:
+    return unexplained(record.loop, reason)

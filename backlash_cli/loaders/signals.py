@@ -16,7 +16,7 @@ from ..record import FloatArray, IntArray, Note
 from .grid import Grid, make_grid
 from .numbers import Numbers, main_unit, number_texts, parse_words
 from .order import NAT, Ordered, ordered
-from .scratch import Store
+from .scratch import Arrays, Room, Store
 
 PIECE = 1 << 20  # rows that are looked at together
 MOST_AXES = 6  # whose stamps are kept in memory
@@ -156,29 +156,25 @@ class SomeRows:
         return found if first >= last else self._taken(found, first, last)
 
 
-@dataclass(frozen=True, eq=False)
-class ReadRows:
-    """Rows in memory."""
-
-    count: int
-    columns: dict[str, Cells]
-
-    def cells(self, column: str, first: int, last: int) -> Cells:
-        found = self.columns[column]
-        return Cells(found.values[first:last], None if found.codes is None else found.codes[first:last], found.lexicon)
-
-    def stamps(self, column: str, first: int, last: int) -> IntArray:
-        raise NotImplementedError("stamps in memory stand in their axis")
+def stored_below(rows: Rows | None) -> StoredRows | None:
+    """Return the rows of the scratch file that these are some of, None where they lie elsewhere."""
+    while isinstance(rows, SomeRows):
+        rows = rows.base
+    return rows if isinstance(rows, StoredRows) else None
 
 
 def packed(rows: Rows, columns: Iterable[str]) -> Rows:
     """Return rows with the samples of some columns that lie in the scratch file of this machine in memory."""
-    base = rows
-    while isinstance(base, SomeRows):
-        base = base.base
-    if not isinstance(base, StoredRows):
+    base = stored_below(rows)
+    if base is None:
         return rows
-    return ReadRows(rows.count, {column: rows.cells(column, 0, rows.count) for column in columns if column})
+    arrays: Arrays = {}
+    for column in filter(None, columns):
+        cells = rows.cells(column, 0, rows.count)
+        arrays |= {column: cells.values} if cells.codes is None else {column: cells.values, f"{column}w": cells.codes}
+    store = Store(Room(1 << 62), stays=True)
+    store.add(arrays)
+    return StoredRows(store.close(), rows.count, base.lexicons)
 
 
 def part_of(rows: Rows, chosen: slice | IntArray) -> Rows:
@@ -261,7 +257,7 @@ class Axis:
 
     def packed(self) -> Axis:
         """Return these stamps in memory where they lie in the scratch file of this machine."""
-        if self.rows is None or packed(self.rows, ()) is self.rows:
+        if stored_below(self.rows) is None:
             return self
         return Axis(micros=self.micros, absolute=self.absolute, notes=self.notes, where=self.where,
                     first_line=self.first_line, parts=self.parts, last=self._last)
