@@ -230,8 +230,7 @@ def _summary(config: NightlyConfig, night: Night, plant: PlantHistory, hits: Seq
         named = [p.loop for p in plant.places if p.action == action]
         if named:
             parts.append(f"{words} {_names(named)}")
-    for words, names in (("late", night.late), ("missing", night.missing), ("failed", night.failed),
-                         ("alarm", hits)):
+    for words, names in (("late", night.late), ("missing", night.missing), ("failed", night.failed), ("alarm", hits)):
         if names:
             parts.append(f"{words} {_names(names)}")
     if config.report is not None:

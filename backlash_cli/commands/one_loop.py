@@ -78,10 +78,8 @@ def check_places(inputs: Sequence[Path], *outputs: Path | None) -> None:
             raise UsageError("this is the export itself", where=str(output), remedy="choose another name")
 
 
-def deliver(
-    found: Found, page: Callable[[Found], str], text: Callable[..., str], *, picture: Path | None, html: Path | None,
-    json_file: Path | None, verbose: bool,
-) -> None:
+def deliver(found: Found, page: Callable[[Found], str], text: Callable[..., str], *, picture: Path | None,
+            html: Path | None, json_file: Path | None, verbose: bool) -> None:
     """Write what was asked for, and show the text unless the numbers go to standard output."""
     if picture is not None:
         from ..reporter.explain_picture import write_picture
@@ -106,10 +104,8 @@ def model_for(path: Path, record: Record, *, other_loop: bool) -> Model:
     if other_loop:
         return model
     if model.loop.strip().lower() != record.loop.strip().lower():
-        raise UsageError(
-            f"this model is of loop {model.loop}, not of {record.loop}", where=str(path),
-            remedy=f"give --loop {model.loop}, or --other-loop to use it all the same",
-        )
+        raise UsageError(f"this model is of loop {model.loop}, not of {record.loop}", where=str(path),
+                         remedy=f"give --loop {model.loop}, or --other-loop to use it all the same")
     s = record.settings
     for key, kept, now in (("pv_range", model.pv_range, s.pv_range), ("op_range", model.op_range, s.op_range)):
         # a range guessed from the data gives way to the model's

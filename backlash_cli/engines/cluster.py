@@ -66,10 +66,8 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
     jobs = jobs or cores()
     with dask.config.set(_LOCAL):
         try:
-            cluster = LocalCluster(
-                n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=None,
-                silence_logs=logging.CRITICAL,
-            )
+            cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=None,
+                                   silence_logs=logging.CRITICAL)
         except Exception as error:
             raise BacklashError(f"no local cluster could be started: {type(error).__name__}: {error}",
                                 where="--engine dask", remedy="leave --engine dask out", code="no_cluster") from error

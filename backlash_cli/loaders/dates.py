@@ -39,12 +39,10 @@ _MONTHS = ("jan ene gen jän january januar janvier enero gennaio januari janeir
            "nov november novembre noviembre novembro",
            "dec dez déc dic des december dezember décembre diciembre dicembre dezembro")
 MONTH = {word: number for number, words in enumerate(_MONTHS, 1) for word in words.split()}
-ZONES = {
-    "Z": 0, "UTC": 0, "GMT": 0, "UT": 0, "WET": 0, "WEST": 60, "BST": 60, "CET": 60, "MEZ": 60, "CEST": 120,
-    "MESZ": 120, "EET": 120, "EEST": 180, "MSK": 180, "EST": -300, "EDT": -240, "CST": -360, "CDT": -300,
-    "MST": -420, "MDT": -360, "PST": -480, "PDT": -420, "AKST": -540, "AKDT": -480, "HST": -600, "JST": 540,
-    "KST": 540, "SGT": 480, "HKT": 480, "AEST": 600, "AEDT": 660, "AWST": 480,
-}  # fmt: skip
+ZONES = {"Z": 0, "UTC": 0, "GMT": 0, "UT": 0, "WET": 0, "WEST": 60, "BST": 60, "CET": 60, "MEZ": 60, "CEST": 120,
+         "MESZ": 120, "EET": 120, "EEST": 180, "MSK": 180, "EST": -300, "EDT": -240, "CST": -360, "CDT": -300,
+         "MST": -420, "MDT": -360, "PST": -480, "PDT": -420, "AKST": -540, "AKDT": -480, "HST": -600, "JST": 540,
+         "KST": 540, "SGT": 480, "HKT": 480, "AEST": 600, "AEDT": 660, "AWST": 480}
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,14 +25,12 @@ HEAD = 4 << 20  # bytes that tell how a text is encoded
 # Text of measurements never shrinks to a 200th; beyond this a small file is a trap, not an export.
 BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20
 CODECS = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bz2", b"\xfd7zXZ\x00": "xz"}
-_FOREIGN = {
-    b"PK\x03\x04": ("a zip archive", "unpack it"),
-    b"\xd0\xcf\x11\xe0": ("an old Excel workbook or Office document", "save the sheet as CSV or as .xlsx"),
-    b"%PDF": ("a PDF document", "export the data as CSV or Parquet"),
-    b"SQLite format 3": ("an SQLite database", "export the data as CSV or Parquet"),
-    b"\x89HDF": ("an HDF5 file", "export the data as CSV or Parquet"),
-    b"ORC": ("an ORC file", "export the data as CSV or Parquet"),
-}
+_FOREIGN = {b"PK\x03\x04": ("a zip archive", "unpack it"),
+            b"\xd0\xcf\x11\xe0": ("an old Excel workbook or Office document", "save the sheet as CSV or as .xlsx"),
+            b"%PDF": ("a PDF document", "export the data as CSV or Parquet"),
+            b"SQLite format 3": ("an SQLite database", "export the data as CSV or Parquet"),
+            b"\x89HDF": ("an HDF5 file", "export the data as CSV or Parquet"),
+            b"ORC": ("an ORC file", "export the data as CSV or Parquet")}
 _DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, pa.ArrowException)
 _MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe\x00\x00", "utf-32-le"), (b"\xff\xfe", "utf-16-le"),
           (b"\xfe\xff", "utf-16-be"))  # fmt: skip

@@ -161,14 +161,12 @@ def state_notes(counts: Counter[str], samples: int, *kinds: str) -> list[Note]:
 
 
 MEASURED = ("wild", "filled", "frozen", "saturated", "missing")
-_SAID = {
-    "wild": ("implausible", "samples of PV far outside the range (spikes) were rejected"),
-    "filled": ("filled", "samples in short holes were interpolated"),
-    "frozen": ("frozen", "repeat one number for too long (PV constant or frozen)"),
-    "saturated": ("saturated", "have the output at its limit"), "missing": ("missing", "have no measurement"),
-    "setpoint": ("setpoint_missing", "have no setpoint"), "output": ("output_missing", "have no output"),
-    "manual": ("manual", "are not in automatic"),
-}
+_SAID = {"wild": ("implausible", "samples of PV far outside the range (spikes) were rejected"),
+         "filled": ("filled", "samples in short holes were interpolated"),
+         "frozen": ("frozen", "repeat one number for too long (PV constant or frozen)"),
+         "saturated": ("saturated", "have the output at its limit"), "missing": ("missing", "have no measurement"),
+         "setpoint": ("setpoint_missing", "have no setpoint"), "output": ("output_missing", "have no output"),
+         "manual": ("manual", "are not in automatic")}
 
 
 class Samples:

@@ -19,12 +19,8 @@ from typing import Any
 from ..errors import MetadataError
 
 FORMS = ("ideal", "series", "parallel")
-SECONDS = {
-    "ms": 1e-3, "msec": 1e-3, "millisecond": 1e-3,
-    "s": 1.0, "sec": 1.0, "second": 1.0,
-    "m": 60.0, "min": 60.0, "minute": 60.0,
-    "h": 3600.0, "hr": 3600.0, "hour": 3600.0,
-}  # fmt: skip
+SECONDS = {"ms": 1e-3, "msec": 1e-3, "millisecond": 1e-3, "s": 1.0, "sec": 1.0, "second": 1.0, "m": 60.0, "min": 60.0,
+           "minute": 60.0, "h": 3600.0, "hr": 3600.0, "hour": 3600.0}
 _QUANTITY = re.compile(r"^\s*([+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
 _RATE = re.compile(r"^(?:repeats?|reps?|r)?\s*(?:/|per\b|p(?=m$|s$))\s*(.+)$")
 

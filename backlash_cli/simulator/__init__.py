@@ -11,19 +11,5 @@ from .loop import Trace, export, simulate, trace
 from .process import Process
 from .scenario import Applied, Manual, Recorder, Scenario, Signal, use
 
-__all__ = [
-    "Applied",
-    "Compensator",
-    "Controller",
-    "Manual",
-    "Process",
-    "Recorder",
-    "Scenario",
-    "Scheme",
-    "Signal",
-    "Trace",
-    "export",
-    "simulate",
-    "trace",
-    "use",
-]
+__all__ = ["Applied", "Compensator", "Controller", "Manual", "Process", "Recorder", "Scenario", "Scheme", "Signal",
+           "Trace", "export", "simulate", "trace", "use"]

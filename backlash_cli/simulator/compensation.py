@@ -115,13 +115,11 @@ def judge(run: Trace, s: Study, gain: float) -> Trial:
     error = run.setpoint - run.process_output
     moves = np.diff(run.valve)
     directions = np.sign(moves[np.abs(moves) > 1e-9])
-    return Trial(
-        gain=gain, iae=float(np.mean(np.abs(error))), peak=float(np.max(np.abs(error))),
-        travel=float(np.sum(np.abs(moves))) / hours,
-        output_travel=float(np.sum(np.abs(np.diff(run.output)))) / hours,
-        reversals=float(np.count_nonzero(np.diff(directions))) / hours,
-        limit_cycle=goes_on_oscillating(s, gain),
-    )
+    return Trial(gain=gain, iae=float(np.mean(np.abs(error))), peak=float(np.max(np.abs(error))),
+                 travel=float(np.sum(np.abs(moves))) / hours,
+                 output_travel=float(np.sum(np.abs(np.diff(run.output)))) / hours,
+                 reversals=float(np.count_nonzero(np.diff(directions))) / hours,
+                 limit_cycle=goes_on_oscillating(s, gain))
 
 
 def goes_on_oscillating(s: Study, gain: float) -> bool:

@@ -34,10 +34,8 @@ def series(applied: Applied, samples: int, columns: Mapping[str, FloatArray], ra
     if not applied.effect.column:
         return np.empty(0)
     if applied.column is None or applied.column not in columns:
-        raise MetadataError(
-            f"{applied.effect.name} needs a measured column, not '{applied.column}'",
-            remedy=nearest(str(applied.column), columns),
-        )
+        raise MetadataError(f"{applied.effect.name} needs a measured column, not '{applied.column}'",
+                            remedy=nearest(str(applied.column), columns))
     return columns[applied.column]
 
 
@@ -78,16 +76,10 @@ class Table:
         ready = all(m is not None for m in machine)
         steps: Sequence[Any] = machine if ready else [a.effect.step for a in chain]
         idle = compiled(_idle)
-        return cls(
-            steps=(*steps, *[idle] * (SLOTS - len(chain))),
-            state_at=np.cumsum([0, *map(len, states)]),
-            p_at=np.cumsum([0, *(len(a.p) for a in chain)]),
-            ends=np.array(ends, dtype=np.int64),
-            states=np.concatenate([np.empty(0), *states]),
-            p=np.concatenate([np.empty(0), *(a.p for a in chain)]),
-            rest=rest,
-            compiled=ready,
-        )
+        return cls(steps=(*steps, *[idle] * (SLOTS - len(chain))), state_at=np.cumsum([0, *map(len, states)]),
+                   p_at=np.cumsum([0, *(len(a.p) for a in chain)]), ends=np.array(ends, dtype=np.int64),
+                   states=np.concatenate([np.empty(0), *states]),
+                   p=np.concatenate([np.empty(0), *(a.p for a in chain)]), rest=rest, compiled=ready)
 
 
 def _idle(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -146,18 +138,9 @@ def export(run: Trace) -> Record:
     state[run.by_hand[pick]] = SampleState.MANUAL
     signals = {"SP": run.setpoint[pick], "PV": run.measurement[pick], "OP": output}
     signals = recorded({k: v.copy() for k, v in signals.items()}, s.recorder, s.record_seconds)
-    return Record(
-        loop=s.name,
-        start=s.start,
-        interval=s.record_seconds,
-        index=np.arange(output.size, dtype=np.int64),
-        setpoint=signals["SP"],
-        measurement=signals["PV"],
-        output=signals["OP"],
-        state=state,
-        settings=s.settings,
-        disturbances={name: values[pick].copy() for name, values in run.columns.items()},
-    )
+    return Record(loop=s.name, start=s.start, interval=s.record_seconds, index=np.arange(output.size, dtype=np.int64),
+                  setpoint=signals["SP"], measurement=signals["PV"], output=signals["OP"], state=state,
+                  settings=s.settings, disturbances={name: values[pick].copy() for name, values in run.columns.items()})
 
 
 def trace(scenario: Scenario) -> Trace:
@@ -187,19 +170,15 @@ def trace(scenario: Scenario) -> Trace:
     run = closed_loop if table.compiled else closed_loop.py_func
     with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
         warnings.filterwarnings("ignore", message="First-class function type feature")
-        reached = run(
-            table.steps, table.state_at, table.p_at, table.ends, table.states, table.p,
-            model.decay, model.newer, model.older, model.readout, np.zeros(model.delay + 2),
-            c.packed(s.sample_seconds), pid_state, s.compensator.packed(c, s.sample_seconds), comp_state, ratio,
-            setpoint, by_hand, hand, start, table.rest, UNSTABLE_SPANS, out,
-        )  # fmt: skip
+        reached = run(table.steps, table.state_at, table.p_at, table.ends, table.states, table.p, model.decay,
+                      model.newer, model.older, model.readout, np.zeros(model.delay + 2), c.packed(s.sample_seconds),
+                      pid_state, s.compensator.packed(c, s.sample_seconds), comp_state, ratio, setpoint, by_hand, hand,
+                      start, table.rest, UNSTABLE_SPANS, out)
     if reached < samples or not np.all(np.isfinite(out)):
-        raise LoopError(
-            f"the simulated loop is unstable: the measurement ran away after {reached * s.step:g} s",
-            where=s.name,
-            remedy="lower K, raise Ti, check the sign of K, or give output limits (low, high)",
-            code="unstable_loop",
-        )
+        raise LoopError(f"the simulated loop is unstable: the measurement ran away after {reached * s.step:g} s",
+                        where=s.name,
+                        remedy="lower K, raise Ti, check the sign of K, or give output limits (low, high)",
+                        code="unstable_loop")
     measurement, output, valve, process_output, error = out
     return Trace(s, setpoint, measurement, output, valve, process_output, error, by_hand, columns)
 

@@ -161,10 +161,8 @@ def fit_process(record: Record, d: float, known_gain: float | None = None) -> Pr
     best = refine(data, best, whitening, sought)
     evidence, gain = match(data, best, whitening, sought)
     if gain == 0.0 or evidence < LEAST_EVIDENCE:
-        raise LoopError(
-            "the measurement does not answer to the output: no process can be fitted", where=record.loop,
-            remedy="give it with --process K=..,T=..,L=..", code="no_process",
-        )
+        raise LoopError("the measurement does not answer to the output: no process can be fitted", where=record.loop,
+                        remedy="give it with --process K=..,T=..,L=..", code="no_process")
     if best.lag >= INTEGRATING * Ti:
         raise LoopError(
             "the process looks integrating: only the ratio of gain to lag can be seen", where=record.loop,

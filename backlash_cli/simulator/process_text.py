@@ -8,10 +8,8 @@ from ..errors import MetadataError, nearest
 from .process import Process
 from .scenario_file import build, read_toml
 
-NAMES = {
-    "k": "gain", "kp": "gain", "gain": "gain", "t": "lag", "t1": "lag", "t2": "lag", "t3": "lag", "t4": "lag",
-    "tau": "lag", "tau1": "lag", "tau2": "lag", "l": "dead_time", "theta": "dead_time", "dead_time": "dead_time",
-}
+NAMES = {"k": "gain", "kp": "gain", "gain": "gain", "t": "lag", "t1": "lag", "t2": "lag", "t3": "lag", "t4": "lag",
+         "tau": "lag", "tau1": "lag", "tau2": "lag", "l": "dead_time", "theta": "dead_time", "dead_time": "dead_time"}
 WHERE = "--process"
 REMEDY = "for example --process K=1.3,T=20,L=2 (static gain, lag and dead time in seconds; more lags: T2=..)"
 

@@ -134,11 +134,8 @@ class Scenario:
         if max(self.duration, self.process.dead_time) / self.step > 5e7:
             raise MetadataError("more than 50 million inner steps", where=self.name, remedy="enlarge step")
         if not max(abs(self.output), abs(self.setpoint.level)) < LARGEST:
-            raise MetadataError(
-                f"output {self.output:g} or setpoint level {self.setpoint.level:g} is not possible",
-                where=self.name,
-                remedy="signals are normalised: 0..1 of their spans",
-            )
+            raise MetadataError(f"output {self.output:g} or setpoint level {self.setpoint.level:g} is not possible",
+                                where=self.name, remedy="signals are normalised: 0..1 of their spans")
         if not np.isfinite([*self.pv_range, *self.op_range]).all():
             raise MetadataError("ranges must be finite", where=self.name)
         if self.seed < 0:

@@ -239,9 +239,7 @@ def with_dead_band(scenarios: Iterable[Scenario], d: float | None) -> tuple[Scen
     if d is None:
         return tuple(scenarios)
     gap = use("backlash", d=d)
-    return tuple(
-        replace(s, effects=(gap, *(a for a in s.effects if a.effect is not gap.effect))) for s in scenarios
-    )
+    return tuple(replace(s, effects=(gap, *(a for a in s.effects if a.effect is not gap.effect))) for s in scenarios)
 
 
 def with_seed(scenarios: Iterable[Scenario], seed: int | None) -> tuple[Scenario, ...]:

@@ -94,18 +94,13 @@ def integrating_process() -> tuple[Numbers, list[PaperFigure]]:
     perfect = trace(example_1(0.0))
     compensated = trace(example_1(D, Compensator(D, Scheme.FILTERED_OUTPUT)))
     ideal, left = (absolute_error(run, AFTER_LOAD) for run in (perfect, compensated))
-    values = {
-        "fig3_integrating": float(predicted is not None),
-        "fig3_stable": float(limit_cycle(stable.controller, stable.process, D) is not None),
-        "period_spread": float(np.ptp([p for p, _ in cycles])),
-        "amplitude_spread": 100.0 * float(np.ptp(shares)) / shares[SIZES.index(D)],
-        "ex1_predicted_period": predicted.period,
-        "ex1_predicted_u": 100.0 * predicted.amplitude_u,
-        "ex1_predicted_y": 100.0 * predicted.amplitude_y,
-        "ex1_period": period,
-        "ex1_y": 100.0 * amplitude,
-        "ex3_iae": 100.0 * (left / ideal - 1.0),
-    }
+    values = {"fig3_integrating": float(predicted is not None),
+              "fig3_stable": float(limit_cycle(stable.controller, stable.process, D) is not None),
+              "period_spread": float(np.ptp([p for p, _ in cycles])),
+              "amplitude_spread": 100.0 * float(np.ptp(shares)) / shares[SIZES.index(D)],
+              "ex1_predicted_period": predicted.period, "ex1_predicted_u": 100.0 * predicted.amplitude_u,
+              "ex1_predicted_y": 100.0 * predicted.amplitude_y, "ex1_period": period, "ex1_y": 100.0 * amplitude,
+              "ex3_iae": 100.0 * (left / ideal - 1.0)}
     uncompensated = runs[SIZES.index(D)]
     figures = [
         nyquist(s, stable),
@@ -176,16 +171,11 @@ def stable_process() -> tuple[Numbers, list[PaperFigure]]:
     plain, full, less = (trace(example_2(gain=gain)) for gain in (0.0, 0.05, GAIN))
     left = mean_errors(0.05, 0.2, GAIN)[0] / mean_errors(0.0, 0.2, 0.0)[0]
     still = trace(example_2(noise=False))
-    values = {
-        "ex2_cycle": float(amplitude(still, (150.0, 200.0)) > 0.2 * 0.05),
-        "fig6_iae": iae[0.2][at(0.05)],
-        "fig6_smaller_load": float(all(x[0.1][at(d)] > x[0.2][at(d)] for x in (iae, peak) for d in (0.05, 0.1))),
-        "sec1_iae": iae[0.2][at(0.1)],
-        "sec1_peak": peak[0.2][at(0.1)],
-        "ex4_full": float(travel(full) > OSCILLATES * travel(plain)),
-        "ex4_less": float(travel(less) > OSCILLATES * travel(plain)),
-        "ex4_iae": 100.0 * (left - 1.0),
-    }
+    values = {"ex2_cycle": float(amplitude(still, (150.0, 200.0)) > 0.2 * 0.05), "fig6_iae": iae[0.2][at(0.05)],
+              "fig6_smaller_load": float(all(x[0.1][at(d)] > x[0.2][at(d)] for x in (iae, peak) for d in (0.05, 0.1))),
+              "sec1_iae": iae[0.2][at(0.1)], "sec1_peak": peak[0.2][at(0.1)],
+              "ex4_full": float(travel(full) > OSCILLATES * travel(plain)),
+              "ex4_less": float(travel(less) > OSCILLATES * travel(plain)), "ex4_iae": 100.0 * (left - 1.0)}
     figures = [
         trend("fig5", "Fig. 5: Example 2, stable process with 5 % of dead band", plain,
               "No limit cycle, but the error stays on one side for long and never settles."),
