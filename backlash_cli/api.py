@@ -23,15 +23,9 @@ if TYPE_CHECKING:
     from .settings import Metadata
 
 
-def scan(
-    plant: Plant | OpenPlant | Record | Iterable[Record],
-    options: ScanOptions | None = None,
-    *,
-    jobs: int | None = None,
-    progress: Callable[[LoopReport], None] | None = None,
-    keep: Unfinished | None = None,
-    client: Client | None = None,
-) -> ScanResult:
+def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOptions | None = None, *,
+         jobs: int | None = None, progress: Callable[[LoopReport], None] | None = None, keep: Unfinished | None = None,
+         client: Client | None = None) -> ScanResult:
     """Analyse every loop and return one report per loop, in the order of the plant.
 
     plant: what `read` returns, one Record, or several. jobs: number of processes; None chooses, 1 stays in this
@@ -61,16 +55,11 @@ def scan(
     return ScanResult((*reports, *refused), inputs, warnings, others)
 
 
-def scan_files(
-    inputs: str | PathLike[str] | Sequence[str | PathLike[str]],
-    *,
-    loops: str | PathLike[str] | Metadata | None = None,
-    reading: ReadOptions | None = None,
-    options: ScanOptions | None = None,
-    jobs: int | None = None,
-    progress: Callable[[LoopReport], None] | None = None,
-    taken: Callable[[int], None] | None = None,
-) -> ScanResult:
+def scan_files(inputs: str | PathLike[str] | Sequence[str | PathLike[str]], *,
+               loops: str | PathLike[str] | Metadata | None = None, reading: ReadOptions | None = None,
+               options: ScanOptions | None = None, jobs: int | None = None,
+               progress: Callable[[LoopReport], None] | None = None,
+               taken: Callable[[int], None] | None = None) -> ScanResult:
     """Read exports and analyse their loops in one go, in bounded memory; the same result as `scan(read(...))`.
 
     inputs, loops, reading: as for `read`; `reading.only_loops` names the loops wanted. options, jobs, progress: as for

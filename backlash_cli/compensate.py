@@ -22,10 +22,8 @@ CLEARLY = 8.0  # difference of -2 log likelihood: 4 nats, one in fifty by chance
 LEAST_MARGIN = 1.4  # gain margin below which a fitted process cannot be the one of a loop that works
 
 
-def compensate(
-    record: Record, *, process: Process | None = None, dead_band: float | None = None,
-    report: LoopReport | None = None, seed: int = 0,
-) -> CompensationStudy:
+def compensate(record: Record, *, process: Process | None = None, dead_band: float | None = None,
+               report: LoopReport | None = None, seed: int = 0) -> CompensationStudy:
     """Return what compensation would do to a loop, simulated; advice to a person, nothing is written anywhere.
 
     process: given process, else fitted to the record. dead_band: given size [span of output], else from a scan.

@@ -119,28 +119,14 @@ class Record:
     def slice(self, first: int, last: int) -> Record:
         """Return samples first..last-1 as a block of the same loop (same start and interval)."""
         cut = slice(first, last)
-        return replace(
-            self,
-            index=self.index[cut],
-            setpoint=self.setpoint[cut],
-            measurement=self.measurement[cut],
-            output=None if self.output is None else self.output[cut],
-            state=self.state[cut],
-            disturbances={k: v[cut] for k, v in self.disturbances.items()},
-        )
+        return replace(self, index=self.index[cut], setpoint=self.setpoint[cut], measurement=self.measurement[cut],
+                       output=None if self.output is None else self.output[cut], state=self.state[cut],
+                       disturbances={k: v[cut] for k, v in self.disturbances.items()})
 
 
-def record_from_arrays(
-    setpoint: object,
-    measurement: object,
-    output: object | None = None,
-    *,
-    interval: float,
-    loop: str = "loop",
-    start: float = 0.0,
-    settings: LoopSettings | None = None,
-    disturbances: Mapping[str, object] | None = None,
-) -> Record:
+def record_from_arrays(setpoint: object, measurement: object, output: object | None = None, *, interval: float,
+                       loop: str = "loop", start: float = 0.0, settings: LoopSettings | None = None,
+                       disturbances: Mapping[str, object] | None = None) -> Record:
     """Make a gap-free Record from normalised arrays; `setpoint` may be one number.
 
     Raises ValueError when the arrays differ in length.

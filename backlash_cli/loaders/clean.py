@@ -6,6 +6,7 @@ A loop longer than CHUNK rows is made in chunks of that size: its grid and spans
 from __future__ import annotations
 
 import hashlib
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -68,8 +69,8 @@ class Recipe:
         for begin, end in zip(begins, ends, strict=True):
             going.end = end
             joiner.next_chunk(begin, end)
-            notes = self.notes if end == ends[-1] else None
-            yield _noted(build(_window(self.series, begin, end), settings, joiner, self.options, going), notes)
+            record = build(_window(self.series, begin, end), settings, joiner, self.options, going)
+            yield replace(record, notes=(*self.notes, *record.notes) if end == ends[-1] else ())
 
     def keyed(self, marks: Mapping[str, str], common: tuple[object, ...]) -> Recipe:
         """Return the recipe with its key; without one where a file cannot be known again.
@@ -231,11 +232,6 @@ def _finite(*parts: FloatArray | None) -> FloatArray:
     return np.concatenate([part[np.isfinite(part)] for part in parts if part is not None])
 
 
-def _noted(record: Record, before: tuple[Note, ...] | None) -> Record:
-    """Put notes before those of a record; None takes all away."""
-    return replace(record, notes=() if before is None else (*before, *record.notes))
-
-
 def _in_turn(axes: Iterable[Axis]) -> list[Axis]:
     """Each axis once, by its first stamp."""
     return sorted({id(axis): axis for axis in axes}.values(), key=lambda axis: int(axis.read(0, 1)[0]))
@@ -271,14 +267,7 @@ def _window(loop: LoopSeries, begin: int, end: int) -> LoopSeries:
 
 def _row_at(axis: Axis, stamp: int) -> int:
     """The first row of rising stamps at or after one."""
-    low, high = 0, len(axis)
-    while low < high:
-        middle = (low + high) // 2
-        if int(axis.read(middle, middle + 1)[0]) < stamp:
-            low = middle + 1
-        else:
-            high = middle
-    return low
+    return bisect_left(range(len(axis)), stamp, key=lambda row: int(axis.read(row, row + 1)[0]))
 
 
 def refuse_missing(loop: LoopSeries) -> None:

@@ -21,20 +21,6 @@ from .states import hold_last
 LONGEST_FILL = 60  # samples, however slow the controller
 
 
-MODE_EMPTY = Note("mode_empty", "the MODE column is empty; the loop is taken to be in automatic")
-
-
-def mode_before(first: float | None, samples: int) -> tuple[float, Note]:
-    """Return the mode before the first recorded one (1 automatic), and what is to be said of so many samples.
-
-    A first change to manual means automatic before, and the other way round.
-    """
-    automatic_first = first == 0.0
-    text = f"{samples} samples before the first recorded mode are taken as "
-    note = Note("mode_unknown", text + ("automatic" if automatic_first else "not automatic"))
-    return (1.0 if automatic_first else 0.0), note
-
-
 @dataclass
 class Frame:
     """The grid of one loop. axis: that of the measurement. bridge: longest hole in samples that is filled.
@@ -59,7 +45,8 @@ class Frame:
             return on_grid(pv.values, self.grid), None
         limit = (MAX_HOLE + 1.5) * self.grid.step
         if self.grid.kind == "compressed":
-            limit = max(limit, GAP_FACTOR * usual_spacing(pv))
+            steps = _good_steps(pv)  # 99 % of the records keep this spacing
+            limit = max(limit, GAP_FACTOR * (0.0 if steps is None else steps.quantile(0.99)))
         if self.options.interpolation == "hold":
             values = held(pv, self.grid, limit, self.bridge)
         else:
@@ -74,7 +61,9 @@ class Frame:
         signal = self.joiner.signal(self.loop.roles[role], role, self.loop.name)
         self.notes += signal.notes
         if signal.axis is not self.axis:
-            self.notes.append(own_times(role, self.options))
+            how = "interpolated on straight lines" if self.options.interpolation == "linear" else (
+                "held until the next record")
+            self.notes.append(Note("expanded", f"{role.upper()} is recorded at its own times; it is {how}"))
         return self._expanded(signal, role)
 
     def disturbance(self, items: list[Series]) -> FloatArray | None:
@@ -97,13 +86,15 @@ class Frame:
             parts.append((item.axis, values))
         signal = Signal(self.joiner.axis([a for a, _ in parts]), np.concatenate([v for _, v in parts]), None)
         if not np.isfinite(signal.values).any() and "mode" not in self.carried:
-            return None, [*notes, MODE_EMPTY]
+            return None, [*notes, Note("mode_empty", "the MODE column is empty; the loop is taken to be in automatic")]
         values = self._expanded(signal, "mode")
         unknown = np.isnan(values)
         if unknown.any():
-            before, note = mode_before(None if unknown.all() else float(values[~unknown][0]), int(unknown.sum()))
+            # a first change to manual means automatic before, and the other way round
+            before = not unknown.all() and float(values[~unknown][0]) == 0.0
             values = np.where(unknown, before, values)
-            notes.append(note)
+            notes.append(Note("mode_unknown", f"{int(unknown.sum())} samples before the first recorded mode are taken "
+                              f"as {'automatic' if before else 'not automatic'}"))
         return values == 0.0, notes
 
     def _expanded(self, signal: Signal, role: str) -> FloatArray:
@@ -144,12 +135,6 @@ def bridged(values: FloatArray, index: IntArray, bridge: int) -> FloatArray:
             known = np.flatnonzero(np.isfinite(values[position:]))
             out[position : position + known[0] if len(known) else None] = np.nan
     return out
-
-
-def own_times(role: str, options: ReadOptions) -> Note:
-    """Say how a signal that has stamps of its own is brought to those of the measurement."""
-    how = "interpolated on straight lines" if options.interpolation == "linear" else "held until the next record"
-    return Note("expanded", f"{role.upper()} is recorded at its own times; it is {how}")
 
 
 def grid_of(pv: Signal, made: Callable[[Signal], Grid] | None = None) -> tuple[Grid, Signal]:
@@ -227,12 +212,6 @@ def held(signal: Signal, grid: Grid, limit: float | None, bridge: int, late: int
         few = max((bridge + 0.5) * grid.step, (MAX_HOLE + 0.5) * spacing)
         out[stale & (age > few)] = np.nan
     return out
-
-
-def usual_spacing(signal: Signal) -> float:
-    """The spacing in microseconds that 99 % of the records of a signal keep."""
-    steps = _good_steps(signal)
-    return 0.0 if steps is None else steps.quantile(0.99)
 
 
 def hold_limit(signal: Signal) -> float:

@@ -140,11 +140,6 @@ def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
     return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))
 
 
-def complete(values: FloatArray) -> bool:
-    """Is there a finite number everywhere?"""
-    return bool(np.isfinite(values).all())
-
-
 def state_notes(counts: Counter[str], samples: int, *kinds: str) -> list[Note]:
     """Say how many of so many samples are of these kinds, in order."""
     found = []
@@ -186,7 +181,7 @@ class Samples:
         self._marks: dict[str, NDArray[np.bool_]] = {}
         self.measurement = self._measured(pv, op, interpolated, bridge)
         for what, values in (("setpoint", sp), ("output", op)):
-            if values is not None and not complete(values):
+            if values is not None and not np.isfinite(values).all():
                 self._mark(what, ~np.isfinite(values), SampleState.MISSING)
         if manual is not None:
             there = (self.state != SampleState.MISSING) & (self.state != SampleState.IMPLAUSIBLE)
@@ -202,7 +197,7 @@ class Samples:
         if wild is not None:
             y = np.where(wild, np.nan, y)
             self._marks["wild"] = wild
-        lost = wild is not None or not complete(pv)
+        lost = wild is not None or not np.isfinite(pv).all()
         if lost:
             y, filled = short_holes(y, self.index, bridge)
             self._mark("filled", filled, SampleState.FILLED)

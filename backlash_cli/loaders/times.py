@@ -487,17 +487,11 @@ class StampReader:
         return out
 
 
-def read_stamps(columns: Sequence[pa.ChunkedArray], names: Sequence[str], options: ReadOptions, where: str) -> tuple[
-        IntArray, StampReader]:
-    """Return the stamps of a whole file [microseconds since 1970 UTC] and who read them. Raises InputError."""
-    reader = StampReader(names, options, where)
-    packed = reader.take(columns)
-    return reader.finish()(packed), reader
-
-
 def is_midnight(column: pa.ChunkedArray, name: str, options: ReadOptions, where: str) -> bool:
     """Say whether the stamps of a column are dates without a time of day. Raises InputError."""
-    micros, _ = read_stamps([column], [name], replace(options, timezone=None), where)
+    reader = StampReader([name], replace(options, timezone=None), where)
+    packed = reader.take([column])
+    micros = reader.finish()(packed)
     return not np.any(micros[micros != NAT] % DAY)
 
 
