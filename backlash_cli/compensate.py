@@ -12,11 +12,10 @@ from .record import Note, Record
 from .results import LoopReport, Verdict
 from .results.compensation import CompensationStudy, ProcessModel
 from .scan import scan
-from .simulator.compensation import Study, noise_gains, study
+from .simulator.compensation import Study, noise_density, noise_gains, study, typical_load
 from .simulator.controller import Controller
 from .simulator.process import Process
 from .simulator.process_fit import fit_process
-from .simulator.record_noise import noise_density, typical_load
 
 CLEARLY = 8.0  # difference of -2 log likelihood: 4 nats, one in fifty by chance
 LEAST_MARGIN = 1.4  # gain margin below which a fitted process cannot be the one of a loop that works
