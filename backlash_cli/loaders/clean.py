@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -47,7 +47,8 @@ class Recipe:
     def record(self, joiner: Joiner | None = None) -> Record:
         """Read the loop. Raises BacklashError when it cannot be read. joiner: shared by loops of the same files."""
         settings = settings_of(self.values)
-        record = build(self.series, settings, joiner or Joiner(self.options.good_quality), self.options)
+        record = build(self.series, settings, joiner or Joiner(self.options.good_quality), self.options,
+                       Going())
         return replace(record, notes=(*self.notes, *record.notes)) if self.notes else record
 
     def is_long(self) -> bool:
@@ -112,13 +113,14 @@ class Spans:
 
 @dataclass
 class Going:
-    """What a chunk of a loop goes on from, and adds to. end: stamp that ends it; begin: that ended the one before.
+    """What a chunk of a loop goes on from, and adds to. end: stamp that ends it, None for the whole loop; begin: that
+    ended the one before.
 
     plan, spans, output: of the first chunk. place: a stamp near the end of the last one and its grid number. until: the
     grid number of its last sample. The rest is counted for the notes. carried: setpoint and mode that still hold.
     """
 
-    end: int = NAT
+    end: int | None = None
     begin: int = NAT
     plan: GridPlan | None = None
     spans: Spans | None = None
@@ -132,24 +134,18 @@ class Going:
     carried: dict[str, float] = field(default_factory=dict)
 
 
-def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOptions, going: Going | None = None
-          ) -> Record:
-    """Make the Record of one loop. Raises LoopError when it has no measurement, no times or no usable scale.
-
-    going: makes a chunk of it, which goes on from the chunk before; its notes are those of all chunks so far.
-    """
+def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOptions, going: Going) -> Record:
+    """Make the Record of one loop, or a chunk of it, which goes on from the chunk before; the notes are those of all
+    chunks so far. Raises LoopError when it has no measurement, no times or no usable scale."""
     refuse_missing(loop)
-    later = going is not None and going.plan is not None
+    later, whole = going.plan is not None, going.end is None
     pv = joiner.signal(loop.roles["pv"], "pv", loop.name)
-    grid, pv = grid_of(pv, None if not later or going is None else lambda signal: goes_on(signal, going))
-    first, last = 0, len(grid.index)
-    on_grid: Sequence[Note] = grid.notes
-    if going is not None:
-        first, last = _own_samples(pv, grid, going)
-        on_grid = _of_chunks(pv, grid, going, first, last)
+    grid, pv = grid_of(pv, None if not later else lambda signal: goes_on(signal, going))
+    first, last = (0, len(grid.index)) if going.end is None else _own_samples(pv, grid, going, going.end)
+    on_grid = grid.notes if going.end is None else _of_chunks(pv, grid, going, going.end, first, last)
     notes: list[Note] = [*settings.notes, *pv.axis.notes, *on_grid, *pv.notes]
     frame = Frame(loop, joiner, options, pv.axis, grid, fill_limit(settings.loop.Ti, grid.interval), notes,
-                  {} if going is None else going.carried)
+                  going.carried)
     measured, interpolated = frame.measurement(pv)
     if not later and not np.isfinite(measured).any():
         raise LoopError("the measurement (PV) holds no number at all", code="no_measurement",
@@ -158,10 +154,10 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
     if setpoint is None and settings.constant_setpoint is not None:
         setpoint = np.full(len(measured), settings.constant_setpoint)
     output = frame.companion("op")
-    if output is not None and not (going.output if later and going else np.isfinite(output).any()):
+    if output is not None and not (going.output if later else np.isfinite(output).any()):
         notes.append(Note("no_output", "the output (OP) holds no number at all"))
         output = None
-    spans = going.spans if going is not None else None
+    spans = going.spans
     if spans is None:
         spans = spans_of(settings, _finite(measured, setpoint) if settings.pv_range is None else measured[:0],
                          None if output is None else _finite(output) if settings.op_range is None else output[:0])
@@ -171,13 +167,10 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
         grid.index, None if setpoint is None else normalised(setpoint, spans.pv_range),
         normalised(measured, spans.pv_range), None if output is None else normalised(output, spans.op_range),
         interpolated, manual, frame.bridge)
-    counts, total = samples.count(first, last), last - first
-    if going is not None:
-        going.counts.update(counts)
-        counts = going.counts
-        going.plan, going.spans, going.output = going.plan or grid.plan, spans, output is not None
-        going.samples, going.begin = going.samples + total, going.end
-        total = going.samples
+    going.counts.update(samples.count(first, last))
+    counts, total = going.counts, going.samples + last - first
+    going.plan, going.spans, going.output = going.plan or grid.plan, spans, output is not None
+    going.samples, going.begin = total, going.end or NAT
     missing = [] if setpoint is not None else [Note(
         "no_setpoint", "no setpoint (SP) column: what needs the control error cannot be done", {"loop": loop.name})]
     extra = {name: frame.disturbance(items) for name, items in loop.extra.items()}
@@ -187,7 +180,7 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
         (*notes, *state_notes(counts, total, *MEASURED), *missing, *state_notes(counts, total, "setpoint", "output"),
          *on_mode, *state_notes(counts, total, "manual")),
     )  # fmt: skip
-    return record if going is None else record.slice(first, last)
+    return record if whole else record.slice(first, last)
 
 
 def goes_on(pv: Signal, going: Going) -> Grid:
@@ -204,24 +197,24 @@ def goes_on(pv: Signal, going: Going) -> Grid:
     return Grid(plan, index, order.rows, stamps, plan.recorded(stamps, plan.start + plan.step * index))
 
 
-def _own_samples(pv: Signal, grid: Grid, going: Going) -> tuple[int, int]:
+def _own_samples(pv: Signal, grid: Grid, going: Going, end: int) -> tuple[int, int]:
     """Return the first sample of a chunk and the one after its last, and note where it ends."""
     first = int(np.searchsorted(grid.index, going.until, side="right"))
     if grid.kind == "regular":
         at = grid.index if grid.rows is None else grid.index[grid.rows >= 0]
         stamps = pv.axis.order(pv.values).stamps[-len(at) :]
-        row = int(np.searchsorted(stamps, going.end)) - 1
+        row = int(np.searchsorted(stamps, end)) - 1
         near = max(row - MARGIN, 0)
         going.place, going.until = (int(stamps[near]), int(at[near])), int(at[row])
     else:
-        going.until = (going.end - 1 - grid.start) // grid.step
+        going.until = (end - 1 - grid.start) // grid.step
     return first, int(np.searchsorted(grid.index, going.until, side="right"))
 
 
-def _of_chunks(pv: Signal, grid: Grid, going: Going, first: int, last: int) -> list[Note]:
+def _of_chunks(pv: Signal, grid: Grid, going: Going, end: int, first: int, last: int) -> list[Note]:
     """What is to be said of the stamps of all chunks so far."""
     stamps = pv.axis.order(pv.values).stamps
-    own = stamps[max(int(np.searchsorted(stamps, going.begin)) - 1, 0) : int(np.searchsorted(stamps, going.end))]
+    own = stamps[max(int(np.searchsorted(stamps, going.begin)) - 1, 0) : int(np.searchsorted(stamps, end))]
     going.steps += [Steps.of(own)] if len(own) > 1 else []
     going.recorded += last - first if grid.recorded is None else int(grid.recorded[first:last].sum())
     share = going.recorded / max(going.samples + last - first, 1)

@@ -134,8 +134,8 @@ def _wide(table: Table, layout: Layout, reading: Reading) -> list[Series]:
         axes = _parquet_axes(table, rows, layout, reading)
     else:
         columns = sorted(set(layout.stored) & (needed | empty))  # what is still empty may be a tag of the loops file
-        store, stamps, words, filled = _stored(table, layout, columns, reading)
-        rows = StoredRows(store, stamps.rows, _lexicons(words, head.decimal))
+        store, stamps, lexicons, filled = _stored(table, layout, columns, reading)
+        rows = StoredRows(store, stamps.rows, lexicons)
         axes = _axes(stamps, table, layout)
         empty = set(columns) - filled
     found = []
@@ -160,35 +160,24 @@ def _where_stamped(series: Series) -> Series:
     return series.part(series.axis.part(chosen), chosen)
 
 
-def _stored(table: Table, layout: Layout, columns: Sequence[int], reading: Reading) -> tuple[
-        Store, _Stamps, dict[int, dict[str, int]], set[int]]:
+def _stored(table: Table, layout: Layout, columns: Sequence[int], reading: Reading, tags: _Tags | None = None) -> tuple[
+        Store, _Stamps, dict[str, Lexicon], set[int]]:
     """Store the columns of a file; return also its stamps, the texts of its columns, and which hold anything."""
-    head = table.head
-    store, stamps = Store(reading.room), _Stamps(head, layout, reading)
+    store, stamps = Store(reading.room), _Stamps(table.head, layout, reading)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
     filled: set[int] = set()
-    for batch in table.batches(columns, stamps.columns):
+    for batch in table.batches([*columns, *layout.naming], stamps.columns):
         stamps.take(batch)
-        arrays: Arrays = {}
+        arrays: Arrays = {} if tags is None else {"group": tags.take(batch)}
         for i in columns:
-            _put(arrays, i, batch[i], words[i], table, filled)
+            values, codes = stored(batch[i], words[i], table.head.decimal, written=isinstance(table, TextTable))
+            arrays |= {f"v{i}": values} if codes is None else {f"v{i}": values, f"v{i}w": codes}
+            if i not in filled and (codes is not None or not np.isnan(values).all()):
+                filled.add(i)
         if arrays:
             store.add(arrays)
-    return store.close(), stamps.close(), words, filled
-
-
-def _put(arrays: Arrays, i: int, column: pa.ChunkedArray, words: dict[str, int], table: Table, filled: set[int]
-         ) -> None:
-    values, codes = stored(column, words, table.head.decimal, written=isinstance(table, TextTable))
-    arrays[f"v{i}"] = values
-    if codes is not None:
-        arrays[f"v{i}w"] = codes
-    if i not in filled and (codes is not None or not np.isnan(values).all()):
-        filled.add(i)
-
-
-def _lexicons(words: dict[int, dict[str, int]], decimal: str) -> dict[str, Lexicon]:
-    return {f"v{i}": Lexicon(list(found), decimal) for i, found in words.items() if found}
+    lexicons = {f"v{i}": Lexicon(list(found), table.head.decimal) for i, found in words.items() if found}
+    return store.close(), stamps.close(), lexicons, filled
 
 
 class _Stamps:
@@ -267,18 +256,8 @@ def _grouped(table: Table, layout: Layout, reading: Reading) -> list[Series]:
     """Rows that belong to different tags or loops: they are put together by tag."""
     head, tall = table.head, layout.kind == "tall"
     header = (".".join(head.names[i].strip() for i in layout.naming),)
-    tags, stamps, store = _Tags(layout.naming, header), _Stamps(head, layout, reading), Store(reading.room)
-    words: dict[int, dict[str, int]] = {i: {} for i in layout.stored}
-    filled: set[int] = set()
-    for batch in table.batches([*layout.stored, *layout.naming], stamps.columns):
-        stamps.take(batch)
-        arrays: Arrays = {"group": tags.take(batch)}
-        for i in layout.stored:
-            _put(arrays, i, batch[i], words[i], table, filled)
-        store.add(arrays)
-    store.close()
-    stamps.close()
-    lexicons = _lexicons(words, head.decimal)
+    tags = _Tags(layout.naming, header)
+    store, stamps, lexicons, filled = _stored(table, layout, layout.stored, reading, tags)
     moved: list[tuple[int, int]] = []
     notes = stamps.readers[0].all_notes
     if not tall:
