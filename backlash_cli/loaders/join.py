@@ -156,7 +156,7 @@ class Joiner:
         if key not in self._axes:
             notes = tuple(note for axis in axes for note in axis.notes)
             first = tuple(np.cumsum([len(axis) for axis in axes])[:-1].tolist())
-            joined = Axis(micros=np.concatenate([axis.micros for axis in axes]), notes=notes, where=axes[0].where,
+            joined = Axis(given=np.concatenate([axis.micros for axis in axes]), notes=notes, where=axes[0].where,
                           absolute=all(axis.absolute for axis in axes), parts=first)
             if len(self._axes) >= MOST_JOINED:
                 self._axes.popitem(last=False)

@@ -286,7 +286,7 @@ def _grouped(table: Table, layout: Layout, reading: Reading) -> list[Series]:
         count = int(grouped.group_rows(number).sum())
         rows = StoredRows(grouped, count, lexicons, number) if wanted[number] else None
         about: dict[str, Any] = {"absolute": stamps.readers[0].absolute, "notes": notes, "where": head.where}
-        axis = Axis(rows, "t0", **about) if rows is not None else Axis(last=last, **about)
+        axis = Axis(rows, "t0", **about) if rows is not None else Axis(end=last, **about)
         if not tall and rows is not None and not count:
             continue
         for i in layout.values if not tall else [i for i in layout.values if i in filled]:
