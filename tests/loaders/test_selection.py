@@ -26,7 +26,7 @@ def test_a_sample_is_the_same_for_the_same_names_in_any_order_and_differs_with_t
     assert first != choose(NAMES, sample="5", seed=1)[0]
     note = notes[0]
     assert note.code == "sampled" and note.values["loops"] == 45.0 and "45 were not computed" in note.message
-    assert note.values["drawn"] == ", ".join(first.names)
+    assert note.values["drawn"] == ", ".join(first)
 
 
 @given(st.sets(st.text(min_size=1, max_size=6), min_size=1, max_size=30), st.integers(1, 40), st.text(min_size=1))
