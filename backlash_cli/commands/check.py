@@ -56,13 +56,10 @@ def check(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output
     else:
         write_text(output, text)
         say(f"{len(result.loops)} loop{'s' * (len(result.loops) != 1)} checked, {form} written to {output}")
-    failed = [_named(loop.loop, loop.failure.message) for loop in result.loops if loop.failure is not None]
+    failed = [message if (message := loop.failure.message).startswith(f"{loop.loop}:") else f"{loop.loop}: {message}"
+              for loop in result.loops if loop.failure is not None]
     failed += [note.message for note in result.failures]
     if output is not None or form == "json":
         for message in failed:
             say(f"not checked: {message}")
     return 3 if failed else 0
-
-
-def _named(loop: str, message: str) -> str:
-    return message if message.startswith(f"{loop}:") else f"{loop}: {message}"

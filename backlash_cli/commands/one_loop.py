@@ -12,7 +12,7 @@ from ..errors import BacklashError, LoopError, UsageError
 from .terminal import put, say
 
 if TYPE_CHECKING:
-    from ..loaders import Plant, ReadOptions
+    from ..loaders import ReadOptions
     from ..record import Record
     from ..results import Comparison, Explanation, Model
 
@@ -44,18 +44,13 @@ def one_loop(
         return plant[name]
     if len(plant.records) == 1 and not (name is None and plant.failures):
         return plant.records[0]
-    names = loop_names(plant)
+    names = sorted({*(record.loop for record in plant), *(str(n.values["loop"]) for n in plant.failures
+                                                         if "loop" in n.values)})
     if not plant.records:
         raise LoopError(plant.failures[0].message if plant.failures else "no loop could be read")
     shown = ", ".join(names[:20]) + (f" and {len(names) - 20} more" if len(names) > 20 else "")
     what = "several loops here" if name is None else f"{name!r} means several loops"
     raise UsageError(f"{what}: {shown}", where="--loop", remedy=f"choose one, for example --loop {names[0]}")
-
-
-def loop_names(plant: Plant) -> list[str]:
-    """Names of all loops of a plant, those that could not be read included."""
-    failed = [str(note.values["loop"]) for note in plant.failures if "loop" in note.values]
-    return sorted({*(record.loop for record in plant), *failed})
 
 
 def check_together(*, every: bool, plant: Mapping[str, object], single: Mapping[str, object]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from ..loaders.remote import Remote
     from ..record import Record
     from ..results import LoopReport, ScanResult
-    from ..results.history import Outcome
     from ..scan import ScanOptions
 
 @dataclass
@@ -65,7 +64,7 @@ class Job:
             self._tell([recipe.key for recipe in plant.recipes])
         if self.shown:
             say_if_first_run()
-        with _Counting(len(plant.recipes), self.shown, self.keep is not None) as done:
+        with _counting(len(plant.recipes), shown=self.shown, kept=self.keep is not None) as done:
             return scan(plant, self.options, jobs=self.jobs, progress=done, keep=self.keep, client=self.client)
 
     def _open(self, inputs: Sequence[Path | Remote]) -> OpenPlant:
@@ -105,27 +104,24 @@ def kept(history: Path | None, scan: Iterable[object], *, resume: bool) -> Itera
         keep.close()
 
 
-class _Counting:
-    """Counts finished loops, on a bar and for the message when the work is stopped."""
+@contextlib.contextmanager
+def _counting(total: int, *, shown: bool, kept: bool) -> Iterator[Callable[[LoopReport], None]]:
+    """Count finished loops, on a bar and for the message when the work is stopped."""
+    done = 0
 
-    def __init__(self, total: int, shown: bool, kept: bool) -> None:
-        self.total, self.done, self.kept = total, 0, kept
-        self._bar = progress("scanning", total, shown=shown)
+    def one_more(report: LoopReport) -> None:
+        nonlocal done
+        done += 1
+        step()
 
-    def __enter__(self) -> _Counting:
-        self._step = self._bar.__enter__()
-        return self
-
-    def __call__(self, report: LoopReport) -> None:
-        self.done += 1
-        self._step()
-
-    def __exit__(self, kind: type[BaseException] | None, stop: BaseException | None, trace: object) -> None:
-        self._bar.__exit__(None, None, None)
-        if isinstance(stop, KeyboardInterrupt):
-            stop.add_note(f"{self.done} of {self.total} loops were analysed; no report was written")
-            if self.kept:
-                stop.add_note("the same command with --resume goes on from there")
+    try:
+        with progress("scanning", total, shown=shown) as step:
+            yield one_more
+    except KeyboardInterrupt as stop:
+        stop.add_note(f"{done} of {total} loops were analysed; no report was written")
+        if kept:
+            stop.add_note("the same command with --resume goes on from there")
+        raise
 
 
 LONG = 1.5 * 86400.0  # seconds; more than this is more than one night
@@ -135,7 +131,7 @@ _STAMP = re.compile(  # a date, perhaps with a time, at the end of a file's name
 )
 
 
-def remember(result: ScanResult, history: Path, job: Job) -> Outcome:
+def remember(result: ScanResult, history: Path, job: Job) -> None:
     """Store a scan's nights. Several exports of the same loops, joined for the report, are stored one by one."""
     from ..history.store import History
 
@@ -145,7 +141,8 @@ def remember(result: ScanResult, history: Path, job: Job) -> Outcome:
     if outcome.revised and any(r.start is not None and r.start < YEAR for r in result.loops):
         say("the export has no calendar date, and so replaced the night that was there: nights are told apart by their "
             "times")
-    return outcome
+    if job.shown:
+        say(f"history {history}: {outcome.sentence()}")
 
 
 def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:

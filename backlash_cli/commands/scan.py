@@ -71,10 +71,10 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output:
     Exit status: 0 done; 1 a --fail-on rule was met; 2 wrong use, or nothing could be read; 3 done, but some file or
     loop could not be analysed. When both 1 and 3 apply it is 1.
     """
-    from ..reporter.delivery import check_delivery
+    from ..reporter.delivery import check_delivery, draw
     from ..reporter.rules import met, parse_rules
     from ..scan import ScanOptions
-    from .run_scan import Job, kept
+    from .run_scan import Job, kept, remember
 
     rules = parse_rules(fail_on)
     form = check_delivery(form, output, table)
@@ -84,11 +84,14 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output:
             job = Job(inputs, loops, reading, options, jobs, client, not quiet, keep)
             result = job.scan()
             if history is not None:
-                _remember(result, history, job)
+                remember(result, history, job)
         if not (quiet and form is None):
             _deliver(result, job, form or "table", output, table, verbose=verbose)
         if plot is not None:
-            _draw(result, job, plot)
+            with progress("drawing", len(job.records), shown=job.shown) as step:
+                count = draw(result, job.records, plot, step)
+            if job.shown:
+                say(f"{count} picture{'s' * (count != 1)} written to {plot}")
     wrong = _wrong(result)
     if quiet or output is not None or form not in (None, "table"):
         for message in wrong:
@@ -97,14 +100,6 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output:
     if hits and not quiet:
         say(f"--fail-on {', '.join(fail_on)}: met by {len(hits)} loop{'s' * (len(hits) != 1)}: {', '.join(hits[:10])}")
     return 1 if hits else 3 if wrong else 0
-
-
-def _remember(result: ScanResult, history: Path, job: Job) -> None:
-    from .run_scan import remember
-
-    outcome = remember(result, history, job)
-    if job.shown:
-        say(f"history {history}: {outcome.sentence()}")
 
 
 def _wrong(result: ScanResult) -> list[str]:
@@ -126,12 +121,3 @@ def _deliver(result: ScanResult, job: Job, form: str, output: Path | None, table
         write(result, records, form, output, table, verbose=verbose, step=step)
     if job.shown:
         say(f"{len(result.loops)} loop{'s' * (len(result.loops) != 1)} scanned, {form} written to {output}")
-
-
-def _draw(result: ScanResult, job: Job, folder: Path) -> None:
-    from ..reporter.delivery import draw
-
-    with progress("drawing", len(job.records), shown=job.shown) as step:
-        count = draw(result, job.records, folder, step)
-    if job.shown:
-        say(f"{count} picture{'s' * (count != 1)} written to {folder}")
