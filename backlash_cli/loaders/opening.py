@@ -189,32 +189,31 @@ class Text:
             self.notes.append(Note("encoding", text))
 
 
-class _Counting(io.RawIOBase):
+class _Counting:
     """A file that tells how much of it was read."""
 
     def __init__(self, file: BinaryIO, taken: Callable[[int], None] | None) -> None:
-        self._file, self._taken = file, taken
+        self._file, self._taken, self.closed = file, taken, False
 
-    def readinto(self, buffer: Any) -> int:
-        data = self._file.read(len(buffer))
-        buffer[: len(data)] = data
+    def read(self, size: int = -1) -> bytes:
+        data = self._file.read(size)
         if self._taken is not None:
             self._taken(len(data))
-        return len(data)
+        return data
 
     def readable(self) -> bool:
         return True
 
+    def close(self) -> None:
+        self.closed = True  # the file itself is closed by who opened it
+
 
 def _decompressed(file: Any, codec: str) -> Iterator[bytes]:
     """Yield the text piece by piece, and all that is whole of a damaged file before the error."""
-    opened: Any = io.BufferedReader(file, CHUNK)
+    openers: dict[str, Any] = {"gzip": gzip.open, "bz2": bz2.open, "xz": lzma.open}
     if codec == "zstd":
-        opened = pa.CompressedInputStream(pa.PythonFile(opened, mode="r"), "zstd")
-    elif codec:
-        openers: dict[str, Any] = {"gzip": gzip.open, "bz2": bz2.open, "xz": lzma.open}
-        opened = openers[codec](opened)
-    read = opened.read if codec == "zstd" else opened.read1  # of what is whole, no more than one piece
+        file = pa.CompressedInputStream(pa.PythonFile(file, mode="r"), "zstd")
+    read = openers[codec](file).read1 if codec in openers else file.read  # no more than one piece at once
     while piece := read(CHUNK):
         yield piece
 
