@@ -27,6 +27,7 @@ from .run_scan import Job, kept, undated
 LARGEST = 5_000_000  # bytes; a larger log becomes FILE.1 before a run
 
 Log = Callable[..., None]
+PULL = "pull"  # rule of its own: a valve has to be pulled
 
 
 @contextlib.contextmanager
@@ -70,9 +71,6 @@ def json_line(event: str, level: str, values: dict[str, object]) -> str:
 def now() -> str:
     """Clock time in UTC; only the log knows it."""
     return datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-
-
-PULL = "pull"  # rule of its own: a valve has to be pulled
 
 
 @dataclass

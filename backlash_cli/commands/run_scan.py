@@ -26,6 +26,13 @@ if TYPE_CHECKING:
     from ..results import LoopReport, ScanResult
     from ..scan import ScanOptions
 
+LONG = 1.5 * 86400.0  # seconds; more than this is more than one night
+YEAR = 365 * 86400.0  # times below this are counted from the start of the recording, not from 1970
+_STAMP = re.compile(  # a date, perhaps with a time, at the end of a file's name
+    r"[ _.-]+(19|20)\d\d[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])([ _T.-]?\d\d[-_:]?\d\d([-_:]?\d\d)?)?$"
+)
+
+
 @dataclass
 class Job:
     """One scan. client: of the cluster, None for this machine. shown: with progress on a terminal. keep: what is
@@ -122,13 +129,6 @@ def _counting(total: int, *, shown: bool, kept: bool) -> Iterator[Callable[[Loop
         if kept:
             stop.add_note("the same command with --resume goes on from there")
         raise
-
-
-LONG = 1.5 * 86400.0  # seconds; more than this is more than one night
-YEAR = 365 * 86400.0  # times below this are counted from the start of the recording, not from 1970
-_STAMP = re.compile(  # a date, perhaps with a time, at the end of a file's name
-    r"[ _.-]+(19|20)\d\d[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])([ _T.-]?\d\d[-_:]?\d\d([-_:]?\d\d)?)?$"
-)
 
 
 def remember(result: ScanResult, history: Path, job: Job) -> None:

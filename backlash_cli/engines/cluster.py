@@ -30,6 +30,16 @@ PAUSE = 3.0  # seconds between two looks at the workers
 MISSED = 5  # looks at which a worker may be missing: one that died is mostly there again after two
 ATTEMPTS = 3  # of work that was lost on its way
 _INSTALL = "pip install 'backlash[dask]', or leave --engine dask out: the local engine uses all cores of this machine"
+_LOCAL = {
+    # a loop that ends its process does so every time: two deaths are proof enough
+    "distributed.scheduler.allowed-failures": 1,
+    "distributed.scheduler.worker-saturation": 1.0,
+    # a busy machine takes long to start a process again; given up, its work would wait for ever
+    "distributed.deploy.lost-worker-timeout": "1 hour",
+    "distributed.worker.multiprocessing-method": "spawn",
+    "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": 1,
+}
+_GONE = ("CancelledError", "FutureCancelledError", "FuturesCancelledError")  # lost through no fault of the work
 
 
 def check_installed() -> None:
@@ -73,17 +83,6 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
                                 where="--engine dask", remedy="leave --engine dask out", code="no_cluster") from error
         with contextlib.closing(cluster), Client(cluster) as client, _watched(client, cluster, jobs, say):
             yield client
-
-
-_LOCAL = {
-    # a loop that ends its process does so every time: two deaths are proof enough
-    "distributed.scheduler.allowed-failures": 1,
-    "distributed.scheduler.worker-saturation": 1.0,
-    # a busy machine takes long to start a process again; given up, its work would wait for ever
-    "distributed.deploy.lost-worker-timeout": "1 hour",
-    "distributed.worker.multiprocessing-method": "spawn",
-    "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": 1,
-}
 
 
 def _client_of(scheduler: str) -> Client:
@@ -199,9 +198,6 @@ def on_cluster(client: Client, items: Sequence[Item], work: Callable[[Item], Res
     finally:
         if waiting:
             client.cancel(waiting, force=True)
-
-
-_GONE = ("CancelledError", "FutureCancelledError", "FuturesCancelledError")  # lost through no fault of the work
 
 
 def _worked(work: Callable[[Any], Result], item: bytes) -> Result:

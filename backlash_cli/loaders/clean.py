@@ -47,8 +47,7 @@ class Recipe:
     def record(self, joiner: Joiner | None = None) -> Record:
         """Read the loop. Raises BacklashError when it cannot be read. joiner: shared by loops of the same files."""
         settings = settings_of(self.values)
-        record = build(self.series, settings, joiner or Joiner(self.options.good_quality), self.options,
-                       Going())
+        record = build(self.series, settings, joiner or Joiner(self.options.good_quality), self.options, Going())
         return replace(record, notes=(*self.notes, *record.notes)) if self.notes else record
 
     def is_long(self) -> bool:

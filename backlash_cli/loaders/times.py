@@ -54,6 +54,15 @@ ZONES = {"Z": 0, "UTC": 0, "GMT": 0, "UT": 0, "WET": 0, "WEST": 60, "BST": 60, "
          "MESZ": 120, "EET": 120, "EEST": 180, "MSK": 180, "EST": -300, "EDT": -240, "CST": -360, "CDT": -300,
          "MST": -420, "MDT": -360, "PST": -480, "PDT": -420, "AKST": -540, "AKDT": -480, "HST": -600, "JST": 540,
          "KST": 540, "SGT": 480, "HKT": 480, "AEST": 600, "AEDT": 660, "AWST": 480}
+_PLACES = np.array([10**8, 10**4, 1])  # bring the three numbers of a date into one
+Readings = dict[str, tuple[IntArray, ...]]  # kind -> year, month, day
+LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
+_FACTORS = {  # unit of numbers: (microseconds, zero, counted from a known moment)
+    "epoch_s": (1e6, 0.0, True), "epoch_ms": (1e3, 0.0, True), "epoch_us": (1.0, 0.0, True),
+    "epoch_ns": (1e-3, 0.0, True), "excel": (float(DAY), 25569.0, True), "labview": (1e6, 2082844800.0, True),
+    "filetime": (0.1, 116444736e9, True), "seconds": (1e6, 0.0, False), "millis": (1e3, 0.0, False),
+    "minutes": (6e7, 0.0, False), "hours": (3.6e9, 0.0, False), "days": (float(DAY), 0.0, False),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,10 +142,6 @@ def _dated(fields: pa.StructArray, at: IntArray, micros: IntArray, zoned: NDArra
     good = rows[out[rows] != NAT]
     return Dates(micros, zoned, at[good], np.stack([a, b, c], 1)[good], out[good], bool(len(rows))
                  and bool((_length(fields, "c")[rows] <= 2).all()), first.get("sep") or "", bool(first.get("ap")))
-
-
-_PLACES = np.array([10**8, 10**4, 1])  # bring the three numbers of a date into one
-Readings = dict[str, tuple[IntArray, ...]]  # kind -> year, month, day
 
 
 class DateOrder:
@@ -305,14 +310,7 @@ def _numpy(cells: pa.Array) -> NDArray[Any]:
     return cells.to_numpy(zero_copy_only=False)
 
 
-LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
 _OPEN, _SHIFT = -(1 << 62), 38  # stamps with an open date: from _OPEN on, the number of the date above so many bits
-_FACTORS = {  # unit of numbers: (microseconds, zero, counted from a known moment)
-    "epoch_s": (1e6, 0.0, True), "epoch_ms": (1e3, 0.0, True), "epoch_us": (1.0, 0.0, True),
-    "epoch_ns": (1e-3, 0.0, True), "excel": (float(DAY), 25569.0, True), "labview": (1e6, 2082844800.0, True),
-    "filetime": (0.1, 116444736e9, True), "seconds": (1e6, 0.0, False), "millis": (1e3, 0.0, False),
-    "minutes": (6e7, 0.0, False), "hours": (3.6e9, 0.0, False), "days": (float(DAY), 0.0, False),
-}  # fmt: skip
 
 
 class StampReader:

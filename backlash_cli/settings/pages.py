@@ -11,6 +11,9 @@ from typing import Any
 from ..errors import MetadataError, nearest
 from .schema import Metadata, check_keys, with_defaults
 
+_RANGE = re.compile(r"^\s*[\[(]?\s*(-?[\d.]+(?:[eE][+-]?\d+)?)\s*(?:\.\.\.?|,|;|:|\s|to|bis)\s*"
+                    r"(-?[\d.]+(?:[eE][+-]?\d+)?)\s*[\])]?\s*$")  # fmt: skip
+
 
 def parse_toml(text: str, where: str) -> Metadata:
     """Read metadata from TOML text. Raises MetadataError naming line and key, with the nearest known ones."""
@@ -54,10 +57,6 @@ def _line_of(text: str, where: str, key: str, table: str | None) -> str:
         elif inside and re.match(rf"['\"]?{re.escape(key)}['\"]?\s*[=.]", bare):
             return f"{where}, line {number}"
     return where
-
-
-_RANGE = re.compile(r"^\s*[\[(]?\s*(-?[\d.]+(?:[eE][+-]?\d+)?)\s*(?:\.\.\.?|,|;|:|\s|to|bis)\s*"
-                    r"(-?[\d.]+(?:[eE][+-]?\d+)?)\s*[\])]?\s*$")  # fmt: skip
 
 
 def parse_table(text: str, where: str) -> Metadata:

@@ -18,6 +18,15 @@ from .process import Process
 from .scenario import Scenario, use
 
 SMALLEST_LOAD, LARGEST_LOAD = 1.5, 0.2  # dead bands; span of output
+SHARES = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)  # gains shown, in dead bands
+MARGIN = 1.25  # the loop must stay quiet at this much more than the recommended gain
+MOST_TRAVEL = 1.3  # valve travel that is accepted, relative to the loop without compensator
+LEAST_FALL = 0.03  # a smaller fall of IAE is not worth a change in the control system
+STEPS_BACK = (1.0, 0.75, 0.5)  # shares of the rule's gain that are tried when the gain itself does not pass
+LOAD_STEPS = 12
+SPACING = 12.0  # slowest time constants of the loop between load steps
+MOST_SAMPLES = 60_000
+SWING = 0.05  # dead bands: a valve that swings by less and for ever is not worth the name of limit cycle
 
 
 def white_deviation(values: FloatArray, index: FloatArray) -> float:
@@ -72,17 +81,6 @@ def typical_load(record: Record, d: float) -> float:
         return float(np.clip(2.0 * smallest, None, LARGEST_LOAD))
     low, high = np.nanpercentile(record.output[record.usable], [10.0, 90.0])
     return float(max(min(0.5 * (high - low), LARGEST_LOAD), smallest))
-
-
-SHARES = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)  # gains shown, in dead bands
-MARGIN = 1.25  # the loop must stay quiet at this much more than the recommended gain
-MOST_TRAVEL = 1.3  # valve travel that is accepted, relative to the loop without compensator
-LEAST_FALL = 0.03  # a smaller fall of IAE is not worth a change in the control system
-STEPS_BACK = (1.0, 0.75, 0.5)  # shares of the rule's gain that are tried when the gain itself does not pass
-LOAD_STEPS = 12
-SPACING = 12.0  # slowest time constants of the loop between load steps
-MOST_SAMPLES = 60_000
-SWING = 0.05  # dead bands: a valve that swings by less and for ever is not worth the name of limit cycle
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,9 @@ from ..record import FloatArray
 from .controller import Controller
 from .process import ComplexArray, Process
 
+# d/a from a hardly disturbed sine to one that hardly moves the valve; closer together at the ends, where N turns fast
+RATIOS = 1.0 - np.cos(np.linspace(1e-3, np.pi - 1e-3, 20001))
+
 
 def describing_function(ratio: object) -> ComplexArray:
     """Return N(d/a), complex, for the ratio of dead band to input amplitude, each 0..2.
@@ -35,10 +38,6 @@ def describing_function(ratio: object) -> ComplexArray:
 def negative_inverse(ratio: object) -> ComplexArray:
     """Return -1/N(d/a), the curve that the loop's Nyquist plot must cross for a limit cycle (Fig. 3)."""
     return -1.0 / describing_function(ratio)
-
-
-# d/a from a hardly disturbed sine to one that hardly moves the valve; closer together at the ends, where N turns fast
-RATIOS = 1.0 - np.cos(np.linspace(1e-3, np.pi - 1e-3, 20001))
 
 
 @dataclass(frozen=True)

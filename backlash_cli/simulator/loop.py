@@ -15,6 +15,12 @@ from ..errors import LoopError, MetadataError, nearest
 from ..record import FloatArray, Record, SampleState
 from .scenario import Applied, Manual, Scenario, Signal, every, recorded, use
 
+__all__ = ["Manual", "Scenario", "Signal", "Trace", "export", "simulate", "trace", "use"]
+# the measurement of a loop that works stays within a few spans
+UNSTABLE_SPANS = 10.0
+# an output this close to its limit is at its limit
+AT_LIMIT = 1e-9
+
 
 class Numbers:
     """Hands out independent random generators in a fixed order, all from one seed."""
@@ -84,14 +90,6 @@ class Table:
 
 def _idle(state: FloatArray, value: float, p: FloatArray) -> float:
     return value
-
-
-__all__ = ["Manual", "Scenario", "Signal", "Trace", "export", "simulate", "trace", "use"]
-
-# the measurement of a loop that works stays within a few spans
-UNSTABLE_SPANS = 10.0
-# an output this close to its limit is at its limit
-AT_LIMIT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)

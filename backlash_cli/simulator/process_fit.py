@@ -23,6 +23,15 @@ from ..results.compensation import ProcessModel
 FEWEST = 300  # decimated samples
 SHORTEST_PIECE = 24  # decimated samples between two gaps: two integral times
 PER_INTEGRAL_TIME = 12.0  # decimated samples in one Ti
+ORDER = 12  # of the whitening filter, in decimated samples: about one integral time
+LAGS = np.geomspace(0.05, 40.0, 22)  # first lag, in integral times
+SECOND = (0.0, 0.3, 1.0)  # second lag, as a share of the first
+DELAYS = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0)  # dead time, in integral times
+INTEGRATING = 0.8 * LAGS[-1]  # lag in integral times from which on only the ratio of gain to lag matters
+SHORTEST = 0.3  # lag in decimated samples; shorter ones look alike
+SHOCK = 2.5  # standard deviations beyond which a sample counts less
+SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of the dead band, tried with the fitted process
+LEAST_EVIDENCE = 10.0  # fall of -2 log likelihood below which OP is not seen in PV at all
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,17 +117,6 @@ def late(data: Decimated, values: FloatArray, delay: float) -> FloatArray:
         n = piece.stop - piece.start
         out[piece] = (1.0 - part) * x[1 : n + 1] + part * x[:n]
     return out
-
-
-ORDER = 12  # of the whitening filter, in decimated samples: about one integral time
-LAGS = np.geomspace(0.05, 40.0, 22)  # first lag, in integral times
-SECOND = (0.0, 0.3, 1.0)  # second lag, as a share of the first
-DELAYS = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0)  # dead time, in integral times
-INTEGRATING = 0.8 * LAGS[-1]  # lag in integral times from which on only the ratio of gain to lag matters
-SHORTEST = 0.3  # lag in decimated samples; shorter ones look alike
-SHOCK = 2.5  # standard deviations beyond which a sample counts less
-SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of the dead band, tried with the fitted process
-LEAST_EVIDENCE = 10.0  # fall of -2 log likelihood below which OP is not seen in PV at all
 
 
 @dataclass(frozen=True)

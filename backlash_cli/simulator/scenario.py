@@ -14,6 +14,10 @@ from ..record import FloatArray, LoopSettings
 from .controller import Compensator, Controller
 from .process import Process
 
+# a signal at rest further out than this many spans is an engineering value, not a normalised one
+LARGEST = 10.0
+Row = tuple[str, str, str, str, str]
+
 
 @dataclass(frozen=True, eq=False)
 class Applied:
@@ -72,10 +76,6 @@ def draw_lines(original: FloatArray, held: FloatArray) -> FloatArray:
     moved = np.flatnonzero(np.diff(held) != 0.0) + 1
     points = np.unique(np.concatenate([[0], moved - 1, moved, [held.size - 1]]))
     return np.interp(np.arange(held.size), points, original[points])
-
-
-# a signal at rest further out than this many spans is an engineering value, not a normalised one
-LARGEST = 10.0
 
 
 @dataclass(frozen=True)
@@ -176,9 +176,6 @@ def every(time: float, step: float, name: str) -> int:
     if count < 1 or abs(ratio - count) > 1e-6 * count:
         raise MetadataError(f"{name} = {time:g} s is not a multiple of step = {step:g} s", remedy=f"change {name}")
     return count
-
-
-Row = tuple[str, str, str, str, str]
 
 
 def truth_rows(scenarios: Iterable[Scenario]) -> list[Row]:

@@ -18,6 +18,18 @@ from ..scenario import Scenario, use
 from ..scenario_file import load_scenarios, with_dead_band, with_seed
 
 POINTS = 1500
+D = 0.05
+SIZES = (0.01, 0.02, 0.05, 0.1)
+SETTLED = (60.0, 100.0)  # seconds: the setpoint step is over, the load has not come
+AFTER_LOAD = (100.0, 200.0)
+Numbers = dict[str, float]
+LOADS = (0.1, 0.2)
+GRID = tuple(k / 100.0 for k in range(11))
+WINDOW = (100.0, 140.0)  # seconds over which the error after the load step is summed
+DRAWS = 6  # noise draws over which Fig. 6 is averaged
+GAIN = 0.04
+QUIET_SPELL = (50.0, 100.0)  # seconds: only noise moves the loop
+OSCILLATES = 3.0  # valve travel over that without compensator from which on it counts as oscillating
 
 
 def trend(key: str, title: str, run: Trace, text: str = "", marks: Sequence[Mark] = ()) -> PaperFigure:
@@ -49,14 +61,6 @@ def recording(key: str, title: str, record: Record, found: Sequence[Estimate], t
 def listed(found: Sequence[Estimate]) -> str:
     """Return accepted estimates in % as the paper prints them."""
     return " ".join(f"{100 * e.d:.1f}" for e in found if e.accepted)
-
-
-D = 0.05
-SIZES = (0.01, 0.02, 0.05, 0.1)
-SETTLED = (60.0, 100.0)  # seconds: the setpoint step is over, the load has not come
-AFTER_LOAD = (100.0, 200.0)
-
-Numbers = dict[str, float]
 
 
 def example_1(d: float = D, compensator: Compensator | None = None) -> Scenario:
@@ -145,15 +149,6 @@ def scaling(runs: Sequence[Trace]) -> PaperFigure:
     return PaperFigure("scaling", "Section 2: the size of the dead band sets the amplitude, not the period",
                        (Panel(tuple(lines), "time since a crossing of the setpoint [s]", "(y - setpoint) / d"),),
                        "Divided by its dead band, every oscillation is the same curve.")
-
-
-LOADS = (0.1, 0.2)
-GRID = tuple(k / 100.0 for k in range(11))
-WINDOW = (100.0, 140.0)  # seconds over which the error after the load step is summed
-DRAWS = 6  # noise draws over which Fig. 6 is averaged
-GAIN = 0.04
-QUIET_SPELL = (50.0, 100.0)  # seconds: only noise moves the loop
-OSCILLATES = 3.0  # valve travel over that without compensator from which on it counts as oscillating
 
 
 def example_2(d: float = 0.05, *, load: float = 0.2, gain: float = 0.0, seed: int = 1, noise: bool = True) -> Scenario:
