@@ -10,7 +10,7 @@ import hashlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from functools import cached_property
+from functools import cache, cached_property
 from os import PathLike
 
 import numpy as np
@@ -22,7 +22,6 @@ from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
 from .join import Joiner, LoopSeries, by_loop, explicit_tags, failure
 from .layouts import Named
-from .names import split_tag
 from .options import ReadOptions, check_pattern, parse_since, sample_size
 from .order import NAT, utc_text
 from .scratch import Room
@@ -160,7 +159,7 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     marks = {} if salt is None else {str(source.path): source.mark() for source in sources}  # before they are read
     metadata, warnings = _metadata(given, sources, loops)
     series, failures, problems = [], [], []
-    reading = Reading(options, _wanted(metadata, options), _needed(metadata, options), taken, room or Room())
+    reading = Reading(options, _needed(metadata, options), taken, room or Room())
     for source in sources:
         try:
             found, notes = signals_of_file(source, reading)
@@ -260,36 +259,22 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
 
 
 def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[list[Named]], set[int]]:
-    """Return what says which columns of a wide file the wanted loops use."""
+    """Return what says of named columns which a loop may use that the options do not rule out.
+
+    Which loops are drawn for a sample is known only when all files are open.
+    """
     if not (options.only_loops or options.loops_matching):
         return lambda found: {one.column for one in found}
-
-    def needed(found: list[Named]) -> set[int]:
-        loops = by_loop(found, metadata)
-        return {int(item.column) for name in _perhaps_wanted(loops, options) for item in loops[name].items()}
-
-    return needed
-
-
-def _wanted(metadata: Metadata, options: ReadOptions) -> Callable[[str], bool]:
-    """Return what says of a tag whether a loop that the options do not rule out may use it."""
-    if not (options.only_loops or options.loops_matching):
-        return lambda tag: True
     owners = explicit_tags(metadata)[0]
 
-    def wanted(tag: str) -> bool:
-        loop = split_tag(tag).loop
-        names = {tag, loop, *(name for name, _ in owners.get(tag.strip().lower(), ()))}
-        for name in (tag, loop):
-            names.update(match for match in (metadata.match(name), metadata.part_of(name)) if match)
-        return bool(_perhaps_wanted(names, options))
+    @cache
+    def wanted(loop: str) -> bool:
+        names = [loop] if loop in metadata.loops else [loop, metadata.match(loop), metadata.part_of(loop)]
+        return any(is_named(name, options.only_loops) and is_matching(name, options.loops_matching)
+                   for name in names if name)
 
-    return wanted
-
-
-def _perhaps_wanted(names: Iterable[str], options: ReadOptions) -> list[str]:
-    """Loops that the options do not rule out; which are drawn for a sample is known only when all files are open."""
-    return [name for name in names if is_named(name, options.only_loops) and is_matching(name, options.loops_matching)]
+    return lambda found: {one.column for one in found if wanted(one.loop) or any(
+        wanted(loop) for loop, _ in owners.get(one.tag.strip().lower(), ()))}
 
 
 def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[str] = (), sample: str | None = None,

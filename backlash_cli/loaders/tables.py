@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -32,11 +32,10 @@ Table = TextTable | ParquetTable
 
 @dataclass
 class Reading:
-    """How files are read. wanted: says of a tag (or a loop, in rows of loops) whether its samples are needed; needed:
-    says of the named columns of a wide file which are. taken: called with the bytes of a file that were read."""
+    """How files are read. needed: says of named columns, or of the tags of rows by their numbers, whose samples are.
+    taken: called with the bytes of a file that were read."""
 
     options: ReadOptions
-    wanted: Callable[[str], bool] = lambda tag: True
     needed: Callable[[list[Named]], set[int]] = lambda found: {one.column for one in found}
     taken: Callable[[int], None] | None = None
     room: Room = field(default_factory=Room)
@@ -261,10 +260,13 @@ def _grouped(table: Table, layout: Layout, reading: Reading) -> list[Series]:
     moved: list[tuple[int, int]] = []
     notes = stamps.readers[0].all_notes
     if not tall:
-        moved, more = _one_clock(store, stamps.store, lexicons, f"v{layout.values[0]}")
+        moved, more = _one_clock(store, stamps.store, f"v{layout.values[0]}")
         notes = (*notes, *more)
     names = list(tags.numbers)
-    wanted = np.array([reading.wanted(name) for name in names] + [False])
+    named = [[Named(k, f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i])
+              for i in layout.values] if tall else [of_tag(name, k)] for k, name in enumerate(names)]
+    needed = reading.needed([one for ones in named for one in ones])
+    wanted = np.array([k in needed for k in range(len(names))] + [False])
     last = NAT
 
     def by_tag(arrays: Arrays, first: int) -> Arrays:
@@ -282,23 +284,20 @@ def _grouped(table: Table, layout: Layout, reading: Reading) -> list[Series]:
 
     grouped = store.mapped(by_tag, groups=True)
     found = []
-    for number, name in enumerate(names):
+    for number in range(len(names)):
         count = int(grouped.group_rows(number).sum())
         rows = StoredRows(grouped, count, lexicons, number) if wanted[number] else None
         about: dict[str, Any] = {"absolute": stamps.readers[0].absolute, "notes": notes, "where": head.where}
         axis = Axis(rows, "t0", **about) if rows is not None else Axis(end=last, **about)
         if not tall and rows is not None and not count:
             continue
-        for i in layout.values if not tall else [i for i in layout.values if i in filled]:
-            own = of_tag(name, i)
-            if tall:
-                own = Named(i, f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i])
-            found.append(_series(own, head, layout, axis, rows))
+        for i, one in zip(layout.values, named[number], strict=True):
+            if not tall or i in filled:
+                found.append(_series(replace(one, column=i), head, layout, axis, rows))
     return found
 
 
-def _one_clock(store: Store, stamps: Store, lexicons: dict[str, Lexicon], column: str) -> tuple[
-        list[tuple[int, int]], list[Note]]:
+def _one_clock(store: Store, stamps: Store, column: str) -> tuple[list[tuple[int, int]], list[Note]]:
     """A clock that was set back in a file written in time order went back for all tags, the rarely recorded too.
 
     Return after which rows by how much [microseconds] it did, and what is to be said of it.

@@ -43,15 +43,6 @@ def series_to_ideal(K: float, Ti: float, Td: float) -> Tuning:
     return Tuning(K * (Ti + Td) / Ti, Ti + Td, Ti * Td / (Ti + Td))
 
 
-def parallel_to_ideal(K: float, Ki: float, Kd: float) -> Tuning:
-    """Convert independent gains K, Ki [1/s], Kd [s] to the ideal form: Ti = K/Ki, Td = Kd/K.
-
-    >>> parallel_to_ideal(-2.0, -0.1, -3.0)
-    Tuning(K=-2.0, Ti=20.0, Td=1.5)
-    """
-    return Tuning(K, K / Ki, Kd / K)
-
-
 def number(value: Any, key: str) -> float:
     """Return a finite number, or raise MetadataError that names the key."""
     if isinstance(value, str):

@@ -15,7 +15,6 @@ WINDOW = ("the increase depends on how long the error is summed, and the paper d
           "over 40 s (used here), +97 % over 100 s after the load; +45 % is reached after 26 s")
 PEAK = ("the peak depends on where in its gap the valve stands when the load comes: +0 to +35 % at a load of 20 %, +0 "
         "to +59 % at 10 %, and noise and the step before decide that")
-COURSE = "the course of setpoint and load is not in the paper; ours is drawn to look like its figure"
 
 PUBLISHED: tuple[Published, ...] = (
     Published("fig3_integrating", "fig3", "Integrating process: curves cross, limit cycle predicted", "yes/no", 1, 0),
