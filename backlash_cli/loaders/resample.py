@@ -16,7 +16,6 @@ from .options import ReadOptions
 from .order import NAT
 from .quality import automatic
 from .signals import Axis, Series
-from .states import hold_last
 
 LONGEST_FILL = 60  # samples, however slow the controller
 
@@ -114,8 +113,6 @@ class Frame:
             values = on_grid(signal.values, self.grid)
             if not np.isnan(values).any():
                 return values
-            if signal.bad is None and role != "sp" and np.count_nonzero(np.isnan(values)) < SPARSE_SHARE * len(values):
-                return bridged(values, self.grid.index, self.bridge)
         limit = None
         if role not in ("sp", "mode"):
             limit = max(hold_limit(signal), (self.bridge + 1.5) * self.grid.step)
@@ -124,17 +121,6 @@ class Frame:
         # rows stamped now early, now late are still one scan each: PV and OP of a row belong together
         late = self.grid.step // 2 if self.grid.kind == "jitter" and signal.axis is self.axis else 0
         return held(signal, self.grid, limit, self.bridge, late)
-
-
-def bridged(values: FloatArray, index: IntArray, bridge: int) -> FloatArray:
-    """Hold a few blank cells, but not across a gap. index: (samples,) grid numbers."""
-    out = hold_last(values, bridge)
-    if index[-1] - index[0] != len(index) - 1:
-        first = np.flatnonzero(np.diff(index) > 1) + 1
-        for position in first[np.isnan(values[first])]:
-            known = np.flatnonzero(np.isfinite(values[position:]))
-            out[position : position + known[0] if len(known) else None] = np.nan
-    return out
 
 
 def grid_of(pv: Signal, made: Callable[[Signal], Grid] | None = None) -> tuple[Grid, Signal]:

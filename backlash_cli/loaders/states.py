@@ -55,19 +55,6 @@ def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[Floa
     return out, filled
 
 
-def hold_last(values: FloatArray, longest: int | None = None) -> FloatArray:
-    """Fill nan with the last number before it, over at most `longest` samples."""
-    known = np.isfinite(values)
-    if known.all():
-        return values
-    place = np.arange(len(values))
-    last = np.maximum.accumulate(np.where(known, place, -1))
-    out = np.where(last >= 0, values[last.clip(0)], np.nan)
-    if longest is not None:
-        out[place - last > longest] = np.nan
-    return out
-
-
 def saturated(output: FloatArray) -> NDArray[np.bool_] | None:
     """(samples,) True where a normalised output stays at 0 or 1 for several samples; None when it never does."""
     with np.errstate(invalid="ignore"):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.loaders.states import frozen, hold_last, implausible, runs, saturated, short_holes
+from backlash_cli.loaders.states import frozen, implausible, runs, saturated, short_holes
 
 
 @settings(max_examples=100, deadline=None)
@@ -32,12 +32,6 @@ def test_no_hole_is_bridged_across_a_gap():
     values = np.array([1.0, np.nan, 3.0])
     _, filled = short_holes(values, np.array([0, 1, 500]), 5)
     assert not filled.any()
-
-
-def test_hold_last():
-    values = np.array([np.nan, 2.0, np.nan, np.nan, np.nan, 5.0])
-    assert np.array_equal(hold_last(values), [np.nan, 2, 2, 2, 2, 5], equal_nan=True)
-    assert np.array_equal(hold_last(values, 2), [np.nan, 2, 2, 2, np.nan, 5], equal_nan=True)
 
 
 def test_saturation_needs_several_samples():
