@@ -55,13 +55,12 @@ def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[Floa
     return out, filled
 
 
-def saturated(output: FloatArray) -> NDArray[np.bool_] | None:
-    """(samples,) True where a normalised output stays at 0 or 1 for several samples; None when it never does."""
+def saturated(output: FloatArray) -> NDArray[np.bool_]:
+    """(samples,) True where a normalised output stays at 0 or 1 for several samples."""
     with np.errstate(invalid="ignore"):
-        at_limit = (output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT)
-    starts, ends = runs(at_limit)
+        starts, ends = runs((output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT))
     long = ends - starts >= LIMIT_RUN
-    return inside(starts[long], ends[long], len(output)) if long.any() else None
+    return inside(starts[long], ends[long], len(output))
 
 
 def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
@@ -72,35 +71,27 @@ def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
     return np.cumsum(edges[:-1]).astype(bool)
 
 
-def implausible(measurement: FloatArray) -> NDArray[np.bool_] | None:
+def implausible(measurement: FloatArray) -> NDArray[np.bool_]:
     """(samples,) True where a normalised measurement lies more than BEYOND spans outside its range."""
     with np.errstate(invalid="ignore"):
-        if np.fmin.reduce(measurement) >= -BEYOND and np.fmax.reduce(measurement) <= 1.0 + BEYOND:
-            return None
         return (measurement < -BEYOND) | (measurement > 1.0 + BEYOND)
 
 
-def frozen(values: FloatArray) -> NDArray[np.bool_] | None:
-    """(samples,) True where a measurement repeats one number for longer than its own noise allows; None if nowhere.
+def frozen(values: FloatArray) -> NDArray[np.bool_]:
+    """(samples,) True where a measurement repeats one number for longer than its own noise allows.
 
     A signal with noise repeats a number with some chance p, so a run of L repeats somewhere among n samples has
     chance about n p^L; runs with less than FROZEN_CHANCE are frozen. A signal without noise may stand still, as a
     valve does in its dead band: it must do so for QUIET_SHARE of the record.
     """
-    if len(values) < 2 * LEAST_CHANGES:
-        return None
-    starts, ends = runs(values[1:] == values[:-1])
-    if not len(starts) or (ends - starts).max() < FROZEN_RUN - 1:
-        return None
+    starts, ends = runs(values[1:] == values[:-1]) if len(values) >= 2 * LEAST_CHANGES else (np.zeros(0, int),) * 2
     lengths = ends - starts
+    if lengths.max(initial=0) < FROZEN_RUN - 1:
+        return np.zeros(len(values), bool)
     limit = _longest_by_chance(len(values), len(lengths), int(lengths.sum()))
     kept = lengths < limit
-    if kept.all():
-        return None
-    if not _noisy(values, starts[~kept], ends[~kept]):
+    if not kept.all() and not _noisy(values, starts[~kept], ends[~kept]):
         kept = lengths < max(limit, QUIET_SHARE * len(values))
-    if kept.all():
-        return None
     return inside(starts[~kept], ends[~kept] + 1, len(values))
 
 
@@ -180,28 +171,18 @@ class Samples:
 
     def _measured(self, pv: FloatArray, op: FloatArray | None, interpolated: NDArray[np.bool_] | None,
                   bridge: int) -> FloatArray:
-        y, wild = pv, implausible(pv)
-        if wild is not None:
-            y = np.where(wild, np.nan, y)
-            self._marks["wild"] = wild
-        lost = wild is not None or not np.isfinite(pv).all()
-        if lost:
-            y, filled = short_holes(y, self.index, bridge)
-            self._mark("filled", filled, SampleState.FILLED)
+        wild = implausible(pv)
+        self._marks["wild"] = wild
+        y, filled = short_holes(np.where(wild, np.nan, pv), self.index, bridge)
+        self._mark("filled", filled, SampleState.FILLED)
         if interpolated is not None:
             self.state[interpolated] = SampleState.FILLED
-        stuck = frozen(y)
-        if stuck is not None:
-            self._mark("frozen", stuck, SampleState.FROZEN)
-        limit = None if op is None else saturated(op)
-        if limit is not None:
-            self._mark("saturated", limit, SampleState.SATURATED)
-        if lost:
-            missing = ~np.isfinite(y)
-            if wild is not None:
-                self.state[missing & wild] = SampleState.IMPLAUSIBLE
-                missing &= ~wild
-            self._mark("missing", missing, SampleState.MISSING)
+        self._mark("frozen", frozen(y), SampleState.FROZEN)
+        if op is not None:
+            self._mark("saturated", saturated(op), SampleState.SATURATED)
+        missing = ~np.isfinite(y)
+        self.state[missing & wild] = SampleState.IMPLAUSIBLE
+        self._mark("missing", missing & ~wild, SampleState.MISSING)
         return y
 
     def _mark(self, what: str, where: NDArray[np.bool_], value: SampleState) -> None:
