@@ -25,56 +25,21 @@ if TYPE_CHECKING:
     from .results import Comparison, Explanation, LoopReport, Model, ScanResult, Verdict
     from .scan import ScanOptions
 
-_HOMES = {
-    "read": "loaders",
-    "ReadOptions": "loaders",
-    "scan": "api",
-    "scan_files": "api",
-    "ScanOptions": "scan",
-    "compare": "model",
-    "explain": "model",
-    "load_model": "api",
-    "save_model": "api",
-    "Comparison": "results",
-    "Explanation": "results",
-    "Model": "results",
-    "to_dataframe": "reporter.tables",
-    "to_json": "reporter.json_report",
-    "Record": "record",
-    "LoopSettings": "record",
-    "Note": "record",
-    "record_from_arrays": "record",
-    "LoopReport": "results",
-    "ScanResult": "results",
-    "Verdict": "results",
-    "BacklashError": "errors",
-}
+_HOMES = {name: home for home, names in {
+    "loaders": "read ReadOptions",
+    "api": "scan scan_files load_model save_model",
+    "scan": "ScanOptions",
+    "model": "compare explain",
+    "results": "Comparison Explanation Model LoopReport ScanResult Verdict",
+    "reporter.tables": "to_dataframe",
+    "reporter.json_report": "to_json",
+    "record": "Record LoopSettings Note record_from_arrays",
+    "errors": "BacklashError",
+}.items() for name in names.split()}
 
-__all__ = [
-    "BacklashError",
-    "Comparison",
-    "Explanation",
-    "LoopReport",
-    "LoopSettings",
-    "Model",
-    "Note",
-    "ReadOptions",
-    "Record",
-    "ScanOptions",
-    "ScanResult",
-    "Verdict",
-    "__version__",
-    "compare",
-    "explain",
-    "load_model",
-    "read",
-    "record_from_arrays",
-    "save_model",
-    "scan",
-    "scan_files",
-    "to_dataframe",
-    "to_json",
-]
+__all__ = ["BacklashError", "Comparison", "Explanation", "LoopReport", "LoopSettings", "Model", "Note", "ReadOptions",
+           "Record", "ScanOptions", "ScanResult", "Verdict", "__version__", "compare", "explain", "load_model", "read",
+           "record_from_arrays", "save_model", "scan", "scan_files", "to_dataframe", "to_json"]
 
 
 class _Package(ModuleType):

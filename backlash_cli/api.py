@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from .engines.local import analyse, analyse_recipes
+from .engines.local import analyse
 from .errors import MetadataError, UsageError
-from .loaders.plant import OpenPlant, no_loop_read, open_plant
+from .loaders.plant import OpenPlant, open_plant
 from .record import Note, Record
 from .results import LoopReport, Model, ScanResult, Verdict
 from .scan import ScanOptions
@@ -16,33 +16,30 @@ from .scan import ScanOptions
 if TYPE_CHECKING:
     from os import PathLike
 
+    from distributed import Client
+
     from .history.unfinished import Unfinished
     from .loaders import Plant, ReadOptions
-    from .loaders.parts import Part
     from .settings import Metadata
 
 
-
-def scan(
-    plant: Plant | OpenPlant | Record | Iterable[Record],
-    options: ScanOptions | None = None,
-    *,
-    jobs: int | None = None,
-    progress: Callable[[LoopReport], None] | None = None,
-    keep: Unfinished | None = None,
-) -> ScanResult:
+def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOptions | None = None, *,
+         jobs: int | None = None, progress: Callable[[LoopReport], None] | None = None, keep: Unfinished | None = None,
+         client: Client | None = None) -> ScanResult:
     """Analyse every loop and return one report per loop, in the order of the plant.
 
     plant: what `read` returns, one Record, or several. jobs: number of processes; None chooses, 1 stays in this
     process. progress: called after each loop. keep: of an OpenPlant whose recipes are keyed, what was finished before
-    a scan was stopped. A loop that cannot be analysed is reported with verdict `error`.
+    a scan was stopped. client: of a Dask cluster that does the work. A loop that cannot be analysed is reported with
+    verdict `error`.
     """
     warnings: tuple[Note, ...] = getattr(plant, "warnings", ())
     failures: tuple[Note, ...] = getattr(plant, "failures", ())
     inputs: tuple[str, ...] = getattr(plant, "inputs", ())
-    reports = []
-    lost = []
-    for report in _reports(plant, options, jobs, keep):
+    loops: Any = plant.recipes if isinstance(plant, OpenPlant) else plant
+    loops = (loops,) if isinstance(loops, Record) else tuple(loops)
+    reports, lost = [], []
+    for report in analyse(loops, options, jobs=jobs, keep=keep, client=client):
         if isinstance(report, Note):
             lost.append(report)
             report = _refused(report)
@@ -51,64 +48,26 @@ def scan(
         if progress is not None:
             progress(report)
     if isinstance(plant, OpenPlant):
-        lost = list(plant.with_lost(lost))
-        if not reports and lost and plant.whole:
-            raise no_loop_read(lost)
-        failures += tuple(lost)
+        failures += plant.all_lost(lost, read=len(reports))
     known = {report.loop for report in reports}
     refused = [_refused(note) for note in failures if _loop(note) and _loop(note) not in known]
     others = tuple(note for note in failures if not _loop(note) or _loop(note) in known)
     return ScanResult((*reports, *refused), inputs, warnings, others)
 
 
-def _reports(
-    plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOptions | None, jobs: int | None,
-    keep: Unfinished | None,
-) -> Iterator[LoopReport | Note]:
-    if isinstance(plant, OpenPlant):
-        return analyse_recipes(list(plant.recipes), options, jobs=jobs, keep=keep)
-    records = (plant,) if isinstance(plant, Record) else tuple(plant)
-    return analyse(records, options, jobs=jobs)
-
-
-def scan_files(
-    inputs: str | PathLike[str] | Sequence[str | PathLike[str]],
-    *,
-    loops: str | PathLike[str] | Metadata | None = None,
-    reading: ReadOptions | None = None,
-    options: ScanOptions | None = None,
-    jobs: int | None = None,
-    progress: Callable[[LoopReport], None] | None = None,
-    taken: Callable[[int], None] | None = None,
-) -> ScanResult:
+def scan_files(inputs: str | PathLike[str] | Sequence[str | PathLike[str]], *,
+               loops: str | PathLike[str] | Metadata | None = None, reading: ReadOptions | None = None,
+               options: ScanOptions | None = None, jobs: int | None = None,
+               progress: Callable[[LoopReport], None] | None = None,
+               taken: Callable[[int], None] | None = None) -> ScanResult:
     """Read exports and analyse their loops in one go, in bounded memory; the same result as `scan(read(...))`.
 
     inputs, loops, reading: as for `read`; `reading.only_loops` names the loops wanted. options, jobs, progress: as for
     `scan`. taken: called with the bytes of a file that were taken in. The samples are not kept: use `read` for them.
     Raises BacklashError when nothing can be read.
     """
-    opened = open_files(inputs, loops=loops, reading=reading, taken=taken)
+    opened = open_plant(inputs, loops=loops, options=reading, taken=taken)
     return scan(opened, options, jobs=jobs, progress=progress)
-
-
-def open_files(
-    inputs: str | PathLike[str] | Sequence[str | PathLike[str]],
-    *,
-    loops: str | PathLike[str] | Metadata | None = None,
-    reading: ReadOptions | None = None,
-    taken: Callable[[int], None] | None = None,
-) -> OpenPlant:
-    """Find the loops of exports without keeping their samples; `scan` reads one loop after the other.
-
-    Parameters as for `scan_files`. The scratch file of a large CSV lives as long as the result. Raises BacklashError
-    when nothing can be read.
-    """
-    return open_plant(inputs, loops=loops, options=reading, taken=taken)
-
-
-def scan_part(part: Part, options: ScanOptions | None = None) -> ScanResult:
-    """Read and analyse one part of a plant in this process; what cannot be read is in the result."""
-    return scan_files(part.sources, loops=part.metadata, reading=part.reading, options=options, jobs=1)
 
 
 def load_model(path: str | PathLike[str]) -> Model:

@@ -12,20 +12,17 @@ from .record import Note, Record
 from .results import LoopReport, Verdict
 from .results.compensation import CompensationStudy, ProcessModel
 from .scan import scan
-from .simulator.compensation import Study, noise_gains, study
+from .simulator.compensation import Study, noise_density, noise_gains, study, typical_load
 from .simulator.controller import Controller
 from .simulator.process import Process
 from .simulator.process_fit import fit_process
-from .simulator.record_noise import noise_density, typical_load
 
 CLEARLY = 8.0  # difference of -2 log likelihood: 4 nats, one in fifty by chance
 LEAST_MARGIN = 1.4  # gain margin below which a fitted process cannot be the one of a loop that works
 
 
-def compensate(
-    record: Record, *, process: Process | None = None, dead_band: float | None = None,
-    report: LoopReport | None = None, seed: int = 0,
-) -> CompensationStudy:
+def compensate(record: Record, *, process: Process | None = None, dead_band: float | None = None,
+               report: LoopReport | None = None, seed: int = 0) -> CompensationStudy:
     """Return what compensation would do to a loop, simulated; advice to a person, nothing is written anywhere.
 
     process: given process, else fitted to the record. dead_band: given size [span of output], else from a scan.

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +62,7 @@ class LoopSettings:
     theta: float | None = None
     pv_range: tuple[float, float] = (0.0, 1.0)
     op_range: tuple[float, float] = (0.0, 1.0)
-    source: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    source: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def filter_time(self) -> float | None:
@@ -120,28 +119,14 @@ class Record:
     def slice(self, first: int, last: int) -> Record:
         """Return samples first..last-1 as a block of the same loop (same start and interval)."""
         cut = slice(first, last)
-        return replace(
-            self,
-            index=self.index[cut],
-            setpoint=self.setpoint[cut],
-            measurement=self.measurement[cut],
-            output=None if self.output is None else self.output[cut],
-            state=self.state[cut],
-            disturbances={k: v[cut] for k, v in self.disturbances.items()},
-        )
+        return replace(self, index=self.index[cut], setpoint=self.setpoint[cut], measurement=self.measurement[cut],
+                       output=None if self.output is None else self.output[cut], state=self.state[cut],
+                       disturbances={k: v[cut] for k, v in self.disturbances.items()})
 
 
-def record_from_arrays(
-    setpoint: object,
-    measurement: object,
-    output: object | None = None,
-    *,
-    interval: float,
-    loop: str = "loop",
-    start: float = 0.0,
-    settings: LoopSettings | None = None,
-    disturbances: Mapping[str, object] | None = None,
-) -> Record:
+def record_from_arrays(setpoint: object, measurement: object, output: object | None = None, *, interval: float,
+                       loop: str = "loop", start: float = 0.0, settings: LoopSettings | None = None,
+                       disturbances: Mapping[str, object] | None = None) -> Record:
     """Make a gap-free Record from normalised arrays; `setpoint` may be one number.
 
     Raises ValueError when the arrays differ in length.

@@ -43,7 +43,7 @@ def test_command_lines_work(line, tmp_path):
 
 def test_settings_shown_are_understood(tmp_path):
     from backlash_cli.loaders.sources import read_metadata
-    from backlash_cli.settings.loop_settings import settings_of
+    from backlash_cli.settings.schema import settings_of
 
     (tmp_path / "loops.toml").write_text(blocks("toml")[0])
     values = read_metadata(str(tmp_path / "loops.toml")).of("FIC101")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import inputs_argument, loops_option, reading_options
+from .options import inputs_argument, json_option, loops_option, reading_options
 
 if TYPE_CHECKING:
     from ..loaders import ReadOptions
@@ -23,8 +23,7 @@ if TYPE_CHECKING:
               help="Model file (TOML) as explain --save-model writes it. Default: the plain model (gain, one lag, "
               "offset; dead time where the settings give theta), fitted to this record.")
 @click.option("--other-loop", is_flag=True, help="Use a model that was made for another loop or other ranges.")
-@click.option("--json", "json_file", metavar="FILE", type=click.Path(path_type=Path),
-              help="Write the numbers as JSON; - is standard output.")
+@json_option
 @click.option("--html", metavar="FILE", type=click.Path(path_type=Path),
               help="Draw measured and predicted PV, the residual and what it depends on.")
 @click.option("--picture", metavar="FILE", type=click.Path(path_type=Path),

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from .engine import check_engine, engine_options, working
-from .options import inputs_argument, loops_option, reading_options
-from .terminal import emit, progress, say
+from ..errors import LoopError
+from .options import check_engine, engine_options, inputs_argument, json_option, loops_option, reading_options, working
+from .terminal import emit, progress, put
 
 if TYPE_CHECKING:
-    from distributed import Client
-
     from ..loaders import ReadOptions
+    from ..record import Note, Record
     from ..results.compensation import CompensationStudy
-    from ..simulator.process import Process
 
 
 @click.command(epilog="\b\nExamples:\n  backlash compensate sample_data/plant.csv --loop FIC101\n"
@@ -29,8 +28,7 @@ if TYPE_CHECKING:
               "lags, dead_time. Default: fitted to the record.")
 @click.option("--dead-band", metavar="D", help="Dead band in spans of the output (0.03 or 3%). Default: from the scan.")
 @click.option("--html", metavar="FILE", type=click.Path(path_type=Path), help="Draw the loop before and after.")
-@click.option("--json", "json_file", metavar="FILE", type=click.Path(path_type=Path),
-              help="Write the numbers as JSON; - is standard output.")
+@json_option
 @engine_options
 @reading_options
 def compensate(inputs: tuple[Path, ...], loops: Path | None, loop: str, process_text: str | None,
@@ -44,44 +42,30 @@ def compensate(inputs: tuple[Path, ...], loops: Path | None, loop: str, process_
     import json
     import sys
 
+    from ..compensate import compensate as study_of
+    from ..engines.cluster import on_cluster
+    from ..loaders import read
     from ..reporter.compensation_text import to_document, to_text
-    from ..reporter.files import write_text
     from ..simulator.process_text import parse_dead_band, parse_process
 
     process = parse_process(process_text) if process_text else None
     size = parse_dead_band(dead_band) if dead_band else None
     check_engine(engine, scheduler)
     with working(engine, scheduler, None if scheduler else 1) as client:
-        study = _study(client, inputs, loops, reading, loop, process, size, absolute=scheduler is not None)
-    document = json.dumps(to_document(study), indent=2, allow_nan=False) + "\n"
-    if json_file is not None and str(json_file) == "-":
-        emit(document)
-        return 0
+        with progress("reading", None, shown=True):
+            record = read(inputs, loops=loops, options=reading)[loop]
+        work = partial(study_of, process=process, dead_band=size)
+        study = work(record) if client is None else next(on_cluster(client, [record], work, _lost))
     if json_file is not None:
-        write_text(json_file, document)
-        say(f"numbers written to {json_file}")
+        put(json_file, json.dumps(to_document(study), indent=2, allow_nan=False) + "\n", "numbers")
     if html is not None:
         from ..reporter.compensation_page import compensation_page
 
-        write_text(html, compensation_page(study))
-        say(f"page written to {html}")
-    emit(to_text(study, colour=sys.stdout.isatty()))
+        put(html, compensation_page(study), "page")
+    if str(json_file) != "-":
+        emit(to_text(study, colour=sys.stdout.isatty()))
     return 0
 
 
-def _study(client: Client | None, inputs: tuple[Path, ...], loops: Path | None, reading: ReadOptions, loop: str,
-           process: Process | None, dead_band: float | None, *, absolute: bool) -> CompensationStudy:
-    """Study the loop in this process, or on a worker of the cluster."""
-    if client is None:
-        from ..compensate import compensate as study_of
-        from ..loaders import read
-
-        with progress("reading", None, shown=True):
-            record = read(inputs, loops=loops, options=reading)[loop]
-        return study_of(record, process=process, dead_band=dead_band)
-    from ..engines.compensate import compensate_on_cluster
-    from ..engines.plant import DaskPlant
-
-    with progress("looking at the files", None, shown=True):
-        plant = DaskPlant(client, inputs, loops=loops, reading=reading, absolute=absolute)
-    return compensate_on_cluster(plant, loop, process=process, dead_band=dead_band)
+def _lost(record: Record, reason: Note) -> CompensationStudy:
+    raise LoopError(reason.message, where=record.loop, code=reason.code, remedy="see the logs of the workers")

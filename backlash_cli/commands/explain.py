@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .engine import engine_options
-from .options import inputs_argument, loops_option, reading_options, selection_options
+from .options import engine_options, inputs_argument, loops_option, reading_options, selection_options
 from .terminal import say
 
 if TYPE_CHECKING:

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import UsageError
-from .engine import working
-from .one_loop import put
-from .terminal import progress, say
+from .options import working
+from .terminal import progress, put, say
 
 if TYPE_CHECKING:
-    from distributed import Client
-
-    from ..engines.explain_all import Explaining
     from ..loaders import ReadOptions
-    from ..record import Note
     from ..results import Explanation, PlantExplanation
 
 SUFFIXES = (".csv", ".json", ".html", ".htm", ".txt")
@@ -26,69 +21,51 @@ SUFFIXES = (".csv", ".json", ".html", ".htm", ".txt")
 def explain_plant(inputs: tuple[Path, ...], loops: Path | None, reading: ReadOptions, effects: tuple[str, ...],
                   output: Path | None, jobs: int | None, engine: str, scheduler: str | None) -> int:
     """Explain every loop and write the summary to a file or folder, or show it; 3 when a loop could not be."""
+    from ..engines.explain_all import explain_all
+    from ..loaders import read
+    from ..record import Note
+    from ..results import PlantExplanation
+
     folder = output is not None and output.suffix.lower() not in SUFFIXES
     if output is not None and output.exists() and output.is_dir() != folder:
         kind = "a file" if folder else "a folder"
         raise UsageError(f"this is {kind}", where=f"--output {output}",
                          remedy=f"give a file ending in {', '.join(SUFFIXES[:3])}, or a folder")
-    with working(engine, scheduler, jobs) as client:
-        work = _begun(client, inputs, loops, reading, effects, jobs, light=not folder, absolute=scheduler is not None)
-        kept: list[Explanation] = []
-        lost: list[Note] = []
-        try:
-            with progress("explaining", len(work.names), shown=True) as step:
-                found = _each(work, kept, lost, step)
-                if folder and output is not None:
-                    _write_folder(output, work, found, kept, lost, repr((work.inputs, reading)))
-                else:
-                    for _ in found:
-                        continue
-        except KeyboardInterrupt as stop:
-            stop.add_note(f"{len(kept)} of {len(work.names)} loops were explained; no summary was written")
-            raise
-    summary = _summary(work, kept, lost)
-    _deliver(summary, output, folder)
-    return 3 if summary.failures else 0
+    plant = read(list(inputs), loops=loops, options=reading)
+    names = sorted({*(record.loop for record in plant), *(str(n.values["loop"]) for n in plant.failures
+                                                         if "loop" in n.values)})
+    kept: list[Explanation] = []
+    lost: list[Note] = []
+
+    def summary() -> PlantExplanation:
+        return PlantExplanation(tuple(kept), (*plant.failures, *lost), plant.inputs, plant.warnings)
+
+    def each() -> Iterator[Explanation]:
+        """Yield each explanation whole, and keep it without its series."""
+        for result in explain_all(plant.records, effects, jobs=jobs, client=client):
+            if isinstance(result, Note):
+                lost.append(result)
+            else:
+                kept.append(result.light())
+                yield result
+            step()
+
+    try:
+        with working(engine, scheduler, jobs) as client, progress("explaining", len(names), shown=True) as step:
+            if folder and output is not None:
+                _write_folder(output, names, each(), kept, summary, repr((plant.inputs, reading)))
+            else:
+                for _ in each():
+                    continue
+    except KeyboardInterrupt as stop:
+        stop.add_note(f"{len(kept)} of {len(names)} loops were explained; no summary was written")
+        raise
+    _deliver(summary(), output, folder)
+    return 3 if summary().failures else 0
 
 
-def _begun(client: Client | None, inputs: tuple[Path, ...], loops: Path | None, reading: ReadOptions,
-           effects: tuple[str, ...], jobs: int | None, *, light: bool, absolute: bool) -> Explaining:
-    from ..engines.explain_all import explaining_here, explaining_on_cluster
-
-    if client is None:
-        from ..loaders import read
-
-        return explaining_here(read(list(inputs), loops=loops, options=reading), effects, jobs=jobs)
-    from ..engines.plant import DaskPlant
-
-    plant = DaskPlant(client, inputs, loops=loops, reading=reading, absolute=absolute)
-    return explaining_on_cluster(plant, effects, light=light)
-
-
-def _each(work: Explaining, kept: list[Explanation], lost: list[Note],
-          step: Callable[[], None]) -> Iterator[Explanation]:
-    """Yield each explanation whole, and keep it without its series; in the end both lists are in order."""
-    from ..record import Note
-
-    for result in work.found:
-        if isinstance(result, Note):
-            lost.append(result)
-        else:
-            kept.append(result.light())
-            yield result
-        step()
-    kept.sort(key=lambda one: one.loop)
-    lost.sort(key=lambda note: str(note.values["loop"]))
-
-
-def _summary(work: Explaining, kept: list[Explanation], lost: list[Note]) -> PlantExplanation:
-    from ..results import PlantExplanation
-
-    return PlantExplanation(tuple(kept), (*work.failures, *lost), work.inputs, work.warnings)
-
-
-def _write_folder(folder: Path, work: Explaining, found: Iterator[Explanation], kept: list[Explanation],
-                  lost: list[Note], told: str) -> None:
+def _write_folder(folder: Path, loops: Sequence[str], found: Iterator[Explanation], kept: list[Explanation],
+                  summary: Callable[[], PlantExplanation], told: str) -> None:
     """Write a page per loop as it comes, then the index, the table and the numbers. told: what the report is about."""
     import hashlib
 
@@ -99,7 +76,7 @@ def _write_folder(folder: Path, work: Explaining, found: Iterator[Explanation], 
     from ..reporter.folder import links_to, write_pages
     from ..reporter.safe import file_names
 
-    names = file_names(work.names)
+    names = file_names(loops)
     mark = hashlib.sha256(told.encode("utf-8", "backslashreplace")).hexdigest()[:12]
     back = ("../index.html", "All loops")
     pages = ((names[x.loop], explain_page(x, plotly_file="plotly.js", back=back)) for x in found)
@@ -108,7 +85,7 @@ def _write_folder(folder: Path, work: Explaining, found: Iterator[Explanation], 
         for x in kept:
             write_text(folder / subfolder / f"{names[x.loop]}.json", to_json(x))
         links = links_to({x.loop: names[x.loop] for x in kept}, subfolder)
-        return to_page(_summary(work, kept, lost), links, plotly_file=f"{subfolder}/plotly.js")
+        return to_page(summary(), links, plotly_file=f"{subfolder}/plotly.js")
 
     write_pages(folder, mark, pages, index)
 

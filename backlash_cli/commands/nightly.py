@@ -24,8 +24,7 @@ def nightly(config: Path, check: bool) -> int:
     but some export or loop could not be analysed.
     """
     from ..history.nightly_config import read_config
-    from .nightly_log import open_log
-    from .nightly_run import list_exports, run
+    from .nightly_run import list_exports, open_log, run
 
     settings = read_config(config)
     if check:

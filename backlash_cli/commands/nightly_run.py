@@ -1,10 +1,13 @@
-"""One nightly run: new exports into the history, reports out of it, old reports away."""
+"""One nightly run: new exports into the history, reports out of it, old reports away; and its log."""
 
 from __future__ import annotations
 
+import contextlib
+import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 
 from .. import __version__
@@ -19,11 +22,55 @@ from ..reporter.safe import terminal
 from ..results import ScanResult
 from ..results.history import day_of
 from .history_options import read_profile
-from .nightly_log import Log
-from .run_scan import Job, kept
-from .to_history import undated
+from .run_scan import Job, kept, undated
 
+LARGEST = 5_000_000  # bytes; a larger log becomes FILE.1 before a run
+
+Log = Callable[..., None]
 PULL = "pull"  # rule of its own: a valve has to be pulled
+
+
+@contextlib.contextmanager
+def open_log(path: Path | None, form: str, say: Callable[[str], None]) -> Iterator[Log]:
+    """Give a function `log(event, level="info", **values)`; each call is one line.
+
+    Without `path`, lines of text go to `say` (warnings and errors only) and JSON lines to it all.
+    """
+    if path is None:
+        yield lambda event, level="info", **values: (
+            say(json_line(event, level, values) if form == "json" else words(event, values))
+            if form == "json" or level != "info" else None)
+        return
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists() and path.stat().st_size > LARGEST:
+            path.replace(path.with_name(path.name + ".1"))
+        stream = path.open("a", encoding="utf-8", errors="backslashreplace")
+    except OSError as error:
+        raise BacklashError(f"cannot write the log: {error.strerror}", where=str(path), code="cannot_write",
+                            remedy="check `log.file` in the configuration") from None
+    with stream:
+        def log(event: str, level: str = "info", **values: object) -> None:
+            line = json_line(event, level, values) if form == "json" else f"{now()} {level} {words(event, values)}"
+            stream.write(line + "\n")
+            stream.flush()
+
+        yield log
+
+
+def words(event: str, values: dict[str, object]) -> str:
+    """Return an event as a line of text."""
+    return terminal(" ".join([event, *(f"{key}={value}" for key, value in values.items() if value not in ("", ()))]))
+
+
+def json_line(event: str, level: str, values: dict[str, object]) -> str:
+    """Return an event as one line of JSON."""
+    return json.dumps({"time": now(), "level": level, "event": event, **values}, ensure_ascii=False, default=str)
+
+
+def now() -> str:
+    """Clock time in UTC; only the log knows it."""
+    return datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
 
 
 @dataclass
@@ -137,7 +184,7 @@ def _job(config: NightlyConfig, export: Export) -> Job:
     from ..scan import ScanOptions
 
     return Job(export.files, config.loops, ReadOptions(**config.reading), ScanOptions(carry=True), config.jobs,
-               shown=False, pictures=True)
+               shown=False)
 
 
 def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records: Mapping[str, Record],
@@ -181,8 +228,7 @@ def _summary(config: NightlyConfig, night: Night, plant: PlantHistory, hits: Seq
         named = [p.loop for p in plant.places if p.action == action]
         if named:
             parts.append(f"{words} {_names(named)}")
-    for words, names in (("late", night.late), ("missing", night.missing), ("failed", night.failed),
-                         ("alarm", hits)):
+    for words, names in (("late", night.late), ("missing", night.missing), ("failed", night.failed), ("alarm", hits)):
         if names:
             parts.append(f"{words} {_names(names)}")
     if config.report is not None:

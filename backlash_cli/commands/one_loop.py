@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from ..errors import BacklashError, LoopError, UsageError
-from .terminal import emit, say
+from .terminal import put, say
 
 if TYPE_CHECKING:
-    from ..loaders import Plant, ReadOptions
+    from ..loaders import ReadOptions
     from ..record import Record
     from ..results import Comparison, Explanation, Model
 
@@ -44,18 +44,13 @@ def one_loop(
         return plant[name]
     if len(plant.records) == 1 and not (name is None and plant.failures):
         return plant.records[0]
-    names = loop_names(plant)
+    names = sorted({*(record.loop for record in plant), *(str(n.values["loop"]) for n in plant.failures
+                                                         if "loop" in n.values)})
     if not plant.records:
         raise LoopError(plant.failures[0].message if plant.failures else "no loop could be read")
     shown = ", ".join(names[:20]) + (f" and {len(names) - 20} more" if len(names) > 20 else "")
     what = "several loops here" if name is None else f"{name!r} means several loops"
     raise UsageError(f"{what}: {shown}", where="--loop", remedy=f"choose one, for example --loop {names[0]}")
-
-
-def loop_names(plant: Plant) -> list[str]:
-    """Names of all loops of a plant, those that could not be read included."""
-    failed = [str(note.values["loop"]) for note in plant.failures if "loop" in note.values]
-    return sorted({*(record.loop for record in plant), *failed})
 
 
 def check_together(*, every: bool, plant: Mapping[str, object], single: Mapping[str, object]) -> None:
@@ -78,21 +73,8 @@ def check_places(inputs: Sequence[Path], *outputs: Path | None) -> None:
             raise UsageError("this is the export itself", where=str(output), remedy="choose another name")
 
 
-def put(path: Path, text: str, what: str = "") -> None:
-    """Write a result to a file, or to standard output when the file is called -."""
-    from ..reporter.files import write_text
-
-    if str(path) == "-":
-        emit(text)
-        return
-    write_text(path, text)
-    say(f"{what} written to {path}")
-
-
-def deliver(
-    found: Found, page: Callable[[Found], str], text: Callable[..., str], *, picture: Path | None, html: Path | None,
-    json_file: Path | None, verbose: bool,
-) -> None:
+def deliver(found: Found, page: Callable[[Found], str], text: Callable[..., str], *, picture: Path | None,
+            html: Path | None, json_file: Path | None, verbose: bool) -> None:
     """Write what was asked for, and show the text unless the numbers go to standard output."""
     if picture is not None:
         from ..reporter.explain_picture import write_picture
@@ -117,10 +99,8 @@ def model_for(path: Path, record: Record, *, other_loop: bool) -> Model:
     if other_loop:
         return model
     if model.loop.strip().lower() != record.loop.strip().lower():
-        raise UsageError(
-            f"this model is of loop {model.loop}, not of {record.loop}", where=str(path),
-            remedy=f"give --loop {model.loop}, or --other-loop to use it all the same",
-        )
+        raise UsageError(f"this model is of loop {model.loop}, not of {record.loop}", where=str(path),
+                         remedy=f"give --loop {model.loop}, or --other-loop to use it all the same")
     s = record.settings
     for key, kept, now in (("pv_range", model.pv_range, s.pv_range), ("op_range", model.op_range, s.op_range)):
         # a range guessed from the data gives way to the model's

@@ -17,28 +17,21 @@ def paper(html: Path | None, json_file: Path | None) -> int:
     Shows what the method can do and where the paper's own figures cannot be reproduced. Takes a few seconds and needs
     no input.
     """
+    import json
     import sys
 
     from ..estimator.published import published_estimates
-    from ..reporter.files import write_text
     from ..reporter.paper_text import to_document, to_text
     from ..simulator.paper import reproduce
-    from .terminal import emit, say
+    from .terminal import emit, put
 
     report = reproduce(published_estimates)
     if json_file is not None:
-        import json
-
-        document = json.dumps(to_document(report), indent=2) + "\n"
-        if str(json_file) == "-":
-            emit(document)
-            return 0
-        write_text(json_file, document)
-        say(f"rows written to {json_file}")
+        put(json_file, json.dumps(to_document(report), indent=2) + "\n", "rows")
     if html is not None:
         from ..reporter.paper_page import paper_page
 
-        write_text(html, paper_page(report))
-        say(f"page written to {html}")
-    emit(to_text(report, colour=sys.stdout.isatty()))
+        put(html, paper_page(report), "page")
+    if str(json_file) != "-":
+        emit(to_text(report, colour=sys.stdout.isatty()))
     return 0

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from .engine import engine_options, working
-from .options import inputs_argument, loops_option, reading_options, selection_options
+from .options import (
+    engine_options,
+    inputs_argument,
+    loops_option,
+    only_loops_option,
+    reading_options,
+    selection_options,
+    working,
+)
 from .terminal import emit, progress, say
 
 if TYPE_CHECKING:
@@ -25,8 +31,7 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
                "  backlash scan sample_data/plant.csv --fail-on 'd>3%' --format csv --output loops.csv")
 @inputs_argument
 @loops_option
-@click.option("--loop", "only", metavar="NAME", multiple=True,
-              help="Only this loop; may be repeated, with wildcards such as 'FIC*'.")
+@only_loops_option
 @click.option("--format", "form", metavar="FORMAT", type=click.Choice(FORMATS),
               help="table, json, csv, parquet or html. Default: after the suffix of --output, else table.")
 @click.option("--output", "-o", metavar="FILE|DIR", type=click.Path(path_type=Path),
@@ -55,8 +60,8 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
 @engine_options
 @reading_options
 @selection_options
-def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], form: str | None, output: Path | None,
-         table: str, plot: Path | None, history: Path | None, resume: bool, fail_on: tuple[str, ...], no_confirm: bool,
+def scan(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output: Path | None, table: str,
+         plot: Path | None, history: Path | None, resume: bool, fail_on: tuple[str, ...], no_confirm: bool,
          jobs: int | None, verbose: bool, quiet: bool, engine: str, scheduler: str | None,
          reading: ReadOptions) -> int:
     """Find dead band in every loop of an export and say how much, how sure, and what to do.
@@ -66,26 +71,27 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], fo
     Exit status: 0 done; 1 a --fail-on rule was met; 2 wrong use, or nothing could be read; 3 done, but some file or
     loop could not be analysed. When both 1 and 3 apply it is 1.
     """
-    from ..reporter.delivery import check_delivery
+    from ..reporter.delivery import check_delivery, draw
     from ..reporter.rules import met, parse_rules
     from ..scan import ScanOptions
-    from .run_scan import Job, kept
+    from .run_scan import Job, kept, remember
 
     rules = parse_rules(fail_on)
     form = check_delivery(form, output, table)
     options = ScanOptions(confirm=not no_confirm, carry=history is not None)
-    reading = replace(reading, only_loops=only)
     with kept(history, (inputs, loops, reading, options), resume=resume) as keep:
         with working(engine, scheduler, jobs) as client:
-            job = Job(inputs, loops, reading, options, jobs, client, scheduler is not None, not quiet,
-                      pictures=form == "html" or plot is not None, keep=keep)
+            job = Job(inputs, loops, reading, options, jobs, client, not quiet, keep)
             result = job.scan()
             if history is not None:
-                _remember(result, history, job)
+                remember(result, history, job)
         if not (quiet and form is None):
             _deliver(result, job, form or "table", output, table, verbose=verbose)
         if plot is not None:
-            _draw(result, job, plot)
+            with progress("drawing", len(job.records), shown=job.shown) as step:
+                count = draw(result, job.records, plot, step)
+            if job.shown:
+                say(f"{count} picture{'s' * (count != 1)} written to {plot}")
     wrong = _wrong(result)
     if quiet or output is not None or form not in (None, "table"):
         for message in wrong:
@@ -94,14 +100,6 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], fo
     if hits and not quiet:
         say(f"--fail-on {', '.join(fail_on)}: met by {len(hits)} loop{'s' * (len(hits) != 1)}: {', '.join(hits[:10])}")
     return 1 if hits else 3 if wrong else 0
-
-
-def _remember(result: ScanResult, history: Path, job: Job) -> None:
-    from .to_history import remember
-
-    outcome = remember(result, history, job)
-    if job.shown:
-        say(f"history {history}: {outcome.sentence()}")
 
 
 def _wrong(result: ScanResult) -> list[str]:
@@ -123,12 +121,3 @@ def _deliver(result: ScanResult, job: Job, form: str, output: Path | None, table
         write(result, records, form, output, table, verbose=verbose, step=step)
     if job.shown:
         say(f"{len(result.loops)} loop{'s' * (len(result.loops) != 1)} scanned, {form} written to {output}")
-
-
-def _draw(result: ScanResult, job: Job, folder: Path) -> None:
-    from ..reporter.delivery import draw
-
-    with progress("drawing", len(job.records), shown=job.shown) as step:
-        count = draw(result, job.records, folder, step)
-    if job.shown:
-        say(f"{count} picture{'s' * (count != 1)} written to {folder}")

@@ -36,8 +36,8 @@ def simulate(scenario: str, out: Path | None, truth: Path | None, layout: str, d
     from ..errors import UsageError
     from ..reporter.plant_files import stem_of, write_plant, write_settings, write_truth
     from ..simulator import simulate as run
-    from ..simulator.named import load_scenarios, scenario_text, with_dead_band, with_seed
-    from ..simulator.truth import truth_rows
+    from ..simulator.scenario import truth_rows
+    from ..simulator.scenario_file import load_scenarios, scenario_text, with_dead_band, with_seed
 
     if show:
         click.echo(scenario_text(scenario), nl=False)

@@ -25,10 +25,8 @@ def emit(text: str) -> None:
     except BrokenPipeError:
         raise
     except OSError as error:
-        raise BacklashError(
-            f"cannot write: {error.strerror}", where="standard output", remedy="write to another place with --output",
-            code="cannot_write",
-        ) from error
+        raise BacklashError(f"cannot write: {error.strerror}", where="standard output",
+                            remedy="write to another place with --output", code="cannot_write") from error
 
 
 def say(text: str) -> None:
@@ -44,10 +42,19 @@ def say_if_first_run() -> None:
         say("first run after installation: compiling, about half a minute; later runs start at once")
 
 
+def put(path: Path, text: str, what: str = "") -> None:
+    """Write a result to a file, or to standard output when the file is called -."""
+    from ..reporter.files import write_text
+
+    if str(path) == "-":
+        emit(text)
+        return
+    write_text(path, text)
+    say(f"{what} written to {path}")
+
+
 @contextlib.contextmanager
-def progress(
-    words: str, total: int | None, *, shown: bool, of_bytes: bool = False
-) -> Iterator[Callable[..., None]]:
+def progress(words: str, total: int | None, *, shown: bool, of_bytes: bool = False) -> Iterator[Callable[..., None]]:
     """A bar on standard error while the block runs, only on a terminal; gives what counts one more done, or so many.
 
     of_bytes: what is counted are bytes.
@@ -56,14 +63,7 @@ def progress(
         yield lambda count=1: None
         return
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        DownloadColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
+    from rich.progress import BarColumn, DownloadColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     done = DownloadColumn() if of_bytes else MofNCompleteColumn()
     columns = (TextColumn("{task.description}"), BarColumn(), done, TimeRemainingColumn())

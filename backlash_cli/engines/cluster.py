@@ -1,26 +1,45 @@
-"""A Dask cluster to work on: one that runs already, or one of processes on this machine for the time of a scan."""
+"""A Dask cluster to work on: one that runs already, or one of processes on this machine for the time of a scan.
+
+A worker that dies costs time, and at most the item that kills it: Dask gives the work of a dead worker to another one.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import logging
+import os
+import pickle
 import threading
 import time
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from .._version import __version__
 from ..errors import BacklashError, UsageError
-from .local import cores
+from ..record import Note
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Future
+
+Result = TypeVar("Result")
+Item = TypeVar("Item")
 
 ANSWER = 5.0  # seconds in which a scheduler has to answer
 WORKERS = 60.0  # seconds in which an empty cluster has to get its first worker
 PAUSE = 3.0  # seconds between two looks at the workers
 MISSED = 5  # looks at which a worker may be missing: one that died is mostly there again after two
+ATTEMPTS = 3  # of work that was lost on its way
 _INSTALL = "pip install 'backlash[dask]', or leave --engine dask out: the local engine uses all cores of this machine"
+_LOCAL = {
+    # a loop that ends its process does so every time: two deaths are proof enough
+    "distributed.scheduler.allowed-failures": 1,
+    "distributed.scheduler.worker-saturation": 1.0,
+    # a busy machine takes long to start a process again; given up, its work would wait for ever
+    "distributed.deploy.lost-worker-timeout": "1 hour",
+    "distributed.worker.multiprocessing-method": "spawn",
+    "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": 1,
+}
+_GONE = ("CancelledError", "FutureCancelledError", "FuturesCancelledError")  # lost through no fault of the work
 
 
 def check_installed() -> None:
@@ -54,28 +73,16 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
         finally:
             client.close(timeout=5)
         return
+    jobs = jobs or cores()
     with dask.config.set(_LOCAL):
         try:
-            cluster = LocalCluster(
-                n_workers=jobs or cores(), threads_per_worker=1, processes=True, dashboard_address=None,
-                silence_logs=logging.CRITICAL,
-            )
+            cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=None,
+                                   silence_logs=logging.CRITICAL)
         except Exception as error:
             raise BacklashError(f"no local cluster could be started: {type(error).__name__}: {error}",
                                 where="--engine dask", remedy="leave --engine dask out", code="no_cluster") from error
-        with contextlib.closing(cluster), Client(cluster) as client, _watched(client, cluster, jobs or cores(), say):
+        with contextlib.closing(cluster), Client(cluster) as client, _watched(client, cluster, jobs, say):
             yield client
-
-
-_LOCAL = {
-    # a loop that ends its process does so every time: two deaths are proof enough
-    "distributed.scheduler.allowed-failures": 1,
-    "distributed.scheduler.worker-saturation": 1.0,
-    # a busy machine takes long to start a process again; given up, its work would wait for ever
-    "distributed.deploy.lost-worker-timeout": "1 hour",
-    "distributed.worker.multiprocessing-method": "spawn",
-    "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": 1,
-}
 
 
 def _client_of(scheduler: str) -> Client:
@@ -119,6 +126,11 @@ def _check_workers(client: Client, scheduler: str, say: Callable[[str], None]) -
                                 code="wrong_worker", remedy="install the same version everywhere")
 
 
+def cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def version_here() -> str:
     """The version of backlash, as a worker sees it."""
     return __version__
@@ -154,6 +166,62 @@ def watch(client: Any, cluster: Any, wanted: int, say: Callable[[str], None], en
             said = missing >= MISSED
         except Exception:  # the connection is lost, or about to be closed; those who wait for results are told
             continue
+
+
+def on_cluster(client: Client, items: Sequence[Item], work: Callable[[Item], Result],
+               lost: Callable[[Item, Note], Result], ahead: int | None = None,
+               pack: Callable[[Item], Item] = lambda item: item) -> Iterator[Result]:
+    """Yield the result of `work` for every item, in order; at most `ahead` items are on their way at once.
+
+    work: a function that workers can import, and that answers for its own failures. lost: makes the result of an item
+    whose workers died. pack: makes of an item what can be sent to another machine. Raises what `work` raises
+    of BacklashError, and one when the scheduler is gone. Closing the iterator stops the work.
+    """
+    waiting: list[Future] = []
+    ahead = ahead or 2 * sum(client.nthreads().values())
+
+    def send(item: Item) -> Future:
+        return client.submit(_worked, work, pickle.dumps(pack(item)), pure=False)
+
+    try:
+        for position, item in enumerate(items):
+            waiting += [send(coming) for coming in items[position + len(waiting) : position + ahead]]
+            for _ in range(ATTEMPTS):
+                outcome = _outcome(client, waiting[0])
+                if type(outcome).__name__ not in _GONE:
+                    break
+                waiting[0] = send(item)
+            del waiting[0]
+            if isinstance(outcome, BacklashError):
+                raise outcome
+            yield lost(item, _reason(outcome)) if isinstance(outcome, Exception) else outcome
+    finally:
+        if waiting:
+            client.cancel(waiting, force=True)
+
+
+def _worked(work: Callable[[Any], Result], item: bytes) -> Result:
+    return work(pickle.loads(item))
+
+
+def _outcome(client: Client, future: Future) -> Any:
+    """Return the result of a future, or the exception that took its place."""
+    try:
+        return future.result()
+    except Exception as error:
+        if client.status != "running":
+            raise BacklashError("the connection to the scheduler was lost", where="--engine dask", code="no_scheduler",
+                                remedy="start the scan again") from None
+        return error
+    finally:
+        future.release()
+
+
+def _reason(error: Exception) -> Note:
+    if type(error).__name__ == "KilledWorker":
+        return Note("process_died", "its worker was killed every time, perhaps for lack of memory")
+    said = str(error).strip().split("\n")[0][:200]
+    return Note("internal_error", f"its worker failed: {type(error).__name__}: {said}")
 
 
 def _quiet() -> None:

@@ -1,7 +1,7 @@
-"""Analyse the loops of a plant on this machine: one after the other, or in several processes.
+"""Analyse the loops of a plant: one after the other, in several processes of this machine, or on a cluster.
 
-The reports come in the order of the records whatever the number of processes, and a loop that fails, or takes its
-process down with it, becomes a report with verdict `error`; the others go on.
+The reports come in the order of the loops wherever the work is done, and a loop that fails, or takes its process down
+with it, becomes a report with verdict `error`; the others go on.
 """
 
 from __future__ import annotations
@@ -13,22 +13,26 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import replace
 from functools import partial
 from itertools import chain
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..errors import BacklashError
 from ..history.unfinished import Unfinished
 from ..loaders.clean import Recipe
-from ..loaders.join import Joiner
-from ..loaders.plant import failure
-from ..record import LoopSettings, Note, Record
+from ..loaders.join import Joiner, failure
+from ..record import Note, Record
 from ..results import LoopReport, Verdict
 from ..scan import ScanOptions, pieces, scan, scan_blocks
+from .cluster import cores, on_cluster
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 Result = TypeVar("Result")
 Item = TypeVar("Item")
+Loop = Record | Recipe
+Found = LoopReport | Note
 
 PER_TASK = 16  # loops that a process takes at once; they share their time stamps on the way
 # CPU time on a machine of 2026, in seconds; a process that takes longer to start than it works is not worth it
@@ -36,7 +40,7 @@ START = 0.8  # of a process
 PER_SAMPLE, PER_SAMPLE_CONFIRMED, PER_LOOP = 40e-9, 2e-6, 0.5e-3  # of a scan
 
 
-def processes(loops: Sequence[Record | Recipe], wanted: int | None = None, *, confirm: bool = True) -> int:
+def processes(loops: Sequence[Loop], wanted: int | None = None, *, confirm: bool = True) -> int:
     """Number of processes for `loops`: as wanted, else one for little work and at most one per core for much."""
     if wanted is not None:
         return max(1, min(wanted, len(loops)))
@@ -45,28 +49,88 @@ def processes(loops: Sequence[Record | Recipe], wanted: int | None = None, *, co
     return max(1, min(cores(), len(loops), int(work / START)))
 
 
-def cores() -> int:
-    """Number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+def analyse(loops: Sequence[Loop], options: ScanOptions | None = None, *, jobs: int | None = None,
+            keep: Unfinished | None = None, client: Client | None = None) -> Iterator[Found]:
+    """Yield for every loop, in order, its report, or a note where it could not be read.
+
+    loops: Records, or Recipes; these are read when their turn comes, in the process that analyses them, and forgotten
+    afterwards. jobs: processes; None chooses. keep: takes in each report as soon as it is finished; loops that it knows
+    are not read. client: of a cluster that does the work. Closing the iterator stops the work.
+    """
+    kept = [None if keep is None else keep.known.get(getattr(loop, "key", "")) for loop in loops]
+    missing = [loop for loop, known in zip(loops, kept, strict=True) if known is None]
+    fresh = _analysed(missing, options or ScanOptions(), jobs, keep, client)
+    for known in kept:
+        yield next(fresh) if known is None else known.report
 
 
-def analyse(
-    records: Sequence[Record], options: ScanOptions | None = None, *, jobs: int | None = None
-) -> Iterator[LoopReport]:
-    """Yield one report per record, in order; `jobs` processes, None chooses. Closing the iterator stops the work."""
-    options = options or ScanOptions()
-    count = processes(records, jobs, confirm=options.confirm)
-    if count == 1:
-        return (analyse_loop(record, options) for record in records)
-    return in_processes(records, partial(analyse_loop, options=options), failed, count)
+def _analysed(loops: list[Loop], options: ScanOptions, jobs: int | None, keep: Unfinished | None,
+              client: Client | None) -> Iterator[Found]:
+    count = processes(loops, jobs, confirm=options.confirm) if client is None else sum(client.nthreads().values())
+    if count == 1 and client is None:
+        yield from analyse_group(loops, options, keep)
+        return
+    deal: Any = partial(in_processes, count=count)
+    alone: Any = partial(in_processes, count=1)
+    work = partial(_listed, options=options, keep=keep if client is None else None)
+    if client is not None:
+        deal, alone = (partial(on_cluster, client, ahead=most, pack=_packed) for most in (2 * count, 1))
+
+    def lost(group: tuple[Loop, ...], reason: Note) -> list[Found]:
+        """A process died over some loops: each is tried by itself, so that only the one to blame is lost."""
+        if len(group) == 1:
+            return [failed(group[0], reason)]
+        return [one for found in alone([(loop,) for loop in group], work, lost) for one in found]
+
+    size = max(1, min(PER_TASK, len(loops) // (4 * count)))
+    groups = [tuple(loops[i : i + size]) for i in range(0, len(loops), size)]
+    for group, found in zip(groups, deal(groups, work, lost), strict=True):
+        for loop, one in zip(group, found, strict=True):
+            if keep is not None and client is not None and isinstance(loop, Recipe) and isinstance(one, LoopReport):
+                keep.add(loop.key, one)
+            yield one
+
+
+def _packed(group: tuple[Loop, ...]) -> tuple[Loop, ...]:
+    """What is sent to another machine, which has no part in the scratch file of this one."""
+    return tuple(loop.packed() if isinstance(loop, Recipe) else loop for loop in group)
+
+
+def _listed(group: Sequence[Loop], options: ScanOptions, keep: Unfinished | None = None) -> list[Found]:
+    return list(analyse_group(group, options, keep))
+
+
+def analyse_group(group: Sequence[Loop], options: ScanOptions, keep: Unfinished | None = None) -> Iterator[Found]:
+    """Read and analyse some loops, one after the other; a note says why one could not be read."""
+    joiner = next((Joiner(loop.options.good_quality) for loop in group if isinstance(loop, Recipe)), None)
+    for loop in group:
+        yield analyse_loop(loop, options) if isinstance(loop, Record) else _analyse_recipe(loop, options, joiner, keep)
+
+
+def _analyse_recipe(recipe: Recipe, options: ScanOptions, joiner: Joiner | None, keep: Unfinished | None) -> Found:
+    try:
+        long = recipe.is_long()
+        record = next(recipe.chunks()) if long else recipe.record(joiner)
+    except BacklashError as error:
+        return failure(error, loop=recipe.loop)
+    except Exception as error:  # one loop's failure must not cost the others their report
+        return failed(recipe, Note("internal_error", f"reading failed: {type(error).__name__}: {error}"))
+    if long:
+        report = _guarded(lambda: scan_blocks(lambda: chain.from_iterable(map(pieces, recipe.chunks())), options),
+                          record)
+    else:
+        report = analyse_loop(record, options)
+    if keep is not None:
+        keep.add(recipe.key, report)
+    return report
 
 
 def analyse_loop(record: Record, options: ScanOptions) -> LoopReport:
     """Return the report of one loop; whatever goes wrong in it becomes its reason."""
-    return _analyse(lambda: scan(record, options), record)
+    return _guarded(lambda: scan(record, options), record)
 
 
-def _analyse(work: Callable[[], LoopReport], record: Record) -> LoopReport:
+def _guarded(work: Callable[[], LoopReport], record: Record) -> LoopReport:
     try:
         return work()
     except BacklashError as error:
@@ -75,115 +139,20 @@ def _analyse(work: Callable[[], LoopReport], record: Record) -> LoopReport:
         return failed(record, Note("internal_error", f"the analysis failed: {type(error).__name__}: {error}"))
 
 
-def analyse_recipes(
-    recipes: list[Recipe], options: ScanOptions | None = None, *, jobs: int | None = None,
-    keep: Unfinished | None = None,
-) -> Iterator[LoopReport | Note]:
-    """Yield for every recipe, in order, the report of its loop, or a note where it could not be read.
-
-    Each loop is read when its turn comes, in the process that analyses it, and forgotten afterwards; `recipes` is
-    emptied on the way. keep: takes in each report as soon as it is finished; loops that it knows are not read.
-    """
-    options = options or ScanOptions()
-    if keep is not None and any(recipe.key in keep.known for recipe in recipes):
-        return _going_on(recipes, options, jobs, keep)
-    count = processes(recipes, jobs, confirm=options.confirm)
-    if count == 1:
-        return _in_turn(recipes, options, keep)
-    size = max(1, min(PER_TASK, len(recipes) // (4 * count)))
-    groups = [tuple(recipes[i : i + size]) for i in range(0, len(recipes), size)]
-    recipes.clear()
-    work = partial(analyse_group, options=options, keep=keep)
-    return (one for group in in_processes(groups, work, partial(_one_by_one, work=work), count) for one in group)
-
-
-def _going_on(
-    recipes: list[Recipe], options: ScanOptions, jobs: int | None, keep: Unfinished
-) -> Iterator[LoopReport | Note]:
-    """The loops that are not known are analysed, and the others put in between, in order."""
-    kept = [keep.known.get(recipe.key) for recipe in recipes]
-    missing = [recipe for recipe, known in zip(recipes, kept, strict=True) if known is None]
-    recipes.clear()
-    if not missing:
-        yield from (known.report for known in kept if known is not None)
-        return
-    fresh = analyse_recipes(missing, options, jobs=jobs, keep=keep)
-    for known in kept:
-        yield next(fresh) if known is None else known.report
-
-
-def _in_turn(
-    recipes: list[Recipe], options: ScanOptions, keep: Unfinished | None
-) -> Iterator[LoopReport | Note]:
-    joiner = Joiner(recipes[0].options.good_quality) if recipes else None
-    recipes.reverse()
-    while recipes:
-        yield analyse_recipe(recipes.pop(), options, joiner, keep)
-
-
-def analyse_recipe(
-    recipe: Recipe, options: ScanOptions, joiner: Joiner | None = None, keep: Unfinished | None = None
-) -> LoopReport | Note:
-    """Read and analyse one loop; a note says why it could not be read."""
-    try:
-        long = recipe.is_long()
-        record = next(recipe.chunks()) if long else recipe.record(joiner)
-    except BacklashError as error:
-        return failure(error, loop=recipe.loop)
-    except Exception as error:  # one loop's failure must not cost the others their report
-        return _lost(recipe, Note("internal_error", f"reading failed: {type(error).__name__}: {error}"))
-    if long:
-        blocks = partial(_blocks, recipe)
-        report = _analyse(lambda: scan_blocks(blocks, options), record)
-    else:
-        report = analyse_loop(record, options)
-    if keep is not None:
-        keep.add(recipe.key, report)
-    return report
-
-
-def _blocks(recipe: Recipe) -> Iterator[Record]:
-    return chain.from_iterable(map(pieces, recipe.chunks()))
-
-
-def analyse_group(
-    group: Sequence[Recipe], options: ScanOptions, keep: Unfinished | None = None
-) -> list[LoopReport | Note]:
-    """Read and analyse some loops, one after the other."""
-    joiner = Joiner(group[0].options.good_quality)
-    return [analyse_recipe(recipe, options, joiner, keep) for recipe in group]
-
-
-def _one_by_one(
-    group: Sequence[Recipe], reason: Note, work: Callable[[Sequence[Recipe]], list[LoopReport | Note]]
-) -> list[LoopReport | Note]:
-    """A process died over some loops: give each a process of its own, so that only the one to blame is lost."""
-    if len(group) == 1:
-        return [_lost(group[0], reason)]
-    alone = [(recipe,) for recipe in group]
-    return [one for found in in_processes(alone, work, partial(_one_by_one, work=work), 1) for one in found]
-
-
-def _lost(recipe: Recipe, reason: Note) -> LoopReport:
-    settings = LoopSettings(source={})  # can travel between processes
-    return LoopReport(recipe.loop, Verdict.ERROR, (reason,), settings=settings, warnings=recipe.notes)
-
-
-def failed(record: Record, reason: Note) -> LoopReport:
+def failed(loop: Loop, reason: Note) -> LoopReport:
     """The report of a loop that could not be analysed."""
-    first, last = (record.time[[0, -1]].tolist()) if len(record) else (None, None)
-    return LoopReport(
-        record.loop, Verdict.ERROR, (reason,), start=first, end=last, samples=len(record),
-        interval_s=record.interval, settings=record.settings, warnings=record.notes,
-    )
+    if isinstance(loop, Recipe):
+        return LoopReport(loop.loop, Verdict.ERROR, (reason,), warnings=loop.notes)
+    first, last = (loop.time[[0, -1]].tolist()) if len(loop) else (None, None)
+    return LoopReport(loop.loop, Verdict.ERROR, (reason,), start=first, end=last, samples=len(loop),
+                      interval_s=loop.interval, settings=loop.settings, warnings=loop.notes)
 
 
-def in_processes(
-    records: Sequence[Item], work: Callable[[Item], Result], lost: Callable[[Item, Note], Result], count: int
-) -> Iterator[Result]:
-    """Yield the result of `work` for every record, in order, worked out in `count` processes.
+def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Callable[[Item, Note], Result], count: int
+                 ) -> Iterator[Result]:
+    """Yield the result of `work` for every item, in order, worked out in `count` processes.
 
-    work: can be pickled, and answers for its own failures. lost: makes the result of a loop whose process died.
+    work: can be pickled, and answers for its own failures. lost: makes the result of an item whose process died.
     """
     # spawn: a fork would copy the threads of numba and pyarrow in an unknown state
     context = multiprocessing.get_context("spawn")
@@ -191,19 +160,23 @@ def in_processes(
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
     try:
         waiting: list[Future[Result]] = []
-        ahead = 2 * count  # records on their way to the processes; more would only fill memory
-        for position, record in enumerate(records):
+        ahead = 2 * count  # items on their way to the processes; more would only fill memory
+        for position, item in enumerate(items):
             try:
-                for coming in records[position + len(waiting) : position + ahead]:
-                    waiting.append(pool.submit(work, _portable(coming)))
-                report = waiting.pop(0).result()
+                for coming in items[position + len(waiting) : position + ahead]:
+                    waiting.append(pool.submit(work, coming))
+                result = waiting.pop(0).result()
             except BrokenProcessPool:
-                # A process died (killed, out of memory). Nobody knows whose loop it was: try this one alone.
-                report = _alone(record, work, lost, context)
+                # A process died (killed, out of memory). Nobody knows over which item: try this one alone.
+                with ProcessPoolExecutor(1, mp_context=context, initializer=_begin) as single:
+                    try:
+                        result = single.submit(work, item).result()
+                    except BrokenProcessPool:
+                        result = lost(item, Note("process_died", "its process was killed, perhaps for lack of memory"))
                 pool.shutdown(wait=False)
                 pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
                 waiting.clear()
-            yield report
+            yield result
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
         ours = set(multiprocessing.active_children()) - others
@@ -211,24 +184,6 @@ def in_processes(
             child.terminate()
         for child in ours:
             child.join(5)
-
-
-def _alone(
-    record: Item, work: Callable[[Item], Result], lost: Callable[[Item, Note], Result],
-    context: multiprocessing.context.SpawnContext,
-) -> Result:
-    with ProcessPoolExecutor(1, mp_context=context, initializer=_begin) as pool:
-        try:
-            return pool.submit(work, _portable(record)).result()
-        except BrokenProcessPool:
-            return lost(record, Note("process_died", "its process was killed, perhaps for lack of memory"))
-
-
-def _portable(record: Item) -> Item:
-    """A record with its read-only mappings as plain ones, which can travel between processes; the rest can."""
-    if not isinstance(record, Record):
-        return record
-    return replace(record, settings=replace(record.settings, source=dict(record.settings.source)))
 
 
 def _begin() -> None:

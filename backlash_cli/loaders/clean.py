@@ -5,8 +5,10 @@ A loop longer than CHUNK rows is made in chunks of that size: its grid and spans
 
 from __future__ import annotations
 
+import hashlib
+from bisect import bisect_left
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -45,7 +47,7 @@ class Recipe:
     def record(self, joiner: Joiner | None = None) -> Record:
         """Read the loop. Raises BacklashError when it cannot be read. joiner: shared by loops of the same files."""
         settings = settings_of(self.values)
-        record = build(self.series, settings, joiner or Joiner(self.options.good_quality), self.options)
+        record = build(self.series, settings, joiner or Joiner(self.options.good_quality), self.options, Going())
         return replace(record, notes=(*self.notes, *record.notes)) if self.notes else record
 
     def is_long(self) -> bool:
@@ -67,8 +69,30 @@ class Recipe:
         for begin, end in zip(begins, ends, strict=True):
             going.end = end
             joiner.next_chunk(begin, end)
-            notes = self.notes if end == ends[-1] else None
-            yield _noted(build(_window(self.series, begin, end), settings, joiner, self.options, going), notes)
+            record = build(_window(self.series, begin, end), settings, joiner, self.options, going)
+            yield replace(record, notes=(*self.notes, *record.notes) if end == ends[-1] else ())
+
+    def keyed(self, marks: Mapping[str, str], common: tuple[object, ...]) -> Recipe:
+        """Return the recipe with its key; without one where a file cannot be known again.
+
+        marks: what changes when the content of a file does, by its name. common: what else a report depends on.
+        """
+        items = [(role, item) for role, items in sorted(self.series.roles.items()) for item in items]
+        if not all(marks.get(item.where) for _, item in items):
+            return self
+        parts = [(role, i.tag, i.loop, i.signal, i.where, marks[i.where]) for role, i in items]
+        # which loops are wanted is not how they are read
+        how = replace(self.options, only_loops=(), loops_matching=(), sample=None, sample_seed=0, since=None)
+        values = self.values
+        settings = None if values is None else (dict(values.values), values.where, sorted(values.from_defaults))
+        whole = repr((common, how, self.loop, settings, [(note.code, note.message) for note in self.notes],
+                      sorted(self.series.missing_tags.items()), parts))
+        return replace(self, key=hashlib.sha256(whole.encode("utf-8", "backslashreplace")).hexdigest()[:32])
+
+    def packed(self) -> Recipe:
+        """Return the recipe with its samples, to be sent to another machine; columns of Parquet files are read there.
+        """
+        return replace(self, series=self.series.packed())
 
     @property
     def rows(self) -> int:
@@ -88,13 +112,14 @@ class Spans:
 
 @dataclass
 class Going:
-    """What a chunk of a loop goes on from, and adds to. end: stamp that ends it; begin: that ended the one before.
+    """What a chunk of a loop goes on from, and adds to. end: stamp that ends it, None for the whole loop; begin: that
+    ended the one before.
 
     plan, spans, output: of the first chunk. place: a stamp near the end of the last one and its grid number. until: the
     grid number of its last sample. The rest is counted for the notes. carried: setpoint and mode that still hold.
     """
 
-    end: int = NAT
+    end: int | None = None
     begin: int = NAT
     plan: GridPlan | None = None
     spans: Spans | None = None
@@ -108,24 +133,18 @@ class Going:
     carried: dict[str, float] = field(default_factory=dict)
 
 
-def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOptions, going: Going | None = None
-          ) -> Record:
-    """Make the Record of one loop. Raises LoopError when it has no measurement, no times or no usable scale.
-
-    going: makes a chunk of it, which goes on from the chunk before; its notes are those of all chunks so far.
-    """
+def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOptions, going: Going) -> Record:
+    """Make the Record of one loop, or a chunk of it, which goes on from the chunk before; the notes are those of all
+    chunks so far. Raises LoopError when it has no measurement, no times or no usable scale."""
     refuse_missing(loop)
-    later = going is not None and going.plan is not None
+    later, whole = going.plan is not None, going.end is None
     pv = joiner.signal(loop.roles["pv"], "pv", loop.name)
-    grid, pv = grid_of(pv, None if not later or going is None else lambda signal: goes_on(signal, going))
-    first, last = 0, len(grid.index)
-    on_grid: Sequence[Note] = grid.notes
-    if going is not None:
-        first, last = _own_samples(pv, grid, going)
-        on_grid = _of_chunks(pv, grid, going, first, last)
+    grid, pv = grid_of(pv, None if not later else lambda signal: goes_on(signal, going))
+    first, last = (0, len(grid.index)) if going.end is None else _own_samples(pv, grid, going, going.end)
+    on_grid = grid.notes if going.end is None else _of_chunks(pv, grid, going, going.end, first, last)
     notes: list[Note] = [*settings.notes, *pv.axis.notes, *on_grid, *pv.notes]
     frame = Frame(loop, joiner, options, pv.axis, grid, fill_limit(settings.loop.Ti, grid.interval), notes,
-                  {} if going is None else going.carried)
+                  going.carried)
     measured, interpolated = frame.measurement(pv)
     if not later and not np.isfinite(measured).any():
         raise LoopError("the measurement (PV) holds no number at all", code="no_measurement",
@@ -134,10 +153,10 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
     if setpoint is None and settings.constant_setpoint is not None:
         setpoint = np.full(len(measured), settings.constant_setpoint)
     output = frame.companion("op")
-    if output is not None and not (going.output if later and going else np.isfinite(output).any()):
+    if output is not None and not (going.output if later else np.isfinite(output).any()):
         notes.append(Note("no_output", "the output (OP) holds no number at all"))
         output = None
-    spans = going.spans if going is not None else None
+    spans = going.spans
     if spans is None:
         spans = spans_of(settings, _finite(measured, setpoint) if settings.pv_range is None else measured[:0],
                          None if output is None else _finite(output) if settings.op_range is None else output[:0])
@@ -147,13 +166,10 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
         grid.index, None if setpoint is None else normalised(setpoint, spans.pv_range),
         normalised(measured, spans.pv_range), None if output is None else normalised(output, spans.op_range),
         interpolated, manual, frame.bridge)
-    counts, total = samples.count(first, last), last - first
-    if going is not None:
-        going.counts.update(counts)
-        counts = going.counts
-        going.plan, going.spans, going.output = going.plan or grid.plan, spans, output is not None
-        going.samples, going.begin = going.samples + total, going.end
-        total = going.samples
+    going.counts.update(samples.count(first, last))
+    counts, total = going.counts, going.samples + last - first
+    going.plan, going.spans, going.output = going.plan or grid.plan, spans, output is not None
+    going.samples, going.begin = total, going.end or NAT
     missing = [] if setpoint is not None else [Note(
         "no_setpoint", "no setpoint (SP) column: what needs the control error cannot be done", {"loop": loop.name})]
     extra = {name: frame.disturbance(items) for name, items in loop.extra.items()}
@@ -163,7 +179,7 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
         (*notes, *state_notes(counts, total, *MEASURED), *missing, *state_notes(counts, total, "setpoint", "output"),
          *on_mode, *state_notes(counts, total, "manual")),
     )  # fmt: skip
-    return record if going is None else record.slice(first, last)
+    return record if whole else record.slice(first, last)
 
 
 def goes_on(pv: Signal, going: Going) -> Grid:
@@ -180,24 +196,24 @@ def goes_on(pv: Signal, going: Going) -> Grid:
     return Grid(plan, index, order.rows, stamps, plan.recorded(stamps, plan.start + plan.step * index))
 
 
-def _own_samples(pv: Signal, grid: Grid, going: Going) -> tuple[int, int]:
+def _own_samples(pv: Signal, grid: Grid, going: Going, end: int) -> tuple[int, int]:
     """Return the first sample of a chunk and the one after its last, and note where it ends."""
     first = int(np.searchsorted(grid.index, going.until, side="right"))
     if grid.kind == "regular":
         at = grid.index if grid.rows is None else grid.index[grid.rows >= 0]
         stamps = pv.axis.order(pv.values).stamps[-len(at) :]
-        row = int(np.searchsorted(stamps, going.end)) - 1
+        row = int(np.searchsorted(stamps, end)) - 1
         near = max(row - MARGIN, 0)
         going.place, going.until = (int(stamps[near]), int(at[near])), int(at[row])
     else:
-        going.until = (going.end - 1 - grid.start) // grid.step
+        going.until = (end - 1 - grid.start) // grid.step
     return first, int(np.searchsorted(grid.index, going.until, side="right"))
 
 
-def _of_chunks(pv: Signal, grid: Grid, going: Going, first: int, last: int) -> list[Note]:
+def _of_chunks(pv: Signal, grid: Grid, going: Going, end: int, first: int, last: int) -> list[Note]:
     """What is to be said of the stamps of all chunks so far."""
     stamps = pv.axis.order(pv.values).stamps
-    own = stamps[max(int(np.searchsorted(stamps, going.begin)) - 1, 0) : int(np.searchsorted(stamps, going.end))]
+    own = stamps[max(int(np.searchsorted(stamps, going.begin)) - 1, 0) : int(np.searchsorted(stamps, end))]
     going.steps += [Steps.of(own)] if len(own) > 1 else []
     going.recorded += last - first if grid.recorded is None else int(grid.recorded[first:last].sum())
     share = going.recorded / max(going.samples + last - first, 1)
@@ -206,11 +222,6 @@ def _of_chunks(pv: Signal, grid: Grid, going: Going, first: int, last: int) -> l
 
 def _finite(*parts: FloatArray | None) -> FloatArray:
     return np.concatenate([part[np.isfinite(part)] for part in parts if part is not None])
-
-
-def _noted(record: Record, before: tuple[Note, ...] | None) -> Record:
-    """Put notes before those of a record; None takes all away."""
-    return replace(record, notes=() if before is None else (*before, *record.notes))
 
 
 def _in_turn(axes: Iterable[Axis]) -> list[Axis]:
@@ -248,14 +259,7 @@ def _window(loop: LoopSeries, begin: int, end: int) -> LoopSeries:
 
 def _row_at(axis: Axis, stamp: int) -> int:
     """The first row of rising stamps at or after one."""
-    low, high = 0, len(axis)
-    while low < high:
-        middle = (low + high) // 2
-        if int(axis.read(middle, middle + 1)[0]) < stamp:
-            low = middle + 1
-        else:
-            high = middle
-    return low
+    return bisect_left(range(len(axis)), stamp, key=lambda row: int(axis.read(row, row + 1)[0]))
 
 
 def refuse_missing(loop: LoopSeries) -> None:

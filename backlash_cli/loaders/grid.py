@@ -97,7 +97,7 @@ class Steps:
 class GridPlan:
     """start, step: microseconds. kind: as in `grid`. gap: longer distances are gaps, unless it is regular.
 
-    even: every stamp is one step after the one before. usual: a distance in the middle [microseconds].
+    usual: a distance in the middle [microseconds].
     """
 
     start: int
@@ -105,7 +105,6 @@ class GridPlan:
     kind: str
     gap: float
     steps: Steps
-    even: bool = False
     usual: float = 0.0
 
     def rows(self, stamps: IntArray, before: tuple[int, int] | None = None) -> tuple[IntArray, IntArray]:
@@ -229,12 +228,11 @@ def make_grid(order: Ordered) -> Grid:
     plan = plan_grid(Steps.of(stamps))
     rows: IntArray | None = None
     recorded = None
-    if plan.even:
-        index, rows = np.arange(len(stamps)), order.rows
-    elif plan.kind == "regular":
+    if plan.kind == "regular":
         index, places = plan.rows(stamps)
-        own = np.arange(len(stamps)) if order.rows is None else order.rows
-        rows = own if len(places) == len(own) else np.where(places >= 0, own[places], -1)
+        rows = order.rows
+        if len(places) > len(stamps):
+            rows = places if rows is None else np.where(places >= 0, rows[places], -1)
     else:
         index, rows = plan.points(stamps), order.rows
         recorded = plan.recorded(stamps, plan.start + plan.step * index)
@@ -245,8 +243,6 @@ def make_grid(order: Ordered) -> Grid:
 def plan_grid(steps: Steps) -> GridPlan:
     """Find the grid of strictly increasing stamps. Raises LoopError when they are too irregular."""
     start, values = steps.first, steps.values
-    if len(values) == 1:
-        return GridPlan(start, int(values[0]), "regular", np.inf, steps, even=True)
     usual = int(values[np.argmax(steps.counts)])
     multiple = values / usual
     on_grid = np.abs(multiple - np.rint(multiple)) < 0.02

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from collections import Counter, OrderedDict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LoopError
+from ..errors import BacklashError, LoopError
 from ..record import FloatArray, Note
 from ..settings import ROLE_KEYS, Metadata
 from .names import SIGNALS, plain
 from .order import NAT
 from .quality import good_samples
-from .signals import Axis, Series
+from .signals import Axis, Series, packed
 
 MOST_JOINED = 8  # axes kept: more than one loop has, and few enough for plants of many files
+
+
+def failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:
+    """Return an error as a failure of the plant, about a loop or a file."""
+    values: dict[str, float | str] = {key: value for key, value in (("loop", loop), ("file", file)) if value}
+    return Note(error.code, f"{loop}: {error}" if loop else str(error), values)
 
 
 @dataclass
@@ -34,6 +40,20 @@ class LoopSeries:
         """All its series."""
         return [item for parts in (self.roles, self.extra) for items in parts.values() for item in items]
 
+    def packed(self) -> LoopSeries:
+        """Return it with its samples in memory, to be sent to another machine; columns of Parquet files are read there.
+        """
+        axes: dict[int, Axis] = {}
+
+        def own(item: Series) -> Series:
+            axis = axes.setdefault(id(item.axis), item.axis.packed())
+            rows = None if item.rows is None else packed(item.rows, [item.column, item.quality])
+            return replace(item, axis=axis, rows=rows)
+
+        roles, extra = ({name: list(map(own, items)) for name, items in parts.items()}
+                        for parts in (self.roles, self.extra))
+        return replace(self, roles=roles, extra=extra)
+
 
 @dataclass(frozen=True, eq=False)
 class Signal:
@@ -47,19 +67,16 @@ class Signal:
     unit: str = ""
 
 
-def by_loop(found: Iterable[Any], metadata: Metadata, renamed: Mapping[str, str] | None = None
-            ) -> dict[str, LoopSeries]:
+def by_loop(found: Iterable[Any], metadata: Metadata) -> dict[str, LoopSeries]:
     """Assign every series to a loop; tags named in the metadata go where it says.
 
-    found: Series, or anything else with tag, loop, role and signal. renamed: names in the data -> names of loops, where
-    that is settled already; None finds it from all names.
+    found: Series, or anything else with tag, loop, role and signal.
     """
     series = list(found)
     explicit, asked = explicit_tags(metadata)
     loops: dict[str, LoopSeries] = {}
     seen: set[tuple[str, str]] = set()
-    if renamed is None:
-        renamed = renamed_loops(dict.fromkeys(item.loop for item in series if item.loop), metadata)
+    renamed = renamed_loops(dict.fromkeys(item.loop for item in series if item.loop), metadata)
     for item in series:
         owners = explicit.get(item.tag.strip().lower(), ()) if explicit else ()
         for loop, role in owners:
@@ -139,7 +156,7 @@ class Joiner:
         if key not in self._axes:
             notes = tuple(note for axis in axes for note in axis.notes)
             first = tuple(np.cumsum([len(axis) for axis in axes])[:-1].tolist())
-            joined = Axis(micros=np.concatenate([axis.micros for axis in axes]), notes=notes, where=axes[0].where,
+            joined = Axis(given=np.concatenate([axis.micros for axis in axes]), notes=notes, where=axes[0].where,
                           absolute=all(axis.absolute for axis in axes), parts=first)
             if len(self._axes) >= MOST_JOINED:
                 self._axes.popitem(last=False)

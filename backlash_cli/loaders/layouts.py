@@ -13,7 +13,6 @@ import numpy as np
 import pyarrow as pa
 
 from ..errors import InputError
-from ..record import Note
 from .names import IGNORED, LOOP, SIGNALS, TAG, VALUE, Tag, is_quality_name, is_time_name, plain, signal_role, split_tag
 from .numbers import codes_and_words, is_number, is_text
 from .options import ReadOptions
@@ -39,7 +38,6 @@ class Head:
     columns: tuple[pa.ChunkedArray, ...]
     decimal: str = "."
     first_line: int = 0
-    notes: tuple[Note, ...] = ()
     partition: dict[str, str] = field(default_factory=dict)
     kinds: tuple[str, ...] = ()
 

@@ -71,11 +71,6 @@ def plain(text: str) -> str:
     return re.sub(r"[\s._\-/:\\#*'\"|]+", "", _UNIT.sub("", text)).lower()
 
 
-def without_unit(text: str) -> str:
-    """Return the name without a unit in brackets: "FIC101.PV [m3/h]" -> "FIC101.PV"."""
-    return _UNIT.sub("", text.strip())
-
-
 def signal_role(text: str) -> str:
     """Return "sp", "pv", "op", "mode" when the whole text is a usual name of that signal, else ""."""
     return _LOOKUP.get(plain(text), "")
@@ -106,7 +101,7 @@ def split_tag(text: str) -> Tag:
         if tag.loop and tag.role in SIGNALS:
             return tag
     bracket = _BRACKET.match(name) if len(name) <= NESTED_LIMIT else None
-    name = f"{bracket[1]}.{bracket[2]}" if bracket and signal_role(bracket[2]) else without_unit(name)
+    name = f"{bracket[1]}.{bracket[2]}" if bracket and signal_role(bracket[2]) else _UNIT.sub("", name)
     parts = list(_PART.finditer(name))
     if len(parts) < 2:
         glued = None if signal_role(name) else _JOINED.match(name)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import bz2
 import codecs
+import gzip
+import io
+import lzma
 import stat
 import zlib
 from collections.abc import Callable, Iterator
@@ -21,15 +25,13 @@ HEAD = 4 << 20  # bytes that tell how a text is encoded
 # Text of measurements never shrinks to a 200th; beyond this a small file is a trap, not an export.
 BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20
 CODECS = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bz2", b"\xfd7zXZ\x00": "xz"}
-_FOREIGN = {
-    b"PK\x03\x04": ("a zip archive", "unpack it"),
-    b"\xd0\xcf\x11\xe0": ("an old Excel workbook or Office document", "save the sheet as CSV or as .xlsx"),
-    b"%PDF": ("a PDF document", "export the data as CSV or Parquet"),
-    b"SQLite format 3": ("an SQLite database", "export the data as CSV or Parquet"),
-    b"\x89HDF": ("an HDF5 file", "export the data as CSV or Parquet"),
-    b"ORC": ("an ORC file", "export the data as CSV or Parquet"),
-}
-_DAMAGED = (OSError, EOFError, zlib.error, ValueError, pa.ArrowException)
+_FOREIGN = {b"PK\x03\x04": ("a zip archive", "unpack it"),
+            b"\xd0\xcf\x11\xe0": ("an old Excel workbook or Office document", "save the sheet as CSV or as .xlsx"),
+            b"%PDF": ("a PDF document", "export the data as CSV or Parquet"),
+            b"SQLite format 3": ("an SQLite database", "export the data as CSV or Parquet"),
+            b"\x89HDF": ("an HDF5 file", "export the data as CSV or Parquet"),
+            b"ORC": ("an ORC file", "export the data as CSV or Parquet")}
+_DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, pa.ArrowException)
 _MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe\x00\x00", "utf-32-le"), (b"\xff\xfe", "utf-16-le"),
           (b"\xfe\xff", "utf-16-be"))  # fmt: skip
 
@@ -131,8 +133,8 @@ class Text:
                 except _DAMAGED as error:
                     if not codec:
                         raise
-                    problem = str(error).strip() or type(error).__name__
-                    if total < 200:
+                    problem = "the compressed stream ends too early" if isinstance(error, EOFError) else str(error)
+                    if total < 200 or isinstance(error, gzip.BadGzipFile):  # a wrong checksum: any part may be wrong
                         raise InputError(f"damaged {codec} file: {problem}", where=str(self.path),
                                          remedy="export or copy it again") from None
                     self.notes.append(Note("truncated", f"damaged or truncated {codec} file ({problem}): only the part "
@@ -191,8 +193,7 @@ class _Counting:
     """A file that tells how much of it was read."""
 
     def __init__(self, file: BinaryIO, taken: Callable[[int], None] | None) -> None:
-        self._file, self._taken = file, taken
-        self.closed = False
+        self._file, self._taken, self.closed = file, taken, False
 
     def read(self, size: int = -1) -> bytes:
         data = self._file.read(size)
@@ -208,47 +209,13 @@ class _Counting:
 
 
 def _decompressed(file: Any, codec: str) -> Iterator[bytes]:
-    if codec == "gzip":
-        yield from _gunzip(file)
-        return
+    """Yield the text piece by piece, and all that is whole of a damaged file before the error."""
+    openers: dict[str, Any] = {"gzip": gzip.open, "bz2": bz2.open, "xz": lzma.open}
     if codec == "zstd":
         file = pa.CompressedInputStream(pa.PythonFile(file, mode="r"), "zstd")
-    elif codec:
-        import bz2
-        import lzma
-
-        decoder: Any = bz2.BZ2Decompressor if codec == "bz2" else lzma.LZMADecompressor
-        inflate = decoder()
-        while chunk := file.read(CHUNK):
-            try:
-                while chunk:
-                    yield inflate.decompress(chunk)
-                    chunk = inflate.unused_data if inflate.eof else b""
-                    inflate = decoder() if inflate.eof else inflate
-            except lzma.LZMAError as error:
-                raise OSError(str(error)) from None
-        return
-    while piece := file.read(CHUNK):
+    read = openers[codec](file).read1 if codec in openers else file.read  # no more than one piece at once
+    while piece := read(CHUNK):
         yield piece
-
-
-def _gunzip(file: Any) -> Iterator[bytes]:
-    """Yield the text of a gzip file piece by piece, and all that is whole of a damaged one before the error."""
-    inflate = zlib.decompressobj(wbits=31)
-    rest = b""
-    while chunk := rest or file.read(CHUNK):
-        rest = b""
-        if inflate.eof:
-            if not chunk.startswith(b"\x1f\x8b"):
-                return  # padding after the last member
-            inflate = zlib.decompressobj(wbits=31)
-        if piece := inflate.decompress(chunk, CHUNK):
-            yield piece
-        rest = inflate.unused_data if inflate.eof else inflate.unconsumed_tail
-    if tail := inflate.flush():
-        yield tail
-    if not inflate.eof:
-        raise EOFError("the compressed stream ends too early")
 
 
 def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> tuple[str, int]:
@@ -320,7 +287,6 @@ def sheets(path: Path | Remote) -> list[tuple[str, bytes]]:
         raise InputError("reading Excel workbooks needs python-calamine", where=str(path),
                          remedy="pip install 'backlash[excel]', or save the sheet as CSV") from None
     import csv
-    import io
 
     found = []
     try:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from fnmatch import fnmatchcase
+from functools import lru_cache
 
 from ..errors import UsageError, nearest
 from .order import SECOND
@@ -19,20 +20,6 @@ INTERPOLATIONS = ("hold", "linear")
 
 _UNITS = {"s": 1, "min": 60, "h": 3600, "d": 86_400, "w": 7 * 86_400}
 _AGE = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(s|min|h|d|w)\s*")
-
-
-@dataclass(frozen=True)
-class Share:
-    """The part of a plant that one worker computes, settled before by a plan of the whole.
-
-    loops: exact names. renamed: names in the data -> names of these loops, where they differ. since: moment
-    [microseconds since 1970 UTC] from which on data count; age: it was given as an age.
-    """
-
-    loops: tuple[str, ...]
-    renamed: tuple[tuple[str, str], ...] = ()
-    since: int | None = None
-    age: bool = False
 
 
 @dataclass(frozen=True)
@@ -72,7 +59,6 @@ class ReadOptions:
     good_quality: tuple[str, ...] = ()
     auto_modes: tuple[str, ...] = ()
     max_bytes: int = 2 << 30
-    share: Share | None = None
 
     def __post_init__(self) -> None:
         _one_of("interpolation", self.interpolation, INTERPOLATIONS)
@@ -143,6 +129,7 @@ def sample_size(text: str, loops: int) -> int:
     return min(loops, math.ceil(number / 100.0 * loops - 1e-9) if percent else int(number))
 
 
+@lru_cache
 def check_pattern(pattern: str) -> Callable[[str], bool]:
     """Return the test of a pattern on a loop's name, in upper or lower case: wildcards over the whole name
     (`FIC*`, `AREA?.*`), or a regular expression between slashes, found anywhere in it (`/^FIC1[0-4]/`).
@@ -185,8 +172,3 @@ def parse_since(text: str, timezone: str | None = None) -> tuple[int | None, int
             pass
     raise UsageError(f"{text!r} is no time", where="--since",
                      remedy="give a date such as 2026-11-01 or 2026-11-01T06:00, or an age such as 3d or 12h")
-
-
-def is_age(since: str) -> bool:
-    """Say whether `since` is counted back from the end of the data."""
-    return _AGE.fullmatch(since) is not None

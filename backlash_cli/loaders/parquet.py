@@ -34,13 +34,21 @@ def open_parquet(path: Any) -> pa_parquet.ParquetFile:
     if key not in _open:
         try:
             _open[key] = pa_parquet.ParquetFile(open_place(path) if isinstance(path, Remote) else path)
+        except FileNotFoundError:
+            raise InputError("the machine that reads it does not see this file", where=key, code="not_shared",
+                             remedy="put the data where every machine finds them under the same name: a network drive, "
+                                    "or s3://, abfs://, gs://") from None
         except (pa.ArrowException, OSError) as error:
-            raise InputError(f"damaged Parquet file: {str(error).strip().split(chr(10))[0][:200]}", where=key,
-                             remedy="export or copy it again") from None
+            raise _damaged(error, key) from None
         while len(_open) > MOST_OPEN:
             _open.popitem(last=False)[1].close()
     _open.move_to_end(key)
     return _open[key]
+
+
+def _damaged(error: Exception, where: str) -> InputError:
+    return InputError(f"damaged Parquet file: {str(error).strip().split(chr(10))[0][:200]}", where=where,
+                      remedy="export or copy it again")
 
 
 def column_name(name: str) -> str:
@@ -101,7 +109,7 @@ class ParquetTable:
         """Return all rows; each column is read when it is asked for."""
         if len(set(self._names)) < len(self._names):
             raise InputError("two columns have the same name", where=self.where, remedy="export it with unique names")
-        return ParquetRows(self.path, self.rows, tuple(self._names), self.options)
+        return ParquetRows(self.path.absolute(), self.rows, tuple(self._names), self.options)
 
 
 def _check_pieces(file: pa_parquet.ParquetFile, size: int, where: str) -> None:
@@ -152,5 +160,4 @@ class ParquetRows:
                 raise OSError(f"column {name[:60]} has {len(column)} rows of {last - first}")
             return column
         except (pa.ArrowException, OSError) as error:
-            raise InputError(f"damaged Parquet file: {str(error).strip().split(chr(10))[0][:200]}",
-                             where=str(self.path), remedy="export or copy it again") from None
+            raise _damaged(error, str(self.path)) from None

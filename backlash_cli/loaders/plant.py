@@ -1,32 +1,36 @@
-"""Read exports: files to signals, signals to loops, loops to records."""
+"""Read exports: files to signals, signals to loops, loops to records; which loops, and from when on.
+
+What is left out is counted and said. The choice of loops depends on their names alone, not on the order of files, the
+engine or the machine.
+"""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from functools import cached_property
+from functools import cache, cached_property
 from os import PathLike
 
+import numpy as np
 from pyarrow.lib import ArrowException
 
 from ..errors import BacklashError, InputError, LoopError, UsageError, nearest
-from ..record import Note, Record
+from ..record import IntArray, Note, Record
 from ..settings import ROLE_KEYS, Metadata, merge
-from .choose import Cut, choose, last_stamp, moment_of, nothing_since, since_notes
 from .clean import Recipe
-from .join import Joiner, LoopSeries, by_loop, explicit_tags
+from .join import Joiner, LoopSeries, by_loop, explicit_tags, failure
 from .layouts import Named
-from .names import split_tag
-from .options import ReadOptions, check_pattern, is_age
+from .options import ReadOptions, check_pattern, parse_since, sample_size
+from .order import NAT, utc_text
 from .scratch import Room
-from .signals import Series
+from .signals import Axis, Series
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import Reading, signals_of_file
 
-Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]
 READING_ERRORS = (BacklashError, ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
-SOURCE = "of source"  # key of a value that only travels from a part to the whole
+SHOWN = 12  # names written out in a message; all of them stand in its values
 FEW_LOOPS = 3  # loops of the loops file without data that are named one by one
 
 
@@ -88,37 +92,15 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
             records.append(recipe.record(joiner))
         except BacklashError as error:
             failures.append(failure(error, loop=recipe.loop))
-    lost = opened.with_lost(failures)
-    if opened.whole and not records and lost:
-        raise no_loop_read(lost)
+    lost = opened.all_lost(failures, read=len(records))
     return Plant(tuple(records), opened.warnings, (*opened.failures, *lost), opened.inputs)
-
-
-def no_loop_read(lost: Sequence[Note]) -> LoopError:
-    """The error of a plant none of whose loops could be read."""
-    first = lost[0]
-    return LoopError(f"no loop could be read; {first.message}" if len(lost) > 1 else first.message, code=first.code)
-
-
-def nothing_read(files: int, first_problem: BacklashError | None) -> BacklashError:
-    """The error when no file could be read."""
-    if files == 1 and first_problem is not None:
-        return first_problem
-    return InputError(f"none of {files} files could be read; the first: {first_problem}", remedy="export them again")
-
-
-def failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:
-    """Return an error as a failure of the plant, about a loop or a file."""
-    values: dict[str, float | str] = {key: value for key, value in (("loop", loop), ("file", file)) if value}
-    return Note(error.code, f"{loop}: {error}" if loop else str(error), values)
 
 
 @dataclass(frozen=True)
 class OpenPlant:
     """One or several exports whose loops are known and not yet read: one recipe per loop, by name.
 
-    failures: files that could not be read. lost: loops that cannot be. whole: False for a share of a plant. moment: of
-    --since [microseconds since 1970 UTC]. The rest as in Plant.
+    failures: files that could not be read. lost: loops that cannot be. The rest as in Plant.
     """
 
     recipes: tuple[Recipe, ...]
@@ -126,12 +108,18 @@ class OpenPlant:
     failures: tuple[Note, ...] = ()
     inputs: tuple[str, ...] = ()
     lost: tuple[Note, ...] = ()
-    whole: bool = True
-    moment: int | None = None
 
-    def with_lost(self, more: Sequence[Note]) -> tuple[Note, ...]:
-        """Return the loops that could not be read, with those found out when they were read, by name."""
-        return tuple(sorted([*self.lost, *more], key=lambda note: str(note.values["loop"])))
+    def all_lost(self, more: Sequence[Note], *, read: int) -> tuple[Note, ...]:
+        """Return the loops that could not be read, with those found out when they were read, by name.
+
+        read: how many could. Raises LoopError when none could.
+        """
+        lost = tuple(sorted([*self.lost, *more], key=lambda note: str(note.values["loop"])))
+        if lost and not read:
+            first = lost[0]
+            raise LoopError(f"no loop could be read; {first.message}" if len(lost) > 1 else first.message,
+                            code=first.code)
+        return lost
 
 
 class RecordsByName(Mapping[str, Record]):
@@ -158,78 +146,56 @@ class RecordsByName(Mapping[str, Record]):
 
 def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
                options: ReadOptions | None = None, taken: Callable[[int], None] | None = None,
-               room: Room | None = None) -> OpenPlant:
+               room: Room | None = None, salt: str | None = None) -> OpenPlant:
     """Find the loops of exports; their samples are put where a loop is read from when its turn comes.
 
     taken: called with the bytes of a file that were read. room: memory for samples, the rest goes to a scratch file.
-    Raises BacklashError as `read` does.
+    salt: what a report depends on beside the data and how they are read, where reports of loops are kept. Raises
+    BacklashError as `read` does.
     """
     options = options or ReadOptions()
     given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
     sources = find_sources(given)
-    metadata, warnings = metadata_of(given, sources, loops)
-    files = _files(sources, Reading(options, _wanted(metadata, options), _needed(metadata, options), taken,
-                                    room or Room()))
-    warnings += files.notes
-    if options.share is not None:
-        return _share(files.series, metadata, options, OpenPlant((), tuple(files.notes), tuple(files.failures),
-                                                                 whole=False))
-    if not files.series:
-        raise nothing_read(len(sources), files.first_problem)
-    settled = settle(files.series, metadata, options, str(sources[0].path))
-    warnings += settled.notes
-    wanted, moment = settled.loops, None
-    lost: list[Note] = []
-    if options.since is not None:
-        last = last_stamp(files.series)
-        moment = moment_of(options.since, options.timezone, last)
-        wanted, without, lost = _cut(wanted, moment, age=is_age(options.since))
-        if not wanted and without:
-            raise nothing_since(options.since, moment, last)
-        warnings += since_notes(options.since, moment, without, len(settled.loops))
-    warnings += settled.unmatched
-    return OpenPlant(recipes_of(wanted, metadata, options), tuple(warnings), tuple(files.failures),
-                     tuple(str(item) for item in given), tuple(lost), moment=moment)
-
-
-@dataclass
-class _Files:
-    """What was read of files, and what could not be."""
-
-    series: list[Series] = field(default_factory=list)
-    notes: list[Note] = field(default_factory=list)
-    failures: list[Note] = field(default_factory=list)
-    first_problem: BacklashError | None = None
-
-
-def _files(sources: Sequence[Source], reading: Reading) -> _Files:
-    found = _Files()
+    marks = {} if salt is None else {str(source.path): source.mark() for source in sources}  # before they are read
+    metadata, warnings = _metadata(given, sources, loops)
+    series, failures, problems = [], [], []
+    reading = Reading(options, _needed(metadata, options), taken, room or Room())
     for source in sources:
-        where = str(source.path)
         try:
-            series, notes = signals_of_file(source, reading)
-        except READING_ERRORS as caught:
-            error = as_input_error(caught, where)
-            found.first_problem = found.first_problem or error
-            found.failures.append(failure(error, file=where))
+            found, notes = signals_of_file(source, reading)
+        except READING_ERRORS as error:
+            problems.append(_as_input_error(error, str(source.path)))
+            failures.append(failure(problems[-1], file=str(source.path)))
             continue
-        found.series += series
-        if reading.options.share is not None:  # by their files the notes of several parts of a plant are put in order
-            notes = [Note(note.code, note.message, {**note.values, SOURCE: where}) for note in notes]
-        found.notes += notes
-    return found
+        series += found
+        warnings += notes
+    if not series:
+        first = problems[0] if problems else None
+        raise first if first is not None and len(sources) == 1 else InputError(
+            f"none of {len(sources)} files could be read; the first: {first}", remedy="export them again")
+    all_loops = by_loop(series, metadata)
+    wanted, notes = _chosen(series, all_loops, metadata, options, str(sources[0].path))
+    warnings += notes
+    lost, moment = [], None
+    if options.since is not None:
+        later = since(wanted, series, options.since, options.timezone)
+        wanted, lost, moment = later.loops, later.lost, later.moment
+        warnings += later.notes
+    warnings += _unmatched(all_loops, metadata)
+    recipes = (_recipe(name, wanted[name], metadata, options) for name in sorted(wanted))
+    return OpenPlant(tuple(recipe.keyed(marks, (salt, moment)) for recipe in recipes), tuple(warnings),
+                     tuple(failures), tuple(str(item) for item in given), tuple(lost))
 
 
-def as_input_error(error: BaseException, where: str) -> BacklashError:
-    """Return what went wrong with a file as an error that says where."""
+def _as_input_error(error: BaseException, where: str) -> BacklashError:
     if isinstance(error, BacklashError):
         return error
     text = str(error).strip().split("\n")[0][:300] or type(error).__name__
     return InputError(f"cannot be read: damaged or not understood: {text}", where=where, remedy="export the file again")
 
 
-def metadata_of(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
-                loops: str | PathLike[str] | Metadata | None) -> tuple[Metadata, list[Note]]:
+def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
+              loops: str | PathLike[str] | Metadata | None) -> tuple[Metadata, list[Note]]:
     """Return the settings of a plant's loops, from the file that is named or those beside the data, and remarks."""
     if isinstance(loops, Metadata):
         return loops, []
@@ -244,21 +210,9 @@ def metadata_of(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
     return metadata, notes
 
 
-@dataclass(frozen=True)
-class Settled:
-    """loops: those that are wanted, by name, in order. notes: what was left out. unmatched: loops without data."""
-
-    loops: dict[str, LoopSeries]
-    notes: tuple[Note, ...] = ()
-    unmatched: tuple[Note, ...] = ()
-
-
-def settle(found: Sequence[Series], metadata: Metadata, options: ReadOptions, where: str) -> Settled:
-    """Return the loops of all signals of a plant that the options ask for; needs names and tags, no samples.
-
-    Raises InputError when no signal belongs to a loop, UsageError when no loop is what the options ask for.
-    """
-    series = by_loop(found, metadata)
+def _chosen(found: Sequence[Series], series: dict[str, LoopSeries], metadata: Metadata, options: ReadOptions, where: str
+            ) -> tuple[dict[str, LoopSeries], list[Note]]:
+    """Return the loops that the options ask for, by name, in order, and what was left out."""
     if not series:
         tags = sorted({item.tag for item in found})
         shown = ", ".join(filter(None, tags[:12])) or "columns without a name"
@@ -272,9 +226,8 @@ def settle(found: Sequence[Series], metadata: Metadata, options: ReadOptions, wh
         notes.append(Note("single_signals", f"{len(single)} tags have one signal only and are no loops; they are left "
                           f"out: {shown}"))
         series = {name: own for name, own in series.items() if name not in single}
-    choice = choose(series, options.only_loops, options.loops_matching, options.sample, options.sample_seed)
-    return Settled({name: series[name] for name in choice.names}, (*notes, *choice.notes),
-                   tuple(_unmatched(series, metadata)))
+    names, more = choose(series, options.only_loops, options.loops_matching, options.sample, options.sample_seed)
+    return {name: series[name] for name in names}, [*notes, *more]
 
 
 def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata) -> list[Note]:
@@ -294,44 +247,6 @@ def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata) -> list[Not
     return notes
 
 
-def _share(found: list[Series], metadata: Metadata, options: ReadOptions, so_far: OpenPlant) -> OpenPlant:
-    """The part of a plant whose names and loops are settled; what concerns the plant as a whole is said elsewhere."""
-    share = options.share
-    assert share is not None
-    series = by_loop(found, metadata, dict(share.renamed))
-    wanted = {name: series[name] for name in share.loops if name in series}
-    lost: list[Note] = []
-    if share.since is not None:
-        wanted, without, more = _cut(wanted, share.since, age=share.age)
-        lost = [*(Note("nothing_since", "", {"loop": name}) for name in without), *more]
-    return replace(so_far, recipes=recipes_of(wanted, metadata, options), lost=tuple(lost))
-
-
-def _cut(wanted: Mapping[str, LoopSeries], moment: int, *, age: bool) -> tuple[
-        dict[str, LoopSeries], list[str], list[Note]]:
-    """Return the loops from `moment` on, the names of those that have nothing left, and what cannot be cut."""
-    cut = Cut(moment, age=age)
-    kept: dict[str, LoopSeries] = {}
-    without: list[str] = []
-    wrong: list[Note] = []
-    for name, own in wanted.items():
-        try:
-            shorter = cut.loop(own)
-        except BacklashError as error:
-            wrong.append(failure(error, loop=name))
-            continue
-        if shorter is None:
-            without.append(name)
-        else:
-            kept[name] = shorter
-    return kept, without, wrong
-
-
-def recipes_of(loops: Mapping[str, LoopSeries], metadata: Metadata, options: ReadOptions) -> tuple[Recipe, ...]:
-    """Return the recipes of loops, by name."""
-    return tuple(_recipe(name, loops[name], metadata, options) for name in sorted(loops))
-
-
 def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOptions) -> Recipe:
     values = metadata.of(name)
     notes: list[Note] = []
@@ -344,42 +259,166 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
 
 
 def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[list[Named]], set[int]]:
-    """Return what says which columns of a wide file the wanted loops use."""
-    if options.share is None and not (options.only_loops or options.loops_matching):
+    """Return what says of named columns which a loop may use that the options do not rule out.
+
+    Which loops are drawn for a sample is known only when all files are open.
+    """
+    if not (options.only_loops or options.loops_matching):
         return lambda found: {one.column for one in found}
-    renamed = dict(options.share.renamed) if options.share is not None else None
-
-    def needed(found: list[Named]) -> set[int]:
-        loops = by_loop(found, metadata, renamed)
-        return {int(item.column) for name in _perhaps_wanted(loops, options) for item in loops[name].items()}
-
-    return needed
-
-
-def _wanted(metadata: Metadata, options: ReadOptions) -> Callable[[str], bool]:
-    """Return what says of a tag whether a loop that the options do not rule out may use it."""
-    if options.share is None and not (options.only_loops or options.loops_matching):
-        return lambda tag: True
-    renamed = dict(options.share.renamed) if options.share is not None else None
     owners = explicit_tags(metadata)[0]
 
-    def wanted(tag: str) -> bool:
-        loop = split_tag(tag).loop
-        names = {tag, loop, *(name for name, _ in owners.get(tag.strip().lower(), ()))}
-        for name in (tag, loop):
-            found = (metadata.match(name), metadata.part_of(name)) if renamed is None else (renamed.get(name),)
-            names.update(match for match in found if match)
-        return bool(_perhaps_wanted(names, options))
+    @cache
+    def wanted(loop: str) -> bool:
+        names = [loop] if loop in metadata.loops else [loop, metadata.match(loop), metadata.part_of(loop)]
+        return any(is_named(name, options.only_loops) and is_matching(name, options.loops_matching)
+                   for name in names if name)
 
-    return wanted
+    return lambda found: {one.column for one in found if wanted(one.loop) or any(
+        wanted(loop) for loop, _ in owners.get(one.tag.strip().lower(), ()))}
 
 
-def _perhaps_wanted(names: Iterable[str], options: ReadOptions) -> list[str]:
-    """Loops that the options do not rule out; which are drawn for a sample is known only when all files are open."""
-    if options.share is not None:
-        return [name for name in names if name in set(options.share.loops)]
-    tests = [check_pattern(pattern) for pattern in options.loops_matching]
-    return [name for name in names
-            if (not options.only_loops
-                or any(name == p or fnmatchcase(name.lower(), p.lower()) for p in options.only_loops))
-            and (not tests or any(test(name) for test in tests))]
+def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[str] = (), sample: str | None = None,
+           seed: int = 0) -> tuple[list[str], list[Note]]:
+    """Return the loops that are wanted of all `names`, in order, and what was left out and why.
+
+    only: names or wildcards, each of which must exist. matching: patterns (`check_pattern`), of which one must exist.
+    sample: "20" or "5%" of what is left, drawn by `seed`. Raises UsageError for a name or patterns that nothing fits.
+    """
+    everything = sorted(set(names))
+    for pattern in only:
+        if not any(is_named(name, [pattern]) for name in everything):
+            raise UsageError(f"no loop {pattern!r} in the data", where="--loop", remedy=nearest(pattern, everything))
+    chosen = [name for name in everything if is_named(name, only)]
+    notes: list[Note] = []
+    if matching:
+        fitting = [name for name in chosen if is_matching(name, matching)]
+        words = " or ".join(repr(pattern) for pattern in matching)
+        if not fitting:
+            raise UsageError(f"none of {len(chosen)} loops matches {words}", where="--loops-matching",
+                             remedy=nearest(matching[0], everything))
+        if left := len(chosen) - len(fitting):
+            text = f"{left} of {len(chosen)} loops do not match {words} and were not computed"
+            notes.append(Note("not_matching", text, {"loops": float(left)}))
+        chosen = fitting
+    if sample is not None:
+        drawn = draw(chosen, sample_size(sample, len(chosen)), seed)
+        if left := len(chosen) - len(drawn):
+            text = (f"{len(drawn)} of {len(chosen)} loops were drawn (--sample {sample}, seed {seed}): {shown(drawn)}; "
+                    f"{left} were not computed")
+            notes.append(Note("sampled", text, {"loops": float(left), "seed": float(seed), "drawn": ", ".join(drawn)}))
+        chosen = drawn
+    return chosen, notes
+
+
+def is_named(name: str, only: Sequence[str]) -> bool:
+    """Say whether a loop is one of those named, also by wildcards; all are where none is named."""
+    return not only or any(name == pattern or fnmatchcase(name.lower(), pattern.lower()) for pattern in only)
+
+
+def is_matching(name: str, matching: Sequence[str]) -> bool:
+    """Say whether a loop's name fits a pattern; every name does where there is none."""
+    return not matching or any(check_pattern(pattern)(name) for pattern in matching)
+
+
+def draw(names: Sequence[str], count: int, seed: int = 0) -> list[str]:
+    """Return `count` of the names, in order: those whose hash with the seed is smallest.
+
+    So a plant that grows by a few loops keeps nearly the same sample, and every night looks at the same loops.
+    """
+    def place(name: str) -> bytes:
+        return hashlib.sha256(f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest()
+
+    return sorted(sorted(names, key=place)[:count])
+
+
+def shown(names: Sequence[str]) -> str:
+    """The first names, and how many more there are."""
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return ", ".join(name[:40] for name in names[:SHOWN]) + more
+
+
+@dataclass(frozen=True)
+class Since:
+    """What --since leaves. loops: from the moment on [microseconds since 1970 UTC]. lost: those that cannot be cut."""
+
+    moment: int
+    loops: dict[str, LoopSeries]
+    notes: list[Note]
+    lost: list[Note]
+
+
+def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None) -> Since:
+    """Take off what lies before a moment, or before an age of the last stamp of all series found.
+
+    Of signals with rows of their own (a setpoint that is recorded when it changes) the last value before the moment
+    stays, as it still holds. Raises UsageError when the data have no times, InputError when no loop has later ones.
+    """
+    moment, age = parse_since(when, timezone)
+    last = max((last for axis in {id(item.axis): item.axis for item in found}.values()
+                if (last := axis.last()) is not None), default=None)
+    if moment is None:
+        if last is None:
+            raise UsageError("the data have no times", where=f"--since {when}", remedy="leave --since out")
+        moment = last - age
+    cut = _Cut(moment)
+    kept, without, lost = {}, [], []
+    for name, own in loops.items():
+        measured = own.roles.get("pv", [])
+        if not age and any(not item.axis.absolute for item in measured):
+            error = InputError("the times count from an unknown start", where=measured[0].where,
+                               remedy="give --since as an age, such as 3h")
+            lost.append(failure(error, loop=name))
+            continue
+        own = cut.loop(own)
+        if measured and "pv" not in own.roles:
+            without.append(name)
+        else:
+            kept[name] = own
+    text = f"{utc_text(moment)} UTC"
+    if without and not kept:
+        ends = "" if last is None else f"; the data end at {utc_text(last)} UTC"
+        raise InputError(f"no loop has data since {text}{ends}", where=f"--since {when}",
+                         remedy="give an earlier time, or an age such as 3d")
+    notes = [Note("since", f"data before {text} were left out (--since {when})", {"since": text})]
+    if without:
+        said = f"{len(without)} of {len(loops)} loops have no data since {text} and were not computed: {shown(without)}"
+        notes.append(Note("nothing_since", said, {"loops": float(len(without)), "names": ", ".join(without)}))
+    return Since(moment, kept, notes, lost)
+
+
+class _Cut:
+    """Takes off what lies before a moment; series that share their rows share the shorter ones too."""
+
+    def __init__(self, moment: int) -> None:
+        self.moment = moment
+        self._axes: dict[tuple[int, bool], tuple[Axis, slice | IntArray]] = {}
+
+    def loop(self, loop: LoopSeries) -> LoopSeries:
+        own = {id(item.axis) for item in loop.roles.get("pv", ())}
+        roles, extra = ({name: parts for name, items in signals.items() if (parts := [
+            part for item in items if (part := self._part(item, keep_one=id(item.axis) not in own)).count])}
+            for signals in (loop.roles, loop.extra))
+        return LoopSeries(loop.name, roles, extra, loop.missing_tags)
+
+    def _part(self, item: Series, *, keep_one: bool) -> Series:
+        key = id(item.axis), keep_one
+        if key not in self._axes:
+            rows = self._rows(item.axis.micros, keep_one)
+            whole = isinstance(rows, slice) and not rows.start and rows.stop is None
+            self._axes[key] = item.axis if whole else item.axis.part(rows), rows
+        axis, rows = self._axes[key]
+        return item if axis is item.axis else item.part(axis, rows)
+
+    def _rows(self, micros: IntArray, keep_one: bool) -> slice | IntArray:
+        before = (micros < self.moment) & (micros != NAT)
+        if keep_one and before.any():
+            held = np.flatnonzero(before)
+            before[held[np.argmax(micros[held])]] = False
+        later = np.flatnonzero(~before & (micros != NAT))
+        if not len(later):
+            return slice(0, 0)
+        first = int(later[0])
+        return np.flatnonzero(~before) if before[first:].any() else slice(first, None)
+
+
+Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]

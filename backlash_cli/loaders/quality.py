@@ -17,13 +17,10 @@ _BAD = re.compile(r"^\s*(?:bad|uncertain|questionable|invalid|not ?good|schlecht
                   r"(?:bad|uncertain)[ ,(/:_\-].*)\s*$", re.IGNORECASE)
 _DOUBT = re.compile(r"bad|uncertain|substitut|last ?(?:usable|known)|stale", re.IGNORECASE)
 _ONE_IS_GOOD = re.compile(r"^(?!.*(?:inv|bad|not|un)).*(?:valid|good|gültig|gueltig)", re.IGNORECASE)
-_AUTO = re.compile(
-    r"^(?:aut.*|a|cas.*|kas.*|c|r-?cas.*|remote.*|rsp|ext.*|r|bcas.*|b-?cas.*|on|true|prog.*|sup.*|normal|"
-    r"closed.*)$",
-    re.IGNORECASE,
-)
+_AUTO = re.compile(r"^(?:aut.*|a|cas.*|kas.*|c|r-?cas.*|remote.*|rsp|ext.*|r|bcas.*|b-?cas.*|on|true|prog.*|sup.*|"
+                   r"normal|closed.*|[123](?:\.0*)?)$", re.IGNORECASE)
 _MANUAL = re.compile(r"^(?:man.*|m|hand.*|h|lo|local.*|i-?man.*|iman.*|init.*|tr.*|oos|out.?of.?serv.*|rout|r-?out|"
-                     r"off|false|bman|force.*|hold|open.*|stop.*)$", re.IGNORECASE)
+                     r"off|false|bman|force.*|hold|open.*|stop.*|0(?:\.0*)?)$", re.IGNORECASE)
 
 
 def quality_words(words: list[str]) -> bool:
@@ -101,32 +98,17 @@ def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[
     if words and np.isfinite(values[~bad]).all() and not bad.all():
         return _auto_numbers(np.append(values, np.nan)[codes], extra, notes), notes
     states, unknown = [], []
-    for word in words:
-        text = word.strip()
-        key = text.lower()
-        if key in extra or _AUTO.match(text):
-            states.append(1.0)
-        elif _MANUAL.match(text):
-            states.append(0.0)
-        elif not text:
+    for text in map(str.strip, words):
+        if not text:
             states.append(np.nan)
-        else:
-            states.append(_number_state(text, extra))
-            if np.isnan(states[-1]):
-                states[-1] = 0.0
-                unknown.append(text)
+            continue
+        states.append(float(text.lower() in extra or bool(_AUTO.match(text))))
+        if not states[-1] and not _MANUAL.match(text):
+            unknown.append(text)
     if unknown:
         notes.append(Note("mode_words", f"modes {_some(unknown)} are not known and count as not automatic "
                           "(auto_modes in loops.toml names further ones)"))
     return np.append(np.array(states, float), np.nan)[codes], notes
-
-
-def _number_state(text: str, extra: set[str]) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        return np.nan
-    return float(value != 0) if value in (0, 1, 2, 3) else np.nan
 
 
 def _auto_numbers(values: FloatArray, extra: set[str], notes: list[Note]) -> FloatArray:
@@ -147,12 +129,8 @@ def _auto_numbers(values: FloatArray, extra: set[str], notes: list[Note]) -> Flo
     else:
         auto = values == 1
         shown = ", ".join(f"{v:g}" for v in distinct[:5])
-        notes.append(
-            Note(
-                "mode_numbers",
-                f"modes {shown} are not all known; only 1 counts as automatic (auto_modes in loops.toml names others)",
-            )
-        )
+        notes.append(Note("mode_numbers", f"modes {shown} are not all known; only 1 counts as automatic (auto_modes in "
+                          "loops.toml names others)"))
     out[present] = auto[present]
     return out
 

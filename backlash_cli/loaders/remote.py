@@ -11,6 +11,7 @@ import os
 import re
 import stat
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -52,14 +53,14 @@ def open_place(path: Path | Remote) -> BinaryIO:
     return path.open_bytes() if isinstance(path, Remote) else open(path, "rb", buffering=0)
 
 
+@dataclass(frozen=True, order=True)
 class Remote(PathLike[str]):
     """A file or folder behind an address; every failure is an InputError that says what to do.
 
     Credentials come from where the drivers look for them (environment, ~/.aws, ~/.config/fsspec ...), never from here.
     """
 
-    def __init__(self, url: str) -> None:
-        self.url = url
+    url: str
 
     @property
     def scheme(self) -> str:
@@ -174,18 +175,6 @@ class Remote(PathLike[str]):
         return self.url
 
     __str__ = __fspath__
-
-    def __repr__(self) -> str:
-        return f"Remote({self.url!r})"
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Remote) and self.url == other.url
-
-    def __hash__(self) -> int:
-        return hash(self.url)
-
-    def __lt__(self, other: PathLike[str]) -> bool:
-        return self.url < os.fspath(other)
 
     def __reduce__(self) -> tuple[type[Remote], tuple[str]]:
         return Remote, (self.url,)

@@ -16,23 +16,8 @@ from .options import ReadOptions
 from .order import NAT
 from .quality import automatic
 from .signals import Axis, Series
-from .states import hold_last
 
 LONGEST_FILL = 60  # samples, however slow the controller
-
-
-MODE_EMPTY = Note("mode_empty", "the MODE column is empty; the loop is taken to be in automatic")
-
-
-def mode_before(first: float | None, samples: int) -> tuple[float, Note]:
-    """Return the mode before the first recorded one (1 automatic), and what is to be said of so many samples.
-
-    A first change to manual means automatic before, and the other way round.
-    """
-    automatic_first = first == 0.0
-    text = f"{samples} samples before the first recorded mode are taken as "
-    note = Note("mode_unknown", text + ("automatic" if automatic_first else "not automatic"))
-    return (1.0 if automatic_first else 0.0), note
 
 
 @dataclass
@@ -59,7 +44,8 @@ class Frame:
             return on_grid(pv.values, self.grid), None
         limit = (MAX_HOLE + 1.5) * self.grid.step
         if self.grid.kind == "compressed":
-            limit = max(limit, GAP_FACTOR * usual_spacing(pv))
+            steps = _good_steps(pv)  # 99 % of the records keep this spacing
+            limit = max(limit, GAP_FACTOR * (0.0 if steps is None else steps.quantile(0.99)))
         if self.options.interpolation == "hold":
             values = held(pv, self.grid, limit, self.bridge)
         else:
@@ -74,7 +60,9 @@ class Frame:
         signal = self.joiner.signal(self.loop.roles[role], role, self.loop.name)
         self.notes += signal.notes
         if signal.axis is not self.axis:
-            self.notes.append(own_times(role, self.options))
+            how = "interpolated on straight lines" if self.options.interpolation == "linear" else (
+                "held until the next record")
+            self.notes.append(Note("expanded", f"{role.upper()} is recorded at its own times; it is {how}"))
         return self._expanded(signal, role)
 
     def disturbance(self, items: list[Series]) -> FloatArray | None:
@@ -97,13 +85,15 @@ class Frame:
             parts.append((item.axis, values))
         signal = Signal(self.joiner.axis([a for a, _ in parts]), np.concatenate([v for _, v in parts]), None)
         if not np.isfinite(signal.values).any() and "mode" not in self.carried:
-            return None, [*notes, MODE_EMPTY]
+            return None, [*notes, Note("mode_empty", "the MODE column is empty; the loop is taken to be in automatic")]
         values = self._expanded(signal, "mode")
         unknown = np.isnan(values)
         if unknown.any():
-            before, note = mode_before(None if unknown.all() else float(values[~unknown][0]), int(unknown.sum()))
+            # a first change to manual means automatic before, and the other way round
+            before = not unknown.all() and float(values[~unknown][0]) == 0.0
             values = np.where(unknown, before, values)
-            notes.append(note)
+            notes.append(Note("mode_unknown", f"{int(unknown.sum())} samples before the first recorded mode are taken "
+                              f"as {'automatic' if before else 'not automatic'}"))
         return values == 0.0, notes
 
     def _expanded(self, signal: Signal, role: str) -> FloatArray:
@@ -123,8 +113,6 @@ class Frame:
             values = on_grid(signal.values, self.grid)
             if not np.isnan(values).any():
                 return values
-            if signal.bad is None and role != "sp" and np.count_nonzero(np.isnan(values)) < SPARSE_SHARE * len(values):
-                return bridged(values, self.grid.index, self.bridge)
         limit = None
         if role not in ("sp", "mode"):
             limit = max(hold_limit(signal), (self.bridge + 1.5) * self.grid.step)
@@ -133,23 +121,6 @@ class Frame:
         # rows stamped now early, now late are still one scan each: PV and OP of a row belong together
         late = self.grid.step // 2 if self.grid.kind == "jitter" and signal.axis is self.axis else 0
         return held(signal, self.grid, limit, self.bridge, late)
-
-
-def bridged(values: FloatArray, index: IntArray, bridge: int) -> FloatArray:
-    """Hold a few blank cells, but not across a gap. index: (samples,) grid numbers."""
-    out = hold_last(values, bridge)
-    if index[-1] - index[0] != len(index) - 1:
-        first = np.flatnonzero(np.diff(index) > 1) + 1
-        for position in first[np.isnan(values[first])]:
-            known = np.flatnonzero(np.isfinite(values[position:]))
-            out[position : position + known[0] if len(known) else None] = np.nan
-    return out
-
-
-def own_times(role: str, options: ReadOptions) -> Note:
-    """Say how a signal that has stamps of its own is brought to those of the measurement."""
-    how = "interpolated on straight lines" if options.interpolation == "linear" else "held until the next record"
-    return Note("expanded", f"{role.upper()} is recorded at its own times; it is {how}")
 
 
 def grid_of(pv: Signal, made: Callable[[Signal], Grid] | None = None) -> tuple[Grid, Signal]:
@@ -227,12 +198,6 @@ def held(signal: Signal, grid: Grid, limit: float | None, bridge: int, late: int
         few = max((bridge + 0.5) * grid.step, (MAX_HOLE + 0.5) * spacing)
         out[stale & (age > few)] = np.nan
     return out
-
-
-def usual_spacing(signal: Signal) -> float:
-    """The spacing in microseconds that 99 % of the records of a signal keep."""
-    steps = _good_steps(signal)
-    return 0.0 if steps is None else steps.quantile(0.99)
 
 
 def hold_limit(signal: Signal) -> float:

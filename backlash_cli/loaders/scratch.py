@@ -138,10 +138,11 @@ class Segment:
 
 class Store:
     """Columns of equal length that are written once, in pieces, and read often. groups: numbers of the rows' groups
-    (tags) stand in the column "group" of each piece; rows are then kept group by group."""
+    (tags) stand in the column "group" of each piece; rows are then kept group by group. stays: in memory, also when it
+    is sent elsewhere."""
 
-    def __init__(self, room: Room, *, groups: bool = False) -> None:
-        self.room, self.groups = room, groups
+    def __init__(self, room: Room, *, groups: bool = False, stays: bool = False) -> None:
+        self.room, self.groups, self.stays = room, groups, stays
         self.segments: list[Segment] = []
         self.firsts: list[int] = [0]  # row of each segment, and the number of all
         self.starts: list[IntArray] = []  # of each segment: where its groups begin
@@ -224,7 +225,7 @@ class Store:
         return out.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        for segment in self.segments:
+        for segment in () if self.stays else self.segments:
             segment.spill()  # so that no process gets a copy of its own
         return self.__dict__
 

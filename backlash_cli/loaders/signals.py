@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Protocol
@@ -16,7 +16,7 @@ from ..record import FloatArray, IntArray, Note
 from .grid import Grid, make_grid
 from .numbers import Numbers, main_unit, number_texts, parse_words
 from .order import NAT, Ordered, ordered
-from .scratch import Store
+from .scratch import Arrays, Room, Store
 
 PIECE = 1 << 20  # rows that are looked at together
 MOST_AXES = 6  # whose stamps are kept in memory
@@ -156,6 +156,27 @@ class SomeRows:
         return found if first >= last else self._taken(found, first, last)
 
 
+def stored_below(rows: Rows | None) -> StoredRows | None:
+    """Return the rows of the scratch file that these are some of, None where they lie elsewhere."""
+    while isinstance(rows, SomeRows):
+        rows = rows.base
+    return rows if isinstance(rows, StoredRows) else None
+
+
+def packed(rows: Rows, columns: Iterable[str]) -> Rows:
+    """Return rows with the samples of some columns that lie in the scratch file of this machine in memory."""
+    base = stored_below(rows)
+    if base is None:
+        return rows
+    arrays: Arrays = {}
+    for column in filter(None, columns):
+        cells = rows.cells(column, 0, rows.count)
+        arrays |= {column: cells.values} if cells.codes is None else {column: cells.values, f"{column}w": cells.codes}
+    store = Store(Room(1 << 62), stays=True)
+    store.add(arrays)
+    return StoredRows(store.close(), rows.count, base.lexicons)
+
+
 def part_of(rows: Rows, chosen: slice | IntArray) -> Rows:
     """Return some rows of others."""
     if isinstance(chosen, slice):
@@ -164,34 +185,37 @@ def part_of(rows: Rows, chosen: slice | IntArray) -> Rows:
     return SomeRows(rows, len(chosen), which=chosen)
 
 
+@dataclass(eq=False)
 class Axis:
     """The stamps of a set of rows, shared by all signals recorded in these rows.
 
-    rows, column: where they lie; or micros: (rows,) microseconds since 1970 UTC, NAT where unreadable. where: file.
+    rows, column: where they lie; or given: (rows,) microseconds since 1970 UTC, NAT where unreadable. where: file.
     first_line: line of row 0. absolute: False for stamps that count from an unknown start. parts: first rows of
-    further files. What is found out about them is kept for the axes used last.
+    further files. end: the last stamp where it is known. What is found out about them is kept for the axes used last.
     """
 
+    rows: Rows | None = None
+    column: str = ""
+    given: IntArray | None = None
+    absolute: bool = True
+    notes: tuple[Note, ...] = ()
+    where: str = ""
+    first_line: int = 0
+    parts: tuple[int, ...] = ()
+    end: int | None = None
+    _micros: IntArray | None = field(default=None, init=False)
+    _order: Ordered | None = field(default=None, init=False)
+    _grid: Grid | None = field(default=None, init=False)
     _recent: ClassVar[list[ref[Axis]]] = []
 
-    def __init__(self, rows: Rows | None = None, column: str = "", *, micros: IntArray | None = None,
-                 absolute: bool = True, notes: tuple[Note, ...] = (), where: str = "", first_line: int = 0,
-                 parts: tuple[int, ...] = (), last: int | None = None) -> None:
-        self.rows, self.column, self._given = rows, column, micros
-        self.absolute, self.notes, self.where, self.first_line, self.parts = absolute, notes, where, first_line, parts
-        self._last = last
-        self._micros: IntArray | None = None
-        self._order: Ordered | None = None
-        self._grid: Grid | None = None
-
     def __len__(self) -> int:
-        return len(self._given) if self._given is not None else 0 if self.rows is None else self.rows.count
+        return len(self.given) if self.given is not None else 0 if self.rows is None else self.rows.count
 
     @property
     def micros(self) -> IntArray:
         """(rows,) All stamps."""
-        if self._given is not None:
-            return self._given
+        if self.given is not None:
+            return self.given
         if self._micros is None:
             self._micros = self.read(0, len(self))
             self._used()
@@ -199,7 +223,7 @@ class Axis:
 
     def read(self, first: int, last: int) -> IntArray:
         """Return the stamps of rows first..last-1."""
-        if self._given is not None or self._micros is not None:
+        if self.given is not None or self._micros is not None:
             return self.micros[first:last]
         return np.zeros(0, np.int64) if self.rows is None else self.rows.stamps(self.column, first, last)
 
@@ -210,7 +234,7 @@ class Axis:
 
     def last(self) -> int | None:
         """Return the last stamp, None if there is none."""
-        last = self._last if self._last is not None else max((int(p.max()) for p in self.pieces()), default=NAT)
+        last = self.end if self.end is not None else max((int(p.max()) for p in self.pieces()), default=NAT)
         return None if last == NAT else last
 
     def order(self, probe: FloatArray | None = None) -> Ordered:
@@ -228,11 +252,14 @@ class Axis:
 
     def part(self, chosen: slice | IntArray) -> Axis:
         """Return the stamps of some rows."""
-        about: dict[str, Any] = {"absolute": self.absolute, "notes": self.notes, "where": self.where}
-        if self._given is not None or self.rows is None:
-            return Axis(micros=self.micros[chosen], **about)
+        if self.given is not None or self.rows is None:
+            return replace(self, given=self.micros[chosen], first_line=0, parts=(), end=None)
         line = self.first_line + int(chosen.start or 0) if isinstance(chosen, slice) and self.first_line else 0
-        return Axis(part_of(self.rows, chosen), self.column, first_line=line, **about)
+        return replace(self, rows=part_of(self.rows, chosen), first_line=line, parts=(), end=None)
+
+    def packed(self) -> Axis:
+        """Return these stamps in memory where they lie in the scratch file of this machine."""
+        return self if stored_below(self.rows) is None else replace(self, rows=None, given=self.micros)
 
     def _used(self) -> None:
         """Forget what was found out of the axes that were not used for long; it can be found out again."""

@@ -5,6 +5,8 @@ Looks at some dozens of lines at the beginning and the end of the first megabyte
 
 from __future__ import annotations
 
+import contextlib
+import csv
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -37,7 +39,7 @@ _DECIMAL_POINT = re.compile(r"^\s*[+-]?(?:\d*\.\d+|\d{1,3}(?:,\d{3})+\.\d*)\s*(?
 _GROUPED = re.compile(r"^\s*-?[1-9]\d{0,2},\d{3}\s*$")
 
 Line = tuple[int, int, str]
-Row = tuple[int, int, list[str]]
+Row = tuple[int, list[str]]
 HEAD_SIZES = (256 << 10, 4 << 20)
 
 
@@ -45,8 +47,7 @@ HEAD_SIZES = (256 << 10, 4 << 20)
 class Dialect:
     """names: column names as written. offset: byte where the data begin. line: number of that line.
 
-    decimal: sign before the fraction. kinds: what each column holds in the first and last rows seen. units: line
-    of units below the header. quoted_lines: cells may hold line ends.
+    decimal: sign before the fraction. kinds: what each column holds in the first and last rows seen.
     """
 
     delimiter: str
@@ -55,8 +56,6 @@ class Dialect:
     line: int
     decimal: str = "."
     kinds: tuple[str, ...] = ()
-    units: tuple[str, ...] = ()
-    quoted_lines: bool = False
 
 
 def find_dialect(text: bytes, complete: bool, options: ReadOptions, where: str) -> Dialect:
@@ -92,8 +91,7 @@ def sniff(head: str, complete: bool, options: ReadOptions, where: str) -> Dialec
     if not lines:
         raise InputError("file holds no data", where=where, remedy="export it again")
     last = [text for _, _, text in lines[-min(24, max(1, len(lines) // 2)) :]]
-    delimiter = options.delimiter or (declared[1] if declared else _delimiter(last, [text for _, _,
-                                                                                     text in lines[:30]]))
+    delimiter = options.delimiter or (declared[1] if declared else _delimiter(last, [row[2] for row in lines[:30]]))
     tail = [split_line(text, delimiter) for text in last]
     width = Counter(map(len, tail)).most_common(1)[0][0]
     tail = [cells for cells in tail if len(cells) == width]
@@ -106,14 +104,12 @@ def sniff(head: str, complete: bool, options: ReadOptions, where: str) -> Dialec
                              remedy="leave --delimiter out to have it found, or name another")
         _refuse_without_data(lines, delimiter, width, where)
     assert first is not None
-    before = [(number, at, split_line(text, delimiter)) for number, at, text in lines[:first][-HEAD_LINES // 10 :]]
-    names, units = column_names(before, width, options, where)
+    before = [(number, split_line(text, delimiter)) for number, _, text in lines[:first][-HEAD_LINES // 10 :]]
+    names = column_names(before, width, options, where)
     data = [split_line(text, delimiter) for _, _, text in lines[first : first + (6 if width > 300 else 24)]]
-    kinds = _filled_in(kinds, data)
     number, at, _ = lines[first]
-    return Dialect(delimiter, names, len(head[:at].encode("utf-8", errors="replace")), number, options.decimal
-                   or _decimal([*data, *tail], delimiter), kinds, units, any("\n" in text or "\r" in text for _, _,
-                                                                             text in lines[first:]))
+    return Dialect(delimiter, names, len(head[:at].encode("utf-8", errors="replace")), number,
+                   options.decimal or _decimal([*data, *tail], delimiter), _filled_in(kinds, data))
 
 
 def _delimiter(lines: list[str], first: list[str]) -> str:
@@ -213,27 +209,23 @@ def _refuse_without_data(lines: list[Line], delimiter: str, width: int, where: s
     if width < 2:
         raise InputError("no columns found: the lines have no common delimiter", where=where,
                          remedy="name it with --delimiter, or export as CSV")
-    raise InputError(
-        "no rows with a time and numbers found: this is not an export of measurements",
-        where=where,
-        remedy="name the time with --time-format, the decimal sign with --decimal, the header with --header-row",
-    )
+    raise InputError("no rows with a time and numbers found: this is not an export of measurements", where=where,
+                     remedy="name the time with --time-format, the decimal sign with --decimal, the header with "
+                     "--header-row")
 
 
-def column_names(before: Sequence[Row], width: int, options: ReadOptions, where: str) -> tuple[tuple[str, ...],
-                                                                                               tuple[str, ...]]:
-    """Return (names, units) from the lines above the data; a two-line header is put together."""
+def column_names(before: Sequence[Row], width: int, options: ReadOptions, where: str) -> tuple[str, ...]:
+    """Return the names from the lines above the data; a two-line header is put together."""
     if options.columns:
-        return _fit(list(options.columns), width), ()
+        return _fit(list(options.columns), width)
     if options.header_row is not None:
-        chosen = [cells for number, _, cells in before if number == options.header_row]
+        chosen = [cells for number, cells in before if number == options.header_row]
         if not chosen:
             raise InputError(f"line {options.header_row} cannot be the header", where=where)
-        return _fit(chosen[0], width), ()
-    plain_rows = [cells for _, _, cells in before if not COMMENT.match(cells[0])]
-    rows = [cells for cells in plain_rows if _spans(cells, width)]
+        return _fit(chosen[0], width)
+    rows = [cells for _, cells in before if not COMMENT.match(cells[0]) and _spans(cells, width)]
     if not rows:
-        commented = [cells for _, _, cells in before if COMMENT.match(cells[0]) and _spans(cells, width)]
+        commented = [cells for _, cells in before if COMMENT.match(cells[0]) and _spans(cells, width)]
         rows = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in commented[-1:]]
         if not rows or score_names(rows[0]) == 0:
             rows = []
@@ -248,9 +240,8 @@ def column_names(before: Sequence[Row], width: int, options: ReadOptions, where:
         for other in others:
             joined = _joined(names, other)
             if len(set(joined)) > len(set(names)):
-                return joined, ()
-    below = [_fit(row, width) for row in rows[best + 1 :]]
-    return names, below[0] if below else ()
+                return joined
+    return names
 
 
 def _spans(cells: list[str], width: int) -> bool:
@@ -337,31 +328,11 @@ def kind(cell: str) -> str:
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
-    """Split one line into cells; quotes are honoured, a quote that never ends is taken as it is."""
-    if '"' not in line:
-        return line.split(delimiter)
-    cells: list[str] = []
-    position, size = 0, len(line)
-    while position <= size:
-        if line.startswith('"', position):
-            end = position + 1
-            while True:
-                end = line.find('"', end)
-                if end < 0:
-                    return cells + line[position:].split(delimiter)
-                if line.startswith('""', end):
-                    end += 2
-                    continue
-                break
-            stop = line.find(delimiter, end)
-            stop = size if stop < 0 else stop
-            cells.append(line[position + 1 : end].replace('""', '"') + line[end + 1 : stop])
-        else:
-            stop = line.find(delimiter, position)
-            stop = size if stop < 0 else stop
-            cells.append(line[position:stop])
-        position = stop + 1
-    return cells
+    """Split one line into cells; quotes are honoured."""
+    if '"' in line:
+        with contextlib.suppress(csv.Error):  # of quotes that are none
+            return next(csv.reader([line], delimiter=delimiter), [""])
+    return line.split(delimiter)
 
 
 def lines_of(text: str) -> list[tuple[int, int, str]]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -38,6 +39,17 @@ class Source(PathLike[str]):
 
     def __fspath__(self) -> str:
         return str(self.path)
+
+    def mark(self) -> str:
+        """Return what changes when the content of the file does, "" where that cannot be known."""
+        try:
+            if isinstance(self.path, Remote):
+                version = self.path.version()
+                return version if " " in version else ""  # its size alone says too little
+            about = self.path.stat()
+            return f"{about.st_size} {about.st_mtime_ns} {about.st_ctime_ns}"
+        except OSError:
+            return ""
 
 
 def find_sources(inputs: str | PathLike[str] | Sequence[str | PathLike[str]]) -> list[Source]:
@@ -133,46 +145,36 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
 
     A CSV table (NAME.loops.csv, loops.csv) is found the same way when there is no TOML.
     """
-    found: dict[Path | Remote, None] = {}
     folders = [path for path in map(place, inputs) if path.is_dir()]
-    for path in folders:
-        for sidecar in (*_candidates(path.parent, path.name), *_plain(path)):
-            if _is_file(sidecar):
-                found.setdefault(sidecar)
-                break
-    seen: dict[Path | Remote, Path | Remote | None] = {}
+
+    def first(candidates: Iterable[Path | Remote], source: Source | None = None) -> Path | Remote | None:
+        return next((c for c in candidates if _there(c, source)), None)
+
+    found = [first((*_named(path.parent, path.name), *_plain(path))) for path in folders]
+    plain: dict[Path | Remote, Path | Remote | None] = {}
     for source in sources:
         folder = source.path.parent
-        names = (stem_of(source.path), source.path.name)
-        own = next((c for c in _candidates(folder, *names) if _there(c, source)), None)
+        own = first(_named(folder, stem_of(source.path), source.path.name), source)
         if own is None:
-            if folder not in seen:
-                seen[folder] = next((c for c in _plain(folder) if _there(c, source)), None)
-            own = seen[folder]
-        if own is not None:
-            found.setdefault(own)
-    if not found:
-        for path in folders:
-            up = next((c for c in _plain(path.absolute().parent) if _is_file(c)), None)
-            if up is not None:
-                found.setdefault(up)
-    return list(found)
+            if folder not in plain:
+                plain[folder] = first(_plain(folder), source)
+            own = plain[folder]
+        found.append(own)
+    if not any(found):
+        found = [first(_plain(path.absolute().parent)) for path in folders]
+    return [path for path in dict.fromkeys(found) if path is not None]
 
 
-def _there(sidecar: Path | Remote, source: Source) -> bool:
+def _there(sidecar: Path | Remote, source: Source | None) -> bool:
     """Whether a file stands beside a source; asked of the listing where there is one, which costs nothing."""
-    return _is_file(sidecar) if source.beside is None else sidecar.name in source.beside
+    if source is not None and source.beside is not None:
+        return sidecar.name in source.beside
+    with contextlib.suppress(InputError):  # some stores answer "denied" for an object that is not there
+        return sidecar.is_file()
+    return False
 
 
-def _is_file(path: Path | Remote) -> bool:
-    """Whether a file is there; some stores answer "denied" for an object that is not."""
-    try:
-        return path.is_file()
-    except InputError:
-        return False
-
-
-def _candidates(folder: Path | Remote, *names: str) -> list[Path | Remote]:
+def _named(folder: Path | Remote, *names: str) -> list[Path | Remote]:
     return [folder / f"{name}.loops.{ending}" for name in names for ending in ("toml", "csv")]
 
 

@@ -55,26 +55,12 @@ def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[Floa
     return out, filled
 
 
-def hold_last(values: FloatArray, longest: int | None = None) -> FloatArray:
-    """Fill nan with the last number before it, over at most `longest` samples."""
-    known = np.isfinite(values)
-    if known.all():
-        return values
-    place = np.arange(len(values))
-    last = np.maximum.accumulate(np.where(known, place, -1))
-    out = np.where(last >= 0, values[last.clip(0)], np.nan)
-    if longest is not None:
-        out[place - last > longest] = np.nan
-    return out
-
-
-def saturated(output: FloatArray) -> NDArray[np.bool_] | None:
-    """(samples,) True where a normalised output stays at 0 or 1 for several samples; None when it never does."""
+def saturated(output: FloatArray) -> NDArray[np.bool_]:
+    """(samples,) True where a normalised output stays at 0 or 1 for several samples."""
     with np.errstate(invalid="ignore"):
-        at_limit = (output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT)
-    starts, ends = runs(at_limit)
+        starts, ends = runs((output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT))
     long = ends - starts >= LIMIT_RUN
-    return inside(starts[long], ends[long], len(output)) if long.any() else None
+    return inside(starts[long], ends[long], len(output))
 
 
 def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
@@ -85,35 +71,27 @@ def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
     return np.cumsum(edges[:-1]).astype(bool)
 
 
-def implausible(measurement: FloatArray) -> NDArray[np.bool_] | None:
+def implausible(measurement: FloatArray) -> NDArray[np.bool_]:
     """(samples,) True where a normalised measurement lies more than BEYOND spans outside its range."""
     with np.errstate(invalid="ignore"):
-        if np.fmin.reduce(measurement) >= -BEYOND and np.fmax.reduce(measurement) <= 1.0 + BEYOND:
-            return None
         return (measurement < -BEYOND) | (measurement > 1.0 + BEYOND)
 
 
-def frozen(values: FloatArray) -> NDArray[np.bool_] | None:
-    """(samples,) True where a measurement repeats one number for longer than its own noise allows; None if nowhere.
+def frozen(values: FloatArray) -> NDArray[np.bool_]:
+    """(samples,) True where a measurement repeats one number for longer than its own noise allows.
 
     A signal with noise repeats a number with some chance p, so a run of L repeats somewhere among n samples has
     chance about n p^L; runs with less than FROZEN_CHANCE are frozen. A signal without noise may stand still, as a
     valve does in its dead band: it must do so for QUIET_SHARE of the record.
     """
-    if len(values) < 2 * LEAST_CHANGES:
-        return None
-    starts, ends = runs(values[1:] == values[:-1])
-    if not len(starts) or (ends - starts).max() < FROZEN_RUN - 1:
-        return None
+    starts, ends = runs(values[1:] == values[:-1]) if len(values) >= 2 * LEAST_CHANGES else (np.zeros(0, int),) * 2
     lengths = ends - starts
+    if lengths.max(initial=0) < FROZEN_RUN - 1:
+        return np.zeros(len(values), bool)
     limit = _longest_by_chance(len(values), len(lengths), int(lengths.sum()))
     kept = lengths < limit
-    if kept.all():
-        return None
-    if not _noisy(values, starts[~kept], ends[~kept]):
+    if not kept.all() and not _noisy(values, starts[~kept], ends[~kept]):
         kept = lengths < max(limit, QUIET_SHARE * len(values))
-    if kept.all():
-        return None
     return inside(starts[~kept], ends[~kept] + 1, len(values))
 
 
@@ -140,11 +118,6 @@ def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
     return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))
 
 
-def complete(values: FloatArray) -> bool:
-    """Is there a finite number everywhere?"""
-    return bool(np.isfinite(values).all())
-
-
 def state_notes(counts: Counter[str], samples: int, *kinds: str) -> list[Note]:
     """Say how many of so many samples are of these kinds, in order."""
     found = []
@@ -161,14 +134,12 @@ def state_notes(counts: Counter[str], samples: int, *kinds: str) -> list[Note]:
 
 
 MEASURED = ("wild", "filled", "frozen", "saturated", "missing")
-_SAID = {
-    "wild": ("implausible", "samples of PV far outside the range (spikes) were rejected"),
-    "filled": ("filled", "samples in short holes were interpolated"),
-    "frozen": ("frozen", "repeat one number for too long (PV constant or frozen)"),
-    "saturated": ("saturated", "have the output at its limit"), "missing": ("missing", "have no measurement"),
-    "setpoint": ("setpoint_missing", "have no setpoint"), "output": ("output_missing", "have no output"),
-    "manual": ("manual", "are not in automatic"),
-}
+_SAID = {"wild": ("implausible", "samples of PV far outside the range (spikes) were rejected"),
+         "filled": ("filled", "samples in short holes were interpolated"),
+         "frozen": ("frozen", "repeat one number for too long (PV constant or frozen)"),
+         "saturated": ("saturated", "have the output at its limit"), "missing": ("missing", "have no measurement"),
+         "setpoint": ("setpoint_missing", "have no setpoint"), "output": ("output_missing", "have no output"),
+         "manual": ("manual", "are not in automatic")}
 
 
 class Samples:
@@ -188,7 +159,7 @@ class Samples:
         self._marks: dict[str, NDArray[np.bool_]] = {}
         self.measurement = self._measured(pv, op, interpolated, bridge)
         for what, values in (("setpoint", sp), ("output", op)):
-            if values is not None and not complete(values):
+            if values is not None and not np.isfinite(values).all():
                 self._mark(what, ~np.isfinite(values), SampleState.MISSING)
         if manual is not None:
             there = (self.state != SampleState.MISSING) & (self.state != SampleState.IMPLAUSIBLE)
@@ -200,28 +171,18 @@ class Samples:
 
     def _measured(self, pv: FloatArray, op: FloatArray | None, interpolated: NDArray[np.bool_] | None,
                   bridge: int) -> FloatArray:
-        y, wild = pv, implausible(pv)
-        if wild is not None:
-            y = np.where(wild, np.nan, y)
-            self._marks["wild"] = wild
-        lost = wild is not None or not complete(pv)
-        if lost:
-            y, filled = short_holes(y, self.index, bridge)
-            self._mark("filled", filled, SampleState.FILLED)
+        wild = implausible(pv)
+        self._marks["wild"] = wild
+        y, filled = short_holes(np.where(wild, np.nan, pv), self.index, bridge)
+        self._mark("filled", filled, SampleState.FILLED)
         if interpolated is not None:
             self.state[interpolated] = SampleState.FILLED
-        stuck = frozen(y)
-        if stuck is not None:
-            self._mark("frozen", stuck, SampleState.FROZEN)
-        limit = None if op is None else saturated(op)
-        if limit is not None:
-            self._mark("saturated", limit, SampleState.SATURATED)
-        if lost:
-            missing = ~np.isfinite(y)
-            if wild is not None:
-                self.state[missing & wild] = SampleState.IMPLAUSIBLE
-                missing &= ~wild
-            self._mark("missing", missing, SampleState.MISSING)
+        self._mark("frozen", frozen(y), SampleState.FROZEN)
+        if op is not None:
+            self._mark("saturated", saturated(op), SampleState.SATURATED)
+        missing = ~np.isfinite(y)
+        self.state[missing & wild] = SampleState.IMPLAUSIBLE
+        self._mark("missing", missing & ~wild, SampleState.MISSING)
         return y
 
     def _mark(self, what: str, where: NDArray[np.bool_], value: SampleState) -> None:

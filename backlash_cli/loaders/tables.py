@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -32,11 +32,10 @@ Table = TextTable | ParquetTable
 
 @dataclass
 class Reading:
-    """How files are read. wanted: says of a tag (or a loop, in rows of loops) whether its samples are needed; needed:
-    says of the named columns of a wide file which are. taken: called with the bytes of a file that were read."""
+    """How files are read. needed: says of named columns, or of the tags of rows by their numbers, whose samples are.
+    taken: called with the bytes of a file that were read."""
 
     options: ReadOptions
-    wanted: Callable[[str], bool] = lambda tag: True
     needed: Callable[[list[Named]], set[int]] = lambda found: {one.column for one in found}
     taken: Callable[[int], None] | None = None
     room: Room = field(default_factory=Room)
@@ -134,8 +133,8 @@ def _wide(table: Table, layout: Layout, reading: Reading) -> list[Series]:
         axes = _parquet_axes(table, rows, layout, reading)
     else:
         columns = sorted(set(layout.stored) & (needed | empty))  # what is still empty may be a tag of the loops file
-        store, stamps, words, filled = _stored(table, layout, columns, reading)
-        rows = StoredRows(store, stamps.rows, _lexicons(words, head.decimal))
+        store, stamps, lexicons, filled = _stored(table, layout, columns, reading)
+        rows = StoredRows(store, stamps.rows, lexicons)
         axes = _axes(stamps, table, layout)
         empty = set(columns) - filled
     found = []
@@ -160,35 +159,24 @@ def _where_stamped(series: Series) -> Series:
     return series.part(series.axis.part(chosen), chosen)
 
 
-def _stored(table: Table, layout: Layout, columns: Sequence[int], reading: Reading) -> tuple[
-        Store, _Stamps, dict[int, dict[str, int]], set[int]]:
+def _stored(table: Table, layout: Layout, columns: Sequence[int], reading: Reading, tags: _Tags | None = None) -> tuple[
+        Store, _Stamps, dict[str, Lexicon], set[int]]:
     """Store the columns of a file; return also its stamps, the texts of its columns, and which hold anything."""
-    head = table.head
-    store, stamps = Store(reading.room), _Stamps(head, layout, reading)
+    store, stamps = Store(reading.room), _Stamps(table.head, layout, reading)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
     filled: set[int] = set()
-    for batch in table.batches(columns, stamps.columns):
+    for batch in table.batches([*columns, *layout.naming], stamps.columns):
         stamps.take(batch)
-        arrays: Arrays = {}
+        arrays: Arrays = {} if tags is None else {"group": tags.take(batch)}
         for i in columns:
-            _put(arrays, i, batch[i], words[i], table, filled)
+            values, codes = stored(batch[i], words[i], table.head.decimal, written=isinstance(table, TextTable))
+            arrays |= {f"v{i}": values} if codes is None else {f"v{i}": values, f"v{i}w": codes}
+            if i not in filled and (codes is not None or not np.isnan(values).all()):
+                filled.add(i)
         if arrays:
             store.add(arrays)
-    return store.close(), stamps.close(), words, filled
-
-
-def _put(arrays: Arrays, i: int, column: pa.ChunkedArray, words: dict[str, int], table: Table, filled: set[int]
-         ) -> None:
-    values, codes = stored(column, words, table.head.decimal, written=isinstance(table, TextTable))
-    arrays[f"v{i}"] = values
-    if codes is not None:
-        arrays[f"v{i}w"] = codes
-    if i not in filled and (codes is not None or not np.isnan(values).all()):
-        filled.add(i)
-
-
-def _lexicons(words: dict[int, dict[str, int]], decimal: str) -> dict[str, Lexicon]:
-    return {f"v{i}": Lexicon(list(found), decimal) for i, found in words.items() if found}
+    lexicons = {f"v{i}": Lexicon(list(found), table.head.decimal) for i, found in words.items() if found}
+    return store.close(), stamps.close(), lexicons, filled
 
 
 class _Stamps:
@@ -267,25 +255,18 @@ def _grouped(table: Table, layout: Layout, reading: Reading) -> list[Series]:
     """Rows that belong to different tags or loops: they are put together by tag."""
     head, tall = table.head, layout.kind == "tall"
     header = (".".join(head.names[i].strip() for i in layout.naming),)
-    tags, stamps, store = _Tags(layout.naming, header), _Stamps(head, layout, reading), Store(reading.room)
-    words: dict[int, dict[str, int]] = {i: {} for i in layout.stored}
-    filled: set[int] = set()
-    for batch in table.batches([*layout.stored, *layout.naming], stamps.columns):
-        stamps.take(batch)
-        arrays: Arrays = {"group": tags.take(batch)}
-        for i in layout.stored:
-            _put(arrays, i, batch[i], words[i], table, filled)
-        store.add(arrays)
-    store.close()
-    stamps.close()
-    lexicons = _lexicons(words, head.decimal)
+    tags = _Tags(layout.naming, header)
+    store, stamps, lexicons, filled = _stored(table, layout, layout.stored, reading, tags)
     moved: list[tuple[int, int]] = []
     notes = stamps.readers[0].all_notes
     if not tall:
-        moved, more = _one_clock(store, stamps.store, lexicons, f"v{layout.values[0]}")
+        moved, more = _one_clock(store, stamps.store, f"v{layout.values[0]}")
         notes = (*notes, *more)
     names = list(tags.numbers)
-    wanted = np.array([reading.wanted(name) for name in names] + [False])
+    named = [[Named(k, f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i])
+              for i in layout.values] if tall else [of_tag(name, k)] for k, name in enumerate(names)]
+    needed = reading.needed([one for ones in named for one in ones])
+    wanted = np.array([k in needed for k in range(len(names))] + [False])
     last = NAT
 
     def by_tag(arrays: Arrays, first: int) -> Arrays:
@@ -303,23 +284,20 @@ def _grouped(table: Table, layout: Layout, reading: Reading) -> list[Series]:
 
     grouped = store.mapped(by_tag, groups=True)
     found = []
-    for number, name in enumerate(names):
+    for number in range(len(names)):
         count = int(grouped.group_rows(number).sum())
         rows = StoredRows(grouped, count, lexicons, number) if wanted[number] else None
         about: dict[str, Any] = {"absolute": stamps.readers[0].absolute, "notes": notes, "where": head.where}
-        axis = Axis(rows, "t0", **about) if rows is not None else Axis(last=last, **about)
+        axis = Axis(rows, "t0", **about) if rows is not None else Axis(end=last, **about)
         if not tall and rows is not None and not count:
             continue
-        for i in layout.values if not tall else [i for i in layout.values if i in filled]:
-            own = of_tag(name, i)
-            if tall:
-                own = Named(i, f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i])
-            found.append(_series(own, head, layout, axis, rows))
+        for i, one in zip(layout.values, named[number], strict=True):
+            if not tall or i in filled:
+                found.append(_series(replace(one, column=i), head, layout, axis, rows))
     return found
 
 
-def _one_clock(store: Store, stamps: Store, lexicons: dict[str, Lexicon], column: str) -> tuple[
-        list[tuple[int, int]], list[Note]]:
+def _one_clock(store: Store, stamps: Store, column: str) -> tuple[list[tuple[int, int]], list[Note]]:
     """A clock that was set back in a file written in time order went back for all tags, the rarely recorded too.
 
     Return after which rows by how much [microseconds] it did, and what is to be said of it.

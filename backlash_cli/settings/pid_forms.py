@@ -19,12 +19,8 @@ from typing import Any
 from ..errors import MetadataError
 
 FORMS = ("ideal", "series", "parallel")
-SECONDS = {
-    "ms": 1e-3, "msec": 1e-3, "millisecond": 1e-3,
-    "s": 1.0, "sec": 1.0, "second": 1.0,
-    "m": 60.0, "min": 60.0, "minute": 60.0,
-    "h": 3600.0, "hr": 3600.0, "hour": 3600.0,
-}  # fmt: skip
+SECONDS = {"ms": 1e-3, "msec": 1e-3, "millisecond": 1e-3, "s": 1.0, "sec": 1.0, "second": 1.0, "m": 60.0, "min": 60.0,
+           "minute": 60.0, "h": 3600.0, "hr": 3600.0, "hour": 3600.0}
 _QUANTITY = re.compile(r"^\s*([+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
 _RATE = re.compile(r"^(?:repeats?|reps?|r)?\s*(?:/|per\b|p(?=m$|s$))\s*(.+)$")
 
@@ -45,15 +41,6 @@ def series_to_ideal(K: float, Ti: float, Td: float) -> Tuning:
     Tuning(K=2.5, Ti=10.0, Td=1.6)
     """
     return Tuning(K * (Ti + Td) / Ti, Ti + Td, Ti * Td / (Ti + Td))
-
-
-def parallel_to_ideal(K: float, Ki: float, Kd: float) -> Tuning:
-    """Convert independent gains K, Ki [1/s], Kd [s] to the ideal form: Ti = K/Ki, Td = Kd/K.
-
-    >>> parallel_to_ideal(-2.0, -0.1, -3.0)
-    Tuning(K=-2.0, Ti=20.0, Td=1.5)
-    """
-    return Tuning(K, K / Ki, Kd / K)
 
 
 def number(value: Any, key: str) -> float:

@@ -6,26 +6,10 @@
 1000
 """
 
-from .applied import Applied, use
 from .controller import Compensator, Controller, Scheme
 from .loop import Trace, export, simulate, trace
 from .process import Process
-from .recorder import Recorder
-from .scenario import Manual, Scenario, Signal
+from .scenario import Applied, Manual, Recorder, Scenario, Signal, use
 
-__all__ = [
-    "Applied",
-    "Compensator",
-    "Controller",
-    "Manual",
-    "Process",
-    "Recorder",
-    "Scenario",
-    "Scheme",
-    "Signal",
-    "Trace",
-    "export",
-    "simulate",
-    "trace",
-    "use",
-]
+__all__ = ["Applied", "Compensator", "Controller", "Manual", "Process", "Recorder", "Scenario", "Scheme", "Signal",
+           "Trace", "export", "simulate", "trace", "use"]

@@ -1,6 +1,6 @@
 """What would a backlash compensator do to this loop? The same loads and noise, without it and with a range of gains.
 
-Advice to a person: nothing here reaches a control system.
+Noise and loads are those of the record. Advice to a person: nothing here reaches a control system.
 """
 
 from __future__ import annotations
@@ -9,15 +9,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..record import Note
+from ..record import FloatArray, Note, Record, SampleState
 from ..results.compensation import CompensationStudy, Glimpse, ProcessModel, Trial
-from .applied import use
 from .controller import Compensator, Controller, Scheme
 from .limit_cycle import limit_cycle
 from .loop import Trace, trace
 from .process import Process
-from .scenario import Scenario
+from .scenario import Scenario, use
 
+SMALLEST_LOAD, LARGEST_LOAD = 1.5, 0.2  # dead bands; span of output
 SHARES = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)  # gains shown, in dead bands
 MARGIN = 1.25  # the loop must stay quiet at this much more than the recommended gain
 MOST_TRAVEL = 1.3  # valve travel that is accepted, relative to the loop without compensator
@@ -27,6 +27,60 @@ LOAD_STEPS = 12
 SPACING = 12.0  # slowest time constants of the loop between load steps
 MOST_SAMPLES = 60_000
 SWING = 0.05  # dead bands: a valve that swings by less and for ever is not worth the name of limit cycle
+
+
+def white_deviation(values: FloatArray, index: FloatArray) -> float:
+    """Return the standard deviation of white noise on a slow signal (samples,), robust against steps and spikes.
+
+    From third differences over samples in a row, whose variance is 20 times that of the noise; slow motion, trends
+    and curvature cancel.
+    """
+    in_a_row = index[3:] - index[:-3] == 3
+    third = np.abs(np.diff(values, 3)[in_a_row])
+    third = third[np.isfinite(third)]
+    if not len(third):
+        return 0.0
+    size = 1.4826 * float(np.median(third))
+    if size == 0.0:
+        # coarse rounding: most samples repeat, and the noise shows in the steps of the others
+        size = float(np.sqrt(np.mean(np.sort(third)[: max(1, int(0.98 * len(third)))] ** 2)))
+    return size / float(np.sqrt(20.0))
+
+
+def noise_density(record: Record, controller: Controller) -> float:
+    """Return the density [span^2 s] of the measurement noise, in the sense of the effect `measurement_noise`.
+
+    A controller that samples faster than the historian sees less of the noise than the recorded PV tells. OP shows
+    how much arrives; but OP is often rounded, which looks like noise. The smaller of the two is right.
+    """
+    good = record.state == SampleState.GOOD
+    index = record.index[good].astype(np.float64)
+    density = white_deviation(record.measurement[good], index) ** 2 * record.interval
+    if record.output is not None:
+        arrived = white_deviation(record.output[good], index)
+        density = min(density, arrived**2 / output_variance(controller, record.interval))
+    return density
+
+
+def output_variance(controller: Controller, interval: float) -> float:
+    """Return what `white_deviation` squared sees of the output for white measurement noise of density 1 [1/s].
+
+    Third differences over `interval` [s] of noise with the spectrum K^2 (1 + w^2 Td^2) / (1 + w^2 Tf^2)^2, of which
+    they pass (2 sin(w h/2))^6; divided by 20, as for white noise.
+    """
+    tf, td = controller.filter_time, controller.Td
+    omega = np.linspace(0.0, 40.0 / min(tf, 3.0 * interval), 40_000)
+    spectrum = controller.K**2 * (1.0 + (omega * td) ** 2) / (1.0 + (omega * tf) ** 2) ** 2
+    return float(np.trapezoid(spectrum * (2.0 * np.sin(0.5 * omega * interval)) ** 6, omega) / (20.0 * np.pi))
+
+
+def typical_load(record: Record, d: float) -> float:
+    """Return the size of a load step that makes OP move as far as in the record [span of output]."""
+    smallest = SMALLEST_LOAD * d
+    if record.output is None:
+        return float(np.clip(2.0 * smallest, None, LARGEST_LOAD))
+    low, high = np.nanpercentile(record.output[record.usable], [10.0, 90.0])
+    return float(max(min(0.5 * (high - low), LARGEST_LOAD), smallest))
 
 
 @dataclass(frozen=True)
@@ -116,13 +170,11 @@ def judge(run: Trace, s: Study, gain: float) -> Trial:
     error = run.setpoint - run.process_output
     moves = np.diff(run.valve)
     directions = np.sign(moves[np.abs(moves) > 1e-9])
-    return Trial(
-        gain=gain, iae=float(np.mean(np.abs(error))), peak=float(np.max(np.abs(error))),
-        travel=float(np.sum(np.abs(moves))) / hours,
-        output_travel=float(np.sum(np.abs(np.diff(run.output)))) / hours,
-        reversals=float(np.count_nonzero(np.diff(directions))) / hours,
-        limit_cycle=goes_on_oscillating(s, gain),
-    )
+    return Trial(gain=gain, iae=float(np.mean(np.abs(error))), peak=float(np.max(np.abs(error))),
+                 travel=float(np.sum(np.abs(moves))) / hours,
+                 output_travel=float(np.sum(np.abs(np.diff(run.output)))) / hours,
+                 reversals=float(np.count_nonzero(np.diff(directions))) / hours,
+                 limit_cycle=goes_on_oscillating(s, gain))
 
 
 def goes_on_oscillating(s: Study, gain: float) -> bool:

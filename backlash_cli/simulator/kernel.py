@@ -76,19 +76,13 @@ def compensation(state: Any, p: Any, feedback: float, error: float) -> float:
     return half * state[3]
 
 
-@kernel(
-    POINTERS, INTEGERS, INTEGERS, INTEGERS, FLOATS, FLOATS,
-    MATRIX, FLOATS, FLOATS, FLOATS, FLOATS,
-    FLOATS, FLOATS, FLOATS, FLOATS, types.int64,
-    FLOATS, FLAGS, FLOATS, types.float64, types.float64, types.float64, MATRIX,
-    returns=types.int64,
-)  # fmt: skip
-def closed_loop(
-    steps: Any, state_at: Any, p_at: Any, ends: Any, states: Any, p: Any,
-    decay: Any, newer: Any, older: Any, readout: Any, line: Any,
-    pid_p: Any, pid_state: Any, comp_p: Any, comp_state: Any, every: int,
-    setpoint: Any, by_hand: Any, hand: Any, level: float, rest: float, limit: float, out: Any,
-) -> int:
+@kernel(POINTERS, INTEGERS, INTEGERS, INTEGERS, FLOATS, FLOATS, MATRIX, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS,
+        FLOATS, FLOATS, types.int64, FLOATS, FLAGS, FLOATS, types.float64, types.float64, types.float64, MATRIX,
+        returns=types.int64)
+def closed_loop(steps: Any, state_at: Any, p_at: Any, ends: Any, states: Any, p: Any, decay: Any, newer: Any,
+                older: Any, readout: Any, line: Any, pid_p: Any, pid_state: Any, comp_p: Any, comp_state: Any,
+                every: int, setpoint: Any, by_hand: Any, hand: Any, level: float, rest: float, limit: float,
+                out: Any) -> int:
     """Run the loop; fills out (5, samples): measurement, output, valve position, process output, filtered error.
 
     ends: [n valve and process effects, n with load effects, n with sensor effects] into the effects' tables.

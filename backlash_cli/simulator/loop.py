@@ -3,25 +3,93 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LoopError, MetadataError
+from ..effects.shape import Stage
+from ..errors import LoopError, MetadataError, nearest
 from ..record import FloatArray, Record, SampleState
-from .applied import use
-from .chain import Numbers, Table, series
-from .recorder import recorded
-from .scenario import Manual, Scenario, Signal, every
+from .scenario import Applied, Manual, Scenario, Signal, every, recorded, use
 
 __all__ = ["Manual", "Scenario", "Signal", "Trace", "export", "simulate", "trace", "use"]
-
 # the measurement of a loop that works stays within a few spans
 UNSTABLE_SPANS = 10.0
 # an output this close to its limit is at its limit
 AT_LIMIT = 1e-9
+
+
+class Numbers:
+    """Hands out independent random generators in a fixed order, all from one seed."""
+
+    def __init__(self, seed: int) -> None:
+        self._seed, self._used = seed, 0
+
+    def normal(self, size: int) -> FloatArray:
+        """Return (size,) standard normal numbers of the next generator."""
+        self._used += 1
+        return np.random.default_rng([self._seed, self._used]).standard_normal(size)
+
+
+def series(applied: Applied, samples: int, columns: Mapping[str, FloatArray], random: Numbers) -> FloatArray:
+    if applied.effect.draws:
+        return random.normal(applied.effect.draws * (samples + 1))
+    if not applied.effect.column:
+        return np.empty(0)
+    if applied.column is None or applied.column not in columns:
+        raise MetadataError(f"{applied.effect.name} needs a measured column, not '{applied.column}'",
+                            remedy=nearest(str(applied.column), columns))
+    return columns[applied.column]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """The loop's effects laid out for the kernel: flat states and parameters, and where each effect's begin."""
+
+    steps: tuple[Any, ...]
+    state_at: NDArray[np.int64]
+    p_at: NDArray[np.int64]
+    ends: NDArray[np.int64]
+    states: FloatArray
+    p: FloatArray
+    rest: float
+    compiled: bool
+
+    @classmethod
+    def build(cls, s: Scenario, samples: int, columns: Mapping[str, FloatArray], random: Numbers) -> Table:
+        """Start every effect at rest, in the order a signal meets them."""
+        from ..effects.compiled import compiled
+        from .kernel import SLOTS
+
+        order = list(Stage)
+        chain = sorted(s.effects, key=lambda a: order.index(a.effect.stage))
+        if len(chain) > SLOTS:
+            raise MetadataError(f"{len(chain)} effects in one loop", where=s.name, remedy=f"at most {SLOTS}")
+        value, rest, states = s.output, s.output, []
+        for applied in chain:
+            if applied.effect.stage is Stage.SENSOR:
+                value = s.setpoint.level
+            state = applied.effect.begin(applied.p, s.step, value, series(applied, samples, columns, random))
+            states.append(state)
+            if applied.effect.stage in order[:3]:
+                value = rest = float(applied.effect.step(state.copy(), value, applied.p))
+        stages = [a.effect.stage for a in chain]
+        ends = [sum(stage in upto for stage in stages) for upto in (order[:3], order[:4], order)]
+        machine = [compiled(a.effect.step) for a in chain]
+        ready = all(m is not None for m in machine)
+        steps: Sequence[Any] = machine if ready else [a.effect.step for a in chain]
+        idle = compiled(_idle)
+        return cls(steps=(*steps, *[idle] * (SLOTS - len(chain))), state_at=np.cumsum([0, *map(len, states)]),
+                   p_at=np.cumsum([0, *(len(a.p) for a in chain)]), ends=np.array(ends, dtype=np.int64),
+                   states=np.concatenate([np.empty(0), *states]),
+                   p=np.concatenate([np.empty(0), *(a.p for a in chain)]), rest=rest, compiled=ready)
+
+
+def _idle(state: FloatArray, value: float, p: FloatArray) -> float:
+    return value
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,18 +136,9 @@ def export(run: Trace) -> Record:
     state[run.by_hand[pick]] = SampleState.MANUAL
     signals = {"SP": run.setpoint[pick], "PV": run.measurement[pick], "OP": output}
     signals = recorded({k: v.copy() for k, v in signals.items()}, s.recorder, s.record_seconds)
-    return Record(
-        loop=s.name,
-        start=s.start,
-        interval=s.record_seconds,
-        index=np.arange(output.size, dtype=np.int64),
-        setpoint=signals["SP"],
-        measurement=signals["PV"],
-        output=signals["OP"],
-        state=state,
-        settings=s.settings,
-        disturbances={name: values[pick].copy() for name, values in run.columns.items()},
-    )
+    return Record(loop=s.name, start=s.start, interval=s.record_seconds, index=np.arange(output.size, dtype=np.int64),
+                  setpoint=signals["SP"], measurement=signals["PV"], output=signals["OP"], state=state,
+                  settings=s.settings, disturbances={name: values[pick].copy() for name, values in run.columns.items()})
 
 
 def trace(scenario: Scenario) -> Trace:
@@ -109,19 +168,15 @@ def trace(scenario: Scenario) -> Trace:
     run = closed_loop if table.compiled else closed_loop.py_func
     with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
         warnings.filterwarnings("ignore", message="First-class function type feature")
-        reached = run(
-            table.steps, table.state_at, table.p_at, table.ends, table.states, table.p,
-            model.decay, model.newer, model.older, model.readout, np.zeros(model.delay + 2),
-            c.packed(s.sample_seconds), pid_state, s.compensator.packed(c, s.sample_seconds), comp_state, ratio,
-            setpoint, by_hand, hand, start, table.rest, UNSTABLE_SPANS, out,
-        )  # fmt: skip
+        reached = run(table.steps, table.state_at, table.p_at, table.ends, table.states, table.p, model.decay,
+                      model.newer, model.older, model.readout, np.zeros(model.delay + 2), c.packed(s.sample_seconds),
+                      pid_state, s.compensator.packed(c, s.sample_seconds), comp_state, ratio, setpoint, by_hand, hand,
+                      start, table.rest, UNSTABLE_SPANS, out)
     if reached < samples or not np.all(np.isfinite(out)):
-        raise LoopError(
-            f"the simulated loop is unstable: the measurement ran away after {reached * s.step:g} s",
-            where=s.name,
-            remedy="lower K, raise Ti, check the sign of K, or give output limits (low, high)",
-            code="unstable_loop",
-        )
+        raise LoopError(f"the simulated loop is unstable: the measurement ran away after {reached * s.step:g} s",
+                        where=s.name,
+                        remedy="lower K, raise Ti, check the sign of K, or give output limits (low, high)",
+                        code="unstable_loop")
     measurement, output, valve, process_output, error = out
     return Trace(s, setpoint, measurement, output, valve, process_output, error, by_hand, columns)
 

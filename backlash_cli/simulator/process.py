@@ -45,10 +45,8 @@ class Process:
             raise MetadataError("the transfer function has no leading coefficient", remedy="drop leading zeros")
         order = len(self.denominator) - 1 + len(self.lags) + int(self.integrating)
         if len(np.trim_zeros(self.numerator, "f")) - 1 >= order:
-            raise MetadataError(
-                "the process answers at once: numerator degree is not below denominator degree",
-                remedy="add a lag, for example lags = [1.0]",
-            )
+            raise MetadataError("the process answers at once: numerator degree is not below denominator degree",
+                                remedy="add a lag, for example lags = [1.0]")
 
     @property
     def static_gain(self) -> float | None:
@@ -84,13 +82,8 @@ class Process:
 
         # within one sample the older input acts for `late` seconds, then the newer one
         first, second = held(late), held(step - late)
-        return SampledProcess(
-            decay=np.ascontiguousarray(held(step)[0]),
-            newer=second[1][:, 0].copy(),
-            older=(second[0] @ first[1])[:, 0].copy(),
-            readout=c[0].copy(),
-            delay=whole,
-        )
+        return SampledProcess(decay=np.ascontiguousarray(held(step)[0]), newer=second[1][:, 0].copy(),
+                              older=(second[0] @ first[1])[:, 0].copy(), readout=c[0].copy(), delay=whole)
 
     def _state_space(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Chain of small blocks: far better conditioned than one polynomial of high order."""

@@ -1,24 +1,28 @@
 """A simple process model from a record: gain, one or two lags and dead time between valve position and measurement.
 
-PV is predicted from OP behind its dead band. In closed loop a plain least-squares fit of PV would find the controller
-instead of the process, because loads move PV first and OP follows. So PV and prediction are compared through the
-filter that makes the unexplained part white (prediction error method, consistent in closed loop; Ljung, System
-Identification, 2nd ed., chapter 13), and large shocks count little (Huber weights).
+PV is predicted from OP behind its dead band, both in block means. In closed loop a plain least-squares fit of PV would
+find the controller instead of the process, because loads move PV first and OP follows. So PV and prediction are
+compared through the filter that makes the unexplained part white (prediction error method, consistent in closed loop;
+Ljung, System Identification, 2nd ed., chapter 13), and large shocks count little (Huber weights).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
 from ..errors import LoopError
-from ..record import FloatArray, Record
+from ..kernels import play
+from ..record import FloatArray, Record, SampleState
 from ..results.compensation import ProcessModel
-from .decimated import Decimated, decimated, lagged, late, whitened
 
+FEWEST = 300  # decimated samples
+SHORTEST_PIECE = 24  # decimated samples between two gaps: two integral times
+PER_INTEGRAL_TIME = 12.0  # decimated samples in one Ti
 ORDER = 12  # of the whitening filter, in decimated samples: about one integral time
 LAGS = np.geomspace(0.05, 40.0, 22)  # first lag, in integral times
 SECOND = (0.0, 0.3, 1.0)  # second lag, as a share of the first
@@ -28,6 +32,91 @@ SHORTEST = 0.3  # lag in decimated samples; shorter ones look alike
 SHOCK = 2.5  # standard deviations beyond which a sample counts less
 SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of the dead band, tried with the fitted process
 LEAST_EVIDENCE = 10.0  # fall of -2 log likelihood below which OP is not seen in PV at all
+
+
+@dataclass(frozen=True, eq=False)
+class Decimated:
+    """Valve position x and measurement y (samples,) in means over `interval` seconds; starts: where pieces begin."""
+
+    x: FloatArray
+    y: FloatArray
+    interval: float
+    starts: tuple[int, ...]
+
+    @property
+    def pieces(self) -> list[slice]:
+        """The stretches without a gap."""
+        return [slice(a, b) for a, b in pairwise((*self.starts, len(self.x)))]
+
+
+def decimated(record: Record, d: float) -> Decimated:
+    """Return block means of valve position and measurement, about twelve per integral time, gaps cut out."""
+    K, Ti = record.settings.K, record.settings.Ti
+    if not K or not Ti:
+        raise LoopError("K and Ti are not known", where=record.loop, remedy="give them in loops.toml")
+    if record.output is None:
+        raise LoopError("no controller output (OP) to fit a process to", where=record.loop, code="no_output",
+                        remedy="export OP too, or give the process with --process K=..,T=..,L=..")
+    known = np.isfinite(record.measurement) & np.isfinite(record.output)
+    known &= (record.state != SampleState.MISSING) & (record.state != SampleState.IMPLAUSIBLE)
+    per = max(1, round(Ti / (PER_INTEGRAL_TIME * record.interval)))
+    index, output, measurement = record.index[known], record.output[known], record.measurement[known]
+    cuts = np.flatnonzero(np.diff(index) != 1) + 1
+    xs, ys, starts, total = [np.empty(0)], [np.empty(0)], [], 0
+    for u, y in zip(np.split(output, cuts), np.split(measurement, cuts), strict=True):
+        blocks = len(u) // per
+        if blocks >= SHORTEST_PIECE:
+            x = play(np.ascontiguousarray(u), d, float(u[0]))
+            xs.append(x[: blocks * per].reshape(blocks, per).mean(axis=1))
+            ys.append(y[: blocks * per].reshape(blocks, per).mean(axis=1))
+            starts.append(total)
+            total += blocks
+    if total < FEWEST:
+        raise LoopError(f"the record is too short to fit a process: {total * per * record.interval:.3g} s without "
+                        f"gaps, {FEWEST * per * record.interval:.3g} s are needed", where=record.loop,
+                        remedy="export a longer period, or give the process with --process K=..,T=..,L=..",
+                        code="insufficient_data")
+    x, y = np.concatenate(xs), np.concatenate(ys)
+    if np.ptp(x) <= 1e-9:
+        raise LoopError("the output never crosses the dead band", where=record.loop, code="constant_signal",
+                        remedy="export a period with setpoint changes or load upsets, or give the process")
+    return Decimated(x, y, per * record.interval, tuple(starts))
+
+
+def whitened(data: Decimated, values: FloatArray, whitening: FloatArray) -> FloatArray:
+    """Return changes from block to block, zero across gaps, through the whitening filter."""
+    change = np.diff(values, prepend=values[0])
+    change[list(data.starts)] = 0.0
+    return np.asarray(lfilter(whitening, [1.0], change))
+
+
+def lagged(data: Decimated, lag: float, second: float) -> FloatArray:
+    """Return the valve position through one or two lags [s] (samples,); each piece starts at rest.
+
+    The means of blocks are taken as joined by straight lines: first-order hold, exact (Astrom and Wittenmark,
+    Computer-Controlled Systems, section 2.8).
+    """
+    out = data.x.copy()
+    for time in (lag, second):
+        if time > 0.0:
+            ratio = time / data.interval
+            a = np.exp(-1.0 / ratio)
+            for piece in data.pieces:
+                x = out[piece] - data.x[piece.start]
+                b = [1.0 - ratio * (1.0 - a), ratio * (1.0 - a) - a]
+                out[piece] = data.x[piece.start] + lfilter(b, [1.0, -a], x)
+    return out
+
+
+def late(data: Decimated, values: FloatArray, delay: float) -> FloatArray:
+    """Return values that rest at zero before each piece, `delay` seconds later, between blocks interpolated."""
+    whole, part = divmod(delay / data.interval, 1.0)
+    shift, out = int(whole), np.zeros_like(values)
+    for piece in data.pieces:
+        x = np.concatenate([np.zeros(shift + 1), values[piece]])
+        n = piece.stop - piece.start
+        out[piece] = (1.0 - part) * x[1 : n + 1] + part * x[:n]
+    return out
 
 
 @dataclass(frozen=True)
@@ -70,10 +159,8 @@ def fit_process(record: Record, d: float, known_gain: float | None = None) -> Pr
     best = refine(data, best, whitening, sought)
     evidence, gain = match(data, best, whitening, sought)
     if gain == 0.0 or evidence < LEAST_EVIDENCE:
-        raise LoopError(
-            "the measurement does not answer to the output: no process can be fitted", where=record.loop,
-            remedy="give it with --process K=..,T=..,L=..", code="no_process",
-        )
+        raise LoopError("the measurement does not answer to the output: no process can be fitted", where=record.loop,
+                        remedy="give it with --process K=..,T=..,L=..", code="no_process")
     if best.lag >= INTEGRATING * Ti:
         raise LoopError(
             "the process looks integrating: only the ratio of gain to lag can be seen", where=record.loop,

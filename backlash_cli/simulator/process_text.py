@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from ..errors import MetadataError, nearest
 from .process import Process
+from .scenario_file import build, read_toml
 
-NAMES = {
-    "k": "gain", "kp": "gain", "gain": "gain", "t": "lag", "t1": "lag", "t2": "lag", "t3": "lag", "t4": "lag",
-    "tau": "lag", "tau1": "lag", "tau2": "lag", "l": "dead_time", "theta": "dead_time", "dead_time": "dead_time",
-}
+NAMES = {"k": "gain", "kp": "gain", "gain": "gain", "t": "lag", "t1": "lag", "t2": "lag", "t3": "lag", "t4": "lag",
+         "tau": "lag", "tau1": "lag", "tau2": "lag", "l": "dead_time", "theta": "dead_time", "dead_time": "dead_time"}
 WHERE = "--process"
 REMEDY = "for example --process K=1.3,T=20,L=2 (static gain, lag and dead time in seconds; more lags: T2=..)"
 
@@ -27,7 +23,8 @@ def parse_process(text: str) -> Process:
     Process(gain=1.3, lags=(20.0, 3.0), dead_time=2.0, integrating=False, numerator=(1.0,), denominator=(1.0,))
     """
     if text.endswith(".toml"):
-        return from_table(_read(Path(text)), text)
+        table = read_toml(Path(text))
+        return build(Process, table.get("process", table), text)
     gain, dead_time, lags = 1.0, 0.0, []
     seen: set[str] = set()
     for part in filter(None, (p.strip() for p in text.replace(";", ",").split(","))):
@@ -49,31 +46,6 @@ def parse_process(text: str) -> Process:
     if not lags:
         raise MetadataError("no lag is given", where=WHERE, remedy=REMEDY)
     return Process(gain=gain, lags=tuple(lags), dead_time=dead_time)
-
-
-def from_table(table: Mapping[str, Any], where: str) -> Process:
-    """Return the process of a TOML table, [process] or the whole file: gain, lags, dead_time, integrating, ..."""
-    entry = table.get("process", table)
-    known = tuple(Process.__dataclass_fields__)
-    if not isinstance(entry, Mapping):
-        raise MetadataError("process is not a table", where=where, remedy="process = { gain = 1.3, lags = [20.0] }")
-    for key in entry:
-        if key not in known:
-            raise MetadataError(f"unknown key '{key}'", where=where, remedy=nearest(key, known))
-    try:
-        return Process(**entry)
-    except TypeError:
-        raise MetadataError("a value has the wrong type", where=where,
-                            remedy="gain = 1.3, lags = [20.0, 3.0], dead_time = 2.0, integrating = false") from None
-
-
-def _read(path: Path) -> Mapping[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise MetadataError(f"cannot be read: {error.strerror}", where=str(path), remedy=REMEDY) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise MetadataError(f"is not TOML: {error}", where=str(path), remedy=REMEDY) from None
 
 
 def _number(value: str, name: str) -> float:

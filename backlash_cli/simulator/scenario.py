@@ -1,22 +1,81 @@
-"""What a simulation needs to know: controller, process, effects, setpoint, load, recorder."""
+"""What a simulation needs to know: controller, process, effects, setpoint, load, recorder; and what it planted."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from ..effects.shape import Effect
 from ..errors import MetadataError
-from ..record import LoopSettings
-from .applied import Applied
+from ..record import FloatArray, LoopSettings
 from .controller import Compensator, Controller
 from .process import Process
-from .recorder import Recorder
 
 # a signal at rest further out than this many spans is an engineering value, not a normalised one
 LARGEST = 10.0
+Row = tuple[str, str, str, str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Applied:
+    """An effect with its parameter array; `column` names the measured signal of an effect that takes one."""
+
+    effect: Effect
+    p: FloatArray
+    column: str | None = None
+
+
+def use(name: str | Effect, *, column: str | None = None, **parameters: object) -> Applied:
+    """Return an effect with its parameters, for example use("backlash", d=0.03).
+
+    name: a name of `backlash effects`, `module:NAME`, or an Effect. Raises MetadataError for what does not exist.
+    """
+    from ..effects.registry import load_effect
+
+    effect = name if isinstance(name, Effect) else load_effect(name)
+    return Applied(effect, effect.pack(parameters), column)
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """An effect between the loop and the export.
+
+    signals: which of SP, PV, OP it treats. lines: the historian joins the values at which the recorded signal
+    changed by straight lines instead of holding them.
+    """
+
+    applied: Applied
+    signals: tuple[str, ...] = ("PV", "OP")
+    lines: bool = False
+
+
+def recorded(
+    signals: Mapping[str, FloatArray], recorders: tuple[Recorder, ...], interval: float
+) -> dict[str, FloatArray]:
+    """Send the recorded signals, name -> (samples,), through the recorders in order."""
+    result = dict(signals)
+    for recorder in recorders:
+        for name in recorder.signals:
+            original = result[name]
+            kept = recorder.applied.effect.apply(original, recorder.applied.p, interval)
+            result[name] = draw_lines(original, kept) if recorder.lines else kept
+    return result
+
+
+def draw_lines(original: FloatArray, held: FloatArray) -> FloatArray:
+    """Join the samples that were reported by straight lines, as a historian interpolates.
+
+    original, held: (samples,) before and after exception reporting. A sample was reported when the held value moved;
+    the sample before it is reported too, as exception reporting does, so that a hold does not become a ramp.
+    """
+    if held.size == 0:
+        return held.copy()
+    moved = np.flatnonzero(np.diff(held) != 0.0) + 1
+    points = np.unique(np.concatenate([[0], moved - 1, moved, [held.size - 1]]))
+    return np.interp(np.arange(held.size), points, original[points])
 
 
 @dataclass(frozen=True)
@@ -75,11 +134,8 @@ class Scenario:
         if max(self.duration, self.process.dead_time) / self.step > 5e7:
             raise MetadataError("more than 50 million inner steps", where=self.name, remedy="enlarge step")
         if not max(abs(self.output), abs(self.setpoint.level)) < LARGEST:
-            raise MetadataError(
-                f"output {self.output:g} or setpoint level {self.setpoint.level:g} is not possible",
-                where=self.name,
-                remedy="signals are normalised: 0..1 of their spans",
-            )
+            raise MetadataError(f"output {self.output:g} or setpoint level {self.setpoint.level:g} is not possible",
+                                where=self.name, remedy="signals are normalised: 0..1 of their spans")
         if not np.isfinite([*self.pv_range, *self.op_range]).all():
             raise MetadataError("ranges must be finite", where=self.name)
         if self.seed < 0:
@@ -120,3 +176,49 @@ def every(time: float, step: float, name: str) -> int:
     if count < 1 or abs(ratio - count) > 1e-6 * count:
         raise MetadataError(f"{name} = {time:g} s is not a multiple of step = {step:g} s", remedy=f"change {name}")
     return count
+
+
+def truth_rows(scenarios: Iterable[Scenario]) -> list[Row]:
+    """Return rows (loop, effect, parameter, value, unit), normalised; lists are joined by semicolons."""
+    return [row for scenario in scenarios for row in _rows(scenario)]
+
+
+def _rows(s: Scenario) -> Iterator[Row]:
+    process = s.process
+    yield s.name, "process", "gain", _text(process.gain), "PV span/OP span" + ("/s" if process.integrating else "")
+    if process.lags:
+        yield s.name, "process", "lags", _text(*process.lags), "s"
+    if len(process.denominator) > 1:
+        yield s.name, "process", "numerator", _text(*process.numerator), "1"
+        yield s.name, "process", "denominator", _text(*process.denominator), "1"
+    yield s.name, "process", "dead_time", _text(process.dead_time), "s"
+    yield s.name, "process", "integrating", str(int(process.integrating)), "0 or 1"
+    for applied in s.effects:
+        yield from _effect(s.name, "", applied)
+    for applied in s.setpoint.effects:
+        yield from _effect(s.name, "setpoint:", applied)
+    for recorder in s.recorder:
+        yield from _effect(s.name, "recorder:", recorder.applied)
+    if s.compensator.gain > 0.0:
+        yield s.name, "compensator", "gain", _text(s.compensator.gain), "span"
+        yield s.name, "compensator", "scheme", str(int(s.compensator.scheme)), "equation"
+
+
+def _effect(loop: str, place: str, applied: Applied) -> Iterator[Row]:
+    lists = [q for q in applied.effect.parameters if q.many]
+    width = (len(applied.p) - len(applied.effect.parameters) + len(lists)) // max(len(lists), 1)
+    at = 0
+    for q in applied.effect.parameters:
+        size = width if q.many else 1
+        values = applied.p[at : at + size]
+        at += size
+        if values.size and (not (q.nuisance or q.choices) or values[0] != q.neutral):
+            # the same effect on a setpoint adds to the measurement's span
+            unit = q.unit.replace("OP span", "PV span") if place == "setpoint:" else q.unit
+            yield loop, place + applied.effect.name, q.name, _text(*values), unit
+    if applied.column is not None:
+        yield loop, place + applied.effect.name, "column", applied.column, ""
+
+
+def _text(*values: float) -> str:
+    return ";".join(f"{v:.10g}" for v in values)

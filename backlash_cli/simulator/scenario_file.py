@@ -17,43 +17,47 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from datetime import UTC, datetime
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from ..errors import MetadataError, nearest
-from .applied import Applied, use
+from ..errors import MetadataError, UsageError, nearest
 from .controller import Compensator, Controller
 from .process import Process
-from .recorder import Recorder
-from .scenario import Manual, Scenario, Signal
+from .scenario import Applied, Manual, Recorder, Scenario, Signal, use
 
 SIMULATION = ("duration", "step", "sample_time", "record_interval", "seed", "start")
 LOOP = (*SIMULATION, "controller", "process", "setpoint", "output", "effects", "compensator", "manual", "columns",
         "recorder", "pv_range", "op_range", "hidden")  # fmt: skip
 
 
-def read_scenarios(path: Path) -> tuple[Scenario, ...]:
-    """Return the loops of a scenario file. Raises MetadataError with place and remedy for whatever is wrong."""
+def read_toml(path: Path) -> Mapping[str, Any]:
+    """Read a TOML file. Raises MetadataError with place and remedy."""
     try:
-        text = path.read_text(encoding="utf-8")
+        return _parsed(path.read_text(encoding="utf-8"), str(path))
     except UnicodeDecodeError as error:
-        raise MetadataError("not a text file", where=str(path), remedy="give a scenario file (TOML)") from error
+        raise MetadataError("not a text file", where=str(path), remedy="give a TOML file") from error
     except OSError as error:
-        why = error.strerror or type(error).__name__
         remedy = "check the path; backlash simulate example-2 --show prints a scenario to start from"
-        raise MetadataError(f"cannot read the scenario: {why}", where=str(path), remedy=remedy) from error
-    return parse_scenarios(text, where=str(path))
+        raise MetadataError(f"cannot be read: {error.strerror or error}", where=str(path), remedy=remedy) from error
 
 
-def parse_scenarios(text: str, where: str = "scenario") -> tuple[Scenario, ...]:
-    """Return the loops described by the text of a scenario file."""
+def _parsed(text: str, where: str) -> Mapping[str, Any]:
     try:
-        document = tomllib.loads(text)
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         remedy = "mend that line (text in quotes, every bracket closed, every key once)"
         raise MetadataError(f"not valid TOML: {error}", where=where, remedy=remedy) from error
+
+
+def parse_scenarios(text: str, where: str = "scenario") -> tuple[Scenario, ...]:
+    """Return the loops described by the text of a scenario file. Raises MetadataError for whatever is wrong."""
+    return _scenarios(_parsed(text, where), where)
+
+
+def _scenarios(document: Mapping[str, Any], where: str) -> tuple[Scenario, ...]:
     _known(document, ("simulation", "loops"), where)
     common, loops = _table(document.get("simulation", {}), f"{where}: [simulation]"), document.get("loops", {})
     _known(common, SIMULATION, f"{where}: [simulation]")
@@ -82,12 +86,12 @@ def _loop(name: str, entry: Mapping[str, Any], where: str, place: int) -> Scenar
     seed = loop_seed(int(number), place)
     try:
         return Scenario(
-            controller=_build(Controller, entry["controller"], f"{where} controller"),
-            process=_build(Process, entry["process"], f"{where} process"),
+            controller=build(Controller, entry["controller"], f"{where} controller"),
+            process=build(Process, entry["process"], f"{where} process"),
             effects=_effects(entry.get("effects", ()), f"{where} effects"),
             setpoint=_signal(entry.get("setpoint", {}), f"{where} setpoint"),
-            compensator=_build(Compensator, entry.get("compensator", {}), f"{where} compensator"),
-            manual=tuple(_build(Manual, m, f"{where} manual") for m in _list(entry.get("manual", ()), where)),
+            compensator=build(Compensator, entry.get("compensator", {}), f"{where} compensator"),
+            manual=tuple(build(Manual, m, f"{where} manual") for m in _list(entry.get("manual", ()), where)),
             columns={
                 str(k): _signal(v, f"{where} columns.{k}")
                 for k, v in _table(entry.get("columns", {}), f"{where} columns").items()
@@ -107,7 +111,7 @@ def _loop(name: str, entry: Mapping[str, Any], where: str, place: int) -> Scenar
         raise MetadataError(error.what, where=where, remedy=error.remedy) from error
 
 
-def _build(cls: Any, entry: object, where: str) -> Any:
+def build(cls: Any, entry: object, where: str) -> Any:
     """Make a description object from a table whose keys are its fields."""
     table = _table(entry, where)
     types = {f.name: str(f.type) for f in fields(cls)}
@@ -207,3 +211,39 @@ def _known(table: Mapping[str, Any], known: Iterable[str], where: str) -> None:
     for key in table:
         if key not in names:
             raise MetadataError(f"unknown key '{key}'", where=where, remedy=nearest(str(key), names))
+
+
+def scenario_names() -> tuple[str, ...]:
+    """Return the names of the scenarios that come with the tool."""
+    folder = resources.files(__package__) / "scenarios"
+    return tuple(sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")))
+
+
+def scenario_text(name: str) -> str:
+    """Return the TOML text of a named scenario, to be copied and changed. Raises UsageError for an unknown name."""
+    if name not in scenario_names():
+        remedy = nearest(name, scenario_names()) + " (or give the path of a TOML file)"
+        raise UsageError(f"no scenario '{name}'", remedy=remedy)
+    return (resources.files(__package__) / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def load_scenarios(name_or_path: str) -> tuple[Scenario, ...]:
+    """Return the loops of a named scenario or of a user's own TOML file."""
+    if name_or_path.endswith(".toml") or Path(name_or_path).is_file():
+        return _scenarios(read_toml(Path(name_or_path)), name_or_path)
+    return parse_scenarios(scenario_text(name_or_path), where=name_or_path)
+
+
+def with_dead_band(scenarios: Iterable[Scenario], d: float | None) -> tuple[Scenario, ...]:
+    """Return the loops with dead band d [span] in their valves; None leaves them as they are."""
+    if d is None:
+        return tuple(scenarios)
+    gap = use("backlash", d=d)
+    return tuple(replace(s, effects=(gap, *(a for a in s.effects if a.effect is not gap.effect))) for s in scenarios)
+
+
+def with_seed(scenarios: Iterable[Scenario], seed: int | None) -> tuple[Scenario, ...]:
+    """Return the loops with other random numbers; None leaves them as they are."""
+    if seed is None:
+        return tuple(scenarios)
+    return tuple(replace(s, seed=loop_seed(seed, place)) for place, s in enumerate(scenarios))

@@ -9,7 +9,7 @@ import numpy as np
 from backlash_cli.errors import BacklashError
 from backlash_cli.record import Record
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, use
-from backlash_cli.simulator.applied import Applied
+from backlash_cli.simulator.scenario import Applied
 
 from .random_loops import _process, _square, _tuning
 

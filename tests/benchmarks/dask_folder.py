@@ -8,7 +8,6 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from backlash_cli.api import scan_files, scan_part
+from backlash_cli.api import scan, scan_files
 from backlash_cli.engines.cluster import connected
-from backlash_cli.engines.plant import DaskPlant
-from backlash_cli.loaders import ReadOptions
+from backlash_cli.loaders.plant import open_plant
 from backlash_cli.reporter.json_report import to_json
 from backlash_cli.scan import ScanOptions
 
@@ -57,9 +55,7 @@ def main() -> None:
         with connected(None, 2) as client:
             print(f"cluster of two processes started: {time.perf_counter() - began[0]:.1f} s")
             began, before = (time.perf_counter(), time.process_time()), workers_cpu(client)
-            plant = DaskPlant(client, [folder], loops=None, reading=ReadOptions(), absolute=False)
-            print(f"files surveyed, loops dealt out: {time.perf_counter() - began[0]:.1f} s")
-            found = to_json(plant.scan(partial(scan_part, options=options)))
+            found = to_json(scan(open_plant([folder]), options, client=client))
             print(f"whole scan on the cluster: {time.perf_counter() - began[0]:.1f} s, CPU here "
                   f"{time.process_time() - began[1]:.1f} s, of the workers {workers_cpu(client) - before:.1f} s")
     print(f"{loops} loops, {samples} samples each; reports are {'the same' if found == local else 'DIFFERENT'}")

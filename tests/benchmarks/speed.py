@@ -21,8 +21,8 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 
 from backlash_cli import ScanOptions, scan_files
-from backlash_cli.api import open_files
 from backlash_cli.loaders.join import Joiner
+from backlash_cli.loaders.plant import open_plant
 from tests.benchmarks.made_plant import DAY, write
 from tests.benchmarks.plain_pandas import dead_bands
 
@@ -39,7 +39,7 @@ def cpu(work: Callable[[], object], times: int = 3) -> float:
 
 def records_of(path: Path) -> int:
     """Read all loops and do nothing with them; return the number of samples."""
-    opened = open_files(path)
+    opened = open_plant(path)
     joiner = Joiner(opened.recipes[0].options.good_quality)
     return sum(len(recipe.record(joiner)) for recipe in opened.recipes)
 
@@ -51,7 +51,7 @@ def ratios(path: Path, loops: int) -> None:
         alone = cpu(lambda: pa_csv.read_csv(path, read_options=pa_csv.ReadOptions(use_threads=False)))
     else:
         alone = cpu(lambda: pa_parquet.read_table(path, use_threads=False))
-    opened = cpu(lambda: open_files(path))
+    opened = cpu(lambda: open_plant(path))
     read = cpu(lambda: records_of(path))
     quick = cpu(lambda: scan_files(path, options=ScanOptions(confirm=False), jobs=1))
     full = cpu(lambda: scan_files(path, jobs=1), 2)

@@ -15,7 +15,7 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 
 from backlash_cli import ScanOptions, scan_files
-from backlash_cli.api import open_files
+from backlash_cli.loaders.plant import open_plant
 from tests.benchmarks.speed import cpu, records_of
 from tests.benchmarks.variants import VARIANTS, Variant, write
 
@@ -28,7 +28,7 @@ def measure(path: Path, variant: Variant) -> tuple[float, float, float, float]:
         alone = cpu(lambda: pa_csv.read_csv(path, read_options=pa_csv.ReadOptions(use_threads=False)), 5)
     else:
         alone = cpu(lambda: pa_parquet.read_table(path, use_threads=False), 5)
-    opened = cpu(partial(open_files, path, jobs=1))
+    opened = cpu(partial(open_plant, path))
     read = cpu(partial(records_of, path))
     return alone, opened, read, cpu(partial(scan_files, path, options=ScanOptions(confirm=False), jobs=1))
 

@@ -167,7 +167,7 @@ def test_help_answers_at_once(arguments):
 
 def test_an_unexpected_fault_is_one_message(plant, tmp_path):
     script = tmp_path / "faulty.py"
-    text = "import backlash_cli.api as a\nimport backlash_cli.__main__ as m\na.analyse_recipes = None\nm.main()\n"
+    text = "import backlash_cli.api as a\nimport backlash_cli.__main__ as m\na.analyse = None\nm.main()\n"
     script.write_text(text)
     done = subprocess.run([sys.executable, script, "scan", plant], capture_output=True, text=True)
     assert done.returncode == 2 and "fault of backlash" in done.stderr and "Traceback" not in done.stderr

@@ -1,7 +1,6 @@
 """One cluster of two worker processes for the tests of this folder: starting it takes seconds."""
 
 import os
-import sys
 import time
 
 import pytest
@@ -12,11 +11,6 @@ from backlash_cli.engines.cluster import connected
 @pytest.fixture(scope="session")
 def client():
     """The cluster's client; when the tests are over no process of it may be left."""
-    import cloudpickle
-
-    for name in ("tests.engines.test_dask", "tests.engines.test_dask_workbench"):
-        if name in sys.modules:
-            cloudpickle.register_pickle_by_value(sys.modules[name])
     with connected(None, 2) as found:
         yield found
         processes = processes_below()

@@ -1,27 +1,36 @@
 """The engine dask on a cluster of two worker processes: the local report, also when workers die."""
 
 import os
+import pickle
 import signal
 import sys
 import threading
 import time
+from dataclasses import replace
 
+import numpy as np
 import pyarrow.csv
 import pytest
 
-from backlash_cli.api import scan_files, scan_part
+from backlash_cli.api import scan, scan_files
 from backlash_cli.engines.cluster import watch
 from backlash_cli.errors import BacklashError, UsageError
 from backlash_cli.history.unfinished import Unfinished
 from backlash_cli.loaders import ReadOptions
+from backlash_cli.loaders.parquet import _open
+from backlash_cli.loaders.plant import open_plant
+from backlash_cli.loaders.scratch import Room
 from backlash_cli.reporter.json_report import to_json
 from backlash_cli.results import Verdict
+from backlash_cli.scan import ScanOptions
 from tests.commands.run import run
-from tests.engines.parts import QUICK
+from tests.loaders.test_layouts import EXPORTS
+from tests.loaders.test_more_layouts import MORE
 from tests.loaders.test_partitions import single, write
 from tests.small_plant import TRUTH, write_plant
 
 pytest.importorskip("distributed", reason="dask is not installed: pip install 'backlash[dask]'")
+QUICK = ScanOptions(confirm=False)
 LOOPS = [f"{name}-{k}" for k in range(8) for name in sorted(TRUTH)]
 
 
@@ -40,52 +49,55 @@ def local(plant):
     return to_json(scan_files([plant / "set"], options=QUICK, jobs=1))
 
 
-@pytest.fixture(autouse=True)
-def many_small_parts(monkeypatch):
-    monkeypatch.setattr("backlash_cli.loaders.parts.MOST_LOOPS", 3)
+def on(client, plant, reading=None, change=lambda recipe: recipe, **more):
+    """The scan of a plant on the cluster. change: of each recipe before it is sent."""
+    opened = open_plant([plant / "set"], options=reading, salt="")
+    return scan(replace(opened, recipes=tuple(map(change, opened.recipes))), QUICK, client=client, **more)
 
 
-def on(client, plant, work, reading=None, **more):
-    from backlash_cli.engines.plant import DaskPlant
+class Deadly:
+    """Ends the process that unpickles it."""
 
-    found = DaskPlant(client, [plant / "set"], loops=None, reading=reading or ReadOptions(), absolute=False)
-    return found.scan(work, **more)
-
-
-def quick(part):
-    return scan_part(part, QUICK)
+    def __reduce__(self):
+        return os._exit, (1,)
 
 
-def slow(part):
-    time.sleep(0.3)
-    return scan_part(part, QUICK)
+class Broken:
+    def __reduce__(self):
+        return exec, ("raise RuntimeError('out of order')",)
 
 
-def deadly(part):
-    if "PIC303-2" in part.loops:
-        os._exit(1)
-    return scan_part(part, QUICK)
-
-
-def deadly_for_a(part):
-    if "A" in part.loops:
-        os._exit(1)
-    return scan_part(part, QUICK)
-
-
-def broken(part):
-    if "PIC303-2" in part.loops:
-        raise RuntimeError("out of order")
-    return scan_part(part, QUICK)
+def with_note(loop, value):
+    return lambda recipe: replace(recipe, notes=(value,)) if recipe.loop == loop else recipe
 
 
 def test_the_report_is_that_of_the_local_engine(client, plant, local):
     seen = []
-    assert to_json(on(client, plant, quick, progress=seen.append)) == local
+    assert to_json(on(client, plant, progress=seen.append)) == local
     assert sorted(report.loop for report in seen) == sorted(LOOPS)
     chosen = ReadOptions(sample="5", since="5min")
     want = scan_files([plant / "set"], reading=chosen, options=QUICK, jobs=1)
-    assert to_json(on(client, plant, quick, chosen)) == to_json(want)
+    assert to_json(on(client, plant, chosen)) == to_json(want)
+
+
+@pytest.mark.parametrize("key", [*list(EXPORTS)[::8], *list(MORE)[::6]])
+def test_every_export_gives_the_report_of_the_local_engine(client, key, tmp_path):
+    """Samples of text files and of long ones travel with the loop, those of Parquet files are read by the worker."""
+    export = EXPORTS.get(key) or MORE[key]
+    inputs, reading = export.write(tmp_path), ReadOptions(**export.options)
+    want = scan_files(inputs, reading=reading, options=QUICK, jobs=1)
+    assert to_json(scan(open_plant(inputs, options=reading, room=Room(0)), QUICK, client=client)) == to_json(want)
+
+
+def test_what_is_sent_needs_no_scratch_file(tmp_path):
+    """Also of a loop that is made in chunks."""
+    opened = open_plant(write_plant(tmp_path, hours=0.2), room=Room(0))
+    sent = pickle.dumps([recipe.packed() for recipe in opened.recipes])
+    want = [recipe.record() for recipe in opened.recipes]
+    del opened
+    for recipe, record in zip(pickle.loads(sent), want, strict=True):
+        found = recipe.record()
+        assert np.array_equal(found.measurement, record.measurement, equal_nan=True) and found.notes == record.notes
 
 
 def test_a_worker_killed_during_the_run_costs_nothing_but_time(client, plant, local):
@@ -96,49 +108,41 @@ def test_a_worker_killed_during_the_run_costs_nothing_but_time(client, plant, lo
             killed.append(client.run(os.getpid).popitem()[1])
             os.kill(killed[0], signal.SIGKILL)
 
-    assert to_json(on(client, plant, slow, progress=kill_one)) == local
+    assert to_json(on(client, plant, progress=kill_one)) == local
     assert killed
 
 
-def test_a_stopped_scan_goes_on_where_it_was_stopped(client, plant, tmp_path):
-    """With what was said of the files of loops that are not read again: a row that is no row, a file that is none."""
-    folder = tmp_path / "set"
-    rows = "\n".join(f"2026-03-01T00:{s // 60:02}:{s % 60:02},50,{50 + s % 7},{40 + s % 5}" for s in range(300))
-    write(folder, {f"loop={x}/part-0.parquet": single(pyarrow.csv.read_csv(plant / "plant.csv"), x.split("-")[0])
-                   for x in LOOPS[:6]})
-    (folder / "A.csv").write_text(f"time,A.SP,A.PV,A.OP\nx,y\n{rows}\n")
-    (folder / "loops.toml").write_bytes((plant / "set" / "loops.toml").read_bytes())
-    want = to_json(scan_files([folder], options=QUICK, jobs=1))
-
+def test_a_stopped_scan_goes_on_where_it_was_stopped(client, plant, local, tmp_path):
     class Stop(Exception):
         pass
 
     def stop(report):
-        if report.loop == "A":
+        if report.loop == "PIC303-2":
             raise Stop
 
     before = Unfinished(tmp_path / "h.db", (), resume=False)
     with pytest.raises(Stop):
-        on(client, tmp_path, quick, progress=stop, keep=before)
+        on(client, plant, progress=stop, keep=before)
     again, seen = Unfinished(tmp_path / "h.db", (), resume=True), []
-    assert "A" in {kept.report.loop for kept in again.known.values()}
-    assert to_json(on(client, tmp_path, deadly_for_a, progress=seen.append, keep=again)) == want
-    assert sorted(report.loop for report in seen) == sorted(["A", *LOOPS[:6]])
-    assert to_json(on(client, tmp_path, quick, keep=Unfinished(tmp_path / "h.db", (), resume=True))) == want
+    known = {kept.report.loop for kept in again.known.values()}
+    assert "PIC303-2" in known and len(known) < len(LOOPS)
+    assert to_json(on(client, plant, change=with_note("PIC303-2", Deadly()), progress=seen.append, keep=again)) == local
+    assert sorted(report.loop for report in seen) == sorted(LOOPS)
 
 
-@pytest.mark.parametrize(("work", "code", "words"), [
-    (deadly, "process_died", "killed every time"), (broken, "internal_error", "RuntimeError: out of order"),
+@pytest.mark.parametrize(("fault", "code", "words"), [
+    (Deadly(), "process_died", "killed every time"), (Broken(), "internal_error", "RuntimeError: out of order"),
 ])
-def test_a_loop_that_kills_its_worker_is_named_and_the_others_survive(client, plant, local, work, code, words):
+def test_a_loop_that_kills_its_worker_is_named_and_the_others_survive(client, plant, local, fault, code, words):
     import json
 
-    found = on(client, plant, work)
+    found = on(client, plant, change=with_note("PIC303-2", fault))
     wrong = [report for report in found.loops if report.verdict is Verdict.ERROR]
     assert [report.loop for report in wrong] == ["PIC303-2"]
     assert wrong[0].reasons[0].code == code and words in wrong[0].reasons[0].message
     others = [loop for loop in json.loads(local)["loops"] if loop["loop"] != "PIC303-2"]
-    assert [loop for loop in json.loads(to_json(found))["loops"] if loop["loop"] != "PIC303-2"] == others
+    found = replace(found, loops=tuple(report for report in found.loops if report.loop != "PIC303-2"))
+    assert json.loads(to_json(found))["loops"] == others
 
 
 def test_the_command_works_on_a_running_cluster(capfd, client, plant, tmp_path):
@@ -195,25 +199,22 @@ def test_workers_that_do_not_come_back_are_replaced_or_waited_for():
         assert few.alive == (2 if ours else 0) and said == want
 
 
-def test_workers_that_do_not_see_the_files_are_named(client, plant, monkeypatch):
-    from backlash_cli.engines import plant as room
-
-    def unseen(sources, options, end=False):
-        from backlash_cli.errors import InputError
-        from backlash_cli.loaders.parts import Survey
-
-        return [Survey(s, failure=InputError("no such file: x", where=str(s.path))) for s in sources]
-
-    monkeypatch.setattr(room, "survey_all", unseen)
-    with pytest.raises(BacklashError, match="workers do not see") as caught:
-        on(client, plant, quick)
-    assert "s3://" in caught.value.remedy
+def test_files_that_a_worker_does_not_see_are_named(client, plant, tmp_path):
+    (tmp_path / "set").mkdir()
+    path = tmp_path / "set" / "FIC101.parquet"
+    path.write_bytes((plant / "set" / "loop=FIC101-0" / "part-0.parquet").read_bytes())
+    opened = open_plant([path])
+    path.unlink()
+    _open.clear()
+    with pytest.raises(BacklashError, match=r"does not see this file.*s3://") as caught:
+        scan(opened, QUICK, client=client)
+    assert caught.value.code == "not_shared"
 
 
 def test_no_data_is_the_same_error_as_here(client, tmp_path):
     (tmp_path / "set").mkdir()
     (tmp_path / "set" / "a.csv").write_text("")
     with pytest.raises(BacklashError, match="empty"):
-        on(client, tmp_path, quick)
+        on(client, tmp_path)
     with pytest.raises(UsageError, match="--since"):
         ReadOptions(since="x")

@@ -3,15 +3,13 @@
 import json
 import os
 import signal
-from functools import partial
+from dataclasses import replace
 
 import pytest
 
-from backlash_cli.engines.explain_all import ExplainedPart, explaining_on_cluster, unexplained
-from backlash_cli.loaders import ReadOptions
-from backlash_cli.record import Note
+from backlash_cli.engines.explain_all import explain_all
 from tests.commands.run import files, run
-from tests.small_plant import write_plant
+from tests.small_plant import records, write_plant
 
 pytest.importorskip("distributed", reason="dask is not installed: pip install 'backlash[dask]'")
 
@@ -42,23 +40,19 @@ def test_explain_all_says_the_same_on_a_cluster(capfd, client, export, tmp_path)
     assert files(tmp_path / "there") == files(tmp_path / "here")
 
 
-def deadly_once(part, effects, light, mark):
-    try:
-        mark.touch(exist_ok=False)
-    except FileExistsError:
-        return ExplainedPart(tuple(Note("x", name, {"loop": name}) for name in part.loops))
-    os._exit(1)
+class Deadly:
+    """Ends the process that unpickles it."""
+
+    def __reduce__(self):
+        return os._exit, (1,)
 
 
-def test_a_worker_that_dies_costs_no_explanation(client, export, tmp_path, monkeypatch):
-    from backlash_cli.engines.plant import DaskPlant
-
-    monkeypatch.setattr("backlash_cli.engines.explain_all.explain_part", partial(deadly_once, mark=tmp_path / "mark"))
-    plant = DaskPlant(client, [export], loops=None, reading=ReadOptions(), absolute=False)
-    work = explaining_on_cluster(plant, (), light=True)
-    assert sorted(note.message for note in work.found) == list(work.names) == ["E", "FIC101", "PIC303", "TIC202"]
-    assert (tmp_path / "mark").exists() and "f.csv" in work.failures[0].message
-    assert unexplained("A", Note("process_died", "its worker was killed")).message == "A: its worker was killed"
+def test_a_loop_whose_workers_die_is_named_and_the_others_are_explained(client):
+    first, second = records()[:2]
+    deadly = replace(first, disturbances={"x": Deadly()})
+    found = list(explain_all([deadly, second], client=client))
+    assert "killed every time" in found[0].message and found[0].values["loop"] == first.loop
+    assert found[1].loop == second.loop and found[1].steps
 
 
 def test_a_compensator_is_studied_on_a_worker_also_when_one_is_killed(capfd, client, export):

@@ -20,7 +20,8 @@ from hypothesis import strategies as st
 from backlash_cli.api import scan_files
 from backlash_cli.errors import BacklashError
 from backlash_cli.loaders import Plant, ReadOptions, clean, csv, opening, read, scratch, signals
-from backlash_cli.loaders.plant import failure, no_loop_read, open_plant
+from backlash_cli.loaders.join import failure
+from backlash_cli.loaders.plant import open_plant
 from backlash_cli.loaders.scratch import Room, ScratchFile, Store
 from backlash_cli.record import SampleState
 from backlash_cli.scan import ScanOptions
@@ -59,8 +60,7 @@ def read_in(path, options=None, room=0, block=3001, head=60_000, segment=20_000)
                 found.append(recipe.record())
             except BacklashError as error:
                 lost.append(failure(error, loop=recipe.loop))
-    if not found and (opened.lost or lost):
-        raise no_loop_read([*opened.lost, *lost])
+    lost = opened.all_lost(lost, read=len(found))
     return Plant(tuple(found), opened.warnings, (*opened.failures, *lost), opened.inputs)
 
 

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from backlash_cli.errors import BacklashError, MetadataError
 from backlash_cli.loaders import read
-from backlash_cli.settings.csv_table import parse_table
-from backlash_cli.settings.loop_settings import settings_of
-from backlash_cli.settings.toml_page import parse_toml
+from backlash_cli.settings.pages import parse_table, parse_toml
+from backlash_cli.settings.schema import settings_of
 from tests.benchmarks.fuzz_readers import TOKENS, broken_promise, mutate, seeds
 
 from .exports import SETTINGS, arrow, iso, long, wide

@@ -6,10 +6,8 @@ import pytest
 
 from backlash_cli.errors import MetadataError
 from backlash_cli.loaders.sources import read_metadata
-from backlash_cli.settings.csv_table import parse_table
-from backlash_cli.settings.loop_settings import settings_of
-from backlash_cli.settings.schema import merge
-from backlash_cli.settings.toml_page import parse_toml
+from backlash_cli.settings.pages import parse_table, parse_toml
+from backlash_cli.settings.schema import merge, settings_of
 
 GOOD = """
 [defaults]
@@ -100,7 +98,7 @@ def test_table_with_the_same_keys(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [("loop,K,Tii\nA,1,2\n", "unknown column"), ("K,Ti\n1,2\n", "no column 'loop'"),
+    [("loop,K,Tii\nA,1,2\n", "unknown key"), ("K,Ti\n1,2\n", "no column 'loop'"),
      ("loop,K\nA,1\nA,2\n", "listed twice"),
      ("loop,pv_range\nA,wide\n", "not a range"), ("loop,K\n,1\n", "without a loop name")],
 )  # fmt: skip

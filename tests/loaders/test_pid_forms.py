@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from backlash_cli.errors import MetadataError
 from backlash_cli.settings.pid_forms import (
     Tuning,
-    parallel_to_ideal,
     per_second,
     seconds,
     series_to_ideal,
@@ -37,7 +36,8 @@ def test_series_has_the_response_of_its_factors(k, ti, td):
 def test_parallel_has_the_response_of_its_sum(k, ki, kd):
     sign = np.sign(k)
     want = k + sign * ki / S + sign * kd * S
-    np.testing.assert_allclose(ideal(parallel_to_ideal(k, sign * ki, sign * kd)), want, rtol=1e-9)
+    found = to_ideal({"K": k, "Ki": sign * ki, "Kd": sign * kd, "form": "parallel"})
+    np.testing.assert_allclose(ideal(found), want, rtol=1e-9)
 
 
 def test_textbook_values():

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from backlash_cli.errors import BacklashError, InputError, UsageError
 from backlash_cli.loaders import ReadOptions, read
-from backlash_cli.loaders.choose import choose, draw, sample_size
 from backlash_cli.loaders.options import parse_since
+from backlash_cli.loaders.plant import choose, draw, sample_size
 from tests.small_plant import write_plant
 
 NAMES = [f"FIC{k}" for k in range(100, 140)] + [f"TIC{k}" for k in range(200, 210)]
@@ -21,12 +21,12 @@ def plant(tmp_path_factory):
 
 
 def test_a_sample_is_the_same_for_the_same_names_in_any_order_and_differs_with_the_seed():
-    first = choose(NAMES, sample="10%")
-    assert len(first.names) == 5 and first.names == choose(NAMES[::-1], sample="5").names
-    assert first.names != choose(NAMES, sample="5", seed=1).names
-    note = first.notes[0]
+    first, notes = choose(NAMES, sample="10%")
+    assert len(first) == 5 and first == choose(NAMES[::-1], sample="5")[0]
+    assert first != choose(NAMES, sample="5", seed=1)[0]
+    note = notes[0]
     assert note.code == "sampled" and note.values["loops"] == 45.0 and "45 were not computed" in note.message
-    assert note.values["drawn"] == ", ".join(first.names)
+    assert note.values["drawn"] == ", ".join(first)
 
 
 @given(st.sets(st.text(min_size=1, max_size=6), min_size=1, max_size=30), st.integers(1, 40), st.text(min_size=1))
@@ -56,10 +56,10 @@ def test_what_is_no_size_of_a_sample_is_refused(text):
 
 
 def test_patterns_are_wildcards_or_regular_expressions():
-    assert len(choose(NAMES, matching=["fic*"]).names) == 40
-    assert choose(NAMES, matching=["/FIC10[12]$/", "TIC209"]).names == ("FIC101", "FIC102", "TIC209")
-    assert choose(NAMES, matching=["FIC10?", "nothing"]).notes[0].values["loops"] == 40.0
-    assert not choose(NAMES, matching=["*"]).notes
+    assert len(choose(NAMES, matching=["fic*"])[0]) == 40
+    assert choose(NAMES, matching=["/FIC10[12]$/", "TIC209"])[0] == ["FIC101", "FIC102", "TIC209"]
+    assert choose(NAMES, matching=["FIC10?", "nothing"])[1][0].values["loops"] == 40.0
+    assert not choose(NAMES, matching=["*"])[1]
     with pytest.raises(UsageError, match="none of 50 loops") as caught:
         choose(NAMES, matching=["FID101"])
     assert "FIC101" in caught.value.remedy

@@ -13,11 +13,20 @@ from backlash_cli.reporter.compensation_page import compensation_page
 from backlash_cli.reporter.compensation_text import ADVICE, to_document, to_text
 from backlash_cli.results.compensation import ProcessModel
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, trace, use
-from backlash_cli.simulator.compensation import MARGIN, Study, choose, goes_on_oscillating, noise_gains, study
-from backlash_cli.simulator.named import load_scenarios, with_dead_band
+from backlash_cli.simulator.compensation import (
+    MARGIN,
+    Study,
+    choose,
+    goes_on_oscillating,
+    noise_density,
+    noise_gains,
+    study,
+    typical_load,
+    white_deviation,
+)
 from backlash_cli.simulator.process_fit import fit_process
 from backlash_cli.simulator.process_text import parse_dead_band, parse_process
-from backlash_cli.simulator.record_noise import noise_density, typical_load, white_deviation
+from backlash_cli.simulator.scenario_file import load_scenarios, with_dead_band
 
 FLOW = Process(gain=1.3, lags=(20.0, 4.0), dead_time=3.0)
 PI = Controller(K=0.6, Ti=28.0)

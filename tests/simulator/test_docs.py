@@ -8,8 +8,7 @@ import numpy as np
 from backlash_cli.effects import EFFECTS
 from backlash_cli.effects.registry import load_effect
 from backlash_cli.simulator import simulate
-from backlash_cli.simulator.named import scenario_names
-from backlash_cli.simulator.scenario_file import parse_scenarios
+from backlash_cli.simulator.scenario_file import parse_scenarios, scenario_names
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 

@@ -5,7 +5,7 @@ import pytest
 
 from backlash_cli.scan import ScanOptions, scan
 from backlash_cli.simulator import Compensator, Controller, Process, Scenario, Signal, simulate, trace, use
-from backlash_cli.simulator.named import load_scenarios, with_dead_band, with_seed
+from backlash_cli.simulator.scenario_file import load_scenarios, with_dead_band, with_seed
 
 
 def accepted(d, seed):

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from backlash_cli.errors import UsageError
 from backlash_cli.kernels import play
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, trace, use
-from backlash_cli.simulator.describing_function import describing_function, negative_inverse
-from backlash_cli.simulator.limit_cycle import limit_cycle
+from backlash_cli.simulator.limit_cycle import describing_function, limit_cycle, negative_inverse
 
 P1 = Process(lags=(0.8,), dead_time=0.2, integrating=True)
 C1 = Controller(K=1.9, Ti=2.4, Td=0.67)

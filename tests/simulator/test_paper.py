@@ -13,9 +13,8 @@ from backlash_cli.reporter.paper_text import to_document, to_text
 from backlash_cli.simulator import simulate
 from backlash_cli.simulator.paper import reproduce
 from backlash_cli.simulator.paper.estimates import default_gain
-from backlash_cli.simulator.paper.limit_cycles import absolute_error, cycle_of, example_1
-from backlash_cli.simulator.paper.loads import example_2
 from backlash_cli.simulator.paper.published import ESTIMATES, PUBLISHED
+from backlash_cli.simulator.paper.simulated import absolute_error, cycle_of, example_1, example_2
 
 
 @pytest.fixture(scope="module")

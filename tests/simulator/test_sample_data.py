@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 from backlash_cli.simulator import simulate
-from backlash_cli.simulator.named import load_scenarios
-from backlash_cli.simulator.truth import truth_rows
+from backlash_cli.simulator.scenario import truth_rows
+from backlash_cli.simulator.scenario_file import load_scenarios
 
 FOLDER = Path(__file__).resolve().parents[2] / "sample_data"
 LOOPS = {s.name: s for s in load_scenarios("sample-plant")}

@@ -8,9 +8,15 @@ import pytest
 
 from backlash_cli.errors import BacklashError, LoopError, MetadataError, UsageError
 from backlash_cli.simulator import simulate, trace
-from backlash_cli.simulator.named import load_scenarios, scenario_names, scenario_text, with_dead_band, with_seed
-from backlash_cli.simulator.scenario_file import parse_scenarios
-from backlash_cli.simulator.truth import truth_rows
+from backlash_cli.simulator.scenario import truth_rows
+from backlash_cli.simulator.scenario_file import (
+    load_scenarios,
+    parse_scenarios,
+    scenario_names,
+    scenario_text,
+    with_dead_band,
+    with_seed,
+)
 
 GOOD = """
 [simulation]
@@ -89,7 +95,7 @@ def test_wrong_scenario_files_are_refused(old, new, says):
 def test_unknown_scenario_names_the_nearest():
     with pytest.raises(UsageError, match="did you mean example-2"):
         load_scenarios("exmaple-2")
-    with pytest.raises(MetadataError, match="cannot read the scenario"):
+    with pytest.raises(MetadataError, match="cannot be read"):
         load_scenarios("no_such_file.toml")
 
 

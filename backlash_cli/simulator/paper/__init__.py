@@ -6,7 +6,7 @@ T. Haegglund, Automatic on-line estimation of backlash in control loops, J. Proc
 from __future__ import annotations
 
 from ...results.paper import PaperReport, PaperRow
-from . import estimates, limit_cycles, loads
+from . import estimates, simulated
 from .estimates import Estimator
 from .published import ESTIMATES, PUBLISHED
 
@@ -20,7 +20,7 @@ def reproduce(estimator: Estimator) -> PaperReport:
     """Recompute the paper; `estimator` returns the published estimates of a record, refused ones included."""
     values: dict[str, float] = {}
     figures = []
-    for part in (limit_cycles.numbers(), loads.numbers()):
+    for part in (simulated.integrating_process(), simulated.stable_process()):
         values |= part[0]
         figures += part[1]
     more, drawn, lists = estimates.numbers(estimator)

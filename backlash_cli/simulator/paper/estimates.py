@@ -11,11 +11,9 @@ from ...record import Record
 from ...results import Estimate
 from ...results.paper import Line, Panel, PaperFigure
 from ..loop import Trace, simulate, trace
-from ..named import load_scenarios, with_seed
 from ..scenario import Manual, Scenario
-from .drawing import listed, recording
-from .limit_cycles import Numbers
-from .loads import example_2
+from ..scenario_file import load_scenarios, with_seed
+from .simulated import Numbers, example_2, listed, recording
 
 SIZES = {"fig12": 0.01, "fig13": 0.03, "fig14": 0.05, "fig15": 0.1}
 SEED = 0  # of the runs that are drawn and whose detections are counted
@@ -89,24 +87,18 @@ def industrial(estimator: Estimator) -> Found:
     accepted = [e for e in swing if e.accepted]
     median_swing = float(np.median([e.d for e in accepted]))
     median_rest = float(np.median([e.d for e in rest if e.accepted]))
-    values = {
-        "fig17_d": 100.0 * read_manual_test(run),
-        "fig18_median": 100.0 * median_swing,
-        "fig18_count": len(accepted) / INDUSTRIAL_DRAWS,
-        "fig18_removed": 100.0 * (1.0 - len(accepted) / len(swing)),
-        "fig18_largest": float(max(e.d for e in swing if not e.accepted) > 2.0 * TRUE_INDUSTRIAL),
-        "fig19_median": 100.0 * median_rest,
-        "fig19_count": sum(e.accepted for e in rest) / INDUSTRIAL_DRAWS,
-        "fig19_lower": float(median_rest < median_swing),
-    }
+    values = {"fig17_d": 100.0 * read_manual_test(run), "fig18_median": 100.0 * median_swing,
+              "fig18_count": len(accepted) / INDUSTRIAL_DRAWS,
+              "fig18_removed": 100.0 * (1.0 - len(accepted) / len(swing)),
+              "fig18_largest": float(max(e.d for e in swing if not e.accepted) > 2.0 * TRUE_INDUSTRIAL),
+              "fig19_median": 100.0 * median_rest, "fig19_count": sum(e.accepted for e in rest) / INDUSTRIAL_DRAWS,
+              "fig19_lower": float(median_rest < median_swing)}
     records = [simulate(s) for s in (swinging, fixed)]
     found = [list(estimator(record)) for record in records]
     note = "In brackets: refused by the gate e_max < 2 dy. " + f"Numbers: {INDUSTRIAL_DRAWS} draws of noise and load."
-    figures = [
-        manual_figure(run),
-        recording("fig18", "Fig. 18: pulp flow with an external, swinging setpoint", records[0], found[0], note),
-        recording("fig19", "Fig. 19: pulp flow with a fixed setpoint", records[1], found[1], note),
-    ]
+    figures = [manual_figure(run),
+               recording("fig18", "Fig. 18: pulp flow with an external, swinging setpoint", records[0], found[0], note),
+               recording("fig19", "Fig. 19: pulp flow with a fixed setpoint", records[1], found[1], note)]
     return values, figures, {"fig18": listed(found[0]), "fig19": listed(found[1])}
 
 

@@ -15,7 +15,6 @@ WINDOW = ("the increase depends on how long the error is summed, and the paper d
           "over 40 s (used here), +97 % over 100 s after the load; +45 % is reached after 26 s")
 PEAK = ("the peak depends on where in its gap the valve stands when the load comes: +0 to +35 % at a load of 20 %, +0 "
         "to +59 % at 10 %, and noise and the step before decide that")
-COURSE = "the course of setpoint and load is not in the paper; ours is drawn to look like its figure"
 
 PUBLISHED: tuple[Published, ...] = (
     Published("fig3_integrating", "fig3", "Integrating process: curves cross, limit cycle predicted", "yes/no", 1, 0),
@@ -59,11 +58,6 @@ PUBLISHED: tuple[Published, ...] = (
 )
 
 # single estimates printed in the figures, % of span
-ESTIMATES = {
-    "fig12": "0.6 0.5 0.4 0.5 0.4",
-    "fig13": "2.8 2.6 2.6 2.5 2.6 2.6 2.5",
-    "fig14": "4.9 4.6 4.5 4.9 4.7 4.6 4.6",
-    "fig15": "11.2 10 9.6 10.1 9.7",
-    "fig18": "2.5 2.7 3.1 2.9 2.9",
-    "fig19": "1.6 2.4 2.4",
-}
+ESTIMATES = {"fig12": "0.6 0.5 0.4 0.5 0.4", "fig13": "2.8 2.6 2.6 2.5 2.6 2.6 2.5",
+             "fig14": "4.9 4.6 4.5 4.9 4.7 4.6 4.6", "fig15": "11.2 10 9.6 10.1 9.7", "fig18": "2.5 2.7 3.1 2.9 2.9",
+             "fig19": "1.6 2.4 2.4"}

@@ -1,0 +1,112 @@
+"""Loop settings as a TOML page or as a CSV table, checked key by key; what is wrong is named with its line."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import tomllib
+from typing import Any
+
+from ..errors import MetadataError, nearest
+from .schema import Metadata, check_keys, with_defaults
+
+_RANGE = re.compile(r"^\s*[\[(]?\s*(-?[\d.]+(?:[eE][+-]?\d+)?)\s*(?:\.\.\.?|,|;|:|\s|to|bis)\s*"
+                    r"(-?[\d.]+(?:[eE][+-]?\d+)?)\s*[\])]?\s*$")  # fmt: skip
+
+
+def parse_toml(text: str, where: str) -> Metadata:
+    """Read metadata from TOML text. Raises MetadataError naming line and key, with the nearest known ones."""
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        line = re.search(r"\(at line (\d+)", str(error))
+        raise MetadataError(f"invalid TOML syntax: {error}", where=f"{where}, line {line[1]}" if line else where,
+                            remedy="mend that line (text in quotes, every bracket closed, every key once)") from None
+    except (RecursionError, ValueError, OverflowError):
+        raise MetadataError("invalid TOML: nested too deeply or a number too long", where=where) from None
+    for key in document:
+        if key not in ("defaults", "loops"):
+            raise MetadataError(
+                f"unknown table or key {key!r} in the loops file", where=_line_of(text, where, key, None),
+                remedy=f"{nearest(key, ['defaults', 'loops'])} settings of a loop stand under [loops.NAME]",
+            )
+    defaults, loops = document.get("defaults", {}), document.get("loops", {})
+    inner = {f"loops.{name}": table for name, table in loops.items()} if isinstance(loops, dict) else {}
+    for name, table in {**document, **inner}.items():
+        if not isinstance(table, dict):
+            raise MetadataError(f"{name!r} must be a table", where=where,
+                                remedy=f"write it as [{name}] with keys below")
+    check_keys(defaults, lambda key: _line_of(text, where, key, "defaults"))
+    for name, values in loops.items():
+        check_keys(values, lambda key, name=name: _line_of(text, where, key, name))
+    return with_defaults(loops, defaults, where)
+
+
+def _line_of(text: str, where: str, key: str, table: str | None) -> str:
+    """Name file and line of a key; the line is left out when it cannot be found for sure."""
+    inside = table is None
+    for number, line in enumerate(text.splitlines(), 1):
+        bare = line.strip()
+        if bare.startswith("["):
+            names = bare.strip("[] \t").replace('"', "").replace("'", "")
+            last = names.split(".", 1)[-1] if names.startswith("loops.") else names
+            inside = table is None or last == table
+            if names == key or names == f"loops.{key}" or names.startswith(f"{key}."):
+                return f"{where}, line {number}"
+        elif inside and re.match(rf"['\"]?{re.escape(key)}['\"]?\s*[=.]", bare):
+            return f"{where}, line {number}"
+    return where
+
+
+def parse_table(text: str, where: str) -> Metadata:
+    """Read metadata from CSV text with a column `loop`; empty cells are not set, a row `defaults` holds for all.
+
+    Ranges are written "0..900" or "[0, 900]". Raises MetadataError naming line and column.
+    """
+    head = text.partition("\n")[0]
+    delimiter = max(";\t,", key=head.count)
+    reader = csv.reader(io.StringIO(text), delimiter=delimiter)
+    try:
+        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise MetadataError(f"not a CSV table: {error}", where=f"{where}, line {reader.line_num}") from None
+    if not rows:
+        return Metadata({}, {}, (where,))
+    header = [cell.strip() for cell in rows[0][1]]
+    names = [i for i, cell in enumerate(header) if cell.lower() in ("loop", "name", "tag")]
+    if not names:
+        raise MetadataError("table has no column 'loop'", where=where, remedy="name the loops in a column called loop")
+    check_keys({key: "" for i, key in enumerate(header) if i != names[0] and key},
+               lambda key: f"{where}, line {rows[0][0]}")
+    defaults: dict[str, Any] = {}
+    loops: dict[str, dict[str, Any]] = {}
+    for line, row in rows[1:]:
+        cells = dict(zip(header, row, strict=False))
+        name = cells.pop(header[names[0]], "").strip()
+        values = {k: _value(k, v, delimiter, f"{where}, line {line}") for k, v in cells.items() if k and v.strip()}
+        if name.lower() in ("defaults", "default"):
+            defaults = values
+        elif not name or name in loops:
+            raise MetadataError(f"loop {name!r} is listed twice" if name else "row without a loop name",
+                                where=f"{where}, line {line}")
+        else:
+            loops[name] = values
+    return with_defaults(loops, defaults, where)
+
+
+def _value(key: str, text: str, delimiter: str, where: str) -> Any:
+    text = text.strip()
+    if key.endswith("_range"):
+        if delimiter == ";":
+            text = re.sub(r"(?<=\d),(?=\d)", ".", text)
+        match = _RANGE.match(text)
+        if match is None:
+            raise MetadataError(f"{key} = {text!r} is not a range", where=where, remedy='write "0..900"')
+        try:
+            return [float(match[1]), float(match[2])]
+        except ValueError:
+            raise MetadataError(f"{key} = {text!r} is not a range", where=where, remedy='write "0..900"') from None
+    if key == "auto_modes":
+        return text.split()
+    return text
