@@ -50,9 +50,20 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
     """Return the delayed signal for all samples."""
-    from .fast import late
-
     return values if p[0] == 0.0 else late(values, p[0] / interval)
+
+
+def late(values: FloatArray, samples: float) -> FloatArray:
+    """Return a signal (samples,) delayed by any number of samples; before the first it was constant."""
+    whole = int(np.floor(samples + 1e-9))
+    part = max(samples - whole, 0.0)
+    n = len(values)
+    out = np.full(n, values[0])
+    if whole < n:
+        out[whole:] = values[: n - whole]
+    if part > 0.0 and whole + 1 < n:
+        out[whole + 1 :] += part * (values[: n - whole - 1] - values[1 : n - whole])
+    return out
 
 
 def propose(clues: Clues) -> list[Values]:

@@ -39,7 +39,7 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
     """Return the mean positions for all samples."""
-    from .fast import slew
+    from ..kernels import slew
 
     return values if np.all(p == np.inf) else np.asarray(slew(values, p[0] * interval, p[-1] * interval))
 

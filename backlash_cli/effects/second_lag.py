@@ -35,9 +35,14 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
     """Return the lagged signal for all samples."""
-    from .fast import mean_lag
+    from ..kernels import lag
 
-    return values if p[0] == 0.0 else np.asarray(mean_lag(values, interval / p[0]))
+    if p[0] == 0.0:
+        return values
+    ratio = interval / p[0]
+    decay = np.exp(-ratio)
+    # its mean over each sample, from where it stands at the sample's start
+    return values - np.expm1(-ratio) / ratio * (np.asarray(lag(values, decay, 0.0, 1.0 - decay, 0)) - values)
 
 
 def propose(clues: Clues) -> list[Values]:

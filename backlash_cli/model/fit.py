@@ -10,8 +10,7 @@ import numpy as np
 from ..effects import Stage
 from ..record import FloatArray
 from .free import Free, free_numbers, get, put
-from .noise import Noise, Whitener, whitener
-from .noise_fit import fit_noise
+from .noise import Noise, Whitener, fit_noise, whitener
 from .pipeline import (
     Part,
     Shape,
@@ -26,7 +25,7 @@ from .pipeline import (
     spreads,
 )
 from .problem import Problem
-from .response import whitened_gains
+from .response import delayed_lag
 
 # moved outputs held in memory at once
 BATCH = 64
@@ -178,13 +177,13 @@ class Solver:
         Q, _ = np.linalg.qr(self._others)
         rest = self._y - Q @ (Q.T @ self._y)
         total = float(rest @ rest)
-        white, h = self.white, self.problem.interval
+        h, lag, delay = self.problem.interval, shapes[0].lag, shapes[0].delay
         for first in range(0, len(shapes), BATCH):
-            batch = shapes[first : first + BATCH]
-            moved = np.stack([moved_output(self.problem, shape.parts) for shape in batch])
-            gains = whitened_gains(
-                moved, h, batch[0].lag, batch[0].delay, white.a1, white.a2, white.gain, white.weight, Q, rest
-            )
+            moved = [moved_output(self.problem, shape.parts) for shape in shapes[first : first + BATCH]]
+            X = self.white.columns(np.column_stack([delayed_lag(u, h, lag, delay) for u in moved]))
+            own = np.sum(X * X, axis=0)
+            new = own - np.sum((Q.T @ X) ** 2, axis=0)
+            gains = np.where(new > 1e-9 * own, (rest @ X) ** 2 / np.maximum(new, 1e-300), 0.0)
             out += (total - gains).tolist()
         return out
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import EFFECTS, Effect, Stage
-from ..effects.fast import late
+from ..effects.dead_time import late
 from ..effects.fitting import Values
 from ..record import FloatArray
 from .problem import Hole, Problem

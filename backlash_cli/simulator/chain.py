@@ -58,7 +58,7 @@ class Table:
     def build(cls, s: Scenario, samples: int, columns: Mapping[str, FloatArray], random: Numbers) -> Table:
         """Start every effect at rest, in the order a signal meets them."""
         from ..effects.compiled import compiled
-        from .kernel import SLOTS
+        from ..kernels import SLOTS
 
         order = list(Stage)
         chain = sorted(s.effects, key=lambda a: order.index(a.effect.stage))

@@ -87,7 +87,7 @@ def trace(scenario: Scenario) -> Trace:
 
     Raises LoopError (code `unstable_loop`) when the measurement runs away.
     """
-    from .kernel import COMPENSATOR_STATE, PID_STATE, closed_loop
+    from ..kernels import COMPENSATOR_STATE, PID_STATE, closed_loop
 
     s, c = scenario, scenario.controller
     samples = max(round(s.duration / s.step), 1)
