@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -16,7 +16,7 @@ from .free import free_numbers, get, put
 from .judge import Judge, jumpy
 from .linear import linear_values
 from .noise import Noise, whitener
-from .pipeline import Part, Shape, predict
+from .pipeline import Part, Shape, as_tuple, predict
 from .problem import Problem
 
 LAG_SHARES = (0.6, 1.0)
@@ -24,7 +24,10 @@ LAG_SHARES = (0.6, 1.0)
 SLOW_FOR_RECORD, QUICK = 100.0, (150.0, 500.0)
 KEEP = 1
 SWEEP = 17
-KEEP_JUMPY = 12
+# trials whose numbers differ by less than this share are one
+SAME = 0.01
+# starts of each kind that are looked at in all places of the stem, and those that look around from the best
+KEEP_JUMPY, KEEP_WANDERING = 12, 6
 # gain in deviance of a look-alike below which an effect with many valleys is not searched for
 WORTH_A_LOOK = 6.0
 # a start that is still this much worse than the model without the effect is not refined further
@@ -83,11 +86,13 @@ def candidate(
         solver = Solver(problem, whitener(noise, problem.used, problem.interval))
         entering = predict(problem, ground, solver.solve(ground)[0]) if effect.stage == Stage.SENSOR else None
         parts = starts(effect, Clue(problem, ground, solver.white, values, entering), problem.columns)
-        for shape in scan(solver, ground, parts, KEEP_JUMPY if jumpy(effect) else KEEP):
-            if jumpy(effect):
-                shape = wander(solver, sweep(solver, shape), random, 40)
-            else:
-                shape = descend(solver, shape, rounds=3)
+        found = scan(solver, ground, parts, KEEP_JUMPY if jumpy(effect) else KEEP)
+        if jumpy(effect):
+            found = [sweep(solver, shape) for shape in found]
+            kinds, costs = [kind_of(shape) for shape in found], [solver.rss(shape) for shape in found]
+            found = [found[i] for i in cheapest(kinds, costs, KEEP_WANDERING)]
+        for shape in found:
+            shape = wander(solver, shape, random, 40) if jumpy(effect) else descend(solver, shape, rounds=3)
             trials.append(finished(problem, shape, refit_noise(problem, shape, noise, base.noise)))
     return best_of(problem, judge, trials, random, jumpy(effect), judge.score(base))
 
@@ -101,32 +106,50 @@ def best_of(
     hopeful = [trial for trial in trials if plausible(problem, trial)]
     if hopeful and not valleys and judge.score(hopeful[0]) > before + HOPELESS:
         return hopeful[0]
-    best: Fit | None = None
-    for trial in finalists(hopeful or trials, valleys):
-        noise, shape = trial.noise, trial.shape
-        if valleys:
-            solver = Solver(problem, whitener(noise, problem.used, problem.interval))
-            shape = descend(solver, wander(solver, shape, random, 120), rounds=3)
-            noise = refit_noise(problem, shape, noise)
-            solver = Solver(problem, whitener(noise, problem.used, problem.interval))
-            shape = wander(solver, sweep(solver, shape, 5 * SWEEP), random, 120, scale=0.2)
-        found = fit(problem, shape, noise)
-        if not plausible(problem, found):
-            continue
-        if best is None or judge.score(found) < judge.score(best):
-            best = found
-    return best
+    last = finalists(hopeful or trials, valleys)
+    if valleys:
+        last = sorted((around(problem, trial, random) for trial in last), key=judge.score)[:2]
+    found = [fit(problem, trial.shape, trial.noise) for trial in last]
+    return min((fitted for fitted in found if plausible(problem, fitted)), key=judge.score, default=None)
+
+
+def around(problem: Problem, trial: Fit, random: np.random.Generator) -> Fit:
+    """Return the best fit found around a trial of an effect with many valleys, with its own noise."""
+    solver = Solver(problem, whitener(trial.noise, problem.used, problem.interval))
+    shape = descend(solver, wander(solver, trial.shape, random, 120), rounds=3)
+    noise = refit_noise(problem, shape, trial.noise)
+    solver = Solver(problem, whitener(noise, problem.used, problem.interval))
+    return finished(problem, wander(solver, sweep(solver, shape, 5 * SWEEP), random, 60, scale=0.2), noise)
 
 
 def finalists(trials: list[Fit], valleys: bool) -> list[Fit]:
     """Return the trials to fit to the end: the best two, or where there are many valleys the best two of each kind."""
     if not valleys:
-        return trials[:2]
-    kinds: dict[tuple[object, ...], list[Fit]] = {}
-    for trial in trials:
-        last = [part for part in trial.shape.parts if jumpy(part.effect)][-1]
-        kinds.setdefault(group(last), []).append(trial)
-    return [trial for found in kinds.values() for trial in found[:2]]
+        return trials[: 1 if len(trials) > 1 and same_place(trials[0], trials[1]) else 2]
+    # the trials come best first
+    return [trials[i] for i in cheapest([kind_of(trial.shape) for trial in trials], range(len(trials)), 2)]
+
+
+def same_place(one: Fit, other: Fit) -> bool:
+    """True when two trials came to the same numbers, so that only one of them needs to be fitted to the end."""
+    if [group(part) for part in one.shape.parts] != [group(part) for part in other.shape.parts]:
+        return False
+    here, there = ([f.shape.lag, f.shape.delay, *(v for part in f.shape.parts for value in part.values.values()
+                    for v in as_tuple(value))] for f in (one, other))  # fmt: skip
+    return bool(np.allclose(here, there, rtol=SAME, atol=1e-9))
+
+
+def kind_of(shape: Shape) -> tuple[object, ...]:
+    """Return the kind of the last effect with many valleys in a shape."""
+    return group([part for part in shape.parts if jumpy(part.effect)][-1])
+
+
+def cheapest(kinds: Sequence[object], costs: Sequence[float], keep: int) -> list[int]:
+    """Return the places of the `keep` lowest costs of each kind, kind after kind."""
+    found: dict[object, list[int]] = {}
+    for place in np.argsort(costs, kind="stable").tolist():
+        found.setdefault(kinds[place], []).append(place)
+    return [place for places in found.values() for place in places[:keep]]
 
 
 def plausible(problem: Problem, found: Fit) -> bool:
@@ -147,22 +170,18 @@ def plausible(problem: Problem, found: Fit) -> bool:
 
 def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Shape]:
     """Return the best starts of each kind, at most `keep` per kind, by the whitened sum of squares."""
-    kinds: dict[tuple[object, ...], list[tuple[float, int, Shape]]] = {}
     several = bool(parts) and not parts[0].is_linear and not jumpy(parts[0].effect)
     lags = [shape.lag * share for share in (LAG_SHARES if several else (1.0,))]
     if several and shape.lag > solver.problem.duration / SLOW_FOR_RECORD:
         # a valve that does not move looks like a process that hardly answers: try processes that do
         lags += [solver.problem.duration / share for share in QUICK]
+    trials: list[Shape] = []
+    costs: list[float] = []
     for lag in lags:
-        near = replace(shape, lag=lag)
-        trials = [near.with_part(part) for part in parts]
-        for number, (part, trial, rss) in enumerate(zip(parts, trials, solver.rss_of_many(trials), strict=True)):
-            kinds.setdefault(group(part), []).append((rss, number, trial))
-    out = []
-    for found in kinds.values():
-        found.sort(key=lambda f: (f[0], f[1]))
-        out += [trial for _, _, trial in found[:keep]]
-    return out
+        same = [replace(shape, lag=lag).with_part(part) for part in parts]
+        trials += same
+        costs += solver.rss_of_many(same)
+    return [trials[i] for i in cheapest([group(part) for part in parts] * len(lags), costs, keep)]
 
 
 def sweep(solver: Solver, shape: Shape, count: int = SWEEP) -> Shape:

@@ -28,7 +28,7 @@ from .problem import Problem
 from .response import delayed_lag
 
 # moved outputs held in memory at once
-BATCH = 64
+BATCH = 16
 # steps to the linear numbers behind a transmitter that is not linear
 BENT_ROUNDS, COLD_ROUNDS, BENT_ENOUGH = 6, 25, 1e-4
 
@@ -67,6 +67,7 @@ class Solver:
         self._measured = self._y = white.one(problem.measurement)
         self._yy = float(self._y @ self._y)
         self._key: object = None
+        self._last: tuple[Shape, tuple[FloatArray, float, FloatArray]] | None = None
         self._bent: FloatArray | None = None
         self._others = np.empty((0, 0))
         self._gram = np.empty((0, 0))
@@ -83,13 +84,16 @@ class Solver:
             raw = load_regressors(self.problem, shape)
             self._others = self.white.columns(raw)
             self._gram = self._others.T @ self._others
-            self._gram[np.diag_indices(len(self._gram))] += (self.problem.floor / spreads(self.problem, raw)) ** 2
+            self._gram.flat[:: len(self._gram) + 1] += (self.problem.floor / spreads(self.problem, raw)) ** 2
             self._cross = self._others.T @ self._y
 
     def solve(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened moved process of a shape."""
-        if shape.sensors:
-            return self._solve_bent(shape)
+        if self._last is None or self._last[0] is not shape:
+            self._last = shape, self._solve_bent(shape) if shape.sensors else self._solve(shape)
+        return self._last[1]
+
+    def _solve(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         if self._y is not self._measured:
             self._y, self._yy = self._measured, float(self._measured @ self._measured)
         self._use(shape)
@@ -114,7 +118,7 @@ class Solver:
         known = self._bent
         cold = known is None or len(known) != raw.shape[1]
         if known is None or cold:
-            known = self.solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
+            known = self._solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
         c = known
         found: tuple[FloatArray, FloatArray, FloatArray] | None = None
         best = np.inf
@@ -143,7 +147,7 @@ class Solver:
         self._others = columns[:, 1:]
         self._cross = self._others.T @ measured
         self._gram = self._others.T @ self._others
-        self._gram[np.diag_indices(len(self._gram))] += ridge
+        self._gram.flat[:: len(self._gram) + 1] += ridge
         return self._solved(columns[:, 0])[0]
 
     def cross(self, Z: FloatArray) -> FloatArray:
@@ -152,10 +156,11 @@ class Solver:
 
     def inverse(self, B: FloatArray) -> FloatArray:
         """Return (columns, numbers) that the shape solved last turns into B."""
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(self._G), 1e-300))
+        scale = 1.0 / np.sqrt(np.maximum(self._G.diagonal(), 1e-300))[:, None]
+        A = self._G * scale * scale.T
         # a trace of damping, so that a column that does nothing gets the coefficient 0
-        A = self._G * np.outer(scale, scale) + 1e-10 * np.eye(len(scale))
-        out: FloatArray = np.linalg.solve(A, scale[:, None] * B) * scale[:, None]
+        A.flat[:: len(A) + 1] += 1e-10
+        out: FloatArray = np.linalg.solve(A, scale * B) * scale
         return out
 
     def columns(self, shape: Shape) -> FloatArray:
@@ -173,6 +178,7 @@ class Solver:
         if not shapes or bent or any(self._differs(shapes[0], shape) for shape in shapes[1:2]):
             return [self.rss(shape) for shape in shapes]
         out: list[float] = []
+        self._last = None
         self._use(shapes[0])
         Q, _ = np.linalg.qr(self._others)
         rest = self._y - Q @ (Q.T @ self._y)
@@ -258,15 +264,15 @@ def slopes(solver: Solver, shape: Shape, free: list[Free]) -> FloatArray:
 
 def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3) -> Fit:
     """Fit a shape from start values: searched numbers and noise in turn until the likelihood stands still."""
-    deviance = np.inf
+    now: Fit | None = None
     for _ in range(rounds):
+        before = np.inf if now is None else now.deviance
         shape = descend(Solver(problem, whitener(noise, problem.used, problem.interval)), shape)
         noise = refit_noise(problem, shape, noise)
-        now = finished(problem, shape, noise).deviance
-        if now > deviance - 0.5:
+        now = finished(problem, shape, noise)
+        if now.deviance > before - 0.5:
             break
-        deviance = now
-    return finished(problem, shape, noise)
+    return now or finished(problem, shape, noise)
 
 
 def refit_noise(problem: Problem, shape: Shape, noise: Noise, first: Noise | None = None) -> Noise:

@@ -74,10 +74,10 @@ class Whitener:
 
 def whitener(noise: Noise, used: NDArray[np.bool_], h: float) -> Whitener:
     """Return the whitening filter of `noise` for the samples `used` at interval h [s]."""
-    n, (a1, a2, *covariance) = len(used), noise.at_rest(h)
+    n, rest = len(used), noise.at_rest(h)
     gain, weight = np.zeros((n, 2)), np.zeros(n)
-    _, log_det = kernels.kalman(np.zeros(n), used, a1, a2, *covariance, gain, weight)
-    return Whitener(a1, a2, gain, weight, float(log_det), int(np.count_nonzero(used)))
+    _, log_det = kernels.kalman(np.zeros(n), used, *rest, gain, weight)
+    return Whitener(rest[0], rest[1], gain, weight, float(log_det), int(np.count_nonzero(used)))
 
 
 def fit_noise(error: FloatArray, used: NDArray[np.bool_], h: float, first: Noise) -> Noise:

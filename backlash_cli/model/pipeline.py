@@ -284,7 +284,7 @@ def spreads(problem: Problem, columns: FloatArray) -> FloatArray:
 
     Without it a column that the samples at hand do not show, such as the end of a hole, could take any value.
     """
-    size = np.sqrt(np.mean(columns**2, axis=0))
+    size = np.sqrt(np.einsum("ij,ij->j", columns, columns) / len(columns))
     out = USUAL_SPAN / np.maximum(size, 1e-12)
     out[0] = 1e3
     out[1] = USUAL_SPAN

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from ..effects import Effect, Stage
 from .adequacy import Left, left_by
 from .candidates import candidate, table
@@ -23,6 +25,8 @@ WEAK = 100.0
 # nor one of the same kind that gains less by this share only: OP between the stored samples is not known
 SHARE_ALIKE = 0.05
 MOST_EFFECTS = 4
+# lags this close (natural logarithm) are the same
+SAME_LAG = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +72,19 @@ def baseline(problem: Problem) -> Fit:
     """Fit gain, lag and offset, plus the dead time of the settings where they give one."""
     delay = problem.delay or 0.0
     guess = problem.settings.Ti or problem.duration / 60.0
-    found = []
+    found: list[Fit] = []
+    seen: list[float] = []
     for share in (1.0, 0.25, 4.0):
         lag = min(max(share * guess, problem.interval), problem.duration / 10.0)
-        noise = Noise(1.0, 3.0 * lag, lag)
-        found.append(fit(problem, Shape(lag, delay), noise))
         # a wandering load can hide that the model is poor: start from the smallest error, too
-        loose = Noise(1e-3, noise.slow, noise.fast)
-        shape = descend(Solver(problem, whitener(loose, problem.used, problem.interval)), Shape(lag, delay))
-        found.append(fit(problem, shape, refit_noise(problem, shape, loose, noise)))
+        for ratio in (1.0, 1e-3):
+            noise = Noise(ratio, 3.0 * lag, lag)
+            shape = descend(Solver(problem, whitener(noise, problem.used, problem.interval)), Shape(lag, delay))
+            # starts that came to the same lag come to the same fit
+            if all(abs(np.log(shape.lag / other)) > SAME_LAG for other in seen):
+                first = Noise(1.0, noise.slow, noise.fast)
+                found.append(fit(problem, shape, refit_noise(problem, shape, noise, first)))
+            seen.append(shape.lag)
     judge = judge_for(problem, min(f.shape.lag for f in found))
     return judge.best(found)
 
