@@ -92,7 +92,9 @@ def candidate(
             kinds, costs = [kind_of(shape) for shape in found], [solver.rss(shape) for shape in found]
             found = [found[i] for i in cheapest(kinds, costs, KEEP_WANDERING)]
         for shape in found:
-            shape = wander(solver, shape, random, 40) if jumpy(effect) else descend(solver, shape, rounds=3)
+            # loads are solved for: only the process has to move a little with them
+            rounds = 1 if effect.fitting.linear else 3
+            shape = wander(solver, shape, random, 40) if jumpy(effect) else descend(solver, shape, rounds=rounds)
             trials.append(finished(problem, shape, refit_noise(problem, shape, noise, base.noise)))
     return best_of(problem, judge, trials, random, jumpy(effect), judge.score(base))
 

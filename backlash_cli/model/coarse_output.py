@@ -67,4 +67,4 @@ def finer(problem: Problem) -> Problem | None:
     """Return the problem with OP as it may have been before rounding, None when OP was not rounded coarsely."""
     if not problem.output_step:
         return None
-    return replace(problem, output=between_steps(problem.output, problem.output_step), memory={}, moved={})
+    return replace(problem, output=between_steps(problem.output, problem.output_step), memory={}, moved={}, others={})

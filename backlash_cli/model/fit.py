@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effects import Stage
 from ..record import FloatArray
 from .free import Free, free_numbers, get, put
 from .noise import Noise, Whitener, fit_noise, whitener
 from .pipeline import (
-    Part,
     Shape,
-    beside,
+    beside_output,
     load_regressors,
     moved_output,
     moved_process,
@@ -54,11 +52,6 @@ class Fit:
         return float(self.coefficients[0])
 
 
-def moves_output(part: Part) -> bool:
-    """True for an effect that changes the moved output only, and no other column."""
-    return part.on_output and part.effect.stage != Stage.PROCESS
-
-
 class Solver:
     """Solves the linear numbers of many shapes under one noise, remembering the columns that stay the same."""
 
@@ -66,7 +59,7 @@ class Solver:
         self.problem, self.white = problem, white
         self._measured = self._y = white.one(problem.measurement)
         self._yy = float(self._y @ self._y)
-        self._key: object = None
+        self._raw: FloatArray | None = None
         self._last: tuple[Shape, tuple[FloatArray, float, FloatArray]] | None = None
         self._bent: FloatArray | None = None
         self._others = np.empty((0, 0))
@@ -76,13 +69,9 @@ class Solver:
         self._G = np.empty((0, 0))
 
     def _use(self, shape: Shape) -> None:
-        own = [p for p in shape.parts if not moves_output(p)]
-        delay = shape.delay if self.problem.holes else 0.0
-        key = (shape.lag, delay, *[(p.effect.name, p.column, tuple(p.values.items())) for p in own])
-        if key != self._key:
-            self._key = key
-            raw = load_regressors(self.problem, shape)
-            self._others = self.white.columns(raw)
+        raw = load_regressors(self.problem, shape)
+        if raw is not self._raw:
+            self._raw, self._others = raw, self.white.columns(raw)
             self._gram = self._others.T @ self._others
             self._gram.flat[:: len(self._gram) + 1] += (self.problem.floor / spreads(self.problem, raw)) ** 2
             self._cross = self._others.T @ self._y
@@ -143,7 +132,7 @@ class Solver:
 
     def _take(self, columns: FloatArray, measured: FloatArray, ridge: FloatArray) -> FloatArray:
         """Take whitened columns (samples, columns) and measurement (samples,) as the ones to solve; return their c."""
-        self._key, self._y, self._yy = None, measured, float(measured @ measured)
+        self._raw, self._y, self._yy = None, measured, float(measured @ measured)
         self._others = columns[:, 1:]
         self._cross = self._others.T @ measured
         self._gram = self._others.T @ self._others
@@ -175,7 +164,8 @@ class Solver:
     def rss_of_many(self, shapes: Sequence[Shape]) -> list[float]:
         """Return the whitened sums of squares of shapes that share lag and delay; fast where the loads are the same."""
         bent = any(p.on_load or p.on_sensor for shape in shapes[:1] for p in shape.parts)
-        if not shapes or bent or any(self._differs(shapes[0], shape) for shape in shapes[1:2]):
+        beside = [beside_output(self.problem, shape) for shape in shapes[:2]]
+        if not shapes or bent or beside[0] != beside[-1]:
             return [self.rss(shape) for shape in shapes]
         out: list[float] = []
         self._last = None
@@ -192,11 +182,6 @@ class Solver:
             gains = np.where(new > 1e-9 * own, (rest @ X) ** 2 / np.maximum(new, 1e-300), 0.0)
             out += (total - gains).tolist()
         return out
-
-    @staticmethod
-    def _differs(one: Shape, other: Shape) -> bool:
-        """True when two shapes differ in more than what moves the output."""
-        return [p for p in one.parts if not moves_output(p)] != [p for p in other.parts if not moves_output(p)]
 
     def rest(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened rest (samples,) of a shape."""
@@ -259,7 +244,7 @@ def slopes(solver: Solver, shape: Shape, free: list[Free]) -> FloatArray:
         moved = numbers.copy()
         moved[j] += step
         D.append((predict(solver.problem, put(shape, free, moved), c) - here) / step)
-    return solver.white.columns(beside(D))
+    return solver.white.columns(np.column_stack(D))
 
 
 def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3) -> Fit:

@@ -11,14 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, logit
 
 from .. import kernels
 from ..record import FloatArray
 
 # what wanders more slowly than this share of the record is no noise about a mean: it is a drift
 SLOWEST = 0.1
-# deviances closer than this tell nothing about the noise; share of the error that a number outside its range costs
-CLOSE_ENOUGH, OUTSIDE = 0.02, 0.03
+# deviances closer than this tell nothing about the noise
+CLOSE_ENOUGH = 0.02
+# a search starts at least this share of its range from its ends, with a step of this share of where it starts
+NEAR_END, FIRST_STEP = 0.3, 1.0
 
 
 @dataclass(frozen=True)
@@ -91,17 +94,22 @@ def fit_noise(error: FloatArray, used: NDArray[np.bool_], h: float, first: Noise
     longest = SLOWEST * h * len(error)
     low, high = np.log([[1e-3, 1e3], [0.5 * h, longest], [0.1 * h, longest]]).T
     count, none = np.count_nonzero(used), (np.empty((0, 2)), np.empty(0))
-    dear = OUTSIDE * float(np.linalg.norm(error))
+
+    def noise(x: FloatArray) -> FloatArray:
+        # from any number to one within its range
+        found: FloatArray = np.exp(low + (high - low) * expit(x))
+        return found
 
     def innovations(x: FloatArray) -> FloatArray:
-        inside = np.clip(x, low, high)
-        white, log_det = kernels.kalman(error, used, *Noise(*np.exp(inside)).at_rest(h), *none)
-        return np.append(white * np.exp(0.5 * log_det / count), dear * (x - inside))
+        white, log_det = kernels.kalman(error, used, *Noise(*noise(x)).at_rest(h), *none)
+        scaled: FloatArray = white * np.exp(0.5 * log_det / count)
+        return scaled
 
-    start = np.clip(np.log([first.ratio, first.slow, first.fast]), low, high)
+    start = (np.log([first.ratio, first.slow, first.fast]) - low) / (high - low)
     # the full answer comes without a warning where the trials are used up: a valley so flat needs no more of them
-    found = leastsq(innovations, start, ftol=CLOSE_ENOUGH / count, epsfcn=1e-4, maxfev=60, factor=1.0, full_output=True)
-    ratio, slow, fast = np.exp(np.clip(found[0], low, high)).tolist()
+    found = leastsq(innovations, logit(np.clip(start, NEAR_END, 1.0 - NEAR_END)), ftol=CLOSE_ENOUGH / count,
+                    epsfcn=1e-5, maxfev=60, factor=FIRST_STEP, full_output=True)  # fmt: skip
+    ratio, slow, fast = noise(found[0]).tolist()
     return Noise(ratio, max(slow, fast), min(slow, fast))
 
 

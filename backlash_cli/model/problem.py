@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +38,10 @@ class Problem:
     output: OP, straight lines over holes. measurement: PV, 0 where `used` is False. recorded: PV with nan in holes.
     setpoint: SP, held over holes. columns: means of further measured columns up to the next sample, holes interpolated.
     delay: dead time [s] known from the settings, None when the settings give none. holes: where OP is not known.
-    floor: standard deviation of the measurement noise [span], from third differences. memory, moved: load columns and
-    moved outputs by part, shared by problems that differ in their mask only. driven: share of OP's motion that comes
-    from the setpoint or the operator. output_step: in which OP was recorded [span], 0 when it hardly matters.
+    floor: standard deviation of the measurement noise [span], from third differences. memory, moved, others: load
+    columns, moved outputs and the columns of the last shape, shared by problems that differ in their mask only.
+    driven: share of OP's motion that comes from the setpoint or the operator. output_step: in which OP was recorded
+    [span], 0 when it hardly matters.
     ahead: samples that a loop driven by its load is predicted ahead (see `drive`).
     """
 
@@ -60,6 +62,7 @@ class Problem:
     output_step: float = 0.0
     memory: dict[object, list[FloatArray]] = field(default_factory=dict, repr=False)
     moved: dict[object, FloatArray] = field(default_factory=dict, repr=False)
+    others: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def samples(self) -> int:

@@ -146,6 +146,9 @@ def rivals(problem: Problem, found: Found, effects: Sequence[Effect], seed: int)
         name, fitting = part.effect.name, part.effect.fitting
         if name not in found.without:
             continue
+        if len(found.final.shape.parts) == 1:
+            # each of them was tried alone already
+            instead.update({(name, other): fit for other, fit in found.first.items() if other != name})
         # what gains little is compared with everything
         weak = found.gain(name) < WEAK and part.effect.stage != Stage.LOAD
         for other in by_name if weak else (*fitting.siblings, *fitting.rivals):
@@ -153,14 +156,11 @@ def rivals(problem: Problem, found: Found, effects: Sequence[Effect], seed: int)
             if weak and other not in (*fitting.siblings, *fitting.rivals) and effect is not None and (
                     effect.fitting.seldom or jumpy(effect) or not effect.fitted or effect.fitting.bounds):
                 continue
-            if other in by_name and other not in found.final.shape.names:
+            if other in by_name and other not in found.final.shape.names and (name, other) not in instead:
                 there = candidate(problem, judge, found.without[name], by_name[other], known={name: found.final},
                                   seed=seed, must=True)
                 if there is not None:
                     instead[name, other] = there
-        if len(found.final.shape.parts) == 1:
-            instead.update({(name, other): fit for other, fit in found.first.items() if other != name
-                            and (name, other) not in instead})
     if not instead:
         return found
     pair = min(instead, key=lambda both: judge.score(instead[both]))
