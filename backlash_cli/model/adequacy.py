@@ -15,8 +15,7 @@ from scipy.special import chdtrc
 
 from ..kernels import play
 from ..record import FloatArray
-from .fit import Fit, Solver, slopes
-from .free import free_numbers
+from .fit import Fit, Solver, free_numbers, slopes
 from .noise import whitener
 from .pipeline import into_process
 from .problem import Problem

@@ -11,13 +11,11 @@ import numpy as np
 from ..effects import Effect, Stage
 from ..effects.fitting import Values
 from .clues import Clue
-from .fit import Fit, Solver, descend, finished, fit, refit_noise
-from .free import free_numbers, get, put
-from .judge import Judge, jumpy
-from .linear import linear_values
+from .fit import Fit, Solver, descend, finished, fit, free_numbers, get, linear_values, put, refit_noise
 from .noise import Noise, whitener
 from .pipeline import Part, Shape, as_tuple, predict
 from .problem import Problem
+from .score import Judge, jumpy
 
 LAG_SHARES = (0.6, 1.0)
 # a lag longer than this part of the record is hardly that of the process; parts of the record that it may be instead

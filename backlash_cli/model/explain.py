@@ -14,21 +14,18 @@ from ..errors import UsageError
 from ..record import Note, Record
 from ..results import Candidate, Explanation, Fitness, Model, Rest, Step
 from .candidates import candidate
-from .coarse_output import finer
 from .compare import notes, series_of, unexplained, where_it_fails
-from .fit import Fit, fit
+from .fit import Fit, fit, linear_values
 from .holdout import Tested, better, least_squares, predicted_by, tested
 from .intervals import fitted_effects, moved_to, process_parameters
-from .judge import ENOUGH, judge_for
-from .kept import in_ranges_of, kept_model, parts_of, shape_of
-from .linear import linear_values
 from .pipeline import Part, moved_process
-from .problem import Problem, problem_from_record
-from .prune import families
+from .problem import Problem, finer, problem_from_record
+from .reasons import marked, with_reasons
 from .recorder import distance, fitted_problem, only_reports, recorded_floor, recorders
 from .rounding import rounded, through_rounding
-from .search import WEAK, Found, baseline, search
-from .why import marked, with_reasons
+from .saved_model import in_ranges_of, kept_model, parts_of, shape_of
+from .score import ENOUGH, judge_for
+from .search import WEAK, Found, baseline, families, search
 
 # PV must move by this many times its noise before anything can be said about how it follows OP
 LEAST_MOTION = 3.0

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import EFFECTS, Effect, Stage
-from ..effects.dead_time import late
 from ..effects.fitting import Values
+from ..effects.lags import late
 from ..record import FloatArray
 from .problem import Hole, Problem
 from .response import delayed_lag, forgotten

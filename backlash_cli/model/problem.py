@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..record import FloatArray, LoopSettings, Record, SampleState
-from .coarse_output import step_of
-from .drive import MOSTLY, horizon, moved_from_outside
+from .output import MOSTLY, between_steps, horizon, moved_from_outside, step_of
 
 # fewer samples than this cannot carry a model with three parameters, a hold-out and a search
 FEWEST_SAMPLES = 100
@@ -42,7 +41,7 @@ class Problem:
     columns, moved outputs and the columns of the last shape, shared by problems that differ in their mask only.
     driven: share of OP's motion that comes from the setpoint or the operator. output_step: in which OP was recorded
     [span], 0 when it hardly matters.
-    ahead: samples that a loop driven by its load is predicted ahead (see `drive`).
+    ahead: samples that a loop driven by its load is predicted ahead (see `output`).
     """
 
     loop: str
@@ -164,6 +163,19 @@ def _refuse_constant(where: str, output: FloatArray, measurement: FloatArray) ->
                 remedy="export a period with setpoint changes or load upsets",
                 code="constant_signal",
             )
+
+
+def finer(problem: Problem) -> Problem | None:
+    """Return the problem with OP as it may have been before rounding, None when OP was not rounded coarsely."""
+    if not problem.output_step:
+        return None
+    return replace(problem, output=between_steps(problem.output, problem.output_step), memory={}, moved={}, others={})
+
+
+def usual_output(problem: Problem) -> tuple[float, float] | None:
+    """Return the range in which OP [span] was for all but one sample in fifty; None where it hardly moved."""
+    low, high = np.quantile(problem.output[problem.used], [0.01, 0.99])
+    return (float(low), float(high)) if high > low + 1e-6 else None
 
 
 def noise_floor(recorded: FloatArray) -> float:
