@@ -110,13 +110,18 @@ def best_of(
     if valleys:
         last = sorted((around(problem, trial, random) for trial in last), key=judge.score)[:2]
     found = [fit(problem, trial.shape, trial.noise) for trial in last]
-    return min((fitted for fitted in found if plausible(problem, fitted)), key=judge.score, default=None)
+    # slopes may end where the effect is another; how well it does where it is itself must be known all the same
+    told = [fitted for fitted in found if plausible(problem, fitted)]
+    told = told or [trial for trial in last if valleys and plausible(problem, trial)]
+    return min(told, key=judge.score, default=None)
 
 
 def around(problem: Problem, trial: Fit, random: np.random.Generator) -> Fit:
     """Return the best fit found around a trial of an effect with many valleys, with its own noise."""
     solver = Solver(problem, whitener(trial.noise, problem.used, problem.interval))
-    shape = descend(solver, wander(solver, trial.shape, random, 120), rounds=3)
+    shape = wander(solver, trial.shape, random, 120)
+    lower = descend(solver, shape, rounds=3)
+    shape = lower if itself(lower) else shape
     noise = refit_noise(problem, shape, trial.noise)
     solver = Solver(problem, whitener(noise, problem.used, problem.interval))
     return finished(problem, wander(solver, sweep(solver, shape, 5 * SWEEP), random, 60, scale=0.2), noise)
@@ -168,6 +173,12 @@ def plausible(problem: Problem, found: Fit) -> bool:
     return all(check is None or check(values[place], travel) for check, place in judged)
 
 
+def itself(shape: Shape) -> bool:
+    """True when the effects with many valleys in a shape have values that they call plausible."""
+    return all(part.effect.fitting.plausible is None or part.effect.fitting.plausible(part.values, lambda _: np.inf)
+               for part in shape.parts if jumpy(part.effect))  # fmt: skip
+
+
 def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Shape]:
     """Return the best starts of each kind, at most `keep` per kind, by the whitened sum of squares."""
     several = bool(parts) and not parts[0].is_linear and not jumpy(parts[0].effect)
@@ -204,7 +215,7 @@ def wander(solver: Solver, shape: Shape, random: np.random.Generator, trials: in
     for _ in range(trials):
         pick = random.random(len(free)) < np.where(own, 0.6, 0.15)
         trial = put(shape, free, numbers + scale * reach * random.standard_normal(len(free)) * pick)
-        rss = solver.rss(trial)
+        rss = solver.rss(trial) if itself(trial) else np.inf
         if rss < best:
             best, shape, numbers = rss, trial, get(trial, free)
             scale = min(scale * 1.5, 2.0)
