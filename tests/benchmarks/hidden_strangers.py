@@ -93,7 +93,7 @@ def played(n, per, dt, control_every, setpoint, load, noise, p, lags, delay, tai
                         v = 0.0
                 x += dt * v
             else:
-                # the bristles bend exactly over the step: by Euler's rule they burst where the stem is fast, and it sticks
+                # bent exactly over the step: by Euler's rule the bristles burst where the stem is fast, and it sticks
                 g = Fc + (Fs - Fc) * np.exp(-((v / STRIBECK) ** 2))
                 rate, bent = SIGMA0 * abs(v) / g, z
                 z = z * np.exp(-rate * dt) - v * (np.expm1(-rate * dt) / rate if rate > 1e-9 else -dt)
