@@ -76,7 +76,7 @@ class Clue:
             extra, _ = np.linalg.qr(steps)
             Q = np.column_stack([Q, extra])
             rest = rest - extra @ (extra.T @ rest)
-        reach = np.column_stack([self._from_there_on(q) for q in Q.T])
+        reach = np.column_stack([self._from_there_on(q) for q in np.ascontiguousarray(Q.T)])
         new = own - np.sum(reach**2, axis=1)
         gain = np.where(new > LEAST_NEW * own, self._from_there_on(rest) ** 2 / np.maximum(new, 1e-300), 0.0)
         gain[: max(2, int(self.lag / self.interval))] = 0.0

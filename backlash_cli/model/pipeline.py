@@ -143,24 +143,18 @@ def load_columns(problem: Problem, part: Part) -> list[FloatArray]:
     if len(problem.memory) > MOST_REMEMBERED:
         problem.memory.clear()
     series: FloatArray | tuple[float, ...] = problem.columns[part.column] if part.column else ()
-    nothing = np.zeros(problem.samples)
-    fixed = {k: v for k, v in part.values.items() if k not in fitting.linear}
     many = {q.name: q.many for q in effect.parameters}
-    base = {n: tuple(0.0 for _ in as_tuple(part.values.get(n, ()))) if many[n] else 0.0 for n in fitting.linear}
+    sizes = {n: len(as_tuple(part.values.get(n, ()))) for n in fitting.linear}
+    none = {n: (0.0,) * size if many[n] else 0.0 for n, size in sizes.items()}
+    rest = {k: v for k, v in part.values.items() if k not in fitting.linear}
+    turns: list[dict[str, float]] = [{fitting.phase: 0.0}, {fitting.phase: 0.5 * np.pi}] if fitting.phase else [{}]
     out = []
-    for name in fitting.linear:
-        value = base[name]
-        units: list[float | tuple[float, ...]]
-        if isinstance(value, tuple):
-            units = [tuple(1.0 if j == i else 0.0 for j in range(len(value))) for i in range(len(value))]
-        else:
-            units = [1.0]
-        for unit in units:
-            turns = (0.0, 0.5 * np.pi) if fitting.phase else (None,)
+    for name, size in sizes.items():
+        for i in range(size if many[name] else 1):
+            unit = tuple(float(j == i) for j in range(size)) if many[name] else 1.0
             for turn in turns:
-                more = {} if turn is None else {fitting.phase: turn}
-                p = effect.pack({**fixed, **base, name: unit, **more})
-                out.append(effect.apply(nothing, p, problem.interval, series=series))
+                p = effect.pack({**rest, **none, name: unit, **turn})
+                out.append(effect.apply(np.zeros(problem.samples), p, problem.interval, series=series))
     problem.memory[key] = out
     return out
 

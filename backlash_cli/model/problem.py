@@ -133,7 +133,7 @@ def problem_from_record(record: Record) -> Problem:
         grid = on_grid(values)
         if np.count_nonzero(np.isfinite(grid)) >= 0.5 * samples and np.nanstd(grid) > 0:
             columns[name] = _until_next(_interpolate(grid))
-    moved, setpoint, floor = _interpolate(output), _hold(on_grid(record.setpoint)), noise_floor(recorded)
+    moved, setpoint, floor = _interpolate(output), hold(on_grid(record.setpoint)), noise_floor(recorded)
     return Problem(
         loop=record.loop,
         interval=record.interval,
@@ -212,7 +212,7 @@ def _holes(output: FloatArray) -> tuple[Hole, ...]:
     return tuple(found[:MOST_HOLES])
 
 
-def _hold(values: FloatArray) -> FloatArray:
+def hold(values: FloatArray) -> FloatArray:
     """Repeat the last number over holes; holes at the start take the first number."""
     good = np.isfinite(values)
     if not np.any(good):

@@ -23,7 +23,7 @@ ALIKE = 20.0
 WEAK = 100.0
 # nor one of the same kind that gains less by this share only: OP between the stored samples is not known, and physical
 # friction (LuGre, Karnopp; tests/benchmarks/hidden_strangers.py) jumps less than the model of a sticking valve
-SHARE_ALIKE = 0.1
+SHARE_ALIKE = 0.09
 MOST_EFFECTS = 4
 # lags this close (natural logarithm) are the same
 SAME_LAG = 0.02
