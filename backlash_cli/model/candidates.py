@@ -93,7 +93,7 @@ def candidate(
             # loads are solved for: only the process has to move a little with them
             rounds = 1 if effect.fitting.linear else 3
             shape = wander(solver, shape, random, 40) if jumpy(effect) else descend(solver, shape, rounds=rounds)
-            trials.append(finished(problem, shape, refit_noise(problem, shape, noise, base.noise)))
+            trials.append(finished(problem, shape, refit_noise(solver, shape, base.noise)))
     return best_of(problem, judge, trials, random, jumpy(effect), judge.score(base))
 
 
@@ -122,7 +122,7 @@ def around(problem: Problem, trial: Fit, random: np.random.Generator) -> Fit:
     shape = wander(solver, trial.shape, random, 120)
     lower = descend(solver, shape, rounds=3)
     shape = lower if itself(lower) else shape
-    noise = refit_noise(problem, shape, trial.noise)
+    noise = refit_noise(solver, shape, trial.noise)
     solver = Solver(problem, whitener(noise, problem.used, problem.interval))
     return finished(problem, wander(solver, sweep(solver, shape, 5 * SWEEP), random, 60, scale=0.2), noise)
 

@@ -331,19 +331,19 @@ def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3) -> Fit
     now: Fit | None = None
     for _ in range(rounds):
         before = np.inf if now is None else now.deviance
-        shape = descend(Solver(problem, whitener(noise, problem.used, problem.interval)), shape)
-        noise = refit_noise(problem, shape, noise)
+        solver = Solver(problem, whitener(noise, problem.used, problem.interval))
+        shape = descend(solver, shape)
+        noise = refit_noise(solver, shape, noise)
         now = finished(problem, shape, noise)
         if now.deviance > before - 0.5:
             break
     return now or finished(problem, shape, noise)
 
 
-def refit_noise(problem: Problem, shape: Shape, noise: Noise, first: Noise | None = None) -> Noise:
-    """Return the noise of greatest likelihood for the error a shape leaves under `noise`, searched from `first`."""
-    solver = Solver(problem, whitener(noise, problem.used, problem.interval))
-    raw = raw_error(problem, shape, solver.solve(shape)[0])
-    return fit_noise(raw, problem.used, problem.interval, first or noise)
+def refit_noise(solver: Solver, shape: Shape, first: Noise) -> Noise:
+    """Return the noise of greatest likelihood for the error a shape leaves, searched from `first`."""
+    raw = raw_error(solver.problem, shape, solver.solve(shape)[0])
+    return fit_noise(raw, solver.problem.used, solver.problem.interval, first)
 
 
 def finished(problem: Problem, shape: Shape, noise: Noise) -> Fit:

@@ -79,11 +79,12 @@ def baseline(problem: Problem) -> Fit:
         # a wandering load can hide that the model is poor: start from the smallest error, too
         for ratio in (1.0, 1e-3):
             noise = Noise(ratio, 3.0 * lag, lag)
-            shape = descend(Solver(problem, whitener(noise, problem.used, problem.interval)), Shape(lag, delay))
+            solver = Solver(problem, whitener(noise, problem.used, problem.interval))
+            shape = descend(solver, Shape(lag, delay))
             # starts that came to the same lag come to the same fit
             if all(abs(np.log(shape.lag / other)) > SAME_LAG for other in seen):
                 first = Noise(1.0, noise.slow, noise.fast)
-                found.append(fit(problem, shape, refit_noise(problem, shape, noise, first)))
+                found.append(fit(problem, shape, refit_noise(solver, shape, first)))
             seen.append(shape.lag)
     judge = judge_for(problem, min(f.shape.lag for f in found))
     return judge.best(found)
