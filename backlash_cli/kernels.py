@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numba
 import numpy as np
+from numba.core.errors import NumbaExperimentalFeatureWarning
 from numpy.typing import NDArray
 
 
@@ -118,3 +122,254 @@ def gap_crossings(u: NDArray[Any], width: float) -> int:
             crossings += 1 if way == -now else 0
             way = now
     return crossings
+
+
+# --- for the workbench and the simulator -----------------------------------------------------------------------------
+
+FLOATS = numba.types.Array(numba.types.float64, 1, "C")
+STEP_SIGNATURE = numba.types.float64(FLOATS, numba.types.float64, FLOATS)
+STEP_POINTER = numba.types.FunctionType(STEP_SIGNATURE)
+MATRIX = numba.types.Array(numba.types.float64, 2, "C")
+INTEGERS = numba.types.Array(numba.types.int64, 1, "C")
+FLAGS = numba.types.Array(numba.types.boolean, 1, "C")
+# most effects in one loop, and the sizes of the states of its controller
+SLOTS, PID_STATE, COMPENSATOR_STATE = 16, 7, 4
+
+
+def with_pointers(*arguments: Any, returns: Any = numba.types.void) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a function that calls steps of effects by pointer at its first call: once, whatever the effects are."""
+
+    def later(function: Callable[..., Any]) -> Any:
+        @lru_cache(maxsize=1)
+        def machine() -> Any:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
+                return numba.njit(returns(*arguments), cache=True)(function)
+
+        def call(*values: Any) -> Any:
+            return machine()(*values)
+
+        call.py_func = function  # type: ignore[attr-defined]
+        return call
+
+    return later
+
+
+@with_pointers(STEP_POINTER, FLOATS, FLOATS, FLOATS, FLOATS)
+def run_steps(step: Any, state: Any, values: Any, p: Any, out: Any) -> None:
+    """Send values (samples,) one by one through the step of an effect, whose state changes in place."""
+    for k in range(values.size):
+        out[k] = step(state, values[k], p)
+
+
+@numba.njit(cache=True)
+def slew(values: NDArray[Any], rise: float, fall: float) -> NDArray[Any]:
+    """Mean position (samples,) behind a command that may rise and fall by so much per sample."""
+    out = np.empty_like(values)
+    position = values[0]
+    for k in range(len(values)):
+        value = values[k]
+        move = value - position
+        reach = rise if move > 0.0 else fall
+        if abs(move) <= reach:
+            out[k] = value if move == 0.0 else value - move * abs(move) / (2.0 * reach)
+            position = value
+        else:
+            end = position + reach if move > 0.0 else position - reach
+            out[k] = 0.5 * (position + end)
+            position = end
+    return out
+
+
+@numba.njit(cache=True)
+def lag(u: NDArray[Any], keep: float, older: float, newer: float, late: int) -> NDArray[Any]:
+    """First-order lag x[k+1] = keep x[k] + older u[k-late-1] + newer u[k-late], (samples,), at rest at u[0] before."""
+    out = np.empty_like(u)
+    x = u[0]
+    for k in range(len(u)):
+        out[k] = x
+        x = keep * x + older * u[max(k - late - 1, 0)] + newer * u[max(k - late, 0)]
+    return out
+
+
+@numba.njit(cache=True)
+def kalman(error: NDArray[Any], used: NDArray[Any], a1: float, a2: float, p11: float, p12: float, p22: float,
+           gain: NDArray[Any], weight: NDArray[Any]) -> tuple[NDArray[Any], float]:
+    """Run the Kalman filter of a load behind two lags over an error; return its innovations and their log determinant.
+
+    error, used: (samples,). a1, a2: decay per sample. p11, p12, p22: covariance at rest, in variances of the white
+    noise. The innovations (samples,) are over their deviation, 0 where not `used`. gain (samples, 2) and weight
+    (samples,), one over that deviation, are written where they have that length.
+    """
+    out = np.zeros(len(error))
+    b, q = 1.0 - a2, p11 * (1.0 - a1 * a1)
+    log_det = log_s = w = lagged = g1 = g2 = scale = 0.0
+    steady, keep = False, len(weight) == len(error)
+    for k in range(len(error)):
+        settled = steady and used[k]
+        if used[k]:
+            if not settled:
+                s = p22 + 1.0
+                new1, new2 = p12 / s, p22 / s
+                steady = abs(new1 - g1) < 1e-11 * (1.0 + abs(g1)) and abs(new2 - g2) < 1e-11
+                g1, g2, log_s, scale = new1, new2, np.log(s), 1.0 / np.sqrt(s)
+                p11, p12, p22 = p11 - g1 * p12, p12 - g1 * p22, p22 - g2 * p22
+            out[k] = (error[k] - lagged) * scale
+            log_det += log_s
+            if keep:
+                gain[k, 0], gain[k, 1], weight[k] = g1, g2, scale
+        else:
+            steady, g1, g2 = False, 0.0, 0.0
+        if not settled:
+            p22 = a2 * a2 * p22 + 2.0 * a2 * b * p12 + b * b * p11
+            p11, p12 = a1 * a1 * p11 + q, a1 * (a2 * p12 + b * p11)
+        # the two lags one sample later, gains put in: the shortest way from one sample to the next
+        to_w, to_l, x = a1 * g1, a2 * g2 + b * g1, error[k]
+        w, lagged = (a1 * w + to_w * x) - to_w * lagged, (a2 - to_l) * lagged + (b * w + to_l * x)
+    return out, log_det
+
+
+@numba.njit(cache=True)
+def whiten(X: NDArray[Any], a1: float, a2: float, gain: NDArray[Any], weight: NDArray[Any]) -> NDArray[Any]:
+    """Whitened columns of X (samples, columns): the innovations of each under gains of `kalman`, times `weight`."""
+    samples, columns = X.shape
+    out = np.empty((samples, columns))
+    w, lagged = np.zeros(columns), np.zeros(columns)
+    b = 1.0 - a2
+    for k in range(samples):
+        to_w, to_l, scale = a1 * gain[k, 0], a2 * gain[k, 1] + b * gain[k, 0], weight[k]
+        for j in range(columns):
+            x, one, two = X[k, j], w[j], lagged[j]
+            out[k, j] = (x - two) * scale
+            lagged[j] = (a2 - to_l) * two + (b * one + to_l * x)
+            w[j] = (a1 * one + to_w * x) - to_w * two
+    return out
+
+
+@numba.njit(cache=True)
+def whiten_transposed(z: NDArray[Any], a1: float, a2: float, gain: NDArray[Any], weight: NDArray[Any]) -> NDArray[Any]:
+    """The transposed whitening of z (samples,): <whitened x, z> = <x, result> for every x."""
+    out = np.empty_like(z)
+    to_w = to_l = 0.0  # how the sum changes with the two lags of the next sample
+    for k in range(len(z) - 1, -1, -1):
+        w, lagged = a1 * to_w + (1.0 - a2) * to_l, a2 * to_l
+        out[k] = weight[k] * z[k] + gain[k, 0] * w + gain[k, 1] * lagged
+        to_w, to_l = w, lagged - out[k]
+    return out
+
+
+@numba.njit(cache=True)
+def pid(
+    state: Any, p: Any, setpoint: float, measurement: float, feedforward: float, by_hand: bool, hand: float
+) -> float:
+    """One controller sample: returns the feedback part; state: [x1, yf, s1, sf, integral, error, output].
+
+    The new sample counts as the mean over the interval before it. Away from automatic the integral part follows,
+    so that the return is without a bump; `hand` nan holds the output.
+    """
+    gain, integral, derivative, b, c, low, high, windup, a, w = (
+        p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9],
+    )  # fmt: skip
+    x, s = state[0] - measurement, state[2] - setpoint
+    state[1] = measurement + a * (state[1] - measurement) + w * x
+    state[0] = measurement + a * x
+    state[3] = setpoint + a * (state[3] - setpoint) + w * s
+    state[2] = setpoint + a * s
+    filtered = state[1]
+    error = setpoint - filtered
+    state[5] = error
+    rest = gain * (b * setpoint - filtered) + derivative * (c * (state[2] - state[3]) - (state[0] - filtered))
+    if by_hand:
+        if not np.isnan(hand):
+            state[6] = hand
+        state[4] = state[6] - rest - feedforward
+        return state[6] - feedforward
+    state[4] += integral * error
+    free = rest + state[4]
+    limited = min(max(free + feedforward, low), high)
+    state[4] += windup * (limited - free - feedforward)
+    state[6] = limited
+    return free
+
+
+@numba.njit(cache=True)
+def compensation(state: Any, p: Any, feedback: float, error: float) -> float:
+    """Feedforward (7), (8) or (9) for one controller sample; state: [x1, xf, last, sign]."""
+    scheme, half, hysteresis, a, w = p[0], p[1], p[2], p[3], p[4]
+    if scheme == 0.0:
+        return 0.0
+    value = error if scheme == 9.0 else feedback
+    x = state[0] - value
+    state[1] = value + a * (state[1] - value) + w * x
+    state[0] = value + a * x
+    signal = state[1] if scheme == 9.0 else state[1] - state[2]
+    state[2] = state[1]
+    # at exactly zero the sign stays: the valve rests and so does the compensation
+    if signal > hysteresis:
+        state[3] = 1.0
+    elif signal < -hysteresis:
+        state[3] = -1.0
+    return half * state[3]
+
+
+@with_pointers(
+    numba.types.UniTuple(STEP_POINTER, SLOTS), INTEGERS, INTEGERS, INTEGERS, FLOATS, FLOATS,
+    MATRIX, FLOATS, FLOATS, FLOATS, FLOATS,
+    FLOATS, FLOATS, FLOATS, FLOATS, numba.types.int64,
+    FLOATS, FLAGS, FLOATS, numba.types.float64, numba.types.float64, numba.types.float64, MATRIX,
+    returns=numba.types.int64,
+)  # fmt: skip
+def closed_loop(
+    steps: Any, state_at: Any, p_at: Any, ends: Any, states: Any, p: Any,
+    decay: Any, newer: Any, older: Any, readout: Any, line: Any,
+    pid_p: Any, pid_state: Any, comp_p: Any, comp_state: Any, every: int,
+    setpoint: Any, by_hand: Any, hand: Any, level: float, rest: float, limit: float, out: Any,
+) -> int:
+    """Run the loop; fills out (5, samples): measurement, output, valve position, process output, filtered error.
+
+    ends: [n valve and process effects, n with load effects, n with sensor effects] into the effects' tables.
+    line: delay line of process inputs. level, rest: process output and input at rest. Returns the sample at
+    which the process output left level +- limit, or the number of samples.
+    """  # fmt: skip
+    order, size = readout.size, line.size
+    x, new = np.zeros(order), np.zeros(order)
+    output, place = pid_state[6], 0
+    for k in range(setpoint.size):
+        y = level
+        for i in range(order):
+            y += readout[i] * x[i]
+        if not abs(y - level) < limit:
+            return k
+        measured = y
+        for i in range(ends[1], ends[2]):
+            measured = steps[i](states[state_at[i] : state_at[i + 1]], measured, p[p_at[i] : p_at[i + 1]])
+        if k % every == 0:
+            feedforward = comp_p[1] * comp_state[3] if comp_p[0] != 0.0 else 0.0
+            feedback = pid(pid_state, pid_p, setpoint[k], measured, feedforward, by_hand[k], hand[k])
+            if not by_hand[k]:
+                feedforward = compensation(comp_state, comp_p, feedback, pid_state[5])
+                pid_state[6] = min(max(feedback + feedforward, pid_p[5]), pid_p[6])
+            output = pid_state[6]
+        valve = output
+        for i in range(ends[0]):
+            valve = steps[i](states[state_at[i] : state_at[i + 1]], valve, p[p_at[i] : p_at[i + 1]])
+        loaded = valve
+        for i in range(ends[0], ends[1]):
+            loaded = steps[i](states[state_at[i] : state_at[i + 1]], loaded, p[p_at[i] : p_at[i + 1]])
+        # ring of the last `delay` + 2 inputs: the newest goes in, the two oldest act
+        line[place] = loaded - rest
+        late, later = line[(place + 2) % size], line[(place + 1) % size]
+        place = (place + 1) % size
+        for i in range(order):
+            total = newer[i] * late + older[i] * later
+            for j in range(order):
+                total += decay[i, j] * x[j]
+            new[i] = total
+        for i in range(order):
+            x[i] = new[i]
+        out[0, k] = measured
+        out[1, k] = output
+        out[2, k] = valve
+        out[3, k] = y
+        out[4, k] = pid_state[5]
+    return setpoint.size

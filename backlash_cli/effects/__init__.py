@@ -1,51 +1,42 @@
-"""Physical effects, one small file each, in the order a signal meets them between controller and historian.
+"""Physical effects, in the order a signal meets them between controller and historian.
 
-To add one: write a file of the same shape and list it here, or keep it outside and name it `module:NAME`.
+To add one: write it in the same shape (`stiction.py` shows it) and list it here, or keep it outside and name it
+`module:NAME`.
 """
 
 from . import (
+    actuator_speed,
     backlash,
-    dead_time,
-    exception_compression,
-    external_oscillation,
+    curves,
     gain_drift,
-    load_drift,
-    load_step,
-    measured_disturbance,
-    measurement_noise,
-    quantization,
-    random_load,
-    rate_limit,
-    saturation,
-    second_lag,
-    sensor_curve,
-    sensor_hysteresis,
+    lags,
+    loads,
+    random_signals,
+    recording,
     stiction,
-    unequal_speed,
-    valve_characteristic,
 )
 from .shape import Effect, Parameter, Stage
 
 EFFECTS: tuple[Effect, ...] = (
-    rate_limit.EFFECT,
-    unequal_speed.EFFECT,
+    actuator_speed.RATE_LIMIT,
+    actuator_speed.UNEQUAL_SPEED,
     backlash.EFFECT,
     stiction.EFFECT,
-    saturation.EFFECT,
-    valve_characteristic.EFFECT,
-    dead_time.EFFECT,
-    second_lag.EFFECT,
+    curves.SATURATION,
+    curves.VALVE_CHARACTERISTIC,
+    lags.DEAD_TIME,
+    lags.SECOND_LAG,
     gain_drift.EFFECT,
-    load_step.EFFECT,
-    load_drift.EFFECT,
-    external_oscillation.EFFECT,
-    measured_disturbance.EFFECT,
-    random_load.EFFECT,
-    sensor_hysteresis.EFFECT,
-    sensor_curve.EFFECT,
-    measurement_noise.EFFECT,
-    quantization.EFFECT,
-    exception_compression.EFFECT,
+    loads.LOAD_STEP,
+    loads.LOAD_DRIFT,
+    loads.EXTERNAL_OSCILLATION,
+    loads.MEASURED_DISTURBANCE,
+    random_signals.RANDOM_LOAD,
+    backlash.SENSOR_HYSTERESIS,
+    curves.SENSOR_CURVE,
+    random_signals.MEASUREMENT_NOISE,
+    recording.QUANTIZATION,
+    recording.EXCEPTION_COMPRESSION,
 )
 
 __all__ = ["EFFECTS", "Effect", "Parameter", "Stage"]

@@ -6,38 +6,16 @@ once, not once per effect or combination of effects, and both kernels and steps 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
 import numba
 import numpy as np
-from numba import types
-from numba.core.errors import NumbaError, NumbaExperimentalFeatureWarning
+from numba.core.errors import NumbaError
 
+from ..kernels import STEP_SIGNATURE, run_steps
 from ..record import FloatArray
-
-FLOATS = types.Array(types.float64, 1, "C")
-STEP_SIGNATURE = types.float64(FLOATS, types.float64, FLOATS)
-STEP_POINTER = types.FunctionType(STEP_SIGNATURE)
-
-
-def kernel(*arguments: Any, returns: Any = types.void) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function for exactly these argument types, cached on disk, without the notice about pointers."""
-
-    def compile_it(function: Callable[..., Any]) -> Any:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
-            return numba.njit(returns(*arguments), cache=True)(function)
-
-    return compile_it
-
-
-@kernel(STEP_POINTER, FLOATS, FLOATS, FLOATS, FLOATS)
-def _run(step: Any, state: Any, values: Any, p: Any, out: Any) -> None:
-    for k in range(values.size):
-        out[k] = step(state, values[k], p)
 
 
 @lru_cache(maxsize=256)
@@ -64,7 +42,7 @@ def run(step: Callable[..., float], state: FloatArray, values: FloatArray, p: Fl
     out = np.empty_like(values)
     machine = compiled(step)
     if machine is not None:
-        _run(machine, state, values, p, out)
+        run_steps(machine, state, values, p, out)
     else:
         for k, value in enumerate(values):
             out[k] = step(state, value, p)

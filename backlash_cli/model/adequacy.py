@@ -15,10 +15,9 @@ from scipy.special import chdtrc
 
 from ..kernels import play
 from ..record import FloatArray
-from .fit import Fit, Solver, slopes
-from .free import free_numbers
+from .fit import Fit, Solver, free_numbers, slopes
 from .noise import whitener
-from .pipeline import beside, into_process
+from .pipeline import into_process
 from .problem import Problem
 from .response import delayed_lag
 
@@ -64,12 +63,12 @@ def left_by(problem: Problem, fitted: Fit, error: float) -> Left:
     basis = _basis(own)
     rest = rest - basis @ (basis.T @ rest)
     before = float(rest @ rest)
-    more = _basis(np.column_stack([basis, solver.white.columns(beside(linear))]))
+    more = _basis(np.column_stack([basis, solver.white.columns(np.column_stack(linear))]))
     rest = rest - more @ (more.T @ rest)
     after = float(rest @ rest)
     found = []
     for words, columns in groups.items():
-        Z = solver.white.columns(beside(columns))
+        Z = solver.white.columns(np.column_stack(columns))
         q = _basis(Z - more @ (more.T @ Z))
         score = float(np.sum((q.T @ rest) ** 2)) * solver.white.samples / max(after, 1e-300)
         chance = float(chdtrc(q.shape[1], score)) if q.shape[1] else 1.0

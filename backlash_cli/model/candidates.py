@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -11,20 +11,21 @@ import numpy as np
 from ..effects import Effect, Stage
 from ..effects.fitting import Values
 from .clues import Clue
-from .fit import Fit, Solver, descend, finished, fit, refit_noise
-from .free import free_numbers, get, put
-from .judge import Judge, jumpy
-from .linear import linear_values
+from .fit import Fit, Solver, descend, finished, fit, free_numbers, get, linear_values, put, refit_noise
 from .noise import Noise, whitener
-from .pipeline import Part, Shape, predict
+from .pipeline import Part, Shape, as_tuple, predict
 from .problem import Problem
+from .score import Judge, jumpy
 
 LAG_SHARES = (0.6, 1.0)
 # a lag longer than this part of the record is hardly that of the process; parts of the record that it may be instead
 SLOW_FOR_RECORD, QUICK = 100.0, (150.0, 500.0)
 KEEP = 1
 SWEEP = 17
-KEEP_JUMPY = 12
+# trials whose numbers differ by less than this share are one
+SAME = 0.01
+# starts of each kind that are looked at in all places of the stem, and those that look around from the best
+KEEP_JUMPY, KEEP_WANDERING = 12, 6
 # gain in deviance of a look-alike below which an effect with many valleys is not searched for
 WORTH_A_LOOK = 6.0
 # a start that is still this much worse than the model without the effect is not refined further
@@ -83,12 +84,16 @@ def candidate(
         solver = Solver(problem, whitener(noise, problem.used, problem.interval))
         entering = predict(problem, ground, solver.solve(ground)[0]) if effect.stage == Stage.SENSOR else None
         parts = starts(effect, Clue(problem, ground, solver.white, values, entering), problem.columns)
-        for shape in scan(solver, ground, parts, KEEP_JUMPY if jumpy(effect) else KEEP):
-            if jumpy(effect):
-                shape = wander(solver, sweep(solver, shape), random, 40)
-            else:
-                shape = descend(solver, shape, rounds=3)
-            trials.append(finished(problem, shape, refit_noise(problem, shape, noise, base.noise)))
+        found = scan(solver, ground, parts, KEEP_JUMPY if jumpy(effect) else KEEP)
+        if jumpy(effect):
+            found = [sweep(solver, shape) for shape in found]
+            kinds, costs = [kind_of(shape) for shape in found], [solver.rss(shape) for shape in found]
+            found = [found[i] for i in cheapest(kinds, costs, KEEP_WANDERING)]
+        for shape in found:
+            # loads are solved for: only the process has to move a little with them
+            rounds = 1 if effect.fitting.linear else 3
+            shape = wander(solver, shape, random, 40) if jumpy(effect) else descend(solver, shape, rounds=rounds)
+            trials.append(finished(problem, shape, refit_noise(solver, shape, base.noise)))
     return best_of(problem, judge, trials, random, jumpy(effect), judge.score(base))
 
 
@@ -101,32 +106,55 @@ def best_of(
     hopeful = [trial for trial in trials if plausible(problem, trial)]
     if hopeful and not valleys and judge.score(hopeful[0]) > before + HOPELESS:
         return hopeful[0]
-    best: Fit | None = None
-    for trial in finalists(hopeful or trials, valleys):
-        noise, shape = trial.noise, trial.shape
-        if valleys:
-            solver = Solver(problem, whitener(noise, problem.used, problem.interval))
-            shape = descend(solver, wander(solver, shape, random, 120), rounds=3)
-            noise = refit_noise(problem, shape, noise)
-            solver = Solver(problem, whitener(noise, problem.used, problem.interval))
-            shape = wander(solver, sweep(solver, shape, 5 * SWEEP), random, 120, scale=0.2)
-        found = fit(problem, shape, noise)
-        if not plausible(problem, found):
-            continue
-        if best is None or judge.score(found) < judge.score(best):
-            best = found
-    return best
+    last = finalists(hopeful or trials, valleys)
+    if valleys:
+        last = sorted((around(problem, trial, random) for trial in last), key=judge.score)[:2]
+    found = [fit(problem, trial.shape, trial.noise) for trial in last]
+    # slopes may end where the effect is another; how well it does where it is itself must be known all the same
+    told = [fitted for fitted in found if plausible(problem, fitted)]
+    told = told or [trial for trial in last if valleys and plausible(problem, trial)]
+    return min(told, key=judge.score, default=None)
+
+
+def around(problem: Problem, trial: Fit, random: np.random.Generator) -> Fit:
+    """Return the best fit found around a trial of an effect with many valleys, with its own noise."""
+    solver = Solver(problem, whitener(trial.noise, problem.used, problem.interval))
+    shape = wander(solver, trial.shape, random, 120)
+    lower = descend(solver, shape, rounds=3)
+    shape = lower if itself(lower) else shape
+    noise = refit_noise(solver, shape, trial.noise)
+    solver = Solver(problem, whitener(noise, problem.used, problem.interval))
+    return finished(problem, wander(solver, sweep(solver, shape, 5 * SWEEP), random, 60, scale=0.2), noise)
 
 
 def finalists(trials: list[Fit], valleys: bool) -> list[Fit]:
     """Return the trials to fit to the end: the best two, or where there are many valleys the best two of each kind."""
     if not valleys:
-        return trials[:2]
-    kinds: dict[tuple[object, ...], list[Fit]] = {}
-    for trial in trials:
-        last = [part for part in trial.shape.parts if jumpy(part.effect)][-1]
-        kinds.setdefault(group(last), []).append(trial)
-    return [trial for found in kinds.values() for trial in found[:2]]
+        return trials[: 1 if len(trials) > 1 and same_place(trials[0], trials[1]) else 2]
+    # the trials come best first
+    return [trials[i] for i in cheapest([kind_of(trial.shape) for trial in trials], range(len(trials)), 2)]
+
+
+def same_place(one: Fit, other: Fit) -> bool:
+    """True when two trials came to the same numbers, so that only one of them needs to be fitted to the end."""
+    if [group(part) for part in one.shape.parts] != [group(part) for part in other.shape.parts]:
+        return False
+    here, there = ([f.shape.lag, f.shape.delay, *(v for part in f.shape.parts for value in part.values.values()
+                    for v in as_tuple(value))] for f in (one, other))  # fmt: skip
+    return bool(np.allclose(here, there, rtol=SAME, atol=1e-9))
+
+
+def kind_of(shape: Shape) -> tuple[object, ...]:
+    """Return the kind of the last effect with many valleys in a shape."""
+    return group([part for part in shape.parts if jumpy(part.effect)][-1])
+
+
+def cheapest(kinds: Sequence[object], costs: Sequence[float], keep: int) -> list[int]:
+    """Return the places of the `keep` lowest costs of each kind, kind after kind."""
+    found: dict[object, list[int]] = {}
+    for place in np.argsort(costs, kind="stable").tolist():
+        found.setdefault(kinds[place], []).append(place)
+    return [place for places in found.values() for place in places[:keep]]
 
 
 def plausible(problem: Problem, found: Fit) -> bool:
@@ -145,24 +173,26 @@ def plausible(problem: Problem, found: Fit) -> bool:
     return all(check is None or check(values[place], travel) for check, place in judged)
 
 
+def itself(shape: Shape) -> bool:
+    """True when the effects with many valleys in a shape have values that they call plausible."""
+    return all(part.effect.fitting.plausible is None or part.effect.fitting.plausible(part.values, lambda _: np.inf)
+               for part in shape.parts if jumpy(part.effect))  # fmt: skip
+
+
 def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Shape]:
     """Return the best starts of each kind, at most `keep` per kind, by the whitened sum of squares."""
-    kinds: dict[tuple[object, ...], list[tuple[float, int, Shape]]] = {}
     several = bool(parts) and not parts[0].is_linear and not jumpy(parts[0].effect)
     lags = [shape.lag * share for share in (LAG_SHARES if several else (1.0,))]
     if several and shape.lag > solver.problem.duration / SLOW_FOR_RECORD:
         # a valve that does not move looks like a process that hardly answers: try processes that do
         lags += [solver.problem.duration / share for share in QUICK]
+    trials: list[Shape] = []
+    costs: list[float] = []
     for lag in lags:
-        near = replace(shape, lag=lag)
-        trials = [near.with_part(part) for part in parts]
-        for number, (part, trial, rss) in enumerate(zip(parts, trials, solver.rss_of_many(trials), strict=True)):
-            kinds.setdefault(group(part), []).append((rss, number, trial))
-    out = []
-    for found in kinds.values():
-        found.sort(key=lambda f: (f[0], f[1]))
-        out += [trial for _, _, trial in found[:keep]]
-    return out
+        same = [replace(shape, lag=lag).with_part(part) for part in parts]
+        trials += same
+        costs += solver.rss_of_many(same)
+    return [trials[i] for i in cheapest([group(part) for part in parts] * len(lags), costs, keep)]
 
 
 def sweep(solver: Solver, shape: Shape, count: int = SWEEP) -> Shape:
@@ -185,7 +215,7 @@ def wander(solver: Solver, shape: Shape, random: np.random.Generator, trials: in
     for _ in range(trials):
         pick = random.random(len(free)) < np.where(own, 0.6, 0.15)
         trial = put(shape, free, numbers + scale * reach * random.standard_normal(len(free)) * pick)
-        rss = solver.rss(trial)
+        rss = solver.rss(trial) if itself(trial) else np.inf
         if rss < best:
             best, shape, numbers = rss, trial, get(trial, free)
             scale = min(scale * 1.5, 2.0)

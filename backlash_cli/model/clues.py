@@ -1,14 +1,13 @@
 """Clues for start values: where in time a load step, or at which period a swing, explains most of what is missed.
 
 Both ask for the gain in likelihood of one more column. For a step at every possible sample this takes one backward
-pass per column of the model, because <whitened step at k, z> = sum over j >= k of (adjoint z)_j.
+pass per column of the model, because <whitened step at k, z> = sum over j >= k of (transposed z)_j.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,24 +16,12 @@ from ..record import FloatArray
 from .noise import Whitener
 from .pipeline import Shape, moved_output, regressors
 from .problem import Problem
-from .response import delayed_lag
+from .response import delayed_lag, lag_transposed
 
 # a column of which less than this share is new to the model cannot carry an effect of its own
 LEAST_NEW = 0.05
 # load steps may follow each other after this share of the record, however slow the process
 MOST_APART = 0.02
-
-
-@numba.njit(cache=True)
-def lag_adjoint(z: FloatArray, h: float, tau: float) -> FloatArray:
-    """Return the transposed lag of z (samples,): <lagged u, z> = <u, lag_adjoint z> for u that starts at 0."""
-    a = np.exp(-h / tau)
-    out = np.empty(len(z))
-    later = 0.0
-    for k in range(len(z) - 1, -1, -1):
-        out[k] = (1.0 - a) * later
-        later = z[k] + a * later
-    return out
 
 
 class Clue:
@@ -89,7 +76,7 @@ class Clue:
             extra, _ = np.linalg.qr(steps)
             Q = np.column_stack([Q, extra])
             rest = rest - extra @ (extra.T @ rest)
-        reach = np.column_stack([self._from_there_on(q) for q in Q.T])
+        reach = np.column_stack([self._from_there_on(q) for q in np.ascontiguousarray(Q.T)])
         new = own - np.sum(reach**2, axis=1)
         gain = np.where(new > LEAST_NEW * own, self._from_there_on(rest) ** 2 / np.maximum(new, 1e-300), 0.0)
         gain[: max(2, int(self.lag / self.interval))] = 0.0
@@ -105,7 +92,7 @@ class Clue:
 
     def _from_there_on(self, z: FloatArray) -> FloatArray:
         """Return <whitened step at k, z> for every k, (samples,)."""
-        return np.cumsum(lag_adjoint(self._white.adjoint(z), self.interval, self.lag)[::-1])[::-1]
+        return np.cumsum(lag_transposed(self._white.transposed(z), self.interval, self.lag)[::-1])[::-1]
 
     def periods(self, count: int) -> list[float]:
         """Return the periods of the `count` strongest lines in what the model misses; three swings at least."""

@@ -7,16 +7,15 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, Note, Record
 from ..results import Comparison, Fitness, FittedEffect, FittedParameter, Model, Region, Series
-from .coarse_output import finer
 from .fit import BENT_ROUNDS
 from .holdout import better, folds, predicted_by, with_load
-from .holds import why_not
 from .intervals import process_parameters
-from .kept import apart, coefficients_of, in_ranges_of, kept_model, loads_left_out, parts_of, shape_of
 from .locate import regions
 from .pipeline import Part, Shape, as_tuple, moved_output, regressors, sensed, sensed_slopes
-from .problem import FEWEST_SAMPLES, Problem, problem_from_record
+from .problem import FEWEST_SAMPLES, Problem, finer, problem_from_record
+from .reasons import why_not
 from .recorder import distance
+from .saved_model import apart, coefficients_of, in_ranges_of, kept_model, loads_left_out, parts_of, shape_of
 from .search import baseline
 
 Mask = NDArray[np.bool_]

@@ -14,21 +14,18 @@ from ..errors import UsageError
 from ..record import Note, Record
 from ..results import Candidate, Explanation, Fitness, Model, Rest, Step
 from .candidates import candidate
-from .coarse_output import finer
 from .compare import notes, series_of, unexplained, where_it_fails
-from .fit import Fit, fit
+from .fit import Fit, fit, linear_values
 from .holdout import Tested, better, least_squares, predicted_by, tested
 from .intervals import fitted_effects, moved_to, process_parameters
-from .judge import ENOUGH, judge_for
-from .kept import in_ranges_of, kept_model, parts_of, shape_of
-from .linear import linear_values
 from .pipeline import Part, moved_process
-from .problem import Problem, problem_from_record
-from .prune import families
+from .problem import Problem, finer, problem_from_record
+from .reasons import marked, with_reasons
 from .recorder import distance, fitted_problem, only_reports, recorded_floor, recorders
 from .rounding import rounded, through_rounding
-from .search import WEAK, Found, baseline, search
-from .why import marked, with_reasons
+from .saved_model import in_ranges_of, kept_model, parts_of, shape_of
+from .score import ENOUGH, judge_for
+from .search import WEAK, Found, baseline, families, search
 
 # PV must move by this many times its noise before anything can be said about how it follows OP
 LEAST_MOTION = 3.0
@@ -59,19 +56,18 @@ def explain(
             why = "needs a measured column, and this record has none" if effect.fitted else "cannot be fitted"
             remedy = "backlash effects lists what can be added"
             raise UsageError(f"{effect.name} {why}", where=record.loop, remedy=remedy)
-    tries = [Looked(*looked(record, problem, model, known, chosen, seed))]
+    tries = [looked(record, problem, model, known, chosen, seed)]
     between = finer(problem)
     # rounding blurs how large an effect of the valve is and of which kind, it does not make one
     if between is not None and valve_effects(tries[0].found.final):
-        tries.append(Looked(*looked(record, between, model, known, chosen, seed)))
+        tries.append(looked(record, between, model, known, chosen, seed))
     # OP as recorded, unless PV says clearly that the valve got what OP was before it was rounded
     first, last = tries[0], tries[-1]
     same = valve_effects(first.found.final) == valve_effects(last.found.final)
     best = last if same and last.score < first.score - ENOUGH else first
-    problem, seen, base, found, held, by_user = best.problem, best.seen, best.base, best.found, best.held, best.by_user
     # a valve that sticks hides how PV follows OP, so motion is asked for only when nothing was found
-    reason = None if found.final.shape.parts else too_little(seen, base)
-    return assemble(record, problem, seen, base, found, held, by_user, reason, model)
+    reason = None if best.found.final.shape.parts else too_little(best.seen, best.base)
+    return assemble(record, best, reason, model)
 
 
 def valve_effects(fitted: Fit) -> list[str]:
@@ -82,7 +78,10 @@ def valve_effects(fitted: Fit) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """What a search came to on one reading of the record: see `looked`."""
+    """What a search came to on one reading of the record.
+
+    problem: as recorded, seen: as a fit sees it. base: the plain model. held: recorders. by_user: names the user gave.
+    """
 
     problem: Problem
     seen: Problem
@@ -100,8 +99,8 @@ class Looked:
 def looked(
     record: Record, problem: Problem, model: Model | None, known: Mapping[str, Effect], chosen: Sequence[Effect],
     seed: int,
-) -> tuple[Problem, Problem, Fit, Found, tuple[Part, ...], list[str]]:
-    """Return the problem, also as a fit sees it, its plain model, what was found, recorders and the user's names."""
+) -> Looked:
+    """Return what a search comes to on one reading of the record."""
     base = baseline(problem)
     given = parts_of(model, problem, float(record.time[0])) if model is not None else ()
     shown = recorders(problem, base, [e for e in known.values() if not chosen or e in chosen])
@@ -121,7 +120,7 @@ def looked(
     tries = [e for e in known.values() if not (e.fitting.seldom and only_reports(problem, held))]
     found = search(seen, () if chosen else tries, start, seed=seed)
     found = replace(found, final=through_rounding(seen, held, found.final))
-    return problem, seen, base, found, held, by_user
+    return Looked(problem, seen, base, found, held, by_user)
 
 
 def as_effect(effect: Effect | str) -> Effect:
@@ -142,18 +141,9 @@ def too_little(problem: Problem, base: Fit) -> Note | None:
     return Note("too_little_motion", message, {"motion": motion})
 
 
-def assemble(
-    record: Record,
-    problem: Problem,
-    seen: Problem,
-    base: Fit,
-    found: Found,
-    held: tuple[Part, ...],
-    by_user: Sequence[str],
-    reason: Note | None,
-    model: Model | None = None,
-) -> Explanation:
+def assemble(record: Record, best: Looked, reason: Note | None, model: Model | None) -> Explanation:
     """Put together all that is reported about a search."""
+    problem, seen, base, found, held, by_user = best.problem, best.seen, best.base, best.found, best.held, best.by_user
     plain = better(problem, base)
     order = [n for n in by_user if n in found.final.shape.names]
     order += sorted((n for n in found.final.shape.names if n not in order), key=lambda n: -found.gain(n))

@@ -7,15 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effects import Stage
+from ..effects import Parameter
 from ..record import FloatArray
-from .free import Free, free_numbers, get, put
-from .noise import Noise, Whitener, whitener
-from .noise_fit import fit_noise
+from .noise import Noise, Whitener, fit_noise, whitener
 from .pipeline import (
-    Part,
     Shape,
-    beside,
+    as_tuple,
+    beside_output,
     load_regressors,
     moved_output,
     moved_process,
@@ -26,10 +24,88 @@ from .pipeline import (
     spreads,
 )
 from .problem import Problem
-from .response import whitened_gains
+from .response import delayed_lag
+
+# the dead time of the settings is trusted to this share: a real one that is missing must lie outside
+DELAY_TRUST = 0.2
+
+
+@dataclass(frozen=True)
+class Free:
+    """One searched number: a parameter (and its item, when it is a list) of the part at `place`; -1 is the process."""
+
+    place: int
+    name: str
+    item: int
+    low: float
+    high: float
+    step: float
+    nuisance: bool = False
+
+
+def free_numbers(problem: Problem, shape: Shape) -> list[Free]:
+    """Return the searched numbers of a shape; a parameter at infinity takes no part."""
+    h = problem.interval
+    out = [Free(-1, "lag", 0, 0.2 * h, 0.5 * problem.duration, 0.01 * shape.lag)]
+    if problem.delay is not None:
+        low, high = (1.0 - DELAY_TRUST) * problem.delay, (1.0 + DELAY_TRUST) * problem.delay
+        out.append(Free(-1, "delay", 0, low, high, 0.2 * h))
+    for place, part in enumerate(shape.parts):
+        fitting = part.effect.fitting
+        solved = {*fitting.linear, fitting.phase, *fitting.fixed}
+        for q in part.effect.parameters:
+            if q.name in solved or q.choices or q.name not in part.values:
+                continue
+            for item, value in enumerate(as_tuple(part.values[q.name])):
+                if np.isfinite(value):
+                    low, high = _range(q, shape, problem)
+                    out.append(Free(place, q.name, item, low, high, _move(q, value, shape, h), q.nuisance))
+    return out
+
+
+def _range(q: Parameter, shape: Shape, problem: Problem) -> tuple[float, float]:
+    longest = 0.5 * problem.duration
+    return q.low, min(q.high, longest) if q.unit == "s" else q.high
+
+
+def _move(q: Parameter, value: float, shape: Shape, h: float) -> float:
+    if q.unit == "s":
+        return max(1e-4 * abs(value), 0.05 * h)
+    if q.unit in ("span", "OP span"):
+        return 2e-4
+    return 0.02 if q.nuisance or not value else 0.02 * abs(value)
+
+
+def get(shape: Shape, free: list[Free]) -> np.ndarray:
+    """Return the searched numbers of a shape, (numbers,)."""
+    values = []
+    for f in free:
+        if f.place < 0:
+            values.append(shape.lag if f.name == "lag" else shape.delay)
+        else:
+            values.append(as_tuple(shape.parts[f.place].values[f.name])[f.item])
+    return np.array(values, dtype=np.float64)
+
+
+def put(shape: Shape, free: list[Free], numbers: np.ndarray) -> Shape:
+    """Return the shape with the searched numbers (numbers,) replaced, each held within its range."""
+    parts = list(shape.parts)
+    lag, delay = shape.lag, shape.delay
+    for f, number in zip(free, numbers, strict=True):
+        value = float(min(max(number, f.low), f.high))
+        if f.place < 0:
+            lag, delay = (value, delay) if f.name == "lag" else (lag, value)
+            continue
+        old = parts[f.place].values[f.name]
+        if isinstance(old, tuple):
+            parts[f.place] = parts[f.place].with_values(**{f.name: (*old[: f.item], value, *old[f.item + 1 :])})
+        else:
+            parts[f.place] = parts[f.place].with_values(**{f.name: value})
+    return replace(shape, lag=lag, delay=delay, parts=tuple(parts))
+
 
 # moved outputs held in memory at once
-BATCH = 64
+BATCH = 16
 # steps to the linear numbers behind a transmitter that is not linear
 BENT_ROUNDS, COLD_ROUNDS, BENT_ENOUGH = 6, 25, 1e-4
 
@@ -55,11 +131,6 @@ class Fit:
         return float(self.coefficients[0])
 
 
-def moves_output(part: Part) -> bool:
-    """True for an effect that changes the moved output only, and no other column."""
-    return part.on_output and part.effect.stage != Stage.PROCESS
-
-
 class Solver:
     """Solves the linear numbers of many shapes under one noise, remembering the columns that stay the same."""
 
@@ -67,7 +138,8 @@ class Solver:
         self.problem, self.white = problem, white
         self._measured = self._y = white.one(problem.measurement)
         self._yy = float(self._y @ self._y)
-        self._key: object = None
+        self._raw: FloatArray | None = None
+        self._last: tuple[Shape, tuple[FloatArray, float, FloatArray]] | None = None
         self._bent: FloatArray | None = None
         self._others = np.empty((0, 0))
         self._gram = np.empty((0, 0))
@@ -76,21 +148,20 @@ class Solver:
         self._G = np.empty((0, 0))
 
     def _use(self, shape: Shape) -> None:
-        own = [p for p in shape.parts if not moves_output(p)]
-        delay = shape.delay if self.problem.holes else 0.0
-        key = (shape.lag, delay, *[(p.effect.name, p.column, tuple(p.values.items())) for p in own])
-        if key != self._key:
-            self._key = key
-            raw = load_regressors(self.problem, shape)
-            self._others = self.white.columns(raw)
+        raw = load_regressors(self.problem, shape)
+        if raw is not self._raw:
+            self._raw, self._others = raw, self.white.columns(raw)
             self._gram = self._others.T @ self._others
-            self._gram[np.diag_indices(len(self._gram))] += (self.problem.floor / spreads(self.problem, raw)) ** 2
+            self._gram.flat[:: len(self._gram) + 1] += (self.problem.floor / spreads(self.problem, raw)) ** 2
             self._cross = self._others.T @ self._y
 
     def solve(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened moved process of a shape."""
-        if shape.sensors:
-            return self._solve_bent(shape)
+        if self._last is None or self._last[0] is not shape:
+            self._last = shape, self._solve_bent(shape) if shape.sensors else self._solve(shape)
+        return self._last[1]
+
+    def _solve(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         if self._y is not self._measured:
             self._y, self._yy = self._measured, float(self._measured @ self._measured)
         self._use(shape)
@@ -115,7 +186,7 @@ class Solver:
         known = self._bent
         cold = known is None or len(known) != raw.shape[1]
         if known is None or cold:
-            known = self.solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
+            known = self._solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
         c = known
         found: tuple[FloatArray, FloatArray, FloatArray] | None = None
         best = np.inf
@@ -140,11 +211,11 @@ class Solver:
 
     def _take(self, columns: FloatArray, measured: FloatArray, ridge: FloatArray) -> FloatArray:
         """Take whitened columns (samples, columns) and measurement (samples,) as the ones to solve; return their c."""
-        self._key, self._y, self._yy = None, measured, float(measured @ measured)
+        self._raw, self._y, self._yy = None, measured, float(measured @ measured)
         self._others = columns[:, 1:]
         self._cross = self._others.T @ measured
         self._gram = self._others.T @ self._others
-        self._gram[np.diag_indices(len(self._gram))] += ridge
+        self._gram.flat[:: len(self._gram) + 1] += ridge
         return self._solved(columns[:, 0])[0]
 
     def cross(self, Z: FloatArray) -> FloatArray:
@@ -153,10 +224,11 @@ class Solver:
 
     def inverse(self, B: FloatArray) -> FloatArray:
         """Return (columns, numbers) that the shape solved last turns into B."""
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(self._G), 1e-300))
+        scale = 1.0 / np.sqrt(np.maximum(self._G.diagonal(), 1e-300))[:, None]
+        A = self._G * scale * scale.T
         # a trace of damping, so that a column that does nothing gets the coefficient 0
-        A = self._G * np.outer(scale, scale) + 1e-10 * np.eye(len(scale))
-        out: FloatArray = np.linalg.solve(A, scale[:, None] * B) * scale[:, None]
+        A.flat[:: len(A) + 1] += 1e-10
+        out: FloatArray = np.linalg.solve(A, scale * B) * scale
         return out
 
     def columns(self, shape: Shape) -> FloatArray:
@@ -171,27 +243,24 @@ class Solver:
     def rss_of_many(self, shapes: Sequence[Shape]) -> list[float]:
         """Return the whitened sums of squares of shapes that share lag and delay; fast where the loads are the same."""
         bent = any(p.on_load or p.on_sensor for shape in shapes[:1] for p in shape.parts)
-        if not shapes or bent or any(self._differs(shapes[0], shape) for shape in shapes[1:2]):
+        beside = [beside_output(self.problem, shape) for shape in shapes[:2]]
+        if not shapes or bent or beside[0] != beside[-1]:
             return [self.rss(shape) for shape in shapes]
         out: list[float] = []
+        self._last = None
         self._use(shapes[0])
         Q, _ = np.linalg.qr(self._others)
         rest = self._y - Q @ (Q.T @ self._y)
         total = float(rest @ rest)
-        white, h = self.white, self.problem.interval
+        h, lag, delay = self.problem.interval, shapes[0].lag, shapes[0].delay
         for first in range(0, len(shapes), BATCH):
-            batch = shapes[first : first + BATCH]
-            moved = np.stack([moved_output(self.problem, shape.parts) for shape in batch])
-            gains = whitened_gains(
-                moved, h, batch[0].lag, batch[0].delay, white.a1, white.a2, white.gain, white.weight, Q, rest
-            )
+            moved = [moved_output(self.problem, shape.parts) for shape in shapes[first : first + BATCH]]
+            X = self.white.columns(np.column_stack([delayed_lag(u, h, lag, delay) for u in moved]))
+            own = np.sum(X * X, axis=0)
+            new = own - np.sum((Q.T @ X) ** 2, axis=0)
+            gains = np.where(new > 1e-9 * own, (rest @ X) ** 2 / np.maximum(new, 1e-300), 0.0)
             out += (total - gains).tolist()
         return out
-
-    @staticmethod
-    def _differs(one: Shape, other: Shape) -> bool:
-        """True when two shapes differ in more than what moves the output."""
-        return [p for p in one.parts if not moves_output(p)] != [p for p in other.parts if not moves_output(p)]
 
     def rest(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened rest (samples,) of a shape."""
@@ -254,27 +323,27 @@ def slopes(solver: Solver, shape: Shape, free: list[Free]) -> FloatArray:
         moved = numbers.copy()
         moved[j] += step
         D.append((predict(solver.problem, put(shape, free, moved), c) - here) / step)
-    return solver.white.columns(beside(D))
+    return solver.white.columns(np.column_stack(D))
 
 
 def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3) -> Fit:
     """Fit a shape from start values: searched numbers and noise in turn until the likelihood stands still."""
-    deviance = np.inf
+    now: Fit | None = None
     for _ in range(rounds):
-        shape = descend(Solver(problem, whitener(noise, problem.used, problem.interval)), shape)
-        noise = refit_noise(problem, shape, noise)
-        now = finished(problem, shape, noise).deviance
-        if now > deviance - 0.5:
+        before = np.inf if now is None else now.deviance
+        solver = Solver(problem, whitener(noise, problem.used, problem.interval))
+        shape = descend(solver, shape)
+        noise = refit_noise(solver, shape, noise)
+        now = finished(problem, shape, noise)
+        if now.deviance > before - 0.5:
             break
-        deviance = now
-    return finished(problem, shape, noise)
+    return now or finished(problem, shape, noise)
 
 
-def refit_noise(problem: Problem, shape: Shape, noise: Noise, first: Noise | None = None) -> Noise:
-    """Return the noise of greatest likelihood for the error a shape leaves under `noise`, searched from `first`."""
-    solver = Solver(problem, whitener(noise, problem.used, problem.interval))
-    raw = raw_error(problem, shape, solver.solve(shape)[0])
-    return fit_noise(raw, problem.used, problem.interval, first or noise)
+def refit_noise(solver: Solver, shape: Shape, first: Noise) -> Noise:
+    """Return the noise of greatest likelihood for the error a shape leaves, searched from `first`."""
+    raw = raw_error(solver.problem, shape, solver.solve(shape)[0])
+    return fit_noise(raw, solver.problem.used, solver.problem.interval, first)
 
 
 def finished(problem: Problem, shape: Shape, noise: Noise) -> Fit:
@@ -291,3 +360,28 @@ def raw_error(problem: Problem, shape: Shape, coefficients: FloatArray) -> Float
     """Return measured minus predicted PV (samples,), 0 where nothing was measured."""
     error: FloatArray = np.where(problem.used, problem.measurement - predict(problem, shape, coefficients), 0.0)
     return error
+
+
+def linear_values(problem: Problem, fitted: Fit) -> list[dict[str, float | tuple[float, ...]]]:
+    """Return for each part all its values, those that were solved for included, in the effect's own units."""
+    out = []
+    column = 2 + len(problem.holes) + 1
+    for part in fitted.shape.parts:
+        values = dict(part.values)
+        if part.is_linear:
+            for name in part.effect.fitting.linear:
+                several = isinstance(values.get(name), tuple)
+                count = len(as_tuple(values[name])) if several else 1
+                found = []
+                for _ in range(count):
+                    if part.effect.fitting.phase:
+                        inphase, quadrature = fitted.coefficients[column : column + 2] / fitted.gain
+                        found.append(float(np.hypot(inphase, quadrature)))
+                        values[part.effect.fitting.phase] = float(np.arctan2(quadrature, inphase))
+                        column += 2
+                    else:
+                        found.append(float(fitted.coefficients[column] / fitted.gain))
+                        column += 1
+                values[name] = tuple(found) if several else found[0]
+        out.append(values)
+    return out

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray
-from .ahead import fitted_noise, known_load
 from .fit import Fit, Solver, descend, finished, raw_error
-from .noise import Noise, whitener
+from .noise import Noise, fitted_noise, known_load, whitener
 from .pipeline import Part
 from .problem import Problem
 from .recorder import distance, fitted_problem

@@ -10,9 +10,7 @@ import numpy as np
 from ..effects import Effect, Parameter, Stage
 from ..record import FloatArray
 from ..results import FittedEffect, FittedParameter
-from .fit import Fit, Solver, descend, slopes
-from .free import Free, free_numbers, get, put
-from .linear import linear_values
+from .fit import Fit, Free, Solver, descend, free_numbers, get, linear_values, put, slopes
 from .locate import turning_points
 from .noise import whitener
 from .pipeline import Part, as_tuple

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -28,18 +28,10 @@ def regions(problem: Problem, error: FloatArray, lag: float, delay: float, start
     """
     h = problem.interval
     felt = max(int((LAGS_FELT * lag + delay) / h), 2)
-    masks = [
-        *_reversals(problem, felt),
-        *_setpoint(problem, felt),
-        *_levels(problem),
-        *_directions(problem, lag),
-        *_time_blocks(problem),
-        *_one_sided(problem, error, felt),
-    ]
     total = float(np.sum(error[problem.used] ** 2))
     count = int(np.count_nonzero(problem.used))
     out = []
-    for kind, name, sentence, mask in masks:
+    for kind, name, sentence, mask in _masks(problem, error, felt, lag):
         inside = mask & problem.used
         samples = int(np.count_nonzero(inside))
         if samples < max(SMALLEST_SHARE_OF_SAMPLES * count, 5) or samples == count or total <= 0.0:
@@ -104,63 +96,47 @@ def turning_points(values: FloatArray, reach: float) -> tuple[list[int], list[in
     return up, down
 
 
-def _reversals(problem: Problem, felt: int) -> list[tuple[str, str, str, Mask]]:
-    reach = max(0.05 * float(np.ptp(problem.output)), 0.005)
-    up, down = turning_points(problem.output, reach)
-    n = problem.samples
+def _masks(problem: Problem, error: FloatArray, felt: int, lag: float) -> Iterator[tuple[str, str, str, Mask]]:
+    """Give each part of the record as its kind, its name, the start of a sentence and its samples."""
+    u, n = problem.output, problem.samples
+    up, down = turning_points(u, max(0.05 * float(np.ptp(u)), 0.005))
     # the time right after a turn, not all the time until the next one
     between = np.diff(np.sort(np.array([*up, *down])))
-    if between.size:
-        felt = min(felt, max(int(np.median(between)) // 2, 2))
-    return [
-        ("reversal", "after output reversals, upwards", "After the output turned upwards", _after(up, n, felt)),
-        ("reversal", "after output reversals, downwards", "After the output turned downwards", _after(down, n, felt)),
-    ]
+    turned = min(felt, max(int(np.median(between)) // 2, 2)) if between.size else felt
+    for way, turns in (("upwards", up), ("downwards", down)):
+        yield "reversal", f"after output reversals, {way}", f"After the output turned {way}", _after(turns, n, turned)
 
-
-def _setpoint(problem: Problem, felt: int) -> list[tuple[str, str, str, Mask]]:
     moved = np.abs(np.diff(problem.setpoint, prepend=problem.setpoint[0]))
-    moves = np.flatnonzero(moved > max(0.1 * float(np.ptp(problem.setpoint)), 1e-4)).tolist()
-    during = _after(moves, problem.samples, felt)
-    return [
-        ("setpoint", "during setpoint moves", "While the loop follows a setpoint move", during),
-        ("setpoint", "at constant setpoint", "While the setpoint stands still", ~during),
-    ]
+    during = _after(np.flatnonzero(moved > max(0.1 * float(np.ptp(problem.setpoint)), 1e-4)).tolist(), n, felt)
+    yield "setpoint", "during setpoint moves", "While the loop follows a setpoint move", during
+    yield "setpoint", "at constant setpoint", "While the setpoint stands still", ~during
 
+    ends = np.quantile(u[problem.used], [0.0, END_SHARE, 1 / 3, 2 / 3, 1.0 - END_SHARE, 1.0])
+    _, first, low, high, last, _ = (f"{100 * x:.0f}" for x in ends)
+    for where, mask in ((f"below {low} %", u < ends[2]), (f"above {high} %", u > ends[3])):
+        yield "output level", f"output {where}", f"With the output {where}", mask
+    middle = (u >= ends[2]) & (u <= ends[3])
+    yield "output level", f"output {low} to {high} %", f"With the output between {low} and {high} %", middle
+    yield "limit", "near the lowest output", f"Near the lowest output (below {first} %)", u <= ends[1]
+    yield "limit", "near the highest output", f"Near the highest output (above {last} %)", u >= ends[4]
 
-def _levels(problem: Problem) -> list[tuple[str, str, str, Mask]]:
-    u = problem.output
-    edges = np.quantile(u[problem.used], [0.0, END_SHARE, 1 / 3, 2 / 3, 1.0 - END_SHARE, 1.0])
-    said = [f"{100 * x:.0f}" for x in edges]
-    return [
-        ("output level", f"output below {said[2]} %", f"With the output below {said[2]} %", u < edges[2]),
-        ("output level", f"output {said[2]} to {said[3]} %", f"With the output between {said[2]} and {said[3]} %",
-         (u >= edges[2]) & (u <= edges[3])),
-        ("output level", f"output above {said[3]} %", f"With the output above {said[3]} %", u > edges[3]),
-        ("limit", "near the lowest output", f"Near the lowest output (below {said[1]} %)", u <= edges[1]),
-        ("limit", "near the highest output", f"Near the highest output (above {said[4]} %)", u >= edges[4]),
-    ]  # fmt: skip
-
-
-def _directions(problem: Problem, lag: float) -> list[tuple[str, str, str, Mask]]:
     steps = max(int(lag / problem.interval), 1)
-    u = problem.output
     move = u - np.concatenate([np.full(steps, u[0]), u[:-steps]])
     still = max(0.02 * float(np.ptp(u)), 1e-4)
-    return [
-        ("direction", "output rising", "While the output rises", move > still),
-        ("direction", "output falling", "While the output falls", move < -still),
-        ("direction", "output resting", "While the output rests", np.abs(move) <= still),
-    ]
+    yield "direction", "output rising", "While the output rises", move > still
+    yield "direction", "output falling", "While the output falls", move < -still
+    yield "direction", "output resting", "While the output rests", np.abs(move) <= still
+
+    place = np.arange(n) * TIME_BLOCKS // n
+    for b in range(TIME_BLOCKS):
+        name = f"part {b + 1} of {TIME_BLOCKS} of the record"
+        yield "time", name, f"In {name}", place == b
+
+    said = "Where the error stays on one side for long, as an unmeasured load makes it"
+    yield "load", "on one side for long", said, _one_sided(problem, error, felt)
 
 
-def _time_blocks(problem: Problem) -> list[tuple[str, str, str, Mask]]:
-    place = np.arange(problem.samples) * TIME_BLOCKS // problem.samples
-    names = [f"part {b + 1} of {TIME_BLOCKS} of the record" for b in range(TIME_BLOCKS)]
-    return [("time", name, f"In {name}", place == b) for b, name in enumerate(names)]
-
-
-def _one_sided(problem: Problem, error: FloatArray, felt: int) -> list[tuple[str, str, str, Mask]]:
+def _one_sided(problem: Problem, error: FloatArray, felt: int) -> Mask:
     """Stretches in which the mean error keeps its sign much longer than the process remembers."""
     width = max(felt // 3, 1)
     sums = np.concatenate([[0.0], np.cumsum(error)])
@@ -168,14 +144,11 @@ def _one_sided(problem: Problem, error: FloatArray, felt: int) -> list[tuple[str
     at = np.arange(problem.samples)
     low, high = np.maximum(at - width, 0), np.minimum(at + width + 1, problem.samples)
     mean = (sums[high] - sums[low]) / np.maximum(counts[high] - counts[low], 1)
-    sign = np.sign(mean)
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(sign)) + 1, [problem.samples]])
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(np.sign(mean))) + 1, [problem.samples]])
     mask = np.zeros(problem.samples, dtype=bool)
     for a, b in pairwise(edges):
-        if b - a >= felt:
-            mask[a:b] = True
-    said = "Where the error stays on one side for long, as an unmeasured load makes it"
-    return [("load", "on one side for long", said, mask)]
+        mask[a:b] = b - a >= felt
+    return mask
 
 
 def _frequencies(problem: Problem, error: FloatArray, lag: float, total: float, count: int) -> list[Region]:

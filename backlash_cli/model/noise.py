@@ -9,11 +9,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, logit
 
+from .. import kernels
 from ..record import FloatArray
+
+# what wanders more slowly than this share of the record is no noise about a mean: it is a drift
+SLOWEST = 0.1
+# deviances closer than this tell nothing about the noise
+CLOSE_ENOUGH = 0.02
+# a search starts at least this share of its range from its ends, with a step of this share of where it starts
+NEAR_END, FIRST_STEP = 0.3, 1.0
 
 
 @dataclass(frozen=True)
@@ -23,6 +31,15 @@ class Noise:
     ratio: float
     slow: float
     fast: float
+
+    def at_rest(self, h: float) -> tuple[float, float, float, float, float]:
+        """Return both decays over an interval h [s], and the covariance (p11, p12, p22) of (w, l) at rest."""
+        a1, a2 = float(np.exp(-h / self.slow)), float(np.exp(-h / self.fast))
+        b = 1.0 - a2
+        p12 = a1 * b / (1.0 - a1 * a2)
+        p22 = (2.0 * a2 * b * p12 + b * b) / (1.0 - a2 * a2)
+        scale = self.ratio**2 / p22
+        return a1, a2, scale, p12 * scale, p22 * scale
 
 
 @dataclass(frozen=True)
@@ -41,140 +58,87 @@ class Whitener:
 
     def columns(self, X: FloatArray) -> FloatArray:
         """Return the whitened columns of X (samples, columns)."""
-        return _whiten(X, self.a1, self.a2, self.gain, self.weight)
+        whitened: FloatArray = kernels.whiten(np.ascontiguousarray(X), self.a1, self.a2, self.gain, self.weight)
+        return whitened
 
     def one(self, x: FloatArray) -> FloatArray:
         """Return the whitened x (samples,)."""
-        return _whiten(x.reshape(-1, 1), self.a1, self.a2, self.gain, self.weight)[:, 0]
+        return self.columns(x.reshape(-1, 1))[:, 0]
 
-    def adjoint(self, z: FloatArray) -> FloatArray:
-        """Return the transposed whitening of z (samples,): <whitened x, z> = <x, adjoint z> for every x."""
-        return _adjoint(z, self.a1, self.a2, self.gain, self.weight)
+    def transposed(self, z: FloatArray) -> FloatArray:
+        """Return the transposed whitening of z (samples,): <whitened x, z> = <x, transposed z> for every x."""
+        turned: FloatArray = kernels.whiten_transposed(z, self.a1, self.a2, self.gain, self.weight)
+        return turned
 
     def deviance(self, rss: float) -> float:
         """Return -2 log likelihood with the noise variance profiled out, from the whitened sum of squares."""
         return self.samples * float(np.log(max(rss, 1e-300) / self.samples)) + self.log_det
 
 
-@numba.njit(cache=True)
-def stationary(a1, a2, ratio):
-    """Return the covariance (p11, p12, p22) of (w, l) at rest, for a standard deviation `ratio` of l."""
-    b = 1.0 - a2
-    p12 = a1 * b / (1.0 - a1 * a2)
-    p22 = (2.0 * a2 * b * p12 + b * b) / (1.0 - a2 * a2)
-    scale = ratio * ratio / p22
-    return scale, p12 * scale, p22 * scale
-
-
-@numba.njit(cache=True)
-def next_covariance(p11, p12, p22, a1, a2, q):
-    """Return the covariance of (w, l) one sample later; q: variance that comes to w."""
-    b = 1.0 - a2
-    return a1 * a1 * p11 + q, a1 * (a2 * p12 + b * p11), a2 * a2 * p22 + 2.0 * a2 * b * p12 + b * b * p11
-
-
-@numba.njit(cache=True)
-def _gains(used, a1, a2, ratio):
-    n = len(used)
-    gain = np.zeros((n, 2))
-    weight = np.zeros(n)
-    p11, p12, p22 = stationary(a1, a2, ratio)
-    q = p11 * (1.0 - a1 * a1)
-    log_det = 0.0
-    steady = False
-    g1 = g2 = s = 0.0
-    for k in range(n):
-        if used[k]:
-            if not steady:
-                s = p22 + 1.0
-                new1 = p12 / s
-                new2 = p22 / s
-                steady = abs(new1 - g1) < 1e-11 * (1.0 + abs(g1)) and abs(new2 - g2) < 1e-11
-                g1 = new1
-                g2 = new2
-                p11, p12, p22 = next_covariance(p11 - g1 * p12, p12 - g1 * p22, p22 - g2 * p22, a1, a2, q)
-            gain[k, 0] = g1
-            gain[k, 1] = g2
-            weight[k] = 1.0 / np.sqrt(s)
-            log_det += np.log(s)
-        else:
-            steady = False
-            g1 = g2 = 0.0
-            p11, p12, p22 = next_covariance(p11, p12, p22, a1, a2, q)
-    return gain, weight, log_det
-
-
-@numba.njit(cache=True, fastmath={"contract"})
-def _whiten(X, a1, a2, gain, weight):
-    # written for the shortest way from one sample to the next: l' = (a2 - c) l + (b w + c x), w' = a1 w + e (x - l)
-    n, m = X.shape
-    out = np.empty((m, n)).T
-    b = 1.0 - a2
-    j = 0
-    while j + 4 <= m:
-        wa = wb = wc = wd = la = lb = lc = ld = 0.0
-        for k in range(n):
-            g1 = gain[k, 0]
-            c = a2 * gain[k, 1] + b * g1
-            rest = a2 - c
-            e = a1 * g1
-            s = weight[k]
-            xa = X[k, j]
-            xb = X[k, j + 1]
-            xc = X[k, j + 2]
-            xd = X[k, j + 3]
-            out[k, j] = (xa - la) * s
-            out[k, j + 1] = (xb - lb) * s
-            out[k, j + 2] = (xc - lc) * s
-            out[k, j + 3] = (xd - ld) * s
-            na = rest * la + (b * wa + c * xa)
-            nb = rest * lb + (b * wb + c * xb)
-            nc = rest * lc + (b * wc + c * xc)
-            nd = rest * ld + (b * wd + c * xd)
-            wa = (a1 * wa + e * xa) - e * la
-            wb = (a1 * wb + e * xb) - e * lb
-            wc = (a1 * wc + e * xc) - e * lc
-            wd = (a1 * wd + e * xd) - e * ld
-            la = na
-            lb = nb
-            lc = nc
-            ld = nd
-        j += 4
-    while j < m:
-        w = 0.0
-        l = 0.0  # noqa: E741
-        for k in range(n):
-            g1 = gain[k, 0]
-            c = a2 * gain[k, 1] + b * g1
-            e = a1 * g1
-            x = X[k, j]
-            out[k, j] = (x - l) * weight[k]
-            new = (a2 - c) * l + (b * w + c * x)
-            w = (a1 * w + e * x) - e * l
-            l = new  # noqa: E741
-        j += 1
-    return out
-
-
-@numba.njit(cache=True)
-def _adjoint(z, a1, a2, gain, weight):
-    n = len(z)
-    out = np.empty(n)
-    b = 1.0 - a2
-    mw = 0.0  # sensitivities of the sum to w and l of the next sample
-    ml = 0.0
-    for k in range(n - 1, -1, -1):
-        dw = a1 * mw + b * ml
-        dl = a2 * ml
-        dv = weight[k] * z[k] + gain[k, 0] * dw + gain[k, 1] * dl
-        out[k] = dv
-        mw = dw
-        ml = dl - dv
-    return out
-
-
 def whitener(noise: Noise, used: NDArray[np.bool_], h: float) -> Whitener:
     """Return the whitening filter of `noise` for the samples `used` at interval h [s]."""
-    a1, a2 = float(np.exp(-h / noise.slow)), float(np.exp(-h / noise.fast))
-    gain, weight, log_det = _gains(used, a1, a2, noise.ratio)
-    return Whitener(a1, a2, gain, weight, float(log_det), int(np.count_nonzero(used)))
+    n, rest = len(used), noise.at_rest(h)
+    gain, weight = np.zeros((n, 2)), np.zeros(n)
+    _, log_det = kernels.kalman(np.zeros(n), used, *rest, gain, weight)
+    return Whitener(rest[0], rest[1], gain, weight, float(log_det), int(np.count_nonzero(used)))
+
+
+def fit_noise(error: FloatArray, used: NDArray[np.bool_], h: float, first: Noise) -> Noise:
+    """Return the noise of greatest likelihood for an error (samples,), 0 where not `used`, searched from `first`.
+
+    With the noise variance profiled out the likelihood is greatest where the sum of squares of the innovations, each
+    times (product of their variances)^(1 / 2n), is smallest: a problem of least squares (MINPACK).
+    """
+    from scipy.optimize import leastsq
+
+    longest = SLOWEST * h * len(error)
+    low, high = np.log([[1e-3, 1e3], [0.5 * h, longest], [0.1 * h, longest]]).T
+    count, none = np.count_nonzero(used), (np.empty((0, 2)), np.empty(0))
+
+    def noise(x: FloatArray) -> FloatArray:
+        # from any number to one within its range
+        found: FloatArray = np.exp(low + (high - low) * expit(x))
+        return found
+
+    def innovations(x: FloatArray) -> FloatArray:
+        white, log_det = kernels.kalman(error, used, *Noise(*noise(x)).at_rest(h), *none)
+        scaled: FloatArray = white * np.exp(0.5 * log_det / count)
+        return scaled
+
+    start = (np.log([first.ratio, first.slow, first.fast]) - low) / (high - low)
+    # the full answer comes without a warning where the trials are used up: a valley so flat needs no more of them
+    found = leastsq(innovations, logit(np.clip(start, NEAR_END, 1.0 - NEAR_END)), ftol=CLOSE_ENOUGH / count,
+                    epsfcn=1e-5, maxfev=60, factor=FIRST_STEP, full_output=True)  # fmt: skip
+    ratio, slow, fast = noise(found[0]).tolist()
+    return Noise(ratio, max(slow, fast), min(slow, fast))
+
+
+def fitted_noise(error: FloatArray, used: NDArray[np.bool_], h: float) -> Noise:
+    """Return the noise of greatest likelihood for the error (samples,) of a model that brings no noise of its own."""
+    span = h * len(error)
+    return fit_noise(np.where(used, error, 0.0), used, h, Noise(1.0, 0.03 * span, 0.003 * span))
+
+
+def known_load(error: FloatArray, used: NDArray[np.bool_], h: float, noise: Noise, ahead: int) -> FloatArray:
+    """Return the load in PV (samples,) as known `ahead` samples before, from what a model missed until then.
+
+    error: (samples,) measured minus predicted PV, any number where not `used`. Harvey (1989), section 3.5.
+    """
+    white = whitener(noise, used, h)
+    a1, a2, b = white.a1, white.a2, 1.0 - white.a2
+    innovation = white.one(np.where(used, error, 0.0)) / np.where(used, white.weight, 1.0)
+    to_w, to_l = (white.gain * innovation[:, None]).T
+    w = _behind(a1 * to_w, a1)
+    lagged = _behind(a2 * to_l + b * (w + to_w), a2)
+    # `ahead - 1` samples later the lagged load is l p2 + w b (p1 - p2) / (a1 - a2)
+    p1, p2, more = a1 ** (ahead - 1), a2 ** (ahead - 1), ahead - 1
+    share = b * more * a1 ** max(more - 1, 0) if abs(a1 - a2) < 1e-9 else b * (p1 - p2) / (a1 - a2)
+    out = np.zeros(len(error))
+    out[more:] = (p2 * lagged + share * w)[: len(error) - more]
+    return out
+
+
+def _behind(pushes: FloatArray, keep: float) -> FloatArray:
+    """Return x (samples,) with x[0] = 0 and x[k+1] = keep x[k] + pushes[k]."""
+    followed: FloatArray = kernels.lag(np.append(0.0, pushes), keep, 0.0, 1.0, 0)
+    return followed[1:]

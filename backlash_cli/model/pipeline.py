@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import EFFECTS, Effect, Stage
-from ..effects.fast import late
 from ..effects.fitting import Values
+from ..effects.lags import late
 from ..record import FloatArray
 from .problem import Hole, Problem
 from .response import delayed_lag, forgotten
@@ -143,24 +143,18 @@ def load_columns(problem: Problem, part: Part) -> list[FloatArray]:
     if len(problem.memory) > MOST_REMEMBERED:
         problem.memory.clear()
     series: FloatArray | tuple[float, ...] = problem.columns[part.column] if part.column else ()
-    nothing = np.zeros(problem.samples)
-    fixed = {k: v for k, v in part.values.items() if k not in fitting.linear}
     many = {q.name: q.many for q in effect.parameters}
-    base = {n: tuple(0.0 for _ in as_tuple(part.values.get(n, ()))) if many[n] else 0.0 for n in fitting.linear}
+    sizes = {n: len(as_tuple(part.values.get(n, ()))) for n in fitting.linear}
+    none = {n: (0.0,) * size if many[n] else 0.0 for n, size in sizes.items()}
+    rest = {k: v for k, v in part.values.items() if k not in fitting.linear}
+    turns: list[dict[str, float]] = [{fitting.phase: 0.0}, {fitting.phase: 0.5 * np.pi}] if fitting.phase else [{}]
     out = []
-    for name in fitting.linear:
-        value = base[name]
-        units: list[float | tuple[float, ...]]
-        if isinstance(value, tuple):
-            units = [tuple(1.0 if j == i else 0.0 for j in range(len(value))) for i in range(len(value))]
-        else:
-            units = [1.0]
-        for unit in units:
-            turns = (0.0, 0.5 * np.pi) if fitting.phase else (None,)
+    for name, size in sizes.items():
+        for i in range(size if many[name] else 1):
+            unit = tuple(float(j == i) for j in range(size)) if many[name] else 1.0
             for turn in turns:
-                more = {} if turn is None else {fitting.phase: turn}
-                p = effect.pack({**fixed, **base, name: unit, **more})
-                out.append(effect.apply(nothing, p, problem.interval, series=series))
+                p = effect.pack({**rest, **none, name: unit, **turn})
+                out.append(effect.apply(np.zeros(problem.samples), p, problem.interval, series=series))
     problem.memory[key] = out
     return out
 
@@ -199,12 +193,14 @@ def sensed_slopes(problem: Problem, shape: Shape, process: FloatArray, columns: 
         return columns
     here = sensed(problem, shape, process)
     steps = SMALL_MOVE / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
-    return beside([(sensed(problem, shape, process + e * x) - here) / e for e, x in zip(steps, columns.T, strict=True)])
+    return np.column_stack(
+        [(sensed(problem, shape, process + e * x) - here) / e for e, x in zip(steps, columns.T, strict=True)])
 
 
-def beside(columns: Sequence[FloatArray]) -> FloatArray:
-    """Return columns beside each other, (samples, columns), each in one piece of memory."""
-    return np.array(columns).T
+def beside_output(problem: Problem, shape: Shape) -> list[Part]:
+    """Return the effects that change other columns of the prediction than the moved output."""
+    return [part for part in shape.parts if part.is_linear or (part.on_output and part.effect.stage == Stage.PROCESS
+            and (problem.holes or part.effect.fitting.on_loads))]  # fmt: skip
 
 
 def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
@@ -213,17 +209,23 @@ def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
     The first 2 + holes columns are the same for every shape; load columns follow in the order of the parts, and
     last, for each further lag of the process, what it has to forget of its start.
     """
-    h, n, tau = problem.interval, problem.samples, shape.lag
-    process = [part for part in shape.parts if part.on_output and part.effect.stage == Stage.PROCESS]
-    lags = [part for part in process if part.effect.fitting.on_loads]
-    columns = [np.ones(n), forgotten(n, h, tau)]
-    for hole in problem.holes:
-        columns.append(delayed_lag(through(problem, process, pulse(problem, hole)), h, tau, shape.delay))
-    for part in shape.parts:
-        if part.is_linear:
-            columns += [delayed_lag(through(problem, lags, c), h, tau, 0.0) for c in load_columns(problem, part)]
-    columns += [delayed_lag(after(problem, lag, kick(problem, tau)), h, tau, 0.0) for lag in lags]
-    return beside(columns)
+    own = beside_output(problem, shape)
+    delay = shape.delay if problem.holes else 0.0
+    key = (shape.lag, delay, *[(p.effect.name, p.column, tuple(p.values.items())) for p in own])
+    if problem.others.get("key") != key:
+        h, n, tau = problem.interval, problem.samples, shape.lag
+        process = [part for part in own if part.on_output]
+        lags = [part for part in process if part.effect.fitting.on_loads]
+        columns = [np.ones(n), forgotten(n, h, tau)]
+        for hole in problem.holes:
+            columns.append(delayed_lag(through(problem, process, pulse(problem, hole)), h, tau, delay))
+        for part in own:
+            if part.is_linear:
+                columns += [delayed_lag(through(problem, lags, c), h, tau, 0.0) for c in load_columns(problem, part)]
+        columns += [delayed_lag(after(problem, lag, kick(problem, tau)), h, tau, 0.0) for lag in lags]
+        problem.others.update(key=key, columns=np.column_stack(columns))
+    found: FloatArray = problem.others["columns"]
+    return found
 
 
 def through(problem: Problem, parts: Sequence[Part], signal: FloatArray) -> FloatArray:
@@ -248,35 +250,9 @@ def kick(problem: Problem, lag: float) -> FloatArray:
 
 
 def predict(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatArray:
-    """Return predicted PV (samples,): `regressors` times coefficients as the transmitter shows them, with one lag for
-    all that goes through it."""
-    h, n = problem.interval, problem.samples
-    process = [part for part in shape.parts if part.on_output and part.effect.stage == Stage.PROCESS]
-    lags = [part for part in process if part.effect.fitting.on_loads]
-    first_load = 3 + len(problem.holes)
-    place = first_load
-    direct: FloatArray = np.zeros(n)
-    for part in shape.parts:
-        if part.is_linear:
-            for column in load_columns(problem, part):
-                direct += coefficients[place] * column
-                place += 1
-    for lag in lags:
-        direct = after(problem, lag, direct)
-    for lag, size in zip(lags, coefficients[place:], strict=True):
-        direct = direct + size * after(problem, lag, kick(problem, shape.lag))
-    moved, delay = into_process(problem, shape)
-    passed = coefficients[0] * moved
-    for hole, size in zip(problem.holes, coefficients[3:first_load], strict=True):
-        passed = passed + size * through(problem, process, pulse(problem, hole))
-    if delay == 0.0:
-        out = delayed_lag(passed + direct, h, shape.lag, 0.0)
-    else:
-        out = delayed_lag(passed, h, shape.lag, delay)
-        if place > first_load or lags:
-            out += delayed_lag(direct, h, shape.lag, 0.0)
-    predicted: FloatArray = out + coefficients[1] + coefficients[2] * forgotten(n, h, shape.lag)
-    return sensed(problem, shape, predicted)
+    """Return predicted PV (samples,): `regressors` times coefficients as the transmitter shows them."""
+    others = load_regressors(problem, shape) @ coefficients[1:]
+    return sensed(problem, shape, coefficients[0] * moved_process(problem, shape) + others)
 
 
 def spreads(problem: Problem, columns: FloatArray) -> FloatArray:
@@ -284,7 +260,7 @@ def spreads(problem: Problem, columns: FloatArray) -> FloatArray:
 
     Without it a column that the samples at hand do not show, such as the end of a hole, could take any value.
     """
-    size = np.sqrt(np.mean(columns**2, axis=0))
+    size = np.sqrt(np.einsum("ij,ij->j", columns, columns) / len(columns))
     out = USUAL_SPAN / np.maximum(size, 1e-12)
     out[0] = 1e3
     out[1] = USUAL_SPAN
@@ -295,4 +271,4 @@ def spreads(problem: Problem, columns: FloatArray) -> FloatArray:
 
 def regressors(problem: Problem, shape: Shape) -> FloatArray:
     """Return all columns whose sum predicts PV, (samples, columns): moved process, then the others."""
-    return beside([moved_process(problem, shape), *load_regressors(problem, shape).T])
+    return np.column_stack([moved_process(problem, shape), load_regressors(problem, shape)])

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..record import FloatArray, LoopSettings, Record, SampleState
-from .coarse_output import step_of
-from .drive import MOSTLY, horizon, moved_from_outside
+from .output import MOSTLY, between_steps, horizon, moved_from_outside, step_of
 
 # fewer samples than this cannot carry a model with three parameters, a hold-out and a search
 FEWEST_SAMPLES = 100
@@ -37,10 +37,11 @@ class Problem:
     output: OP, straight lines over holes. measurement: PV, 0 where `used` is False. recorded: PV with nan in holes.
     setpoint: SP, held over holes. columns: means of further measured columns up to the next sample, holes interpolated.
     delay: dead time [s] known from the settings, None when the settings give none. holes: where OP is not known.
-    floor: standard deviation of the measurement noise [span], from third differences. memory, moved: load columns and
-    moved outputs by part, shared by problems that differ in their mask only. driven: share of OP's motion that comes
-    from the setpoint or the operator. output_step: in which OP was recorded [span], 0 when it hardly matters.
-    ahead: samples that a loop driven by its load is predicted ahead (see `drive`).
+    floor: standard deviation of the measurement noise [span], from third differences. memory, moved, others: load
+    columns, moved outputs and the columns of the last shape, shared by problems that differ in their mask only.
+    driven: share of OP's motion that comes from the setpoint or the operator. output_step: in which OP was recorded
+    [span], 0 when it hardly matters.
+    ahead: samples that a loop driven by its load is predicted ahead (see `output`).
     """
 
     loop: str
@@ -60,6 +61,7 @@ class Problem:
     output_step: float = 0.0
     memory: dict[object, list[FloatArray]] = field(default_factory=dict, repr=False)
     moved: dict[object, FloatArray] = field(default_factory=dict, repr=False)
+    others: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def samples(self) -> int:
@@ -131,7 +133,7 @@ def problem_from_record(record: Record) -> Problem:
         grid = on_grid(values)
         if np.count_nonzero(np.isfinite(grid)) >= 0.5 * samples and np.nanstd(grid) > 0:
             columns[name] = _until_next(_interpolate(grid))
-    moved, setpoint, floor = _interpolate(output), _hold(on_grid(record.setpoint)), noise_floor(recorded)
+    moved, setpoint, floor = _interpolate(output), hold(on_grid(record.setpoint)), noise_floor(recorded)
     return Problem(
         loop=record.loop,
         interval=record.interval,
@@ -161,6 +163,19 @@ def _refuse_constant(where: str, output: FloatArray, measurement: FloatArray) ->
                 remedy="export a period with setpoint changes or load upsets",
                 code="constant_signal",
             )
+
+
+def finer(problem: Problem) -> Problem | None:
+    """Return the problem with OP as it may have been before rounding, None when OP was not rounded coarsely."""
+    if not problem.output_step:
+        return None
+    return replace(problem, output=between_steps(problem.output, problem.output_step), memory={}, moved={}, others={})
+
+
+def usual_output(problem: Problem) -> tuple[float, float] | None:
+    """Return the range in which OP [span] was for all but one sample in fifty; None where it hardly moved."""
+    low, high = np.quantile(problem.output[problem.used], [0.01, 0.99])
+    return (float(low), float(high)) if high > low + 1e-6 else None
 
 
 def noise_floor(recorded: FloatArray) -> float:
@@ -197,7 +212,7 @@ def _holes(output: FloatArray) -> tuple[Hole, ...]:
     return tuple(found[:MOST_HOLES])
 
 
-def _hold(values: FloatArray) -> FloatArray:
+def hold(values: FloatArray) -> FloatArray:
     """Repeat the last number over holes; holes at the start take the first number."""
     good = np.isfinite(values)
     if not np.any(good):

@@ -13,7 +13,7 @@ from .clues import Clue
 from .fit import Fit
 from .noise import whitener
 from .pipeline import Part
-from .problem import FEWEST_SAMPLES, Problem
+from .problem import FEWEST_SAMPLES, Problem, hold
 
 
 def recorders(problem: Problem, base: Fit, effects: Sequence[Effect]) -> list[Part]:
@@ -63,7 +63,7 @@ def limits(problem: Problem, parts: Sequence[Part]) -> tuple[FloatArray, FloatAr
         if part.effect.fitting.bounds is not None:
             # a value that was not recorded must not look like one that was just kept
             held = np.where(problem.used, problem.measurement, np.nan)
-            filled = _fill(held)
+            filled = hold(held)
             a, b = part.effect.fitting.bounds(filled, part.effect.pack(part.values))
             low, high = np.minimum(low, a), np.maximum(high, b)
     return low, high
@@ -74,10 +74,3 @@ def distance(problem: Problem, parts: Sequence[Part], predicted: FloatArray) -> 
     low, high = limits(problem, parts)
     nearest = np.clip(predicted, low, high)
     return np.where(problem.used, nearest - predicted, 0.0)
-
-
-def _fill(values: FloatArray) -> FloatArray:
-    good = np.isfinite(values)
-    last = np.maximum.accumulate(np.where(good, np.arange(len(values)), 0))
-    out: FloatArray = np.where(np.isfinite(values[last]), values[last], values[int(np.argmax(good))])
-    return out

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numba
 import numpy as np
+from scipy.special import ndtr
 
 from ..record import FloatArray
 from .fit import Fit, Solver, descend, finished, raw_error
@@ -22,25 +22,19 @@ from .recorder import limits
 
 # each round closes a part of the distance; it takes that many when the step is as wide as what is looked for
 ROUNDS = 20
-ROOT_2, ROOT_2_PI = math.sqrt(2.0), math.sqrt(2.0 * math.pi)
+ROOT_2_PI = math.sqrt(2.0 * math.pi)
 
 
-@numba.njit(cache=True)
 def expected(mean: FloatArray, sd: float, low: FloatArray, high: FloatArray) -> FloatArray:
     """Return the mean of a normal quantity (samples,) of which is known that it lies between low and high.
 
     mean + sd (p(a) - p(b)) / (P(b) - P(a)) with a, b = the limits less the mean, over sd (Johnson, Kotz and
     Balakrishnan, Continuous Univariate Distributions 1, section 13.10.1); far out the nearer limit.
     """
-    out = np.empty(len(mean))
-    for k in range(len(mean)):
-        a, b = (low[k] - mean[k]) / sd, (high[k] - mean[k]) / sd
-        inside = 0.5 * (math.erf(b / ROOT_2) - math.erf(a / ROOT_2))
-        value = mean[k]
-        if inside > 1e-9:
-            value += sd * (math.exp(-0.5 * a * a) - math.exp(-0.5 * b * b)) / (ROOT_2_PI * inside)
-        out[k] = min(max(value, low[k]), high[k])
-    return out
+    a, b = (low - mean) / sd, (high - mean) / sd
+    inside = ndtr(b) - ndtr(a)
+    off = (np.exp(-0.5 * a * a) - np.exp(-0.5 * b * b)) / (ROOT_2_PI * np.maximum(inside, 1e-9))
+    return np.clip(mean + sd * np.where(inside > 1e-9, off, 0.0), low, high)
 
 
 def rounded(problem: Problem, recorders: tuple[Part, ...]) -> bool:

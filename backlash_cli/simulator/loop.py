@@ -62,7 +62,7 @@ class Table:
     def build(cls, s: Scenario, samples: int, columns: Mapping[str, FloatArray], random: Numbers) -> Table:
         """Start every effect at rest, in the order a signal meets them."""
         from ..effects.compiled import compiled
-        from .kernel import SLOTS
+        from ..kernels import SLOTS
 
         order = list(Stage)
         chain = sorted(s.effects, key=lambda a: order.index(a.effect.stage))
@@ -146,7 +146,7 @@ def trace(scenario: Scenario) -> Trace:
 
     Raises LoopError (code `unstable_loop`) when the measurement runs away.
     """
-    from .kernel import COMPENSATOR_STATE, PID_STATE, closed_loop
+    from ..kernels import COMPENSATOR_STATE, PID_STATE, closed_loop
 
     s, c = scenario, scenario.controller
     samples = max(round(s.duration / s.step), 1)

@@ -93,9 +93,11 @@ def played(n, per, dt, control_every, setpoint, load, noise, p, lags, delay, tai
                         v = 0.0
                 x += dt * v
             else:
+                # bent exactly over the step: by Euler's rule the bristles burst where the stem is fast, and it sticks
                 g = Fc + (Fs - Fc) * np.exp(-((v / STRIBECK) ** 2))
-                dz = v - SIGMA0 * abs(v) / g * z
-                z += dt * dz
+                rate, bent = SIGMA0 * abs(v) / g, z
+                z = z * np.exp(-rate * dt) - v * (np.expm1(-rate * dt) / rate if rate > 1e-9 else -dt)
+                dz = (z - bent) / dt
                 v += dt / M * (travel - x - SIGMA0 * z - SIGMA1 * dz - DAMPING * v)
                 x += dt * v
             open_ = min(max(x, low), high)

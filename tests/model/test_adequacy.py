@@ -11,9 +11,9 @@ from backlash_cli.model.adequacy import left_by
 from backlash_cli.model.candidates import candidate
 from backlash_cli.model.explain import recorders
 from backlash_cli.model.intervals import unseen_travel
-from backlash_cli.model.judge import judge_for
 from backlash_cli.model.problem import problem_from_record
 from backlash_cli.model.recorder import only_reports, recorded_floor
+from backlash_cli.model.score import judge_for
 from backlash_cli.model.search import baseline
 from backlash_cli.record import FloatArray, LoopSettings, Record, record_from_arrays
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from backlash_cli.model import compare, explain
-from backlash_cli.model.ahead import known_load
-from backlash_cli.model.drive import horizon, moved_from_outside, trust
-from backlash_cli.model.noise import Noise, whitener
+from backlash_cli.model.noise import Noise, known_load, whitener
+from backlash_cli.model.output import horizon, moved_from_outside, trust
 from backlash_cli.model.response import delayed_lag
 from tests.benchmarks.driven_loops import draw
 

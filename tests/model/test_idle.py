@@ -8,7 +8,7 @@ from backlash_cli.model.fit import finished
 from backlash_cli.model.noise import Noise
 from backlash_cli.model.pipeline import Part, Shape
 from backlash_cli.model.problem import problem_from_record
-from backlash_cli.model.prune import idle
+from backlash_cli.model.search import idle
 
 from .loops import loop
 

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from backlash_cli import kernels
 from backlash_cli.effects.registry import load_effect
-from backlash_cli.model.fit import Solver, curvature
-from backlash_cli.model.free import free_numbers, get, put
-from backlash_cli.model.noise import Noise, whitener
-from backlash_cli.model.noise_fit import deviance, fit_noise
+from backlash_cli.model.fit import Solver, curvature, free_numbers, get, put
+from backlash_cli.model.noise import Noise, fit_noise, whitener
 from backlash_cli.model.pipeline import Part, Shape, predict, regressors
 from backlash_cli.model.problem import problem_from_record
 
@@ -43,16 +42,15 @@ def test_predicted_pv_is_regressors_times_coefficients(problem, parts, delay):
     np.testing.assert_allclose(predict(problem, shape, c), X @ c, atol=1e-11)
 
 
-def test_likelihood_in_one_piece_equals_whitening_and_summing(problem):
+def test_innovations_of_the_filter_are_what_whitening_gives(problem):
     random = np.random.default_rng(2)
-    error = random.standard_normal(problem.samples)
     used = random.random(problem.samples) > 0.2
-    for ratio, slow, fast in ((1.0, 60.0, 20.0), (0.01, 10.0, 5.0), (30.0, 200.0, 1.0)):
-        white = whitener(Noise(ratio, slow, fast), used, 2.0)
-        z = white.one(error)
-        a1, a2 = np.exp(-2.0 / slow), np.exp(-2.0 / fast)
-        fused = deviance(error, used, int(np.count_nonzero(used)), a1, a2, ratio)
-        assert fused == pytest.approx(white.deviance(float(z @ z)), rel=1e-9)
+    error = np.where(used, random.standard_normal(problem.samples), 0.0)
+    for noise in (Noise(1.0, 60.0, 20.0), Noise(0.01, 10.0, 5.0), Noise(30.0, 200.0, 1.0)):
+        white = whitener(noise, used, 2.0)
+        innovations, log_det = kernels.kalman(error, used, *noise.at_rest(2.0), np.empty((0, 2)), np.empty(0))
+        np.testing.assert_allclose(innovations, white.one(error), atol=1e-10)
+        assert log_det == pytest.approx(white.log_det, rel=1e-12)
 
 
 def test_the_noise_found_is_no_worse_than_any_near_it(problem):
@@ -65,7 +63,8 @@ def test_the_noise_found_is_no_worse_than_any_near_it(problem):
     found = fit_noise(error, used, h, Noise(1.0, 30.0, 10.0))
 
     def cost(noise: Noise) -> float:
-        return deviance(error, used, n, np.exp(-h / noise.slow), np.exp(-h / noise.fast), noise.ratio)
+        white = whitener(noise, used, h)
+        return white.deviance(float(np.sum(white.one(error) ** 2)))
 
     for factor in (0.7, 1.4):
         assert cost(found) < cost(Noise(factor * found.ratio, found.slow, found.fast)) + 0.1

@@ -10,7 +10,7 @@ import pytest
 from backlash_cli.effects import EFFECTS
 from backlash_cli.model import explain
 from backlash_cli.model.problem import problem_from_record
-from backlash_cli.model.why import marked, usual_move, with_reasons
+from backlash_cli.model.reasons import marked, usual_move, with_reasons
 from backlash_cli.record import Note
 from backlash_cli.results import Candidate, FittedEffect, FittedParameter, gap_size
 

@@ -1,11 +1,21 @@
-"""Rate limit: the actuator cannot move faster than a certain speed, so large moves of the output arrive late.
+"""Speed of the actuator, the same both ways or not.
+
+Rate limit: the actuator cannot move faster than a certain speed, so large moves of the output arrive late.
 
 The position runs to the command with at most `rate` spans per second. The output sample is the mean position over
 the sample interval, which keeps a slow process behind it exact to second order in interval / lag.
 
->>> p = EFFECT.pack(rate=0.1)
->>> EFFECT.apply([0.0, 0.25, 0.25, 0.25, 0.25], p, interval=1.0).round(4).tolist()
+>>> p = RATE_LIMIT.pack(rate=0.1)
+>>> RATE_LIMIT.apply([0.0, 0.25, 0.25, 0.25, 0.25], p, interval=1.0).round(4).tolist()
 [0.0, 0.05, 0.15, 0.2375, 0.25]
+
+Unequal speed: the actuator opens at one speed and closes at another, as a spring return or a blocked vent makes it.
+
+As `rate_limit`, with a speed of its own for each direction; the output sample is the mean position over the sample.
+
+>>> p = UNEQUAL_SPEED.pack(opening=0.2, closing=0.1)
+>>> UNEQUAL_SPEED.apply([0.0, 0.2, 0.2, 0.0, 0.0], p, interval=1.0).round(3).tolist()
+[0.0, 0.1, 0.2, 0.15, 0.05]
 """
 
 from __future__ import annotations
@@ -39,19 +49,19 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
     """Return the mean positions for all samples."""
-    from .fast import slew
+    from ..kernels import slew
 
     return values if np.all(p == np.inf) else np.asarray(slew(values, p[0] * interval, p[-1] * interval))
 
 
-def propose(clues: Clues) -> list[Values]:
+def speeds(clues: Clues) -> list[Values]:
     """Return speeds that cross the output's usual travel in a fraction of the process lag up to many lags."""
     low, high = np.quantile(clues.output, [0.05, 0.95])
     travel = max(float(high - low), 1e-3)
     return [{"rate": travel / (share * clues.lag)} for share in (0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0)]
 
 
-EFFECT = Effect(
+RATE_LIMIT = Effect(
     name="rate_limit",
     stage=Stage.VALVE,
     sentence="Slow actuator: the valve moves no faster than a certain speed, so large moves arrive late.",
@@ -63,9 +73,38 @@ EFFECT = Effect(
     step=step,
     fitting=Fitting(
         whole=whole,
-        propose=propose,
+        propose=speeds,
         rivals=("unequal_speed", "dead_time", "second_lag"),
         meaning="The actuator moves no faster than {rate}: large moves of the output arrive late. Check the air "
         "supply, the volume booster and the travel time of the actuator.",
+    ),
+)
+
+
+def unequal_speeds(clues: Clues) -> list[Values]:
+    """Return slow speeds one way, with the other way free or three times as fast."""
+    slow = [float(v["rate"]) for v in speeds(clues)]  # type: ignore[arg-type]
+    both = [(a, b) for a in slow for b in (3.0 * a, 1e3 * a)]
+    return [{"opening": a, "closing": b} for pair in both for a, b in (pair, pair[::-1])]
+
+
+UNEQUAL_SPEED = Effect(
+    name="unequal_speed",
+    stage=Stage.VALVE,
+    sentence="Unequal speed: the actuator opens faster than it closes, or closes faster than it opens.",
+    source="Slew limits of spring-return actuators, e.g. Smith and Corripio, Automatic Process Control (2005)",
+    parameters=(
+        Parameter("opening", "1/s", "largest speed upwards, spans per second", np.inf, 1e-6, np.inf, (0.005, 0.05)),
+        Parameter("closing", "1/s", "largest speed downwards, spans per second", np.inf, 1e-6, np.inf, (0.05, 0.005)),
+    ),
+    start=start,
+    step=step,
+    fitting=Fitting(
+        whole=whole,
+        propose=unequal_speeds,
+        seldom=True,
+        siblings=("rate_limit",),
+        meaning="The actuator opens with at most {opening} and closes with at most {closing}. Check its vent, the "
+        "quick exhaust, the spring and the air supply.",
     ),
 )

@@ -13,11 +13,9 @@ from ..effects.registry import load_effect
 from ..errors import LoopError
 from ..record import FloatArray, Note, Record
 from ..results import Model, ModelEffect
-from .fit import Fit
-from .holds import usual_output
-from .linear import linear_values
+from .fit import Fit, linear_values
 from .pipeline import Part, Shape, as_tuple, in_order
-from .problem import Problem
+from .problem import Problem, usual_output
 
 
 def kept_model(record: Record, problem: Problem, fitted: Fit, recorders: Sequence[Part], rmse_holdout: float) -> Model:

@@ -1,11 +1,22 @@
-"""Quantization: transmitter or recorder rounds to a step, or repeats the old value until it has moved by a step.
+"""Recording in steps: what transmitter and historian leave of PV.
 
->>> EFFECT.apply([0.500, 0.503, 0.508], EFFECT.pack(step=0.005), interval=1.0).round(3).tolist()
+Quantization: transmitter or recorder rounds to a step, or repeats the old value until it has moved by a step.
+
+>>> QUANTIZATION.apply([0.500, 0.503, 0.508], QUANTIZATION.pack(step=0.005), interval=1.0).round(3).tolist()
 [0.5, 0.505, 0.51]
->>> EFFECT.apply([0.500, 0.503, 0.508], EFFECT.pack(step=0.005, hold=1.0), interval=1.0).tolist()
+>>> QUANTIZATION.apply([0.500, 0.503, 0.508], QUANTIZATION.pack(step=0.005, hold=1.0), interval=1.0).tolist()
 [0.5, 0.5, 0.508]
->>> EFFECT.apply([0.500, 0.503, 0.508], EFFECT.neutral, interval=1.0).tolist()
+>>> QUANTIZATION.apply([0.500, 0.503, 0.508], QUANTIZATION.neutral, interval=1.0).tolist()
 [0.5, 0.503, 0.508]
+
+Exception compression: the recorder keeps the old value until the signal has moved by more than a deviation.
+
+The step holds the last value that was kept. A historian that draws straight lines between kept values instead is
+`simulator.recorder.draw_lines`, which needs the next kept value and therefore the whole record.
+
+>>> p = EXCEPTION_COMPRESSION.pack(deviation=0.01)
+>>> EXCEPTION_COMPRESSION.apply([0.5, 0.505, 0.511, 0.515, 0.5], p, interval=1.0).tolist()
+[0.5, 0.5, 0.511, 0.511, 0.5]
 """
 
 from __future__ import annotations
@@ -23,12 +34,12 @@ REPEATS = 0.4
 SHARP = 0.9
 
 
-def start(p: FloatArray, interval: float, first: float) -> FloatArray:
+def nothing_kept(p: FloatArray, interval: float, first: float) -> FloatArray:
     """State: [value kept last]; nothing has been kept before the first sample."""
     return np.array([np.inf])
 
 
-def step(state: FloatArray, value: float, p: FloatArray) -> float:
+def rounding_step(state: FloatArray, value: float, p: FloatArray) -> float:
     """Return the recorded value of one sample."""
     if p[0] == 0.0:
         return value
@@ -76,13 +87,13 @@ def recorded_steps(clues: Clues) -> tuple[float, str]:
     return float(np.quantile(moved, 0.1)), "held"
 
 
-def propose(clues: Clues) -> list[Values]:
+def rounding_starts(clues: Clues) -> list[Values]:
     """Return the step that the repeated values of the measurement show; none when values hardly repeat."""
     step, how = recorded_steps(clues)
     return [{"step": step, "hold": float(how == "held")}] if how in ("rounded", "held") else []
 
 
-EFFECT = Effect(
+QUANTIZATION = Effect(
     name="quantization",
     stage=Stage.SENSOR,
     sentence="Coarse recording: values are rounded to a step, so small changes are lost.",
@@ -91,13 +102,45 @@ EFFECT = Effect(
         Parameter("step", "span", "smallest recorded change", 0.0, 0.0, 1.0, (0.001, 0.005, 0.02)),
         Parameter("hold", "0 or 1", "1: repeats until it moved by a step", 0.0, 0.0, 1.0, choices=(0.0, 1.0)),
     ),
-    start=start,
-    step=step,
+    start=nothing_kept,
+    step=rounding_step,
     fitting=Fitting(
-        propose=propose,
+        propose=rounding_starts,
         fixed=("step", "hold"),
         bounds=bounds,
         meaning="PV is recorded in steps of {step}: what is smaller cannot be seen. Check the transmitter's resolution "
         "and the historian's exception and compression settings.",
+    ),
+)
+
+
+def exception_step(state: FloatArray, value: float, p: FloatArray) -> float:
+    """Return what the recorder shows for one sample."""
+    if p[0] == 0.0 or abs(value - state[0]) > p[0]:
+        state[0] = value
+        return value
+    return state[0]
+
+
+def exception_starts(clues: Clues) -> list[Values]:
+    """Return the deviation that the reports show: none of them is smaller."""
+    deviation, how = recorded_steps(clues)
+    return [{"deviation": deviation}] if how == "reported" else []
+
+
+EXCEPTION_COMPRESSION = Effect(
+    name="exception_compression",
+    stage=Stage.SENSOR,
+    sentence="Exception reporting: the recorder repeats the old value until the signal has moved far enough.",
+    source="Exception test of plant historians: report when the change exceeds a deviation",
+    parameters=(Parameter("deviation", "span", "change below which nothing is recorded", 0.0, 0.0, 1.0),),
+    start=nothing_kept,
+    step=exception_step,
+    fitting=Fitting(
+        propose=exception_starts,
+        fixed=("deviation",),
+        bounds=held_bounds,
+        meaning="PV is recorded only when it has moved by {deviation}: what is smaller cannot be seen. Set the "
+        "historian's exception deviation to a fraction of the noise, or store every sample for a day.",
     ),
 )

@@ -1,23 +1,121 @@
-"""Why a kept model does not hold on another record: another operating point, another process, an effect that is gone.
+"""Reasons in words: why an effect was not taken, what to think of a small gap, why a kept model does not hold.
 
-Each possible reason is tried by itself on the new record and told only where the error falls with it.
+Each possible reason why a kept model does not hold on another record (another operating point, another process, an
+effect that is gone) is tried by itself on that record and told only where the error falls with it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..record import Note
-from ..results import Model
+from ..results import Candidate, FittedEffect, FittedParameter, Model, gap_size
 from .fit import Solver, finished, fit
 from .holdout import Tested, better, tested
+from .locate import turning_points
 from .noise import whitener
 from .pipeline import Part, Shape, moved_output, moved_process
-from .problem import Problem
+from .problem import Problem, usual_output
 from .recorder import fitted_problem
+
+# a gap below this part of the span is what a good valve has: the usual rule is 1 % of travel with a positioner
+HEALTHY = 0.01
+# OP must take this many samples to cross a gap, and PV must move by this many times its noise, to call it well seen
+FEW_SAMPLES, TIMES_NOISE = 5.0, 2.0
+
+
+def usual_move(problem: Problem) -> float:
+    """Return by how much OP usually moves from one sample to the next while it moves [span]."""
+    moves = np.abs(np.diff(problem.output))
+    moves = moves[moves > 1e-9]
+    return float(np.median(moves)) if moves.size else 0.0
+
+
+def marked(problem: Problem, gain: float, effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
+    """Return accepted effects, each gap with notes where it is small; gain: of the process [PV span / OP span]."""
+    return tuple(replace(e, notes=tuple(_small(problem, gain, gap_size(e)))) for e in effects)
+
+
+def _small(problem: Problem, gain: float, d: float | None) -> list[Note]:
+    if d is None:
+        return []
+    out = []
+    if d < HEALTHY:
+        message = f"{100 * d:.2g} % of span is less than the {100 * HEALTHY:.0f} % that a good valve may have"
+        out.append(Note("small_gap", message, {"size": d, "limit": HEALTHY}))
+    move = usual_move(problem)
+    if move > 0.0 and d < FEW_SAMPLES * move:
+        message = f"OP crosses the gap within {d / move:.1f} samples: recorded too coarsely to be sure of it"
+        out.append(Note("coarse_samples", message, {"samples": d / move}))
+    if abs(gain) * d < TIMES_NOISE * problem.floor:
+        times = abs(gain) * d / problem.floor
+        message = f"the gap moves PV by only {times:.1f} times its noise"
+        out.append(Note("small_against_noise", message, {"times": times}))
+    return out
+
+
+def with_reasons(
+    problem: Problem,
+    gain: float,
+    candidates: Sequence[Candidate],
+    accepted: Sequence[str],
+    alike: Sequence[tuple[str, str]],
+    siblings: Mapping[str, Sequence[str]],
+    reason: Note | None,
+    enough: float,
+) -> tuple[Candidate, ...]:
+    """Return the candidates, each that was not accepted with the reason.
+
+    gain: of the process. alike: (accepted, other) that the record cannot tell apart. siblings: look-alikes by name.
+    reason: why nothing can be told about the loop at all. enough: evidence that an effect must bring.
+    """
+    move = usual_move(problem)
+    turns = sum(map(len, turning_points(problem.output, max(move, 0.02 * float(np.ptp(problem.output))))))
+    finest = max(problem.floor / max(abs(gain), 1e-9), move)
+
+    def why(c: Candidate) -> Note | None:
+        if c.effect in accepted:
+            return None
+        d, by = gap_size(c), " and ".join(name.replace("_", " ") for name in accepted)
+        if taken := [a for a, other in alike if other == c.effect]:
+            return Note("look_alike", f"{taken[0].replace('_', ' ')} was taken; this record cannot tell the two apart")
+        if taken := [a for a in accepted if c.effect in siblings.get(a, ())]:
+            return Note("look_alike_better", f"{taken[0].replace('_', ' ')}, which looks much like it, fits better")
+        if reason is not None:
+            return reason
+        if d is not None and turns < 2:
+            return Note("op_never_turns", "OP never turns back, so that a gap cannot show")
+        if _does_nothing(c):
+            return Note("fits_nothing", "it fits best where it does nothing")
+        if d is not None and d < finest:
+            message = f"the gap that fits best is {100 * d:.2g} % of span, less than the recording shows"
+            return Note("below_resolution", f"{message} ({100 * finest:.2g} %)", {"size": d, "resolution": finest})
+        if (c.evidence or 0.0) >= enough and accepted:
+            return Note("other_explains", f"{by} explain{'s' * (len(accepted) == 1)} the same error better")
+        if (c.evidence or 0.0) < enough and c.error_reduction > LOWER:
+            return Note("little_evidence", "unseen samples are predicted better, but no more than chance may give")
+        return Note("no_better_prediction", "unseen samples are predicted no better with it")
+
+    return tuple(replace(c, why=why(c)) for c in candidates)
+
+
+# share of the squared hold-out error that goes where the error is 1.08 times larger without the effect
+LOWER = 1.0 - 1.0 / 1.08**2
+
+
+def _does_nothing(c: Candidate) -> bool:
+    """True where the sizes of an effect went to nothing: zero, or a limit at infinity."""
+    sizes = [p for p in c.parameters.values() if not p.nuisance and p.unit not in ("s", "0 or 1")]
+    return bool(sizes) and all(_nothing(p) for p in sizes)
+
+
+def _nothing(p: FittedParameter) -> bool:
+    values = np.atleast_1d(np.asarray(p.value, dtype=np.float64))
+    return bool(np.all(np.isinf(values) | (np.abs(values) < 1e-5)))
+
 
 # errors closer than this share say the same
 ABOUT = 0.1
@@ -74,12 +172,6 @@ def _place(problem: Problem, model: Model) -> list[Note]:
         f"another operating point: OP was {100 * low:.3g} to {100 * high:.3g} % of its span when the model was fitted, "
         f"here it is {100 * here[0]:.3g} to {100 * here[1]:.3g} %", {"share_inside": inside},
     )]  # fmt: skip
-
-
-def usual_output(problem: Problem) -> tuple[float, float] | None:
-    """Return the range in which OP [span] was for all but one sample in fifty; None where it hardly moved."""
-    low, high = np.quantile(problem.output[problem.used], [0.01, 0.99])
-    return (float(low), float(high)) if high > low + 1e-6 else None
 
 
 def _gone(

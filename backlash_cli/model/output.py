@@ -1,8 +1,13 @@
-"""Who moves OP: the setpoint and the operator, or the load through PV and the controller?
+"""What OP tells by itself: who moves it, the setpoint and the operator or the load, and in which steps it was recorded.
 
 A model that predicts PV from OP alone can be judged by its error only where OP moved for another reason than PV. Where
 the loop answers to its load, OP is a mirror of that load: there a wrong model with a small gain has the smaller error
 (Ljung, System Identification, section 13.4: output error is biased in closed loop, prediction errors are not).
+
+The controller moved the valve by OP as it was, the historian may have kept it rounded. Where the record stays at one
+level for a while and then at the next, OP crossed the middle between them at that time; between such times it went on
+evenly, and where it turned it came on average as far as the level. Whether the valve got the rounded OP or the one
+before rounding is not known beforehand: a search tries both.
 """
 
 from __future__ import annotations
@@ -68,3 +73,48 @@ def horizon(recorded: FloatArray, floor: float, h: float, Ti: float | None) -> i
             break
         m = max(m + 1, int(1.25 * m))
     return min(m, most)
+
+
+# fewer moves than this tell nothing about a step; a record of which fewer rows repeat is not rounded coarsely
+FEWEST_MOVES, REPEATS = 50, 0.3
+# moves of this many steps at once are jumps of OP, no crossings
+JUMP = 1.5
+
+
+def step_of(output: FloatArray) -> float:
+    """Return the step in which OP (samples,) was recorded, 0 when it was not recorded in coarse steps."""
+    move = np.abs(np.diff(output))
+    moved = move[move > 1e-9]
+    if moved.size < FEWEST_MOVES or moved.size > (1.0 - REPEATS) * move.size:
+        return 0.0
+    step = float(np.quantile(moved, 0.1))
+    off = np.abs(moved / step - np.rint(moved / step))
+    levels = np.unique(np.rint(output / step)).size
+    # an operator's moves are few and large; rounding leaves mostly moves of one step
+    usual = float(np.mean(moved < JUMP * step))
+    return step if np.mean(off < 0.05) > 0.9 and usual > 0.5 and levels < 0.5 * moved.size else 0.0
+
+
+def between_steps(output: FloatArray, step: float) -> FloatArray:
+    """Return OP (samples,) as it may have been before it was rounded to `step`."""
+    at = np.flatnonzero(np.abs(np.diff(output)) > 1e-9) + 1
+    first, last = np.concatenate([[0], at]), np.concatenate([at, [len(output)]]) - 1
+    level = output[first]
+    size = np.diff(level)
+    nodes: list[tuple[float, float]] = [(0.0, float(level[0]))]
+    for i, (a, b) in enumerate(zip(first, last, strict=True)):
+        before, after = (size[i - 1] if i else 0.0), (size[i] if i < len(size) else 0.0)
+        if i and abs(before) > JUMP * step:
+            nodes.append((float(a), float(level[i])))
+        if before * after <= 0.0 and b > a:
+            nodes.append((0.5 * (a + b), float(level[i])))
+        if after == 0.0:
+            continue
+        if abs(after) > JUMP * step:
+            nodes.append((float(b), float(level[i])))
+        else:
+            nodes.append((b + 0.5, float(level[i] + 0.5 * after)))
+    nodes.append((float(len(output) - 1), float(level[-1])))
+    where, value = np.array(nodes).T
+    order = np.argsort(where, kind="stable")
+    return np.interp(np.arange(len(output), dtype=np.float64), where[order], value[order])

@@ -1,0 +1,159 @@
+"""Curves: what is not proportional, without any memory: stops, valve characteristic, scale of the sensor.
+
+Saturation: the valve meets a stop before the end of the output's range.
+
+>>> p = SATURATION.pack(low=0.2)
+>>> SATURATION.apply([0.1, 0.3, 0.15, 0.9], p, interval=1.0).tolist()
+[0.2, 0.3, 0.2, 0.9]
+>>> SATURATION.apply([0.1, 0.9], SATURATION.pack(low=0.2, high=0.8), interval=1.0).tolist()
+[0.2, 0.8]
+
+Valve characteristic: the flow through the valve is not proportional to its travel.
+
+flow = (exp(c x) - 1) / (exp(c) - 1) maps travel 0..1 to flow 0..1. The slope grows or falls by exp(c) over the
+travel: c > 0 is equal percentage with rangeability R = exp(c), c < 0 is quick opening, c = 0 is linear. In series
+with a pipe the flow becomes q / sqrt(a + (1 - a) q^2), a the share of the pressure drop over the open valve.
+
+>>> p = VALVE_CHARACTERISTIC.pack(curvature=3.0)
+>>> VALVE_CHARACTERISTIC.apply([0.0, 0.5, 1.0], p, interval=1.0).round(3).tolist()
+[0.0, 0.182, 1.0]
+>>> p = VALVE_CHARACTERISTIC.pack(curvature=-3.0)
+>>> VALVE_CHARACTERISTIC.apply([0.0, 0.5, 1.0], p, interval=1.0).round(3).tolist()
+[0.0, 0.818, 1.0]
+
+Curved sensor: PV is not proportional to what is measured, for example a flow whose root was never taken.
+
+shown = x + c x (1 - x) for a true value x within its span: c > 0 is steep at the low end, as a root is (sqrt(x) is
+about c = 0.9 above a tenth of the span), c < 0 at the high end, as a square is.
+
+>>> SENSOR_CURVE.apply([0.0, 0.25, 0.5, 1.0], SENSOR_CURVE.pack(curvature=0.8), interval=1.0).round(3).tolist()
+[0.0, 0.4, 0.7, 1.0]
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..record import FloatArray
+from .fitting import Clues, Fitting, Values
+from .shape import Effect, Parameter, Stage
+
+
+def no_memory(p: FloatArray, interval: float, first: float) -> FloatArray:
+    """No memory."""
+    return np.empty(0)
+
+
+def stop_step(state: FloatArray, value: float, p: FloatArray) -> float:
+    """Return the position within the stops for one sample."""
+    if value < p[0]:
+        return p[0]
+    if value > p[1]:
+        return p[1]
+    return value
+
+
+def within_stops(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
+    """Return the positions within the stops for all samples."""
+    return np.clip(values, p[0], p[1])
+
+
+def stops(clues: Clues) -> list[Values]:
+    """Return stops at either side that the output passes for a small up to a large share of the time."""
+    shares = (0.02, 0.06, 0.12, 0.2, 0.3, 0.45)
+    low = [{"low": float(np.quantile(clues.output, share))} for share in shares]
+    high = [{"high": float(np.quantile(clues.output, 1.0 - share))} for share in shares]
+    return [*low, *high]
+
+
+SATURATION = Effect(
+    name="saturation",
+    stage=Stage.VALVE,
+    sentence="Valve stop: beyond a certain output the valve does not open or close any further.",
+    source="Mechanical stop or limited travel; ideal saturation, e.g. Khalil, Nonlinear Systems (2002)",
+    parameters=(
+        Parameter("low", "span", "lower stop", -np.inf, -np.inf, np.inf, (0.1, 0.3)),
+        Parameter("high", "span", "upper stop", np.inf, -np.inf, np.inf, (0.9, 0.7)),
+    ),
+    start=no_memory,
+    step=stop_step,
+    fitting=Fitting(
+        whole=within_stops,
+        propose=stops,
+        meaning="The valve meets a stop ({low} to {high}): beyond it the output has no effect. Check the mechanical "
+        "stops, the positioner's calibration and the size of the valve.",
+    ),
+)
+
+
+def flow_step(state: FloatArray, value: float, p: FloatArray) -> float:
+    """Return the flow for one sample of travel."""
+    flow = value if p[0] == 0.0 else math.expm1(p[0] * value) / math.expm1(p[0])
+    if p[1] == 1.0:
+        return flow
+    return flow / math.sqrt(p[1] + (1.0 - p[1]) * flow * flow)
+
+
+def flow(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
+    """Return the flow for all samples."""
+    flow = values if p[0] == 0.0 else np.expm1(p[0] * values) / math.expm1(p[0])
+    return flow if p[1] == 1.0 else flow / np.sqrt(p[1] + (1.0 - p[1]) * flow * flow)
+
+
+def bends(clues: Clues) -> list[Values]:
+    """Return gentle to strong curves, bent either way, and linear valves with little to much pipe in series."""
+    curved = [{"curvature": c} for c in (-4.0, -2.0, -0.8, 0.8, 2.0, 4.0)]
+    return [*curved, *({"authority": a} for a in (0.1, 0.3, 0.6))]
+
+
+VALVE_CHARACTERISTIC = Effect(
+    name="valve_characteristic",
+    stage=Stage.VALVE,
+    sentence="Curved valve characteristic: the gain from output to flow changes with the opening.",
+    source="Equal percentage dq/dx = ln(R) q, IEC 60534-2-4, shifted through 0; quick opening mirrors it",
+    parameters=(
+        Parameter("curvature", "1", "ln of slope at full over slope at closed", 0.0, -6.0, 6.0, (-2.0, -1.0, 1.0, 2.0)),
+        Parameter("authority", "1", "share of the pressure drop over the open valve", 1.0, 0.02, 1.0, (0.2,)),
+    ),
+    start=no_memory,
+    step=flow_step,
+    fitting=Fitting(
+        whole=flow,
+        propose=bends,
+        rivals=("sensor_curve",),
+        meaning="The gain changes with the opening (curvature {curvature}): the loop is tuned right at one end only. "
+        "Linearise it with a characteriser in the controller or positioner, or schedule the gain.",
+    ),
+)
+
+
+def shown_step(state: FloatArray, value: float, p: FloatArray) -> float:
+    """Return what the sensor shows for one sample."""
+    return value + p[0] * value * (1.0 - value)
+
+
+def shown(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
+    """Return what the sensor shows for all samples."""
+    return values + p[0] * values * (1.0 - values)
+
+
+SENSOR_CURVE = Effect(
+    name="sensor_curve",
+    stage=Stage.SENSOR,
+    sentence="Curved sensor: PV is not proportional to what is measured, as where a root was not taken.",
+    source="Differential pressure over an orifice goes with the square of the flow, ISO 5167-1",
+    parameters=(
+        Parameter("curvature", "1", "bend of the scale, 0 is straight", 0.0, -0.95, 0.95, (-0.7, -0.3, 0.3, 0.7)),
+    ),
+    start=no_memory,
+    step=shown_step,
+    fitting=Fitting(
+        whole=shown,
+        seldom=True,
+        rivals=("valve_characteristic",),
+        meaning="PV's scale is bent (curvature {curvature}): the loop answers differently at its ends whatever the "
+        "valve does. Check root extraction, the range and the strapping table of the transmitter.",
+    ),
+)

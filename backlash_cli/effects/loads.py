@@ -1,0 +1,237 @@
+"""Loads: what something other than the valve does to the process.
+
+Load steps: sudden changes at the process input that the controller must make up for.
+
+Each size is in output span: a load step of 0.05 pushes the process like 5 % more output. Time counts from the first
+sample; a step counts from the first sample at or after its time.
+
+>>> p = LOAD_STEP.pack(times=[2.0, 3.0], sizes=[0.5, -0.25])
+>>> LOAD_STEP.apply([0.0, 0.0, 0.0, 0.0, 0.0], p, interval=1.0).tolist()
+[0.0, 0.0, 0.5, 0.25, 0.25]
+
+Load drift: something slow, such as fouling or weather, pushes the process further and further.
+
+>>> p = LOAD_DRIFT.pack(slope=0.36)
+>>> LOAD_DRIFT.apply([0.0, 0.0, 0.0], p, interval=100.0).round(3).tolist()
+[0.0, 0.01, 0.02]
+
+A drift need not be straight: `bends` are what it lies off the straight line at equally spaced times within `length`.
+
+>>> p = LOAD_DRIFT.pack(slope=0.36, length=400.0, bends=[0.1])
+>>> LOAD_DRIFT.apply([0.0, 0.0, 0.0, 0.0, 0.0], p, interval=100.0).round(3).tolist()
+[0.0, 0.06, 0.12, 0.08, 0.04]
+
+External oscillation: another loop or machine swings and shakes this process with it.
+
+>>> p = EXTERNAL_OSCILLATION.pack(period=4.0, amplitude=0.1)
+>>> EXTERNAL_OSCILLATION.apply([0.5, 0.5, 0.5, 0.5], p, interval=1.0).round(3).tolist()
+[0.5, 0.6, 0.5, 0.4]
+
+Measured disturbance: a further recorded signal pushes the process.
+
+The column's samples follow the state, in its own units; `gain` turns them into output span.
+
+>>> p = MEASURED_DISTURBANCE.pack(gain=0.01)
+>>> MEASURED_DISTURBANCE.apply([0.5, 0.5, 0.5], p, interval=1.0, series=[0.0, 10.0, -10.0]).tolist()
+[0.5, 0.6, 0.4]
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from ..record import FloatArray
+from .fitting import Clues, Fitting, Values
+from .shape import Effect, Parameter, Stage
+
+# a step may be this many times larger than what OP travelled around it: a slow loop may not be through yet
+UNANSWERED = 1.5
+
+
+def clock(p: FloatArray, interval: float, first: float) -> FloatArray:
+    """State: [sample number, interval]."""
+    return np.array([0.0, interval])
+
+
+def step_step(state: FloatArray, value: float, p: FloatArray) -> float:
+    """Return the process input with the steps added for one sample."""
+    # half a nanosecond of slack: 0.3 s is the third sample of 0.1 s, whatever the floating point
+    now = state[0] * state[1] + 5e-10
+    state[0] += 1.0
+    count = p.size // 2
+    for i in range(count):
+        if now >= p[i]:
+            value += p[count + i]
+    return value
+
+
+def step_starts(clues: Clues) -> list[Values]:
+    """Return one to five step times where steps explain most of what is missed."""
+    return [{"times": times, "sizes": tuple(0.0 for _ in times)} for times in clues.step_times(5)]
+
+
+def step_plausible(values: Values, travel: Callable[[float], float]) -> bool:
+    """True when OP answered each step: the controller makes up for a load by as much output, wherever it is free to."""
+    pairs = zip(np.atleast_1d(values["times"]), np.atleast_1d(values["sizes"]), strict=True)
+    return all(abs(size) <= UNANSWERED * travel(float(time)) for time, size in pairs)
+
+
+LOAD_STEP = Effect(
+    name="load_step",
+    stage=Stage.LOAD,
+    sentence="Load steps: at certain times something other than the valve pushed the process by a fixed amount.",
+    source="Step load at the process input, the disturbance of Haegglund (2007), Examples 1 to 4",
+    parameters=(
+        Parameter("times", "s", "times of the steps from the first sample", 0.0, 0.0, 1e12, many=True),
+        Parameter("sizes", "OP span", "sizes of the steps", 0.0, -10.0, 10.0, (0.02, -0.02), many=True),
+    ),
+    start=clock,
+    step=step_step,
+    fitting=Fitting(
+        linear=("sizes",),
+        fixed=("times",),
+        dear=("times",),
+        propose=step_starts,
+        plausible=step_plausible,
+        meaning="At {times} something other than the valve pushed the process by {sizes}. Look at what was switched, "
+        "opened or changed over at that time.",
+    ),
+)
+
+
+def drift_start(p: FloatArray, interval: float, first: float) -> FloatArray:
+    """State: [sample number, interval in hours, pieces of the bent line per sample]."""
+    pieces = (p.size - 1) * interval / p[1] if p[1] > 0.0 else 0.0
+    return np.array([0.0, interval / 3600.0, pieces])
+
+
+def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
+    """Return the process input with the drift added for one sample."""
+    hours = state[0] * state[1]
+    place = state[0] * state[2]
+    state[0] += 1.0
+    if p[0] != 0.0:
+        value += p[0] * hours
+    piece = int(place)
+    share = place - piece
+    bends = p.size - 2
+    # bend number piece lies at the start of this piece; both ends of the line are 0
+    if 0 < piece <= bends:
+        value += (1.0 - share) * p[1 + piece]
+    if piece < bends:
+        value += share * p[2 + piece]
+    return value
+
+
+def drift_starts(clues: Clues) -> list[Values]:
+    """Return a straight drift and drifts with more and more bends."""
+    counts = (0, 1, 3, 5, 8)
+    return [{"slope": 0.0, "length": clues.duration, "bends": (0.0,) * count} for count in counts]
+
+
+def drift_plausible(values: Values, travel: Callable[[float], float]) -> bool:
+    """True when the load goes mostly one way: what wanders to and fro is a random load, not a drift."""
+    length, slope, bends = values["length"], values["slope"], values["bends"]
+    assert isinstance(length, float) and isinstance(slope, float) and isinstance(bends, tuple)
+    net = slope * length / 3600.0
+    path = np.linspace(0.0, net, len(bends) + 2) + np.array([0.0, *bends, 0.0])
+    return abs(net) >= 0.5 * float(np.sum(np.abs(np.diff(path))))
+
+
+LOAD_DRIFT = Effect(
+    name="load_drift",
+    stage=Stage.LOAD,
+    sentence="Load drift: a slow change pushes the process steadily in one direction.",
+    source="Ramp load at the process input, e.g. Astrom and Haegglund, Advanced PID Control (2006)",
+    parameters=(
+        Parameter("slope", "OP span/h", "mean drift of the load", 0.0, -1e3, 1e3, (-0.02, 0.02)),
+        Parameter("length", "s", "length of the record", 0.0, 0.0, 1e12, nuisance=True),
+        Parameter("bends", "OP span", "lies off the straight line by", 0.0, -10.0, 10.0, many=True, nuisance=True),
+    ),
+    start=drift_start,
+    step=drift_step,
+    fitting=Fitting(
+        linear=("slope", "bends"),
+        fixed=("length",),
+        propose=drift_starts,
+        plausible=drift_plausible,
+        meaning="The load drifts by {slope}: the controller has to move the valve further and further. Look for "
+        "fouling, a plugging filter, a falling supply pressure or the weather.",
+    ),
+)
+
+
+def swing_step(state: FloatArray, value: float, p: FloatArray) -> float:
+    """Return the process input with the oscillation added for one sample."""
+    now = state[0] * state[1]
+    state[0] += 1.0
+    if p[1] == 0.0:
+        return value
+    return value + p[1] * math.sin(2.0 * math.pi * now / p[0] + p[2])
+
+
+def swing_starts(clues: Clues) -> list[Values]:
+    """Return the periods of the strongest lines in what is missed."""
+    return [{"period": period, "amplitude": 0.0, "phase": 0.0} for period in clues.periods(3)]
+
+
+EXTERNAL_OSCILLATION = Effect(
+    name="external_oscillation",
+    stage=Stage.LOAD,
+    sentence="External oscillation: a swing from outside the loop, with its own period, shakes the process.",
+    source="Sinusoidal load at the process input, e.g. Haegglund, Control Eng. Practice 3 (1995) 1543",
+    parameters=(
+        Parameter("period", "s", "period of the swing", 60.0, 1e-6, 1e9, (10.0, 60.0, 300.0)),
+        Parameter("amplitude", "span", "amplitude of the swing", 0.0, 0.0, 10.0, (0.01,)),
+        Parameter("phase", "rad", "phase at the first sample", 0.0, -7.0, 7.0, (0.0,), nuisance=True),
+    ),
+    start=clock,
+    step=swing_step,
+    fitting=Fitting(
+        linear=("amplitude",),
+        phase="phase",
+        dear=("period",),
+        propose=swing_starts,
+        meaning="A swing with a period of {period} comes from outside this loop. Look for another loop, a pump or a "
+        "compressor that swings with the same period.",
+    ),
+)
+
+
+def column_start(p: FloatArray, interval: float, first: float) -> FloatArray:
+    """State: [sample number], then the samples of the column."""
+    return np.array([0.0])
+
+
+def column_step(state: FloatArray, value: float, p: FloatArray) -> float:
+    """Return the process input with the disturbance added for one sample."""
+    k = int(state[0])
+    state[0] += 1.0
+    if p[0] == 0.0:
+        return value
+    return value + p[0] * state[1 + k]
+
+
+def column_starts(clues: Clues) -> list[Values]:
+    """Return the one start that a linear effect needs."""
+    return [{"gain": 0.0}]
+
+
+MEASURED_DISTURBANCE = Effect(
+    name="measured_disturbance",
+    stage=Stage.LOAD,
+    sentence="Measured disturbance: another recorded signal, such as a feed flow or a pressure, pushes the process.",
+    source="Additive load at the process input, linear in a measured signal (the model behind feedforward control)",
+    parameters=(Parameter("gain", "OP span per column unit", "how strongly the column pushes", 0.0, -1e9, 1e9),),
+    start=column_start,
+    step=column_step,
+    column=True,
+    fitting=Fitting(
+        linear=("gain",),
+        propose=column_starts,
+        meaning="The measured column pushes the process by {gain}. Feedforward from this column would take it away.",
+    ),
+)
