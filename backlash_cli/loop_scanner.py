@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING
 from .estimator.carry import CarryRecorder
 from .estimator.carry_bytes import pack
 from .estimator.compensator import recommend
-from .estimator.haegglund import DEFAULT_KP, ErrorScanner, error_scanner, estimate, no_half_periods
+from .estimator.haegglund import DEFAULT_KP, error_scanner, estimate, no_half_periods, tally_of
 from .estimator.identify import settings_of
 from .estimator.law_check import check_quickly
 from .estimator.oscillation import Oscillation, detect_oscillation
 from .estimator.quality import quality_of
 from .estimator.reading import Reading, known_noise, read_half_periods
 from .estimator.survey import Survey
-from .estimator.survey_walk import FIRST, LAST, WITH_SETPOINT
-from .estimator.tally import tally_of
 from .estimator.verdict import Findings, decide
+from .half_periods import ErrorScanner
 from .record import LoopSettings, Note, Record, SampleState
 from .results import Confirmation, LoopReport, Verdict
 
@@ -88,7 +87,7 @@ class LoopScanner:
     @property
     def has_setpoint(self) -> bool:
         """Whether a setpoint was recorded with any sample taken so far."""
-        return bool(self._survey.numbers[WITH_SETPOINT])
+        return bool(self._survey.with_setpoint)
 
     @property
     def used(self) -> int:
@@ -203,12 +202,11 @@ class LoopScanner:
 
     def _report(self, verdict: Verdict, reasons: tuple[Note, ...], confidence: float,
                 warnings: tuple[Note, ...] = (), settings: LoopSettings | None = None, **rest: object) -> LoopReport:
-        first, last = self._survey.numbers[[FIRST, LAST]].tolist()
-        samples = sum(self._survey.states.tolist())
+        samples = self._survey.samples
         return LoopReport(
             self.loop, verdict, reasons, confidence,
-            start=self.start + first * self.interval if samples else None,
-            end=self.start + last * self.interval if samples else None,
+            start=self.start + self._survey.first * self.interval if samples else None,
+            end=self.start + self._survey.last * self.interval if samples else None,
             samples=samples, interval_s=self.interval, settings=settings or self.settings,
             warnings=(*self.notes.values(), *warnings), **rest,  # type: ignore[arg-type]
         )

@@ -22,21 +22,18 @@ ALLOWED = {
     "record": {"errors"},
     "results": {"errors", "record"},
     "kernels": set(),
-    "filters": set(),
-    "clean_piece": set(),
-    "error_walk": {"clean_piece"},
-    "segmenter": {"error_walk"},
-    "estimator": {"clean_piece", "error_walk", "filters", "segmenter"},
-    "loop_scanner": {"estimator"},
+    "half_periods": set(),
+    "estimator": {"half_periods"},
+    "loop_scanner": {"estimator", "half_periods"},
     "scan": {"estimator", "loop_scanner"},
-    "check": {"estimator", "filters", "segmenter"},
+    "check": {"estimator"},
     "effects": set(),
-    "model": {"effects", "filters", "segmenter", "estimator"},
-    "simulator": {"effects", "filters", "segmenter", "estimator", "scan"},
+    "model": {"effects", "estimator"},
+    "simulator": {"effects", "estimator", "scan"},
     "settings": set(),
     "loaders": {"settings"},
     "reporter": set(),
-    "history": {"estimator", "filters", "segmenter", "scan"},
+    "history": {"estimator", "scan"},
     "compensate": {"estimator", "scan", "simulator"},
     "engines": {"compensate", "loaders", "settings", "scan", "model", "simulator", "history", "reporter"},
     "api": {"engines", "loaders", "settings", "scan", "model", "simulator", "history", "reporter"},
@@ -63,8 +60,7 @@ HOMES = {
     "distributed": {"engines"},
 }
 CORE = BASE | {
-    "clean_piece", "error_walk", "filters", "segmenter", "estimator", "loop_scanner", "scan", "effects", "model",
-    "simulator",
+    "half_periods", "estimator", "loop_scanner", "scan", "effects", "model", "simulator",
 }
 NOT_IN_CORE = {"print", "open", "input"}
 

@@ -19,7 +19,7 @@ def paper(html: Path | None, json_file: Path | None) -> int:
     """
     import sys
 
-    from ..estimator.published import published_estimates
+    from ..estimator.haegglund import published_estimates
     from ..reporter.files import write_text
     from ..reporter.paper_text import to_document, to_text
     from ..simulator.paper import reproduce

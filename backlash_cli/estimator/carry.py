@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..half_periods import ErrorScanner, OpenHalfPeriod, Segments, segment
 from ..record import FloatArray, LoopSettings, Record
-from ..segmenter import OpenHalfPeriod, Segments, segment
-from .haegglund import ErrorScanner, error_scanner
+from .haegglund import error_scanner
 
 FORGET = 25.0  # after 25 time constants a start at rest is forgotten: (1 + x) exp(-x) = 4e-10
 SMALLEST_MOVE = 0.005  # reversals of the output within 0.5 % of span do not move a valve

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..half_periods import OpenHalfPeriod
 from ..record import FloatArray
-from ..segmenter import OpenHalfPeriod
 from .carry import Carry, Tail
 
 

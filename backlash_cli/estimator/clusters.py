@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from functools import lru_cache
-from statistics import NormalDist
 
-import numba
 import numpy as np
+from scipy.special import bdtr
 
 from ..record import FloatArray
 from ..results import Cluster
@@ -27,34 +24,13 @@ def densest(d: FloatArray) -> Cluster | None:
     values = np.sort(d[d > 0])
     if not len(values):
         return None
-    low, high, q1, centre, q3 = _fullest(values)
-    members = values[low:high]
+    lows = np.searchsorted(values, values * (1 - CLOSE))
+    highs = np.searchsorted(values, values * (1 + CLOSE), side="right")
+    most = int(np.argmax(highs - lows))
+    members = values[lows[most] : highs[most]]
+    q1, centre, q3 = np.quantile(members, [0.25, 0.5, 0.75]).tolist()
     return Cluster(centre, median_interval(members), (q3 - q1) / centre, len(members),
                    len(members) / len(values))
-
-
-@numba.njit(cache=True, nogil=True)
-def _quantile(ordered: FloatArray, q: float) -> float:
-    """Quantile of values in order, straight between neighbours, as numpy gives it."""
-    at = q * (len(ordered) - 1)
-    low = int(at)
-    return float(ordered[low] + (at - low) * (ordered[min(low + 1, len(ordered) - 1)] - ordered[low]))
-
-
-@numba.njit(cache=True, nogil=True)
-def _fullest(values: FloatArray) -> tuple[int, int, float, float, float]:
-    """First and one after the last of the values, in order, that lie close to the one with the most neighbours; and
-    the three quartiles of these."""
-    low = high = first = last = 0
-    for value in values:
-        while values[low] < value * (1 - CLOSE):
-            low += 1
-        while high < len(values) and values[high] <= value * (1 + CLOSE):
-            high += 1
-        if high - low > last - first:
-            first, last = low, high
-    members = values[first:last]
-    return first, last, _quantile(members, 0.25), _quantile(members, 0.5), _quantile(members, 0.75)
 
 
 def gathered(d: FloatArray, first: Cluster | None = None) -> tuple[Cluster, ...]:
@@ -79,20 +55,7 @@ def gathered(d: FloatArray, first: Cluster | None = None) -> tuple[Cluster, ...]
 def median_interval(values: FloatArray, level: float = 0.95) -> tuple[float, float]:
     """Return the distribution-free interval of the median of sorted `values` (David and Nagaraja, section 7.1)."""
     n = len(values)
-    rank = _binomial_quantile(n, (1 - level) / 2)
+    # the smallest rank with P(X <= rank) >= (1 - level) / 2, X binomial (n, 1/2)
+    rank = int(np.searchsorted(bdtr(np.arange(n // 2 + 1), n, 0.5), (1 - level) / 2))
     low = max(rank - 1, 0)
     return float(values[low]), float(values[n - 1 - low])
-
-
-@lru_cache
-def _binomial_quantile(n: int, probability: float) -> int:
-    """Return the smallest k with P(X <= k) >= probability, X binomial (n, 1/2); normal beyond n = 1000."""
-    if n > 1000:
-        return max(math.ceil(n / 2 + NormalDist().inv_cdf(probability) * math.sqrt(n) / 2 - 0.5), 0)
-    below, term = 0, 1  # in units of 2^-n, exact
-    for k in range(n + 1):
-        below += term
-        if below >= probability * 2**n:
-            return k
-        term = term * (n - k) // (k + 1)
-    return n

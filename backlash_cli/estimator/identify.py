@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING
 
 from ..record import Note, Record
 from .control_law import LawRows
-from .survey import Survey
-from .survey_walk import LEVELS, OUTPUT, SLOWER, USED, USED_FILLED, WITH_OUTPUT
+from .survey import LEVELS, OUTPUT, SLOWER, Survey
 
 if TYPE_CHECKING:
     from .identification import Identification
@@ -41,10 +40,9 @@ def settings_of(survey: Survey) -> Identification | Note:
     """Return the settings that a survey of the whole record shows, or a Note that says why they cannot be read."""
     from .law_search import find_settings
 
-    numbers = survey.numbers.tolist()
-    if not numbers[WITH_OUTPUT]:
+    if not survey.with_output:
         return Note("no_output", "the record has no controller output, so K and Ti cannot be read from it")
-    if numbers[USED] and not survey.spread(OUTPUT):
+    if survey.used and not survey.spread(OUTPUT):
         return Note("output_constant", "the controller output never moves, so K and Ti cannot be read from it")
     finest = law_rows(survey, 0)
     if finest is None:
@@ -53,9 +51,9 @@ def settings_of(survey: Survey) -> Identification | Note:
             f"fewer than {LEAST_ROWS} usable samples with setpoint, PV and output: K and Ti cannot be read from them",
         )
     found = find_settings(lambda level: law_rows(survey, level) if level else finest, survey.interval)
-    if isinstance(found, Note) or numbers[USED_FILLED] <= MOSTLY_OWN * numbers[USED]:
+    if isinstance(found, Note) or survey.used_filled <= MOSTLY_OWN * survey.used:
         return found
-    share = numbers[USED_FILLED] / numbers[USED]
+    share = survey.used_filled / survey.used
     message = f"{100 * share:.0f} % of the samples are interpolated: only K/Ti is known"
     return replace(found, notes=(*found.notes, Note("interpolated", message, {"share": share})))
 

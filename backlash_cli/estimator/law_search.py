@@ -21,7 +21,7 @@ from .control_law import (
     settle_filter,
 )
 from .identification import NOISE_UNSEEN, Identification, summarise
-from .survey_walk import ROWS
+from .survey import ROWS
 
 WINDOW = 10.0  # Ti per window: long enough for K/Ti, short enough for drift that is not the controller's
 FIRST_WINDOW = 200  # rows, before Ti is known

@@ -7,12 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from ..record import FloatArray, IntArray
-from ..segmenter import Segments
+from ..half_periods import Segments
 
 AMPLITUDE = 0.01  # a: an oscillation of 1 % of span must count
 ENOUGH = 10.0  # this many half periods within the supervision time are an oscillation
@@ -35,31 +32,16 @@ def least_area(Ti: float) -> float:
     return 2.0 * AMPLITUDE / (2.0 * np.pi / Ti)
 
 
-@numba.njit(cache=True, nogil=True)
-def counted(end: FloatArray, area: FloatArray, complete: NDArray[np.bool_], interval: float, least: float,
-            memory: float) -> tuple[IntArray, FloatArray]:
-    """Places of the complete half periods of more than `least` area [span s]; and their number up to the end of each,
-    those of long ago forgotten: one counts 1/e after `memory` [s]. end, area: in samples."""
-    places, counts = np.empty(len(end), np.int64), np.empty(len(end))
-    n, x, last = 0, 0.0, 0.0
-    for k in range(len(end)):
-        if complete[k] and area[k] * interval > least:
-            now = end[k] * interval
-            x = x * np.exp((last - now) / memory) + 1.0 if n else 1.0
-            places[n], counts[n], last = k, x, now
-            n += 1
-    return places[:n], counts[:n]
-
-
 def detect_oscillation(segments: Segments, interval: float, Ti: float) -> Oscillation:
     """Count half periods with IAE > 2 a / w, w = 2 pi / Ti, forgetting over 50 Ti: x <- lambda x + 1.
 
     segments: half periods of the error after the measurement filter alone.
     """
-    large, counts = counted(segments.end, segments.area, segments.complete, float(interval), least_area(Ti),
-                            SUPERVISION * Ti)
+    large = np.flatnonzero(segments.complete & (segments.area * interval > least_area(Ti)))
     if not len(large):
         return Oscillation(False, 0.0, 0.0)
+    ages = segments.end[large] * interval / (SUPERVISION * Ti)
+    counts = np.exp(np.logaddexp.accumulate(ages) - ages)  # one counts 1/e after the supervision time
     inside = counts >= ENOUGH
     if not inside.any():
         return Oscillation(False, 0.0, float(counts.max()))

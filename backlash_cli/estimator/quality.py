@@ -17,8 +17,7 @@ import numpy as np
 from ..record import FloatArray, IntArray, Note, Record, SampleState
 from .quality_notes import quality_notes
 from .recording import Storage, fast_noise, reversals, stored_as
-from .survey import Survey
-from .survey_walk import FIRST, GAPS, LAST, LONGEST, MEASUREMENT, MOVES, OUTPUT, SETPOINT, STATES
+from .survey import MEASUREMENT, OUTPUT, SETPOINT, Survey
 
 MANY = 8  # block means per Ti on which reversals of the output are counted
 
@@ -74,7 +73,7 @@ def data_quality(record: Record, Ti: float | None = None) -> Quality:
     quality = quality_of(survey, Ti)
     if quality.op is None:
         return quality
-    return replace(quality, output_reversals_per_hour=_turns(*survey.samples()[2:], quality.op, record.interval, Ti))
+    return replace(quality, output_reversals_per_hour=_turns(*survey.measured()[2:], quality.op, record.interval, Ti))
 
 
 def quality_of(survey: Survey, Ti: float | None = None) -> Quality:
@@ -83,21 +82,20 @@ def quality_of(survey: Survey, Ti: float | None = None) -> Quality:
     Shares, ranges and gaps count every sample; storage and noise come from an even sample of stretches. Values that
     the reader put in are not the recorder's, and say nothing about it.
     """
-    numbers, interval = survey.numbers.tolist(), survey.interval
-    samples = sum(numbers[:STATES])
-    points = numbers[LAST] - numbers[FIRST] + 1 if samples else 0
-    share = [count / max(points, 1) for count in numbers[:STATES]]
-    index, measured, output_index, outputs = survey.samples()
+    interval, samples, counts = survey.interval, survey.samples, survey.states.tolist()
+    points = survey.last - survey.first + 1 if samples else 0
+    share = [count / max(points, 1) for count in counts]
+    index, measured, output_index, outputs = survey.measured()
     op = stored_as(output_index, outputs) if len(output_index) else None
-    usable = numbers[SampleState.GOOD] + numbers[SampleState.FILLED]
+    usable = counts[SampleState.GOOD] + counts[SampleState.FILLED]
     return Quality(
         samples=samples,
         interval=interval,
         duration=points * interval,
         samples_per_Ti=Ti / interval if Ti else None,
         missing_share=1.0 - samples / max(points, 1) + share[SampleState.MISSING] if points else 1.0,
-        gaps=numbers[GAPS],
-        longest_gap=(numbers[LONGEST] - 1) * interval if numbers[LONGEST] > 1 else 0.0,
+        gaps=survey.gaps,
+        longest_gap=max(survey.longest - 1, 0) * interval,
         usable_share=usable / max(points, 1),
         filled_share=share[SampleState.FILLED],
         manual_share=share[SampleState.MANUAL],
@@ -106,7 +104,7 @@ def quality_of(survey: Survey, Ti: float | None = None) -> Quality:
         implausible_share=share[SampleState.IMPLAUSIBLE],
         pv=stored_as(index, measured) if len(index) else Storage("samples", 0.0, 1.0, 0.0, 0.0, 0.0),
         op=op,
-        setpoint_moves=numbers[MOVES] / max(usable, 1),
+        setpoint_moves=survey.moves / max(usable, 1),
         setpoint_range=survey.spread(SETPOINT),
         measurement_range=survey.spread(MEASUREMENT),
         output_range=survey.spread(OUTPUT) if op is not None else None,
