@@ -13,7 +13,7 @@ the discretisation below is exact for it, at any ratio of sampling interval to t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -22,7 +22,7 @@ from scipy.signal import lfilter
 
 from .record import FloatArray, IntArray, Record, SampleState
 
-PIECE = 1 << 14  # samples taken at once: what is worked out in between stays in the processor's cache
+PIECE = 1 << 16  # samples taken at once: what is worked out in between stays in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -94,14 +94,17 @@ class Segments:
     def __len__(self) -> int:
         return len(self.begin)
 
-    def select(self, mask: object) -> Segments:
-        return Segments(*(getattr(self, f.name)[mask] for f in fields(self)))
+    def select(self, places: object) -> Segments:
+        """Return some of them; places: numbers or a mask."""
+        return Segments(*(values[places] for values in vars(self).values()))
 
     @staticmethod
     def join(parts: Sequence[Segments]) -> Segments:
-        kinds = {"direction": np.int64, "complete": np.bool_}
-        return Segments(*(np.concatenate([np.zeros(0, kinds.get(f.name)), *(getattr(p, f.name) for p in parts)])
-                          for f in fields(Segments)))
+        """Return the half periods of all parts, one part after the other."""
+        if not parts:
+            none = np.zeros(0)
+            return Segments(none, none, none, none, none.astype(np.int64), none, none.astype(np.bool_))
+        return Segments(*map(np.concatenate, zip(*(vars(p).values() for p in parts), strict=True)))
 
 
 @dataclass(frozen=True)
@@ -141,35 +144,37 @@ def segment(
         open_ = OpenHalfPeriod(int(np.sign(first)), float(at_first), False, 0.0, abs(first), 0.0, at_first, first,
                                float(setpoint[0]))
         return segment(error[1:], setpoint[1:], index[1:], open_)
-    o = open_
-    e, at = np.append(o.last_error, error), np.append(o.last_index, index)
-    size, sign = np.abs(e), np.sign(e)
-    sign[0] = o.sign
-    apart = np.diff(at) != 1
+    o, n = open_, len(error)
+    size, sign = np.empty(n + 1), np.empty(n + 1, dtype=np.int8)  # of the last sample before the block as well
+    size[0], sign[0] = abs(o.last_error), o.sign
+    np.abs(error, out=size[1:])
+    np.subtract((error > 0.0).view(np.int8), (error < 0.0).view(np.int8), out=sign[1:])
+    apart = np.zeros(n, dtype=np.bool_)  # from the sample before
+    if index[-1] - o.last_index != n:
+        apart = np.diff(index, prepend=o.last_index) != 1
     if not sign.all():  # an exact zero belongs to the half period before it
-        known = (sign != 0.0) | np.append(True, apart)
-        sign = sign[np.maximum.accumulate(np.where(known, np.arange(len(e)), 0))]
-    ends = np.flatnonzero((sign[1:] != sign[:-1]) & (sign[:-1] != 0.0) | apart)  # last sample of each that ends
-    firsts, lasts = np.append(0, ends + 1), np.append(ends, len(e) - 1)
-    crossed = ~apart[ends]
-    share = np.zeros(len(ends))  # of the step to the next sample that lies before the crossing
-    share[crossed] = e[ends[crossed]] / (e[ends[crossed]] - e[ends[crossed] + 1])
+        known = (sign != 0) | np.append(True, apart)
+        sign = sign[np.maximum.accumulate(np.where(known, np.arange(n + 1), 0))]
+    ends = np.flatnonzero((sign[1:] != sign[:-1]) & (sign[:-1] != 0) | apart)  # last sample of each that ends
+    firsts, lasts = np.append(0, ends + 1), np.append(ends, n)
+    crossed, after = ~apart[ends], size[ends + 1]
+    # of the step to the next sample so much lies before the crossing
+    share = np.where(crossed, size[ends] / np.where(crossed, size[ends] + after, 1.0), 0.0)
     area = np.add.reduceat(size, firsts) - 0.5 * (size[firsts] + size[lasts])
     area[:-1] += 0.5 * size[ends] * share
-    area[1:] += np.where(crossed, 0.5 * size[firsts[1:]] * (1.0 - share), 0.0)
+    area[1:] += np.where(crossed, 0.5 * after * (1.0 - share), 0.0)
     peak = np.maximum.reduceat(size, firsts)
     moved = np.zeros(len(firsts))
-    steps = np.diff(setpoint, prepend=o.last_setpoint)
-    if steps.any():
-        moved = np.add.reduceat(np.append(0.0, np.where(apart, 0.0, np.abs(steps))), firsts)
+    if (setpoint != o.last_setpoint).any():
+        steps = np.abs(np.diff(setpoint, prepend=o.last_setpoint))
+        moved = np.add.reduceat(np.append(0.0, np.where(apart, 0.0, steps)), firsts)
     area[0], peak[0], moved[0] = area[0] + o.area, max(peak[0], o.e_max), moved[0] + o.move
-    begin = np.append(o.begin, np.where(crossed, at[ends] + share, at[firsts[1:]]))
+    end = np.where(ends > 0, index[ends - 1], o.last_index) + share
+    begin = np.append(o.begin, np.where(crossed, end, index[ends]))
     began = np.append(o.crossed, crossed)
-    done = Segments(begin[:-1], at[ends] + share, area[:-1], peak[:-1], sign[ends].astype(np.int64), moved[:-1],
-                    began[:-1] & crossed)
+    done = Segments(begin[:-1], end, area[:-1], peak[:-1], sign[ends].astype(np.int64), moved[:-1], began[:-1] & crossed)
     left = OpenHalfPeriod(int(sign[-1]), float(begin[-1]), bool(began[-1]), float(area[-1]), float(peak[-1]),
-                          float(moved[-1]), int(at[-1]), float(e[-1]), float(setpoint[-1]) if len(setpoint)
-                          else o.last_setpoint)
+                          float(moved[-1]), int(index[-1]), float(error[-1]), float(setpoint[-1]))
     return done if done.direction.all() else done.select(done.direction != 0), left
 
 
@@ -187,13 +192,15 @@ class ErrorTrack:
     def __init__(self, least_area: float = 0.0, least_length: float = 0.0) -> None:
         self.open: OpenHalfPeriod | None = None
         self.left_out = 0
-        self._least, self._parts = (least_area, least_length), [Segments.join([])]
+        self._least = least_area, least_length
+        self._parts: list[Segments] = []
 
     def update(self, error: FloatArray, setpoint: FloatArray, index: IntArray) -> None:
         """Take the next usable samples; see `segment`."""
         done, self.open = segment(error, setpoint, index, self.open)
-        keep = ~done.complete | ((done.area >= self._least[0]) & (done.end - done.begin >= self._least[1]))
-        self.left_out += int(np.count_nonzero(~keep))
+        large = (done.area >= self._least[0]) & (done.end - done.begin >= self._least[1])
+        keep = np.flatnonzero(large | ~done.complete)
+        self.left_out += len(done) - len(keep)
         self._parts.append(done.select(keep))
 
     @property
@@ -233,8 +240,8 @@ class ErrorScanner:
         """Take the next block of the record."""
         for first in range(0, len(block), PIECE):
             cut = slice(first, first + PIECE)
-            self._take(block.index[cut].astype(np.int64), block.setpoint[cut].astype(np.float64),
-                       block.measurement[cut].astype(np.float64), block.state[cut])
+            setpoint, pv = (np.asarray(x[cut], dtype=np.float64) for x in (block.setpoint, block.measurement))
+            self._take(block.index[cut], setpoint, pv, block.state[cut])
 
     def _take(self, index: IntArray, setpoint: FloatArray, pv: FloatArray, state: NDArray[np.uint8]) -> None:
         known = np.isfinite(pv) & (state != SampleState.MISSING) & (state != SampleState.IMPLAUSIBLE)
@@ -251,13 +258,16 @@ class ErrorScanner:
 
     def _filtered(self, index: IntArray, pv: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The measurement behind the first filter and behind both, (samples,) each; afresh after every hole."""
-        plain, smooth = np.empty(len(pv)), np.empty(len(pv))
-        before = self.last_index if self.states else index[0] - 2
-        afresh = set(np.flatnonzero(np.diff(index, prepend=before) != 1).tolist())
+        afresh: set[int] = set()
+        if not self.states or index[-1] - self.last_index != len(index):
+            before = self.last_index if self.states else index[0] - 2
+            afresh = set(np.flatnonzero(np.diff(index, prepend=before) != 1).tolist())
+        parts = []
         for first, last in pairwise(sorted({0, *afresh, len(pv)})):
             if first in afresh:
                 self.states = [stage.settled(pv[first]) for stage in self.stages]
-            plain[first:last], self.states[0] = self.stages[0].run(pv[first:last], self.states[0])
-            smooth[first:last], self.states[1] = self.stages[1].run(plain[first:last], self.states[1])
+            plain, self.states[0] = self.stages[0].run(pv[first:last], self.states[0])
+            smooth, self.states[1] = self.stages[1].run(plain, self.states[1])
+            parts.append((plain, smooth))
         self.last_index = int(index[-1])
-        return plain, smooth
+        return parts[0] if len(parts) == 1 else tuple(map(np.concatenate, zip(*parts, strict=True)))  # type: ignore

@@ -7,8 +7,6 @@ and only every second one taken from then on, whenever more than SLOTS are held.
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,10 +30,10 @@ class Picture:
 
     def keep(self, index: IntArray, rows: FloatArray, states: NDArray[np.uint8]) -> None:
         """Take the next rows."""
-        stretch = index // ROWS
-        edges = [0, *(np.flatnonzero(np.diff(stretch)) + 1).tolist(), len(index)] if len(index) else []
-        for first, last in pairwise(edges):
-            number = int(stretch[first])
+        last = 0
+        while last < len(index):
+            first, number = last, int(index[last]) // ROWS
+            last = int(np.searchsorted(index, (number + 1) * ROWS))
             if number % self._stride:
                 continue
             while number not in self._held and len(self._held) == SLOTS:
@@ -50,12 +48,16 @@ class Picture:
         index, rows = np.concatenate([self._left[0], index]), np.concatenate([self._left[1], rows], axis=1)
         last = np.searchsorted(index, (index[-1] + 1) // SLOWER * SLOWER) if len(index) else 0
         self._left = index[last:].copy(), rows[:, last:].copy()
-        ahead = index[SLOWER - 1 :] - index[: 1 - SLOWER]
-        whole = np.flatnonzero((index[: 1 - SLOWER] % SLOWER == 0) & (ahead == SLOWER - 1))
-        total = rows[:, whole]
-        for i in range(1, SLOWER):
-            total += rows[:, whole + i]
-        return index[whole] // SLOWER, total / SLOWER
+        if len(index) and index[-1] - index[0] == len(index) - 1:
+            first = int(-index[0] % SLOWER)
+            end = first + (len(index) - first) // SLOWER * SLOWER
+            places: list[slice | IntArray] = [slice(first + i, end, SLOWER) for i in range(SLOWER)]
+        else:
+            ahead = index[SLOWER - 1 :] - index[: 1 - SLOWER]
+            whole = np.flatnonzero((index[: 1 - SLOWER] % SLOWER == 0) & (ahead == SLOWER - 1))
+            places = [whole + i for i in range(SLOWER)]
+        a, b, c, d = (rows[:, place] for place in places)
+        return index[places[0]] // SLOWER, (a + b + c + d) / SLOWER
 
     def rows(self, most: int = SLOTS, only: int = STATES) -> tuple[IntArray, FloatArray]:
         """What is kept, in time order; every second stretch where there are more than `most`.
@@ -87,7 +89,7 @@ class Survey:
         self.first = self.last = self.gaps = self.longest = self.moves = 0
         self.used = self.used_filled = self.with_setpoint = self.with_output = 0
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
-        self._setpoint = np.empty(0)  # the last usable one
+        self._setpoint = np.nan  # the last usable one
         self._pictures = [Picture() for _ in range(LEVELS if slower else 1)]
 
     @property
@@ -100,15 +102,13 @@ class Survey:
         if not len(block):
             return
         index, state = block.index, block.state
-        signals = np.full((3, len(block)), np.nan)
-        for row, values in zip(signals, (block.setpoint, block.measurement, block.output), strict=True):
-            if values is not None:
-                row[:] = values
+        output = np.full(len(block), np.nan) if block.output is None else block.output
+        signals = np.array([block.setpoint, block.measurement, output], dtype=np.float64)
         if not self.samples:
             self.first, self.last = int(index[0]), int(index[0]) - 1
-        steps = np.diff(index, prepend=self.last)
-        if (longest := int(steps.max())) > 1:
-            self.longest = max(self.longest, longest)
+        if index[-1] - self.last != len(index):
+            steps = np.diff(index, prepend=self.last)
+            self.longest = max(self.longest, int(steps.max()))
             self.gaps += int(np.count_nonzero(steps > 2))
         self.last = int(index[-1])
         self.states = self.states + np.bincount(state, minlength=STATES)
@@ -123,7 +123,11 @@ class Survey:
                 known_values = values if known.all() else values[known]
                 self._low[signal] = min(self._low[signal], known_values.min())
                 self._high[signal] = max(self._high[signal], known_values.max())
-        self._count_moves(signals[SETPOINT, there[SETPOINT]])
+        setpoint = signals[SETPOINT] if there[SETPOINT].all() else signals[SETPOINT, there[SETPOINT]]
+        if len(setpoint):
+            before = setpoint[0] if np.isnan(self._setpoint) else self._setpoint
+            self.moves += int(setpoint[0] != before) + int(np.count_nonzero(setpoint[1:] != setpoint[:-1]))
+            self._setpoint = float(setpoint[-1])
         whole = there[SETPOINT] & there[MEASUREMENT]
         if not whole.all():
             index, signals, state, there = index[whole], signals[:, whole], state[whole], there[:, whole]
@@ -136,11 +140,6 @@ class Survey:
         for picture in self._pictures[1:]:
             index, signals = picture.groups(index, signals)
             picture.keep(index, signals, np.zeros(len(index), np.uint8))
-
-    def _count_moves(self, setpoint: FloatArray) -> None:
-        line = np.concatenate([self._setpoint, setpoint])
-        self.moves += int(np.count_nonzero(line[1:] != line[:-1]))
-        self._setpoint = line[-1:].copy()
 
     def spread(self, signal: int) -> float:
         """Largest less smallest usable value of one signal, 0 where there was none."""
