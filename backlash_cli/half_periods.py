@@ -172,7 +172,8 @@ def segment(
     end = np.where(ends > 0, index[ends - 1], o.last_index) + share
     begin = np.append(o.begin, np.where(crossed, end, index[ends]))
     began = np.append(o.crossed, crossed)
-    done = Segments(begin[:-1], end, area[:-1], peak[:-1], sign[ends].astype(np.int64), moved[:-1], began[:-1] & crossed)
+    done = Segments(begin[:-1], end, area[:-1], peak[:-1], sign[ends].astype(np.int64), moved[:-1],
+                    began[:-1] & crossed)
     left = OpenHalfPeriod(int(sign[-1]), float(begin[-1]), bool(began[-1]), float(area[-1]), float(peak[-1]),
                           float(moved[-1]), int(index[-1]), float(error[-1]), float(setpoint[-1]))
     return done if done.direction.all() else done.select(done.direction != 0), left

@@ -10,10 +10,10 @@ from .estimator.carry_bytes import pack
 from .estimator.compensator import recommend
 from .estimator.haegglund import DEFAULT_KP, error_scanner, estimate, no_half_periods, tally_of
 from .estimator.identify import settings_of
-from .estimator.law_check import check_quickly
 from .estimator.oscillation import Oscillation, detect_oscillation
 from .estimator.quality import quality_of
 from .estimator.reading import Reading, known_noise, read_half_periods
+from .estimator.settings_check import check_quickly
 from .estimator.survey import Survey
 from .estimator.verdict import Findings, decide
 from .half_periods import ErrorScanner
