@@ -7,9 +7,7 @@
     print(to_dataframe(result))
 """
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from ._version import __version__
@@ -23,14 +21,14 @@ if TYPE_CHECKING:
     from .reporter.json_report import to_json
     from .reporter.tables import to_dataframe
     from .results import Comparison, Explanation, LoopReport, Model, ScanResult, Verdict
-    from .scan import ScanOptions
+    from .scanning import ScanOptions
 
 _HOMES = {
     "read": "loaders",
     "ReadOptions": "loaders",
     "scan": "api",
     "scan_files": "api",
-    "ScanOptions": "scan",
+    "ScanOptions": "scanning",
     "compare": "model",
     "explain": "model",
     "load_model": "api",
@@ -75,17 +73,6 @@ __all__ = [
     "to_dataframe",
     "to_json",
 ]
-
-
-class _Package(ModuleType):
-    """Keeps `backlash_cli.scan` the function: importing the submodule of that name would put the module there."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if not (name in _HOMES and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> Any:

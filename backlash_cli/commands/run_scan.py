@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..loaders.remote import Remote
     from ..record import Record
     from ..results import LoopReport, ScanResult
-    from ..scan import ScanOptions
+    from ..scanning import ScanOptions
 
 
 @dataclass

@@ -68,7 +68,7 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], fo
     """
     from ..reporter.delivery import check_delivery
     from ..reporter.rules import met, parse_rules
-    from ..scan import ScanOptions
+    from ..scanning import ScanOptions
     from .run_scan import Job, kept
 
     rules = parse_rules(fail_on)

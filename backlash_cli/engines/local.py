@@ -25,7 +25,7 @@ from ..loaders.join import Joiner
 from ..loaders.plant import failure
 from ..record import LoopSettings, Note, Record
 from ..results import LoopReport, Verdict
-from ..scan import ScanOptions, pieces, scan, scan_blocks
+from ..scanning import ScanOptions, pieces, scan, scan_blocks
 
 Result = TypeVar("Result")
 Item = TypeVar("Item")

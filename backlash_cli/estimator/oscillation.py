@@ -12,7 +12,7 @@ import numpy as np
 from ..half_periods import Segments
 
 AMPLITUDE = 0.01  # a: an oscillation of 1 % of span must count
-ENOUGH = 10.0  # this many half periods within the supervision time are an oscillation
+ENOUGH = 10  # this many half periods within the supervision time are an oscillation
 SUPERVISION = 50.0  # supervision time in integral times
 
 
@@ -47,11 +47,7 @@ def detect_oscillation(segments: Segments, interval: float, Ti: float) -> Oscill
         return Oscillation(False, 0.0, float(counts.max()))
     span = float(segments.end[-1] - segments.begin[0]) * interval
     # the half periods that filled the counter belong to the oscillation as well
-    full = np.flatnonzero(inside)
-    edges = np.zeros(len(counts) + 1, dtype=np.int64)
-    np.add.at(edges, np.maximum(full - int(ENOUGH) + 1, 0), 1)
-    np.add.at(edges, full + 1, -1)
-    member = np.cumsum(edges[:-1]) > 0
+    member = np.convolve(inside, np.ones(ENOUGH))[ENOUGH - 1 :] > 0.0
     of_large = large[member]
     dt = (segments.end[of_large] - segments.begin[of_large]) * interval
     amplitude = 0.5 * np.pi * np.median(segments.area[of_large] * interval / dt)

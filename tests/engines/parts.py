@@ -10,7 +10,7 @@ from backlash_cli.engines.combine import combine
 from backlash_cli.loaders import ReadOptions
 from backlash_cli.loaders.options import is_age
 from backlash_cli.loaders.parts import alone, cut_parts, make_plan, sources_of, survey_all
-from backlash_cli.scan import ScanOptions
+from backlash_cli.scanning import ScanOptions
 
 QUICK = ScanOptions(confirm=False)
 

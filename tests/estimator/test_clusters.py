@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from backlash_cli.estimator.clusters import densest, median_interval
+from backlash_cli.estimator.reading import densest, median_interval
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 9, 30, 101, 999, 1001, 5000])

@@ -23,7 +23,7 @@ from backlash_cli.loaders import Plant, ReadOptions, clean, csv, opening, read, 
 from backlash_cli.loaders.plant import failure, no_loop_read, open_plant
 from backlash_cli.loaders.scratch import Room, ScratchFile, Store
 from backlash_cli.record import SampleState
-from backlash_cli.scan import ScanOptions
+from backlash_cli.scanning import ScanOptions
 from tests.small_plant import records, write_plant
 
 from .test_layouts import EXPORTS
