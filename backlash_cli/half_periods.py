@@ -22,7 +22,8 @@ from scipy.signal import lfilter
 
 from .record import FloatArray, IntArray, Record, SampleState
 
-PIECE = 1 << 16  # samples taken at once: what is worked out in between stays in the processor's cache
+MISSING, IMPLAUSIBLE, FILLED = (s.value for s in (SampleState.MISSING, SampleState.IMPLAUSIBLE, SampleState.FILLED))
+PIECE = 1 << 17  # samples taken at once: what is worked out in between stays in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -245,13 +246,13 @@ class ErrorScanner:
             self._take(block.index[cut], setpoint, pv, block.state[cut])
 
     def _take(self, index: IntArray, setpoint: FloatArray, pv: FloatArray, state: NDArray[np.uint8]) -> None:
-        known = np.isfinite(pv) & (state != SampleState.MISSING) & (state != SampleState.IMPLAUSIBLE)
+        known = np.isfinite(pv) & (state != MISSING) & (state != IMPLAUSIBLE)
         if not known.all():
             index, setpoint, pv, state = index[known], setpoint[known], pv[known], state[known]
         if not len(index):
             return
         plain, smooth = self._filtered(index, pv)
-        use = (state <= SampleState.FILLED) & np.isfinite(setpoint)
+        use = (state <= FILLED) & np.isfinite(setpoint)
         if not use.all():
             index, setpoint, plain, smooth = index[use], setpoint[use], plain[use], smooth[use]
         self.plain.update(setpoint - plain, setpoint, index)

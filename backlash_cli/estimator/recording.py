@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray
 
@@ -53,19 +54,18 @@ def rounding_step(values: FloatArray) -> float:
     gaps = gaps[gaps > EXACT * gaps.sum()]
     if not len(gaps):
         return 0.0
-    smallest = float(gaps.min())
-    for parts in (1, 2, 3, 5):
-        step = smallest / parts
-        if _fits(gaps[:FIRST], step) and _fits(gaps, step):
+    steps = gaps.min() / np.array([1.0, 2.0, 3.0, 5.0])
+    for step in steps[_fits(gaps[:FIRST], steps)].tolist():
+        if _fits(gaps, np.array([step])).all():
             return step if levels <= RECUR * len(values) or np.median(gaps) <= 2.0 * step else 0.0
     return 0.0
 
 
-def _fits(gaps: FloatArray, step: float) -> bool:
-    """Whether all differences are whole numbers of steps, within what is allowed."""
-    steps = gaps / step
-    allowed = np.minimum(LATTICE * np.sqrt(np.maximum(steps, 1.0)), LARGEST)
-    return bool(np.all(np.abs(steps - np.rint(steps)) <= allowed))
+def _fits(gaps: FloatArray, steps: FloatArray) -> NDArray[np.bool_]:
+    """Whether all differences are whole numbers of each step, within what is allowed: (steps,)."""
+    numbers = gaps[:, None] / steps
+    allowed = np.minimum(LATTICE * np.sqrt(np.maximum(numbers, 1.0)), LARGEST)
+    return np.asarray(np.all(np.abs(numbers - np.rint(numbers)) <= allowed, axis=0))
 
 
 def fast_noise(index: IntArray, values: FloatArray) -> float:

@@ -17,7 +17,8 @@ SLOTS = 16
 LEVELS = 5
 SLOWER = 4  # rows of one picture in a row of the next
 SETPOINT, MEASUREMENT, OUTPUT = range(3)
-STATES = len(SampleState)
+STATES, FILLED = len(SampleState), SampleState.FILLED.value
+Signals = list[FloatArray]
 
 
 class Picture:
@@ -26,28 +27,34 @@ class Picture:
     def __init__(self) -> None:
         self._held: dict[int, list[tuple[IntArray, FloatArray, NDArray[np.uint8]]]] = {}
         self._stride = 1
-        self._left: tuple[IntArray, FloatArray] = (np.empty(0, np.int64), np.empty((3, 0)))  # of an open group
+        self._left = np.empty(0, np.int64), [np.empty(0)] * 3  # of an open group
 
-    def keep(self, index: IntArray, rows: FloatArray, states: NDArray[np.uint8]) -> None:
+    def keep(self, index: IntArray, signals: Signals, states: NDArray[np.uint8]) -> None:
         """Take the next rows."""
-        last = 0
+        taken, last = [], 0
         while last < len(index):
             first, number = last, int(index[last]) // ROWS
-            last = int(np.searchsorted(index, (number + 1) * ROWS))
-            if number % self._stride:
+            if number % self._stride:  # on to the next that is wanted
+                last = int(index.searchsorted((number // self._stride + 1) * self._stride * ROWS))
                 continue
+            last = int(index.searchsorted((number + 1) * ROWS))
             while number not in self._held and len(self._held) == SLOTS:
                 self._stride *= 2
                 self._held = {n: parts for n, parts in self._held.items() if n % self._stride == 0}
             if number % self._stride == 0:
-                part = index[first:last].copy(), rows[:, first:last].copy(), states[first:last].copy()
-                self._held.setdefault(number, []).append(part)
+                self._held.setdefault(number, [])
+                taken.append((number, slice(first, last)))
+        for number, here in taken:
+            if number in self._held:
+                part = index[here].copy(), np.array([x[here] for x in signals]), states[here].copy()
+                self._held[number].append(part)
 
-    def groups(self, index: IntArray, rows: FloatArray) -> tuple[IntArray, FloatArray]:
+    def groups(self, index: IntArray, signals: Signals) -> tuple[IntArray, Signals]:
         """Means over complete groups of SLOWER rows, and their numbers; the open group is kept for the next block."""
-        index, rows = np.concatenate([self._left[0], index]), np.concatenate([self._left[1], rows], axis=1)
+        index = np.concatenate([self._left[0], index])
+        signals = [np.concatenate(pair) for pair in zip(self._left[1], signals, strict=True)]
         last = np.searchsorted(index, (index[-1] + 1) // SLOWER * SLOWER) if len(index) else 0
-        self._left = index[last:].copy(), rows[:, last:].copy()
+        self._left = index[last:].copy(), [x[last:].copy() for x in signals]
         if len(index) and index[-1] - index[0] == len(index) - 1:
             first = int(-index[0] % SLOWER)
             end = first + (len(index) - first) // SLOWER * SLOWER
@@ -56,8 +63,8 @@ class Picture:
             ahead = index[SLOWER - 1 :] - index[: 1 - SLOWER]
             whole = np.flatnonzero((index[: 1 - SLOWER] % SLOWER == 0) & (ahead == SLOWER - 1))
             places = [whole + i for i in range(SLOWER)]
-        a, b, c, d = (rows[:, place] for place in places)
-        return index[places[0]] // SLOWER, (a + b + c + d) / SLOWER
+        a, b, c, d = places
+        return index[a] // SLOWER, [(x[a] + x[b] + x[c] + x[d]) / SLOWER for x in signals]
 
     def rows(self, most: int = SLOTS, only: int = STATES) -> tuple[IntArray, FloatArray]:
         """What is kept, in time order; every second stretch where there are more than `most`.
@@ -103,7 +110,7 @@ class Survey:
             return
         index, state = block.index, block.state
         output = np.full(len(block), np.nan) if block.output is None else block.output
-        signals = np.array([block.setpoint, block.measurement, output], dtype=np.float64)
+        signals: Signals = [np.asarray(x, np.float64) for x in (block.setpoint, block.measurement, output)]
         if not self.samples:
             self.first, self.last = int(index[0]), int(index[0]) - 1
         if index[-1] - self.last != len(index):
@@ -112,31 +119,29 @@ class Survey:
             self.gaps += int(np.count_nonzero(steps > 2))
         self.last = int(index[-1])
         self.states = self.states + np.bincount(state, minlength=STATES)
-        there = np.isfinite(signals)
+        there = [np.isfinite(x) for x in signals]
         self.with_setpoint += int(np.count_nonzero(there[SETPOINT]))
         self.with_output += int(np.count_nonzero(there[OUTPUT]))
-        usable = state <= SampleState.FILLED
-        if not usable.all():
-            there &= usable
-        for signal, (values, known) in enumerate(zip(signals, there, strict=True)):
-            if known.any():
-                known_values = values if known.all() else values[known]
-                self._low[signal] = min(self._low[signal], known_values.min())
-                self._high[signal] = max(self._high[signal], known_values.max())
-        setpoint = signals[SETPOINT] if there[SETPOINT].all() else signals[SETPOINT, there[SETPOINT]]
+        usable = state <= FILLED
+        there = [known & usable for known in there]
+        known_values = [x if known.all() else x[known] for x, known in zip(signals, there, strict=True)]
+        for signal, values in enumerate(known_values):
+            if len(values):
+                self._low[signal] = min(self._low[signal], values.min())
+                self._high[signal] = max(self._high[signal], values.max())
+        setpoint = known_values[SETPOINT]
         if len(setpoint):
             before = setpoint[0] if np.isnan(self._setpoint) else self._setpoint
             self.moves += int(setpoint[0] != before) + int(np.count_nonzero(setpoint[1:] != setpoint[:-1]))
             self._setpoint = float(setpoint[-1])
-        whole = there[SETPOINT] & there[MEASUREMENT]
+        whole, mine = there[SETPOINT] & there[MEASUREMENT], there[OUTPUT]
         if not whole.all():
-            index, signals, state, there = index[whole], signals[:, whole], state[whole], there[:, whole]
+            index, state, mine, signals = index[whole], state[whole], mine[whole], [x[whole] for x in signals]
         self._pictures[0].keep(index, signals, state)
-        mine = there[OUTPUT]
         self.used += int(np.count_nonzero(mine))
-        self.used_filled += int(np.count_nonzero(mine & (state == SampleState.FILLED)))
+        self.used_filled += int(np.count_nonzero(mine & (state == FILLED)))
         if not mine.all():
-            index, signals = index[mine], signals[:, mine]
+            index, signals = index[mine], [x[mine] for x in signals]
         for picture in self._pictures[1:]:
             index, signals = picture.groups(index, signals)
             picture.keep(index, signals, np.zeros(len(index), np.uint8))
