@@ -13,7 +13,7 @@ from .estimator.carry import CarryRecorder, pack
 from .estimator.compensator import recommend
 from .estimator.confirm import ConfirmationScanner
 from .estimator.cycle_verdict import says_of_cycles, with_oscillation
-from .estimator.haegglund import DEFAULT_KP, error_scanner, estimate, no_half_periods, tally_of
+from .estimator.haegglund import DEFAULT_KP, error_scanner, estimate, no_half_periods, tally
 from .estimator.identify import settings_of
 from .estimator.oscillation import Oscillation, detect_oscillation
 from .estimator.quality import quality_of
@@ -150,16 +150,16 @@ class LoopScanner:
             warnings.append(Note("rule_left_out", "the published rule (15) on half periods is left out: "
                                  + refusal.message, {"why": refusal.code}))
             half_periods, left_out = no_half_periods(), 0
-            oscillation = Oscillation(False, 0.0, 0.0)
+            oscillation = Oscillation(False, 0.0)
         quality = quality_of(self._survey, self.settings.Ti)
         noise = known_noise(quality.pv, quality.filled_share)
         reading = (Reading(half_periods, None) if refusal is not None else
                    read_half_periods(half_periods, settings, self.interval, noise))
-        tally = tally_of(half_periods, left_out)
-        accepted = tally.accepted
+        counts = tally(half_periods, left_out, self.start, self.used * self.interval)
+        accepted = counts["detections"]
         rounding = quality.op.step if quality.op else 0.0
         warnings += on_settings
-        decision = decide(Findings(reading.cluster, accepted, tally.long, oscillation, confirmation,
+        decision = decide(Findings(reading.cluster, accepted, counts["long_half_periods"], oscillation, confirmation,
                                    (*quality.notes, *on_settings), rounding, reading.notes))
         if decision.verdict is Verdict.CANNOT_TELL:
             decision = replace(decision, reasons=(*_contradictions(on_settings), *decision.reasons))
@@ -171,9 +171,7 @@ class LoopScanner:
                                     oscillating=oscillation.share > OSCILLATING and not accepted)
         return self._report(decision.verdict, decision.reasons, decision.confidence, warnings=tuple(warnings),
                             settings=settings, cluster=decision.cluster, confirmation=confirmed,
-                            compensator=compensator,
-                            carry=self._packed(),
-                            **tally.of_report(half_periods, self.start, self.used * self.interval))
+                            compensator=compensator, carry=self._packed(), **counts)
 
     def _packed(self) -> bytes | None:
         """What the next night needs to go on from here, also where this one is too short to be judged."""

@@ -22,6 +22,7 @@ GROUPS = 20  # at most so many leave-one-out groups of windows for the scatter
 ILL_CONDITIONED = 1e9  # ratio of the largest to the smallest eigenvalue from which the terms cannot be told apart
 TURNS = 4  # of reweighting
 FEWEST_WINDOWS = 6  # of which some may lose their weight
+ROUNDING = 1e-6  # of residuals: smaller differences are none
 
 
 @dataclass(frozen=True)
@@ -101,10 +102,15 @@ class LawFit:
         return self.gain / self.ratio if self.gain * self.ratio > 0 else float("nan")
 
     def better_than(self, other: LawFit) -> float:
-        """How many standard errors this fit's residuals lie below the other's, in logarithms, window by window."""
+        """How many standard errors this fit's residuals lie below the other's, in logarithms, window by window.
+
+        Forms that differ in phase only may explain exactly the same; rounding must not choose between them.
+        """
         by = np.log(other.residuals / self.residuals)
         mean, error = float(by.mean()), float(by.std()) / max(len(by) - 1, 1) ** 0.5
-        return mean / error if error > 0.0 else np.inf * mean if mean else 0.0
+        if abs(mean) < ROUNDING:
+            return 0.0
+        return mean / error if error > 0.0 else np.inf * mean
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,6 @@ class Oscillation:
 
     present: bool
     share: float
-    peak_count: float
     period: float | None = None
     amplitude: float | None = None
 
@@ -38,18 +37,15 @@ def detect_oscillation(segments: Segments, interval: float, Ti: float) -> Oscill
     segments: half periods of the error after the measurement filter alone.
     """
     large = np.flatnonzero(segments.complete & (segments.area * interval > least_area(Ti)))
-    if not len(large):
-        return Oscillation(False, 0.0, 0.0)
     ages = segments.end[large] * interval / (SUPERVISION * Ti)
     counts = np.exp(np.logaddexp.accumulate(ages) - ages)  # one counts 1/e after the supervision time
     inside = counts >= ENOUGH
     if not inside.any():
-        return Oscillation(False, 0.0, float(counts.max()))
+        return Oscillation(False, 0.0)
     span = float(segments.end[-1] - segments.begin[0]) * interval
     # the half periods that filled the counter belong to the oscillation as well
     member = np.convolve(inside, np.ones(ENOUGH))[ENOUGH - 1 :] > 0.0
     of_large = large[member]
     dt = (segments.end[of_large] - segments.begin[of_large]) * interval
     amplitude = 0.5 * np.pi * np.median(segments.area[of_large] * interval / dt)
-    return Oscillation(True, float(min(1.0, dt.sum() / span)), float(counts.max()),
-                       2.0 * float(np.median(dt)), float(amplitude))
+    return Oscillation(True, float(min(1.0, dt.sum() / span)), 2.0 * float(np.median(dt)), float(amplitude))

@@ -17,7 +17,7 @@ import numpy as np
 from ..record import FloatArray, IntArray, Note, Record, SampleState
 from .quality_notes import quality_notes
 from .recording import Storage, fast_noise, reversals, stored_as
-from .survey import MEASUREMENT, OUTPUT, SETPOINT, Survey
+from .survey import MEASUREMENT, OUTPUT, Survey
 
 MANY = 8  # block means per Ti on which reversals of the output are counted
 
@@ -28,7 +28,7 @@ class Quality:
 
     samples_per_Ti: None when Ti is not known. gaps: holes in time of more than one sample, longest_gap [s].
     pv, op: how the recorder stored the signals (op None without output). setpoint_moves: share of samples at which
-    the setpoint differs from the one before. setpoint_range, output_range: largest less smallest usable value.
+    the setpoint differs from the one before. measurement_range, output_range: largest less smallest usable value.
     output_reversals_per_hour: turns by more than noise and rounding, None where they were not counted.
     """
 
@@ -48,7 +48,6 @@ class Quality:
     pv: Storage
     op: Storage | None
     setpoint_moves: float
-    setpoint_range: float
     measurement_range: float
     output_range: float | None
     output_reversals_per_hour: float | None
@@ -105,7 +104,6 @@ def quality_of(survey: Survey, Ti: float | None = None) -> Quality:
         pv=stored_as(index, measured) if len(index) else Storage("samples", 0.0, 1.0, 0.0, 0.0, 0.0),
         op=op,
         setpoint_moves=survey.moves / max(usable, 1),
-        setpoint_range=survey.spread(SETPOINT),
         measurement_range=survey.spread(MEASUREMENT),
         output_range=survey.spread(OUTPUT) if op is not None else None,
         output_reversals_per_hour=None,

@@ -55,16 +55,9 @@ def moving_mean(values: FloatArray, width: int) -> FloatArray:
     """Centred mean over `width` samples, over fewer at the ends."""
     width = max(width, 1)
     total = np.concatenate([[0.0], np.cumsum(values)])
-    n, back, on = len(values), width // 2, width - width // 2
-    if n < width:
-        at = np.arange(n)
-        low, high = np.maximum(at - back, 0), np.minimum(at + on, n)
-        return np.asarray((total[high] - total[low]) / (high - low))
-    out = np.empty(n)
-    out[back : n - on + 1] = (total[width:] - total[: n - width + 1]) / width
-    out[:back] = total[on : on + back] / np.arange(on, width)
-    out[n - on + 1 :] = (total[n] - total[n - width + 1 : n - back]) / np.arange(width - 1, back, -1)
-    return out
+    at = np.arange(len(values))
+    low, high = np.maximum(at - width // 2, 0), np.minimum(at + width - width // 2, len(values))
+    return np.asarray((total[high] - total[low]) / (high - low))
 
 
 def find_period(values: FloatArray) -> tuple[float, float]:
