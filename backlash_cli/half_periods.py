@@ -23,7 +23,7 @@ from scipy.signal import lfilter
 from .record import FloatArray, IntArray, Record, SampleState
 
 MISSING, IMPLAUSIBLE, FILLED = (s.value for s in (SampleState.MISSING, SampleState.IMPLAUSIBLE, SampleState.FILLED))
-PIECE = 1 << 17  # samples taken at once: what is worked out in between stays in the processor's cache
+PIECE = 1 << 17  # samples taken at once: what is worked out in between stays small
 
 
 @dataclass(frozen=True)
@@ -272,4 +272,5 @@ class ErrorScanner:
             smooth, self.states[1] = self.stages[1].run(plain, self.states[1])
             parts.append((plain, smooth))
         self.last_index = int(index[-1])
-        return parts[0] if len(parts) == 1 else tuple(map(np.concatenate, zip(*parts, strict=True)))  # type: ignore
+        plain, smooth = (x[0] if len(x) == 1 else np.concatenate(x) for x in zip(*parts, strict=True))
+        return plain, smooth
