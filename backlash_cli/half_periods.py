@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from scipy.signal import lfilter
 from .record import FloatArray, IntArray, Record, SampleState
 
 MISSING, IMPLAUSIBLE, FILLED = (s.value for s in (SampleState.MISSING, SampleState.IMPLAUSIBLE, SampleState.FILLED))
+SHORT = 1 << 8  # samples of a stretch between holes
 PIECE = 1 << 17  # samples taken at once: what is worked out in between stays small
 
 
@@ -41,21 +41,41 @@ class DoubleLag:
     def is_identity(self) -> bool:
         return len(self.denominator) == 1
 
-    def settled(self, value: float) -> FloatArray:
-        """Return the filter state that has rested at `value` for ever."""
+    def settled(self, value: float | FloatArray) -> FloatArray:
+        """Return the filter state (..., 2) that has rested at `value` for ever."""
         if self.is_identity:
             return np.zeros(0)
         b, a = self.numerator, self.denominator
         # direct form II transposed at rest: z2 = (b2 - a2) v, z1 = (b1 - a1) v + z2 with unit static gain
         z2 = (b[2] - a[2]) * value
-        return np.array([(b[1] - a[1]) * value + z2, z2])
+        return np.stack([(b[1] - a[1]) * value + z2, z2], axis=-1)
 
     def run(self, values: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Filter `values` (samples,) from `state`; return the output and the new state."""
-        if self.is_identity:
-            return values, state
-        out, after = lfilter(self.numerator, self.denominator, values, zi=state)
-        return np.asarray(out), np.asarray(after)
+        """Filter `values` (..., samples) from `state` (..., 2); return the output and the new state."""
+        return (values, state) if self.is_identity else lfilter(self.numerator, self.denominator, values, zi=state)
+
+    def run_afresh(self, values: FloatArray, state: FloatArray, firsts: IntArray) -> tuple[FloatArray, FloatArray]:
+        """The same for `values` (samples,) with a hole before some of them, `firsts`; it has rested at these for ever.
+
+        Short stretches of about the same length are filtered side by side, because there may be thousands.
+        """
+        if self.is_identity or not len(firsts):
+            return self.run(values, state)
+        out = np.empty(len(values))
+        out[: firsts[0]], _ = self.run(values[: firsts[0]], state)
+        lengths = np.diff(firsts, append=len(values))
+        for first, length in zip(firsts[lengths > SHORT].tolist(), lengths[lengths > SHORT].tolist(), strict=True):
+            part = slice(first, first + length)
+            out[part], _ = self.run(values[part], self.settled(values[first]))
+        powers = np.where(lengths > SHORT, -1, np.frexp(lengths - 1)[1])
+        for power in np.unique(powers[powers >= 0]).tolist():
+            like = powers == power
+            inside = np.arange(1 << power) < lengths[like, None]
+            places = firsts[like, None] + np.where(inside, np.arange(1 << power), 0)
+            rows, _ = self.run(values[places], self.settled(values[firsts[like]]))
+            out[places[inside]] = rows[inside]
+        last = values[firsts[-1] :]
+        return out, self.run(last, self.settled(last[0]))[1]
 
 
 def double_lag(time_constant: float, interval: float) -> DoubleLag:
@@ -260,17 +280,11 @@ class ErrorScanner:
 
     def _filtered(self, index: IntArray, pv: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The measurement behind the first filter and behind both, (samples,) each; afresh after every hole."""
-        afresh: set[int] = set()
-        if not self.states or index[-1] - self.last_index != len(index):
-            before = self.last_index if self.states else index[0] - 2
-            afresh = set(np.flatnonzero(np.diff(index, prepend=before) != 1).tolist())
-        parts = []
-        for first, last in pairwise(sorted({0, *afresh, len(pv)})):
-            if first in afresh:
-                self.states = [stage.settled(pv[first]) for stage in self.stages]
-            plain, self.states[0] = self.stages[0].run(pv[first:last], self.states[0])
-            smooth, self.states[1] = self.stages[1].run(plain, self.states[1])
-            parts.append((plain, smooth))
+        if not self.states or index[0] != self.last_index + 1:
+            self.states = [stage.settled(pv[0]) for stage in self.stages]
+        whole = index[-1] - index[0] == len(index) - 1
+        afresh = np.zeros(0, dtype=np.int64) if whole else np.flatnonzero(np.diff(index) != 1) + 1
+        plain, self.states[0] = self.stages[0].run_afresh(pv, self.states[0], afresh)
+        smooth, self.states[1] = self.stages[1].run_afresh(plain, self.states[1], afresh)
         self.last_index = int(index[-1])
-        plain, smooth = (x[0] if len(x) == 1 else np.concatenate(x) for x in zip(*parts, strict=True))
         return plain, smooth
