@@ -7,9 +7,7 @@
     print(to_dataframe(result))
 """
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from ._version import __version__
@@ -23,12 +21,12 @@ if TYPE_CHECKING:
     from .reporter.json_report import to_json
     from .reporter.tables import to_dataframe
     from .results import Comparison, Explanation, LoopReport, Model, ScanResult, Verdict
-    from .scan import ScanOptions
+    from .scanning import ScanOptions
 
 _HOMES = {name: home for home, names in {
     "loaders": "read ReadOptions",
     "api": "scan scan_files load_model save_model",
-    "scan": "ScanOptions",
+    "scanning": "ScanOptions",
     "model": "compare explain",
     "results": "Comparison Explanation Model LoopReport ScanResult Verdict",
     "reporter.tables": "to_dataframe",
@@ -40,17 +38,6 @@ _HOMES = {name: home for home, names in {
 __all__ = ["BacklashError", "Comparison", "Explanation", "LoopReport", "LoopSettings", "Model", "Note", "ReadOptions",
            "Record", "ScanOptions", "ScanResult", "Verdict", "__version__", "compare", "explain", "load_model", "read",
            "record_from_arrays", "save_model", "scan", "scan_files", "to_dataframe", "to_json"]
-
-
-class _Package(ModuleType):
-    """Keeps `backlash_cli.scan` the function: importing the submodule of that name would put the module there."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if not (name in _HOMES and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> Any:

@@ -11,7 +11,7 @@ from .errors import MetadataError, UsageError
 from .loaders.plant import OpenPlant, open_plant
 from .record import Note, Record
 from .results import LoopReport, Model, ScanResult, Verdict
-from .scan import ScanOptions
+from .scanning import ScanOptions
 
 if TYPE_CHECKING:
     from os import PathLike

@@ -20,7 +20,7 @@ from .estimator.settings_check import check_settings
 from .record import LoopSettings, Note, Record
 
 if TYPE_CHECKING:
-    from .estimator.identification import Identification
+    from .estimator.identify import Identification
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from .estimator.compensator import HYSTERESIS, gain_share
 from .record import Note, Record
 from .results import LoopReport, Verdict
 from .results.compensation import CompensationStudy, ProcessModel
-from .scan import scan
+from .scanning import scan
 from .simulator.compensation import Study, noise_density, noise_gains, study, typical_load
 from .simulator.controller import Controller
 from .simulator.process import Process

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from backlash_cli.record import LoopSettings, SampleState
 from backlash_cli.results import Verdict
-from backlash_cli.scan import LoopScanner, ScanOptions, scan
+from backlash_cli.scanning import LoopScanner, ScanOptions, scan
 from tests.estimator.closed_loop import slow_loop
 
 RECORD = slow_loop()

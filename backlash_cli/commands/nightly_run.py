@@ -181,7 +181,7 @@ def _key(config: NightlyConfig, export: Export) -> str:
 
 def _job(config: NightlyConfig, export: Export) -> Job:
     from ..loaders import ReadOptions
-    from ..scan import ScanOptions
+    from ..scanning import ScanOptions
 
     return Job(export.files, config.loops, ReadOptions(**config.reading), ScanOptions(carry=True), config.jobs,
                shown=False)

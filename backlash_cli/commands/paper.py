@@ -20,7 +20,7 @@ def paper(html: Path | None, json_file: Path | None) -> int:
     import json
     import sys
 
-    from ..estimator.published import published_estimates
+    from ..estimator.haegglund import published_estimates
     from ..reporter.paper_text import to_document, to_text
     from ..simulator.paper import reproduce
     from .terminal import emit, put

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..loaders.remote import Remote
     from ..record import Record
     from ..results import LoopReport, ScanResult
-    from ..scan import ScanOptions
+    from ..scanning import ScanOptions
 
 LONG = 1.5 * 86400.0  # seconds; more than this is more than one night
 YEAR = 365 * 86400.0  # times below this are counted from the start of the recording, not from 1970

@@ -73,7 +73,7 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output:
     """
     from ..reporter.delivery import check_delivery, draw
     from ..reporter.rules import met, parse_rules
-    from ..scan import ScanOptions
+    from ..scanning import ScanOptions
     from .run_scan import Job, kept, remember
 
     rules = parse_rules(fail_on)

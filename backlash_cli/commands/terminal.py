@@ -39,7 +39,7 @@ def say_if_first_run() -> None:
     own = Path(__file__).resolve().parents[1]
     kept = Path(os.environ.get("NUMBA_CACHE_DIR") or own)
     if os.access(own, os.W_OK) and not any(kept.rglob("*.nbi")):
-        say("first run after installation: compiling, about half a minute; later runs start at once")
+        say("first run after installation: compiling for a few seconds; later runs start at once")
 
 
 def put(path: Path, text: str, what: str = "") -> None:

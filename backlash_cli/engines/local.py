@@ -23,7 +23,7 @@ from ..loaders.clean import Recipe
 from ..loaders.join import Joiner, failure
 from ..record import Note, Record
 from ..results import LoopReport, Verdict
-from ..scan import ScanOptions, pieces, scan, scan_blocks
+from ..scanning import ScanOptions, pieces, scan, scan_blocks
 from .cluster import cores, on_cluster
 
 if TYPE_CHECKING:

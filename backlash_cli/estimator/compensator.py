@@ -16,7 +16,6 @@ NOISE_SPREAD = 5.0  # peak to peak of the fast motion of the output, in standard
 SMALLEST_SHARE = 0.2  # a gain below this fifth of the dead band changes nothing that anyone would notice
 HYSTERESIS = 1.0  # standard deviations of the filtered measurement before the sign of the error counts as changed
 SCHEME_ERROR = "error-sign (9)"
-SCHEME_OUTPUT = "filtered-output (8)"
 
 
 def gain_share(d: float, *, derivative: bool, output_noise: float) -> tuple[float, str]:

@@ -1,24 +1,33 @@
-"""Regression of the control law on window sums: settings, their scatter, and the choice of the filter time."""
+"""Regression of the control law on window sums: settings, their scatter, and the choice of the filter time.
+
+The terms of the law (2) are -yf, the integral of (ysp - yf), ysp and -dyf/dt, behind the measurement filter (3). Each
+window of the record has an offset of its own, so only products of what moves inside a window are summed; a fit then
+costs a few numbers a window.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy.signal import lfilter
 
 from ..record import FloatArray, IntArray
 
-PROPORTIONAL, INTEGRAL, SETPOINT, DERIVATIVE = 1, 2, 3, 4
+OWN, PROPORTIONAL, INTEGRAL, SETPOINT, DERIVATIVE = range(5)  # places in the sums; the output itself comes first
 FINEST_STEP = 2.0  # from one filter time of the first search to the next
 AROUND = 8  # filter times tried around the best, twice
 GROUPS = 20  # at most so many leave-one-out groups of windows for the scatter
+ILL_CONDITIONED = 1e9  # ratio of the largest to the smallest eigenvalue from which the terms cannot be told apart
+TURNS = 4  # of reweighting
+FEWEST_WINDOWS = 6  # of which some may lose their weight
+ROUNDING = 1e-6  # of residuals: smaller differences are none
 
 
 @dataclass(frozen=True)
 class LawForm:
-    """What a fit assumes: its terms, shift [rows] and phase (see law_sums), window and settling time [rows]."""
+    """What a fit assumes: its terms, and of the rows (see `window_sums`) window, settling time, shift and phase."""
 
     terms: tuple[int, ...]
     window: int
@@ -33,7 +42,7 @@ class LawFit:
 
     values: (terms,) coefficients of `form.terms`. residuals: (windows,) sum of squares left in each window.
     unexplained: share of the output's variance that is left. filter_time: Tf [s]. weights: (windows,) of the fit;
-    sums: (windows, 5, 5) sums of products it rests on, see law_sums.
+    sums: (windows, 5, 5) sums of products it rests on, see `window_sums`.
     """
 
     form: LawForm
@@ -51,7 +60,7 @@ class LawFit:
         weighted = self.weights[:, None, None] * self.sums
         by_group = np.add.reduceat(weighted, np.arange(groups) * len(weighted) // groups, axis=0)
         rest = by_group.sum(0) - by_group
-        gram, right = rest[:, pick[:, None], pick], rest[:, pick, 0]
+        gram, right = rest[:, pick[:, None], pick], rest[:, pick, OWN]
         scale = np.sqrt(np.maximum(np.einsum("gii->gi", gram), 1e-300))
         gram = gram / (scale[:, :, None] * scale[:, None, :]) + 1e-12 * np.eye(len(pick))
         return np.asarray(np.linalg.solve(gram, (right / scale)[..., None])[..., 0] / scale)
@@ -93,10 +102,15 @@ class LawFit:
         return self.gain / self.ratio if self.gain * self.ratio > 0 else float("nan")
 
     def better_than(self, other: LawFit) -> float:
-        """How many standard errors this fit's residuals lie below the other's, window by window (paired)."""
-        from .law_solve import standard_errors
+        """How many standard errors this fit's residuals lie below the other's, in logarithms, window by window.
 
-        return float(standard_errors(self.residuals, other.residuals))
+        Forms that differ in phase only may explain exactly the same; rounding must not choose between them.
+        """
+        by = np.log(other.residuals / self.residuals)
+        mean, error = float(by.mean()), float(by.std()) / max(len(by) - 1, 1) ** 0.5
+        if abs(mean) < ROUNDING:
+            return 0.0
+        return mean / error if error > 0.0 else np.inf * mean
 
 
 @dataclass(frozen=True)
@@ -112,35 +126,72 @@ class LawRows:
     known: dict[tuple[float, ...], FloatArray] = field(default_factory=dict, repr=False, compare=False)
 
 
-def fit_law(rows: LawRows, form: LawForm, filter_time: float = 0.0) -> LawFit | None:
-    """Fit the control law by least squares with robust window weights; None where the data do not determine it."""
-    return fit_sums(law_sums(rows, form, filter_time), form, filter_time)
+def window_sums(rows: LawRows, form: LawForm, filter_time: float) -> FloatArray:
+    """Return the sums (windows, 5, 5) of products of output and terms, each less its mean over the window.
 
-
-def law_sums(rows: LawRows, form: LawForm, filter_time: float, more: Sequence[float] = ()) -> FloatArray:
-    """Return (windows, 5, 5) sums of products of all terms, of the windows in which the output moved.
-
-    more: filter times that will be asked for as well; several at once cost little more than one.
+    filter_time: Tf [s] of the measurement filter (3). Of `form`: shift [rows] by which the output answers late; phase,
+    the share of the newest error that the integral has not yet taken in (0 for a controller that runs at the logged
+    rate, 1/2 for one much faster); rows per window; rows left out after a gap, in which the filter settles (about
+    5 Tf). Windows never span a gap, the filter starts anew after one, and windows in which the output stood still are
+    left out, as are those that are less than half full.
     """
-    from .law_sums import LANES, window_sums
+    window, settle, h = form.window, form.settle, rows.interval
+    setpoint, measured, output = rows.signals
+    firsts = np.flatnonzero(np.diff(rows.index, prepend=rows.index[0] - 2) != 1)
+    lengths = np.diff(firsts, append=len(rows.index))
+    if form.shift:
+        since = np.arange(len(rows.index)) - np.repeat(firsts, lengths)
+        late = np.arange(len(rows.index)) - np.where(since >= form.shift, form.shift, 0)
+        setpoint, measured = setpoint[late], measured[late]
+    long = 2 * (lengths - settle) >= window
+    decay = np.exp(-h / filter_time) if filter_time > 0.0 else 0.0
+    smooth = measured.copy()
+    for first, length in zip(firsts[long].tolist(), lengths[long].tolist(), strict=True):
+        part, rest = slice(first, first + length), measured[first]
+        smooth[part] = rest + lfilter([(1.0 - decay) ** 2], [1.0, -2.0 * decay, decay**2], measured[part] - rest)
+    error, slope = setpoint - smooth, np.diff(smooth, prepend=0.0) / h
+    slope[firsts] = 0.0
+    terms = np.column_stack([output, -smooth, h * (np.cumsum(error) - form.phase * error), setpoint, -slope])
 
-    of = (form.shift, form.phase, form.window, form.settle)
-    if (filter_time, *of) not in rows.known:
-        missing = [filter_time, *(t for t in more if t != filter_time and (t, *of) not in rows.known)][:LANES]
-        found = window_sums(rows.signals, rows.index, rows.interval, np.array(missing, dtype=np.float64), *of)
-        for t, sums in zip(missing, found[:, found[0, :, 0, 0] > 0], strict=True):
-            rows.known[(t, *of)] = np.ascontiguousarray(sums)  # one order, so that the fit is compiled once
-    return rows.known[(filter_time, *of)]
+    windows = -(-(lengths[long] - settle) // window)  # of each stretch, the last one partly filled
+    starts = np.repeat(firsts[long] + settle - window * (np.cumsum(windows) - windows), windows)
+    starts += window * np.arange(len(starts))
+    counts = np.minimum(np.repeat((firsts + lengths)[long], windows) - starts, window)
+    starts, counts = starts[2 * counts >= window], counts[2 * counts >= window]
+    places = starts[:, None] + np.where(np.arange(window) < counts[:, None], np.arange(window), 0)
+    x = terms.take(places, axis=0)
+    x -= x[:, :1]  # what stands still is nothing, to the last digit, and so is what lies beyond a window
+    total = np.ones(window) @ x
+    sums = x.transpose(0, 2, 1) @ x - total[:, :, None] * total[:, None, :] / counts[:, None, None]
+    return np.asarray(sums[sums[:, OWN, OWN] > 0])
 
 
-def fit_sums(sums: FloatArray, form: LawForm, filter_time: float) -> LawFit | None:
-    """Fit the terms of `form` to window sums by least squares with robust window weights."""
-    from .law_solve import weighted_fit
+def fit_law(rows: LawRows, form: LawForm, filter_time: float = 0.0) -> LawFit | None:
+    """Fit the control law by least squares with robust window weights; None where the data do not determine it.
 
-    if len(sums) == 0:
+    A window in which something else moved the output leaves much more than the others and loses its weight (Cauchy
+    weights on the window residuals).
+    """
+    of = (filter_time, form.shift, form.phase, form.window, form.settle)
+    if of not in rows.known:
+        rows.known[of] = window_sums(rows, form, filter_time)
+    sums = rows.known[of]
+    if not len(sums):
         return None
-    apart, values, left, weights, unexplained = weighted_fit(sums, np.array(form.terms))
-    return LawFit(form, values, left, unexplained, filter_time, weights, sums) if apart else None
+    pick = np.array(form.terms)
+    own, right, gram = sums[:, OWN, OWN], sums[:, pick, OWN], sums[:, pick[:, None], pick]
+    scale = np.sqrt(np.maximum(np.diag(gram.sum(0)), 1e-300))
+    right, gram = right / scale, gram / np.outer(scale, scale)
+    if not np.linalg.cond(gram.sum(0)) <= ILL_CONDITIONED:
+        return None
+    weights = np.ones(len(sums))
+    for _ in range(TURNS):
+        values = np.linalg.solve(np.tensordot(weights, gram, 1), weights @ right)
+        left = np.maximum(own - 2.0 * right @ values + (gram @ values) @ values, 1e-12 * own)
+        if len(sums) < FEWEST_WINDOWS:
+            break
+        weights = 2.0 / (1.0 + left / np.median(left))
+    return LawFit(form, values / scale, left, float(weights @ left / (weights @ own)), filter_time, weights, sums)
 
 
 def search_filter(
@@ -151,9 +202,9 @@ def search_filter(
     fits: list[LawFit] = []
     if near is None:
         steps = np.arange(int(np.log(max(longest / shortest, 1.0)) / np.log(FINEST_STEP)) + 1)
-        grid = [0.0, *(shortest * FINEST_STEP**steps).tolist()]
+        grid = (shortest * FINEST_STEP**steps).tolist()
         every = round(np.log(step) / np.log(FINEST_STEP))
-        fits = _fits(rows, form, [0.0, *grid[1::every]], grid)
+        fits = _fits(rows, form, [0.0, *grid[::every]])
     elif near > 0.0:
         apart = step ** (2.0 / (AROUND + 1))
         fits = _fits(rows, form, [near * apart ** (k - (AROUND - 1) / 2) for k in range(AROUND)])
@@ -164,8 +215,8 @@ def search_filter(
     return sorted(fits, key=lambda fit: fit.unexplained)
 
 
-def _fits(rows: LawRows, form: LawForm, times: list[float], more: Sequence[float] = ()) -> list[LawFit]:
-    fits = [fit_sums(law_sums(rows, form, t, more or times), form, t) for t in times]
+def _fits(rows: LawRows, form: LawForm, times: list[float]) -> list[LawFit]:
+    fits = [fit_law(rows, form, t) for t in times]
     return [fit for fit in fits if fit is not None]
 
 

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels import play
 from ..record import FloatArray
 from .wave import between, crossings, detrended
 
@@ -132,6 +131,8 @@ def _cycles(pv: FloatArray, op: FloatArray, period: float) -> tuple[FloatArray, 
 
 def _played(cycle: FloatArray, d: float) -> FloatArray:
     """One period of a repeated cycle behind a gap d, after it has settled."""
+    from ..kernels import play
+
     return np.asarray(play(np.concatenate([cycle, cycle]), d, float(cycle[0]))[len(cycle) :])
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..filters import DoubleLag, double_lag
+from ..half_periods import DoubleLag, double_lag
 from ..record import FloatArray, LoopSettings, Record
 
 

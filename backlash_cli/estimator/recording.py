@@ -8,19 +8,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray
-from .recording_loops import bends, changes, differences, lattice, reversals, straight_runs
 
-LATTICE = 0.02  # how far from a whole number of steps a difference may lie
+LATTICE = 0.02  # share of a step that a difference may be off, growing with the square root of the number of steps,
+LARGEST = 0.2  # up to this
+RECUR = 0.7  # share of different values up to which levels recur
+FIRST = 128  # differences that are looked at first: most signals lie on no lattice
 EXACT = 1e-9  # of the signal's range: rounding of numbers, not of a recorder
 VISIBLE = 1e-4  # of the signal's range: smaller changes are those of a signal that has settled, not of a recorder
 LEAST_RUN = 4  # samples on one straight line that are no accident
 LEAST_KINKS = 5
 LINEAR = 0.2  # share of the samples on straight lines above which a signal was interpolated
-
-
-__all__ = ["Storage", "fast_noise", "reversals", "rounding_step", "stored_as"]
 
 
 @dataclass(frozen=True)
@@ -43,71 +43,79 @@ class Storage:
 def rounding_step(values: FloatArray) -> float:
     """Return the step of the lattice that all values lie on, 0 when they lie on none (in the signal's unit).
 
+    A lattice is a finding only where levels recur, or where the typical difference is a step or two: a few scattered
+    values always fit some lattice.
+
     >>> round(rounding_step(np.array([0.1, 0.3, 0.4, 0.2, 0.7, 0.2, 0.8, 0.5])), 9)
     0.1
     """
-    return _lattice(np.sort(values))
-
-
-def _lattice(ordered: FloatArray) -> float:
-    """The same from the values in order."""
-    if len(ordered) < 2 or ordered[0] == ordered[-1]:
+    gaps = np.diff(np.sort(values))
+    levels = 1 + np.count_nonzero(gaps)
+    gaps = gaps[gaps > EXACT * gaps.sum()]
+    if not len(gaps):
         return 0.0
-    return float(lattice(ordered, EXACT * float(ordered[-1] - ordered[0]), LATTICE))
+    steps = gaps.min() / np.array([1.0, 2.0, 3.0, 5.0])
+    for step in steps[_fits(gaps[:FIRST], steps)].tolist():
+        if _fits(gaps, np.array([step])).all():
+            return step if levels <= RECUR * len(values) or np.median(gaps) <= 2.0 * step else 0.0
+    return 0.0
+
+
+def _fits(gaps: FloatArray, steps: FloatArray) -> NDArray[np.bool_]:
+    """Whether all differences are whole numbers of each step, within what is allowed: (steps,)."""
+    numbers = gaps[:, None] / steps
+    allowed = np.minimum(LATTICE * np.sqrt(np.maximum(numbers, 1.0)), LARGEST)
+    return np.asarray(np.all(np.abs(numbers - np.rint(numbers)) <= allowed, axis=0))
 
 
 def fast_noise(index: IntArray, values: FloatArray) -> float:
     """Return the standard deviation of white noise on a slow signal: 1.4826 MAD of second differences / sqrt 6."""
-    return _noise(bends(index, values))
+    bent = _bends(values)[index[2:] - index[:-2] == 2]
+    return 1.4826 * float(np.median(bent)) / 6.0**0.5 if len(bent) else 0.0
 
 
-def _noise(bent: FloatArray) -> float:
-    """The same from the sizes of the second differences."""
-    return 1.4826 * _median(bent) / 6.0**0.5
+def _bends(values: FloatArray) -> FloatArray:
+    """Sizes of the second differences, one less at either end."""
+    return np.asarray(np.abs(values[2:] - 2.0 * values[1:-1] + values[:-2]))
 
 
-def _median(values: FloatArray) -> float:
-    """Middle of the values, 0 where there are none."""
-    n = len(values)
-    if not n:
-        return 0.0
-    parted = np.partition(values, n // 2)  # a fifth of the time of numpy's median
-    above = parted[n // 2]
-    return float(0.5 * ((above if n % 2 else np.maximum.reduce(parted[: n // 2])) + above))
+def reversals(values: FloatArray, threshold: float) -> int:
+    """Return how often the signal turned round by more than `threshold` (zigzag count)."""
+    count, direction = 0, 0
+    high, low = -np.inf, np.inf
+    for value in values.tolist():
+        high, low = max(high, value), min(low, value)
+        if direction >= 0 and high - value > threshold:
+            count += direction > 0
+            direction, low = -1, value
+        elif direction <= 0 and value - low > threshold:
+            count += direction < 0
+            direction, high = 1, value
+    return count
 
 
 def stored_as(index: IntArray, values: FloatArray) -> Storage:
     """Tell measurements from values that a historian held or interpolated between stored ones."""
-    ordered = np.sort(values)
-    span = float(ordered[-1] - ordered[0])
-    step = _lattice(ordered)
-    bent, neighbours, moves = differences(index, values, EXACT * span)
-    noise = _noise(bent)
+    span, step = float(np.ptp(values)), rounding_step(values)
+    changes = np.abs(np.diff(values))[np.diff(index) == 1]
+    noise = fast_noise(index, values)
     plain = Storage("samples", 0.0, 1.0, 0.0, step, noise)
-    if len(values) < 3 * LEAST_RUN or span == 0.0 or not neighbours:
+    if len(values) < 3 * LEAST_RUN or span == 0.0 or not len(changes):
         return plain
-    held = 1.0 - moves / neighbours
-    if held > 0.2 and moves >= LEAST_KINKS:
-        moved = changes(index, values, EXACT * span)
+    moved = changes[changes > EXACT * span]
+    held = 1.0 - len(moved) / len(changes)
+    if held > 0.2 and len(moved) >= LEAST_KINKS:
         smallest = float(np.quantile(moved, 0.01))
         run = 1.0 / max(1.0 - held, 1e-9)
         # Without a deviation jumps thin out towards zero: one in a hundred of a normal law is below 2 % of the median.
-        if smallest > max(2.5 * step, VISIBLE * span, 0.1 * _median(moved)):
+        if smallest > max(2.5 * step, VISIBLE * span, 0.1 * float(np.median(moved))):
             return Storage("held", held, run, smallest, step, noise)
         if step == 0.0 and held > 0.4:
             return Storage("held", held, run, 0.0, step, noise)
-    # most signals have so few samples on straight lines that no line needs to be looked for
-    if np.count_nonzero(bent <= _straight(step, span)) <= LINEAR * len(values):
-        return plain
     linear, run, deviation = _straight_runs(index, values, step, span)
     if linear > LINEAR:
         return Storage("linear", linear, run, deviation, step, noise)
     return plain
-
-
-def _straight(step: float, span: float) -> float:
-    """Largest bend of a line that is straight but for rounding."""
-    return max(1.05 * step, EXACT * span)
 
 
 def _straight_runs(index: IntArray, values: FloatArray, step: float, span: float) -> tuple[float, float, float]:
@@ -115,9 +123,19 @@ def _straight_runs(index: IntArray, values: FloatArray, step: float, span: float
 
     A rounded ramp is straight to a step as well; interpolation shows by kinks far larger than that between the lines.
     """
-    tolerance = _straight(step, span)
-    straight, kinks, between, rises, lengths = straight_runs(index, values, tolerance, LEAST_RUN - 2,
-                                                             max(4.0 * step, VISIBLE * span))
-    if len(rises) < LEAST_KINKS or kinks < LEAST_KINKS or between > 0.3 * min(straight, kinks):
+    tolerance = max(1.05 * step, EXACT * span)
+    joined, bends = index[2:] - index[:-2] == 2, _bends(values)
+    straight = joined & (bends <= tolerance) & (values[2:] != values[:-2])
+    if np.count_nonzero(straight) <= LINEAR * len(values):  # so few in most signals that no line need be looked for
         return 0.0, 1.0, 0.0
-    return float(lengths.sum()) / len(values), float(np.mean(lengths + 1)), float(np.quantile(rises, 0.1))
+    kinks = np.count_nonzero(joined & (bends > 5.0 * tolerance))
+    between = np.count_nonzero(joined & (bends > tolerance)) - kinks
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], straight, [False]])))
+    first, after = edges[::2], edges[1::2]
+    lengths, rises = after - first, np.abs(values[after + 1] - values[first])
+    line = (lengths >= LEAST_RUN - 2) & (rises > max(4.0 * step, VISIBLE * span))
+    if (np.count_nonzero(line) < LEAST_KINKS or kinks < LEAST_KINKS
+            or between > 0.3 * min(np.count_nonzero(straight), kinks)):
+        return 0.0, 1.0, 0.0
+    return (float(lengths[line].sum()) / len(values), float(np.mean(lengths[line] + 1)),
+            float(np.quantile(rises[line], 0.1)))

@@ -1,17 +1,19 @@
 """The published rule: from duration, area and peak of a half period to its dead-band estimate, and the two gates.
 
 T. Haegglund, Automatic on-line estimation of backlash in control loops, J. Process Control 17 (2007) 489-499. Each
-equation is written once, for numbers as they are and inside the compiled loop over all half periods of a record.
+equation is written once, for numbers as for arrays over half periods.
 """
 
 from __future__ import annotations
 
-import numba
+from typing import TypeVar
+
 import numpy as np
-from numba.extending import register_jitable
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..record import FloatArray
+
+Numbers = TypeVar("Numbers", float, FloatArray)
 
 SLOW_ENOUGH = 5.0  # gate dt >= 5 Ti: the signals are slow, the valve moves through statics
 SHAPE_LIMIT = 2.0  # gate e_max < 2 dy: a half period flattened by the dead band, not a load disturbance
@@ -21,20 +23,18 @@ WHY = ("ok", "shape", "too_short", "incomplete", "not_positive", "setpoint_move"
 OK, SHAPE, TOO_SHORT, INCOMPLETE, NOT_POSITIVE, SETPOINT_MOVE, BELOW_NOISE = range(len(WHY))
 
 
-@register_jitable
-def mean_error(area: float, duration: float) -> float:
+def mean_error(area: ArrayLike, duration: ArrayLike) -> FloatArray:
     """Return dy, the mean of |e| over a half period (12). area [span s], duration [s] -> [span]."""
-    return area / duration if duration > 0.0 else 0.0
+    length = np.asarray(duration, dtype=np.float64)
+    return np.asarray(np.where(length > 0.0, area / np.where(length > 0.0, length, 1.0), 0.0))
 
 
-@register_jitable
-def output_change(dy: float, duration: float, K: float, Ti: float) -> float:
+def output_change(dy: Numbers, duration: Numbers, K: float, Ti: float) -> Numbers:
     """Return du = K/Ti dy dt (11): how far the integral part moved the output [output span]."""
     return abs(K) / Ti * dy * duration
 
 
-@register_jitable
-def dead_band(dy: float, duration: float, K: float, Ti: float, Kp: float) -> float:
+def dead_band(dy: Numbers, duration: Numbers, K: float, Ti: float, Kp: float) -> Numbers:
     """Return the dead-band estimate d = (K dt/Ti - 1/Kp) dy of a half period (15) [output span].
 
     >>> round(dead_band(0.01, 20.0, K=1.2, Ti=2.2, Kp=1.0), 12)  # (10.909 - 1) * 0.01
@@ -43,29 +43,12 @@ def dead_band(dy: float, duration: float, K: float, Ti: float, Kp: float) -> flo
     return output_change(dy, duration, K, Ti) - dy / abs(Kp)
 
 
-@register_jitable
-def gate(duration: float, dy: float, e_max: float, complete: bool, Ti: float) -> int:
-    """Return why a half period is refused, as its place in WHY; OK if it is not."""
-    if not complete:
-        return INCOMPLETE
-    if duration < SLOW_ENOUGH * Ti:
-        return TOO_SHORT
-    return SHAPE if e_max >= SHAPE_LIMIT * dy else OK
+def gate(duration: ArrayLike, dy: ArrayLike, e_max: ArrayLike, complete: ArrayLike, d: ArrayLike,
+         Ti: float) -> NDArray[np.uint8]:
+    """Return why each half period is refused, as its place in WHY; OK if it is not.
 
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def judged(begin: FloatArray, end: FloatArray, area: FloatArray, e_max: FloatArray, complete: NDArray[np.bool_],
-           interval: float, K: float, Ti: float, Kp: float) -> tuple[FloatArray, NDArray[np.uint8]]:
-    """Apply the rule to all half periods, positions in samples (see Segments).
-
-    Returns begin [s], duration [s], dy and d of each (4, half_periods), and its place in WHY.
+    duration [s], dy and e_max [span], complete, d [output span]: (half_periods,).
     """
-    found, refused = np.empty((4, len(begin))), np.empty(len(begin), np.uint8)
-    for k in range(len(begin)):
-        duration = (end[k] - begin[k]) * interval
-        dy = mean_error(area[k] * interval, duration)
-        d = dead_band(dy, duration, K, Ti, Kp)
-        why = gate(duration, dy, e_max[k], complete[k], Ti)
-        found[0, k], found[1, k], found[2, k], found[3, k] = begin[k] * interval, duration, dy, d
-        refused[k] = NOT_POSITIVE if why == OK and d <= 0.0 else why
-    return found, refused
+    reasons = [~np.asarray(complete), np.asarray(duration) < SLOW_ENOUGH * Ti,
+               np.asarray(e_max) >= SHAPE_LIMIT * np.asarray(dy), np.asarray(d) <= 0.0]
+    return np.select(reasons, [INCOMPLETE, TOO_SHORT, SHAPE, NOT_POSITIVE], OK).astype(np.uint8)

@@ -1,6 +1,7 @@
 """Do the controller settings of the metadata make the recorded output? If not: which usual mix-up of units would?
 
     check_settings(record.settings, identify(record)) -> tuple[Note, ...]      (empty: nothing to complain about)
+    check_quickly(survey, settings) -> the same; one fit instead of a search where that leaves no doubt
 
 The comparison rests on K/Ti, which a record settles to a few per cent; K and Ti apart are used to tell the mix-ups
 from each other. Codes, each with `values` "factor" (K/Ti as given over as identified), "K" and "Ti" (as identified,
@@ -23,15 +24,28 @@ wrong by that factor):
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from math import isfinite, log
+from dataclasses import dataclass, replace
+from math import ceil, isfinite, log
+
+import numpy as np
 
 from ..record import LoopSettings, Note
-from .identification import Identification, Identified
+from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawForm, fit_law
+from .identify import (
+    SLOWEST,
+    WINDOW,
+    Identification,
+    Identified,
+    derivative_is_real,
+    law_rows,
+    settings_of,
+    window_of,
+)
+from .survey import LEVELS, SLOWER, Survey
 
 AGREES = log(1.15)  # findings: K/Ti is identified to 4-8 % in nine loops of ten
 SURE = log(1.05)  # by so much at least the interval must lie away from the value given
-WELL_EXPLAINED = 0.9  # share of OP below which noise that the record did not see lowers K/Ti,
+WELL_EXPLAINED = 0.9  # share of OP's motion below which noise that the record did not see lowers K/Ti,
 WELL_KNOWN = 0.08  # and half width of the interval of K/Ti above which only gross differences count
 CONTRADICTS = log(1.5)
 EXPLAINED = log(1.3)  # how well a mix-up has to explain the factor
@@ -39,6 +53,11 @@ CLOSE = log(1.1)  # a difference that is that of the spans is believed where K/T
 COARSE = 1.5  # Ti in samples below which only a plain mix-up of units can be seen
 LARGE = log(3.0)  # a smaller factor that comes out of the values by accident is not a mix-up
 GAIN_APART = log(1.6)  # K alone is known less well than K/Ti
+# The limits of the quick look lie well inside those of the full comparison, to which everything in doubt is left.
+SAME_RATIO = log(1.08)  # of K/Ti; settings_check says nothing up to 1.15
+SAME_GAIN = log(1.3)  # of K; settings_check says nothing up to 1.6
+FEWEST_WINDOWS = 3
+LEAST_PER_TI = 5.0  # rows per Ti; with fewer the record does not show which part of the newest error OP contains
 
 
 @dataclass(frozen=True)
@@ -71,6 +90,41 @@ def check_settings(settings: LoopSettings, found: Identification | Note) -> tupl
         notes += _one("K", abs(K), _magnitude(found.K), found)
     notes += _derivative(settings, found)
     return tuple(notes)
+
+
+def check_quickly(survey: Survey, settings: LoopSettings) -> tuple[Note, ...]:
+    """Return what is wrong with the settings given, as `check_settings` does; an empty answer means they agree."""
+    return () if follows(survey, settings) else check_settings(settings, settings_of(survey))
+
+
+def follows(survey: Survey, settings: LoopSettings) -> bool:
+    """Whether the recorded output is what a controller with these settings makes, within noise and rounding."""
+    K, Ti, Tf = settings.K, settings.Ti, settings.filter_time
+    if not K or not Ti or Tf is None or Ti < LEAST_PER_TI * survey.interval:
+        return False
+    level = min(max(ceil(log(Ti / (SLOWEST * survey.interval)) / log(SLOWER)), 0), LEVELS - 1)
+    rows = law_rows(survey, level)
+    if rows is None or not np.ptp(rows.signals[2]) > 0.0:
+        return False
+    given_D = (DERIVATIVE,) if settings.Td > 0.0 else ()
+    window = window_of(WINDOW * Ti / rows.interval, len(rows.index))
+    form = LawForm((PROPORTIONAL, INTEGRAL, SETPOINT, *given_D), window, ceil(5.0 * Tf / rows.interval) + 1, 0,
+                   0.5 if level else 0.0)
+    fit = fit_law(rows, form, Tf)
+    if fit is None:  # the setpoint stands still, or moved between the windows only
+        form = replace(form, terms=(PROPORTIONAL, INTEGRAL, *given_D))
+        fit = fit_law(rows, form, Tf)
+    if fit is None or len(fit.sums) < FEWEST_WINDOWS or fit.unexplained > 1.0 - WELL_EXPLAINED:
+        return False
+    if fit.gain * K <= 0.0 or fit.ratio * K <= 0.0:
+        return False
+    if abs(log(fit.ratio * Ti / K)) > SAME_RATIO or abs(log(fit.gain / K)) > SAME_GAIN:
+        return False
+    if given_D:
+        Td = fit.values[-1] / fit.gain
+        return bool(settings.Td / 1.3 <= Td <= 1.3 * settings.Td)
+    with_D = fit_law(rows, replace(form, terms=(*form.terms, DERIVATIVE)), Tf)
+    return with_D is None or not derivative_is_real(with_D, fit)
 
 
 def _given(settings: LoopSettings, name: str) -> float | None:

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 
 from ..record import FloatArray
 
@@ -36,19 +37,13 @@ def autocorrelation(values: FloatArray, other: FloatArray | None = None, lags: i
     """
     n = len(values)
     lags = n if lags is None else min(lags, n)
-    size = _fast_length(n + lags)
+    size = next_fast_len(n + lags, real=True)
     a = values - values.mean()
     b = a if other is None else other - other.mean()
     spectrum = np.fft.rfft(a, size)
     raw = np.fft.irfft(np.conj(spectrum) * (spectrum if other is None else np.fft.rfft(b, size)), size)[:lags]
     norm = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
     return np.asarray(raw / norm * (n / (n - np.arange(lags)))) if norm > 0 else np.zeros(lags)
-
-
-def _fast_length(least: int) -> int:
-    """A length for a Fourier transform with small factors only, at least `least`."""
-    power = 1 << max(int(np.ceil(np.log2(least))), 4)
-    return next(power // 16 * part for part in (9, 10, 12, 15, 16) if power // 16 * part >= least)
 
 
 def detrended(values: FloatArray, period: float) -> FloatArray:
@@ -60,16 +55,9 @@ def moving_mean(values: FloatArray, width: int) -> FloatArray:
     """Centred mean over `width` samples, over fewer at the ends."""
     width = max(width, 1)
     total = np.concatenate([[0.0], np.cumsum(values)])
-    n, back, on = len(values), width // 2, width - width // 2
-    if n < width:
-        at = np.arange(n)
-        low, high = np.maximum(at - back, 0), np.minimum(at + on, n)
-        return np.asarray((total[high] - total[low]) / (high - low))
-    out = np.empty(n)
-    out[back : n - on + 1] = (total[width:] - total[: n - width + 1]) / width
-    out[:back] = total[on : on + back] / np.arange(on, width)
-    out[n - on + 1 :] = (total[n] - total[n - width + 1 : n - back]) / np.arange(width - 1, back, -1)
-    return out
+    at = np.arange(len(values))
+    low, high = np.maximum(at - width // 2, 0), np.minimum(at + width - width // 2, len(values))
+    return np.asarray((total[high] - total[low]) / (high - low))
 
 
 def find_period(values: FloatArray) -> tuple[float, float]:
@@ -127,21 +115,12 @@ def wave(values: FloatArray, period: float, height: float) -> Wave | None:
         n, flat = len(values), values - values.mean()
         sustained = max(float(flat[:-k] @ flat[k:]) * n / (n - k) for k in range(far - near, far + near + 1))
         sustained /= float(flat @ flat)
-    ordered = np.sort(np.ascontiguousarray(shapes.T), axis=1)  # numpy's median takes ten times as long
-    median = 0.5 * (ordered[:, (len(shapes) - 1) // 2] + ordered[:, len(shapes) // 2])
-    return Wave(period, height, sustained, median, int(typical.sum()))
+    return Wave(period, height, sustained, np.median(shapes, axis=0), int(typical.sum()))
 
 
 def between(values: FloatArray, at: FloatArray) -> FloatArray:
-    """Values at positions between the samples [samples], on straight lines; those of the ends beyond them.
-
-    >>> between(np.array([1.0, 3.0]), np.array([-1.0, 0.25, 1.0])).tolist()
-    [1.0, 1.5, 3.0]
-    """
-    at = np.clip(at, 0.0, len(values) - 1.0)
-    low = np.minimum(at.astype(np.int64), max(len(values) - 2, 0))
-    start = values[low]
-    return np.asarray(start + (at - low) * (values[np.minimum(low + 1, len(values) - 1)] - start))
+    """Values at positions between the samples [samples], on straight lines; those of the ends beyond them."""
+    return np.asarray(np.interp(at, np.arange(len(values)), values))
 
 
 def crossings(flat: FloatArray, period: float) -> tuple[FloatArray, NDArray[np.bool_]]:

@@ -10,8 +10,7 @@ from bisect import bisect_left, insort
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..estimator.carry import Carry, Tail, resume
-from ..estimator.carry_bytes import pack, unpack, unpack_tail
+from ..estimator.carry import Carry, Tail, pack, resume, unpack, unpack_tail
 from ..estimator.haegglund import estimate
 from ..record import LoopSettings
 from ..results.history import HalfPeriod

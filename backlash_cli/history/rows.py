@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ..estimator.carry_bytes import unpack
+from ..estimator.carry import unpack
 from ..record import LoopSettings, Note
 from ..results import LoopReport, Verdict
 from ..results.history import HalfPeriod, Night

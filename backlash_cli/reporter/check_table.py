@@ -19,7 +19,7 @@ from .safe import terminal
 
 if TYPE_CHECKING:
     from ..check import CheckResult, LoopCheck
-    from ..estimator.identification import Identification
+    from ..estimator.identify import Identification
 
 WIDTH = 100
 WORDS = {"none": "good", "limits": "limited", "blocks": "no verdict", "failed": "failed"}

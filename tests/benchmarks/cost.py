@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from backlash_cli.api import scan_files
-from backlash_cli.scan import ScanOptions
+from backlash_cli.scanning import ScanOptions
 from tests.benchmarks.dask_folder import make
 
 PLANT, DAYS = 100_000, 365

@@ -19,7 +19,7 @@ from backlash_cli.api import scan, scan_files
 from backlash_cli.engines.cluster import connected
 from backlash_cli.loaders.plant import open_plant
 from backlash_cli.reporter.json_report import to_json
-from backlash_cli.scan import ScanOptions
+from backlash_cli.scanning import ScanOptions
 
 
 def make(folder: Path, loops: int, samples: int, seed: int = 0) -> None:

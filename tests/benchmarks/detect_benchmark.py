@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from backlash_cli.results import LoopReport, Verdict
-from backlash_cli.scan import scan
+from backlash_cli.scanning import scan
 
 from .random_loops import CONTROLS, LOADS, RandomLoop, draw
 

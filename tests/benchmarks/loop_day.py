@@ -17,12 +17,12 @@ import numpy as np
 
 from backlash_cli.estimator.confirm import ConfirmationScanner
 from backlash_cli.estimator.haegglund import error_scanner, estimate
-from backlash_cli.estimator.law_check import check_quickly
 from backlash_cli.estimator.oscillation import detect_oscillation
 from backlash_cli.estimator.quality import quality_of
+from backlash_cli.estimator.settings_check import check_quickly
 from backlash_cli.estimator.survey import Survey
 from backlash_cli.record import Record
-from backlash_cli.scan import ScanOptions, scan
+from backlash_cli.scanning import ScanOptions, scan
 
 from .random_loops import RandomLoop, draw
 

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from backlash_cli.estimator.identify import settings_of
-from backlash_cli.estimator.law_check import follows
-from backlash_cli.estimator.settings_check import check_settings
+from backlash_cli.estimator.settings_check import check_settings, follows
 from backlash_cli.estimator.survey import Survey
 from backlash_cli.record import FloatArray, LoopSettings, Note, Record, record_from_arrays
 from tests.estimator.closed_loop import Loop, run

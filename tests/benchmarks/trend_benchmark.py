@@ -16,7 +16,7 @@ from backlash_cli.history.rows import night_of, night_row
 from backlash_cli.history.trend import wear
 from backlash_cli.record import Record
 from backlash_cli.results.history import DAY, Limit, Night
-from backlash_cli.scan import ScanOptions, scan
+from backlash_cli.scanning import ScanOptions, scan
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, use
 
 LIMIT = Limit(0.03, "no_positioner", "benchmark")

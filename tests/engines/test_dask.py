@@ -22,7 +22,7 @@ from backlash_cli.loaders.plant import open_plant
 from backlash_cli.loaders.scratch import Room
 from backlash_cli.reporter.json_report import to_json
 from backlash_cli.results import Verdict
-from backlash_cli.scan import ScanOptions
+from backlash_cli.scanning import ScanOptions
 from tests.commands.run import run
 from tests.loaders.test_layouts import EXPORTS
 from tests.loaders.test_more_layouts import MORE

@@ -8,11 +8,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.estimator.carry import resume
-from backlash_cli.estimator.carry_bytes import pack, unpack, unpack_tail
+from backlash_cli.estimator.carry import pack, resume, unpack, unpack_tail
 from backlash_cli.estimator.haegglund import estimate
 from backlash_cli.record import SampleState, record_from_arrays
-from backlash_cli.scan import ScanOptions, scan
+from backlash_cli.scanning import ScanOptions, scan
 from tests.test_scan import RECORD
 
 KEEP = ScanOptions(confirm=False, carry=True)

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from backlash_cli.estimator.clusters import _binomial_quantile, densest, median_interval
+from backlash_cli.estimator.reading import densest, median_interval
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 9, 30, 101, 999, 1001, 5000])
-@pytest.mark.parametrize("probability", [0.025, 0.1])
-def test_quantile_of_the_binomial_distribution(n, probability):
-    assert _binomial_quantile(n, probability) == pytest.approx(binom.ppf(probability, n, 0.5), abs=int(n > 1000))
+@pytest.mark.parametrize("level", [0.95, 0.8])
+def test_ranks_of_the_interval_are_quantiles_of_the_binomial_distribution(n, level):
+    rank = max(int(binom.ppf((1 - level) / 2, n, 0.5)) - 1, 0)
+    assert median_interval(np.arange(float(n)), level) == (rank, n - 1 - rank)
 
 
 def test_interval_of_the_median_holds_it_as_often_as_it_says():

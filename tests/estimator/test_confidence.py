@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from scipy.stats import binom
 
-from backlash_cli.scan import scan
+from backlash_cli.scanning import scan
 from tests.benchmarks.detect_benchmark import is_right, reliability
 from tests.benchmarks.random_loops import draw
 

@@ -11,7 +11,7 @@ import pytest
 from backlash_cli.estimator.confirm import ConfirmationScanner, confirm, memory
 from backlash_cli.record import LoopSettings, Note, Record, SampleState
 from backlash_cli.results import Confirmation, Verdict
-from backlash_cli.scan import scan
+from backlash_cli.scanning import scan
 from tests.benchmarks.random_loops import CONTROLS, draw
 from tests.estimator.closed_loop import Loop, run
 

@@ -11,7 +11,7 @@ from backlash_cli import read
 from backlash_cli.estimator.cycle_verdict import with_oscillation
 from backlash_cli.record import LoopSettings, Note
 from backlash_cli.results import LoopReport, Verdict
-from backlash_cli.scan import scan
+from backlash_cli.scanning import scan
 from tests.benchmarks.cycling_loops import draw
 from tests.shared_data import shared_data
 

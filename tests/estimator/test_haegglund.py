@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from backlash_cli.estimator.haegglund import estimate
-from backlash_cli.estimator.rule import WHY, dead_band, gate, judged, mean_error, output_change
+from backlash_cli.estimator.rule import WHY, dead_band, gate, mean_error, output_change
+from backlash_cli.half_periods import Segments
 from backlash_cli.record import LoopSettings
-from backlash_cli.segmenter import Segments
 
 
 def test_estimate_is_output_travel_minus_the_part_that_moves_the_process():
@@ -32,26 +32,30 @@ def test_mean_error_of_an_empty_half_period_is_zero():
 
 
 def test_gates_at_their_edges():
-    Ti = 2.0
-    edges = [(9.99, 0.01, 0.01, True), (10.0, 0.01, 0.0199, True), (10.0, 0.01, 0.02, True), (10.0, 0.01, 0.01, False)]
-    assert [WHY[gate(*edge, Ti)] for edge in edges] == ["too_short", "ok", "shape", "incomplete"]
+    duration, e_max = np.array([9.99, 10.0, 10.0, 10.0, 10.0]), np.array([0.01, 0.0199, 0.02, 0.01, 0.01])
+    complete, d = np.array([True, True, True, False, True]), np.array([1.0, 1.0, 1.0, 1.0, 0.0])
+    found = gate(duration, np.full(5, 0.01), e_max, complete, d, 2.0)
+    assert [WHY[code] for code in found] == ["too_short", "ok", "shape", "incomplete", "not_positive"]
 
 
-def test_the_compiled_rule_is_the_rule_half_period_by_half_period():
+def test_the_estimates_are_the_rule_half_period_by_half_period():
     rng = np.random.default_rng(7)
     n, h, K, Ti, Kp = 400, 0.5, -0.1, 4.0, 1.3
     begin = np.cumsum(rng.uniform(0.0, 100.0, n))
     end, area = begin + rng.choice([0.0, 30.0, 60.0, 100.0], n), rng.uniform(0.0, 2.0, n)
     e_max, complete = rng.uniform(0.0, 0.2, n), rng.random(n) < 0.9
-    found, refused = judged(begin, end, area, e_max, complete, h, K, Ti, Kp)
+    s = Segments(begin, end, area, e_max, np.ones(n, np.int64), np.zeros(n), complete)
+    found = estimate(s, h, LoopSettings(K=K, Ti=Ti, Kp=Kp))
     for k in range(n):
         dt = (end[k] - begin[k]) * h
         dy = area[k] * h / dt if dt else 0.0
         d = (abs(K) * dt / Ti - 1.0 / Kp) * dy
-        np.testing.assert_allclose(found[:, k], [begin[k] * h, dt, dy, d], rtol=1e-12, atol=1e-15)
-        code = WHY[gate(dt, dy, e_max[k], complete[k], Ti)]
-        assert WHY[refused[k]] == ("not_positive" if code == "ok" and d <= 0.0 else code)
-    assert len(set(refused)) == 5
+        np.testing.assert_allclose([found.begin[k], found.duration[k], found.dy[k], found.d[k]],
+                                   [begin[k] * h, dt, dy, d], rtol=1e-12, atol=1e-15)
+        why = ("incomplete" if not complete[k] else "too_short" if dt < 5 * Ti else "shape" if e_max[k] >= 2 * dy
+               else "ok" if d > 0.0 else "not_positive")
+        assert found.why[k] == why
+    assert len(set(found.why)) == 5
 
 
 def test_an_exact_dead_band_transit_gives_d_back():

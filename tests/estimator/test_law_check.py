@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from backlash_cli.estimator.identify import settings_of
-from backlash_cli.estimator.law_check import check_quickly, follows
-from backlash_cli.estimator.settings_check import check_settings
+from backlash_cli.estimator.settings_check import check_quickly, check_settings, follows
 from backlash_cli.estimator.survey import Survey
 from backlash_cli.record import LoopSettings, Record, SampleState
 

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.estimator import recording, recording_loops
 from backlash_cli.estimator.quality import data_quality, quality_of
 from backlash_cli.estimator.recording import fast_noise, reversals, rounding_step, stored_as
 from backlash_cli.estimator.survey import Survey
@@ -96,7 +95,6 @@ def turns_by_hand(values: list[float], threshold: float) -> int:
     return count
 
 
-@settings(deadline=None)  # compiles on the first call
 @given(st.lists(st.integers(-20, 20), min_size=1, max_size=60), st.integers(1, 10))
 def test_reversals_are_those_counted_by_hand(values: list[int], threshold: int) -> None:
     numbers = [float(v) for v in values]
@@ -189,27 +187,3 @@ def test_the_cut_into_blocks_does_not_matter(cuts: list[int]) -> None:
     for first, last in pairwise([0, *sorted(cuts), len(LONG)]):
         survey.update(LONG.slice(first, last))
     assert quality_of(survey, 20.0) == replace(whole, output_reversals_per_hour=None)
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 10, 11, 500, 501])
-def test_the_middle_of_values_is_their_median(n: int) -> None:
-    values = np.random.default_rng(n).normal(size=n)
-    assert recording._median(values) == pytest.approx(float(np.median(values)), rel=1e-15)
-    assert recording._median(np.zeros(0)) == 0.0
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_which_side_of_a_limit_the_median_lies_on(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    gaps = rng.integers(0, 5, rng.integers(2, 40)) * 0.5
-    for limit in (0.4, 0.5, 0.75, 1.0, 1.25):
-        some = gaps[gaps > 0.1]
-        expected = bool(len(some)) and float(np.median(some)) <= limit
-        assert recording_loops._median_below(gaps, 0.1, limit) == expected
-
-
-def test_neighbours_and_their_differences() -> None:
-    index, values = np.array([0, 1, 2, 4, 5, 6, 7]), np.array([1.0, 1.0, 2.0, 2.0, 2.5, 2.5, 4.0])
-    bent, pairs, moves = recording_loops.differences(index, values, 0.25)
-    assert bent.tolist() == [1.0, 0.5, 1.5] and (pairs, moves) == (5, 3)
-    assert recording_loops.changes(index, values, 0.25).tolist() == [1.0, 0.5, 1.5]

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.clusters import densest, gathered
 from backlash_cli.estimator.haegglund import HalfPeriods, error_scanner, estimate
 from backlash_cli.estimator.quality import data_quality
-from backlash_cli.estimator.reading import filtered_noise, output_noise, read_half_periods
+from backlash_cli.estimator.reading import densest, filtered_noise, gathered, output_noise, read_half_periods
 from backlash_cli.estimator.rule import OK, TOO_SHORT
-from backlash_cli.filters import double_lag
+from backlash_cli.half_periods import double_lag
 from backlash_cli.record import LoopSettings
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, use
 

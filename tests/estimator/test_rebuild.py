@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backlash_cli.estimator.rebuild import OutputRebuilder, at_once
-from backlash_cli.filters import double_lag
+from backlash_cli.half_periods import double_lag
 from backlash_cli.record import Record
 from tests.benchmarks.random_loops import draw
 

@@ -8,23 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.estimator.survey import Survey
-from backlash_cli.estimator.survey_walk import (
-    FIRST,
-    GAPS,
-    LAST,
-    LEVELS,
-    LONGEST,
-    MOVES,
-    ROWS,
-    SLOTS,
-    SLOWER,
-    STATES,
-    USED,
-    USED_FILLED,
-    WITH_OUTPUT,
-    WITH_SETPOINT,
-)
+from backlash_cli.estimator.survey import LEVELS, ROWS, SLOTS, SLOWER, STATES, Survey
 from backlash_cli.record import Record, SampleState
 
 
@@ -48,17 +32,17 @@ def made(seed: int, n: int, doubtful: float) -> Record:
     return Record("a", 0.0, 2.0, index.astype(np.int64), sp, pv, op, state)
 
 
-def counted(record: Record) -> dict[int, int]:
+def counted(record: Record) -> dict[str, int]:
     """What the survey counts, by hand."""
     r, y, u = record.setpoint, record.measurement, record.output
     use = record.state <= SampleState.FILLED
     known = r[use & np.isfinite(r)]
     mine = use & np.isfinite(r) & np.isfinite(y) & np.isfinite(u)
     steps = np.diff(record.index)
-    return {FIRST: record.index[0], LAST: record.index[-1], GAPS: np.sum(steps > 2),
-            LONGEST: max(steps.max(initial=0), 0) if (steps > 1).any() else 0, MOVES: np.sum(np.diff(known) != 0),
-            USED: np.sum(mine), USED_FILLED: np.sum(mine & (record.state == SampleState.FILLED)),
-            WITH_SETPOINT: np.sum(np.isfinite(r)), WITH_OUTPUT: np.sum(np.isfinite(u))}
+    return {"first": record.index[0], "last": record.index[-1], "gaps": np.sum(steps > 2),
+            "longest": max(steps.max(initial=0), 0) if (steps > 1).any() else 0, "moves": np.sum(np.diff(known) != 0),
+            "used": np.sum(mine), "used_filled": np.sum(mine & (record.state == SampleState.FILLED)),
+            "with_setpoint": np.sum(np.isfinite(r)), "with_output": np.sum(np.isfinite(u))}
 
 
 def means(index: np.ndarray, rows: np.ndarray) -> dict[int, np.ndarray]:
@@ -75,8 +59,7 @@ def means(index: np.ndarray, rows: np.ndarray) -> dict[int, np.ndarray]:
 def test_counts_ranges_and_pictures_are_those_of_the_samples(seed, n, doubtful, cuts):
     record = made(seed, n, doubtful)
     survey = surveyed(record, cuts)
-    numbers = survey.numbers.tolist()
-    assert {place: numbers[place] for place in counted(record)} == counted(record)
+    assert {name: getattr(survey, name) for name in counted(record)} == counted(record)
     np.testing.assert_array_equal(survey.states, np.bincount(record.state, minlength=STATES))
     use = record.usable
     for column, values in enumerate((record.setpoint, record.measurement, record.output)):
@@ -109,6 +92,6 @@ def test_a_record_without_output_has_samples_and_no_rows():
     survey = Survey(1.0)
     record = replace(made(2, 3000, 0.0), output=None)
     survey.update(record)
-    index, measured, at, outputs = survey.samples()
+    index, measured, at, outputs = survey.measured()
     np.testing.assert_array_equal(measured, record.measurement[record.state == SampleState.GOOD])
     assert len(at) == len(outputs) == len(survey.rows(0)[0]) == 0 and len(index) == len(measured)

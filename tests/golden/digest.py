@@ -13,7 +13,7 @@ from backlash_cli import ScanOptions, scan_files
 from backlash_cli.loaders import Plant, read
 from backlash_cli.record import Note, Record
 from backlash_cli.results import LoopReport
-from backlash_cli.scan import scan
+from backlash_cli.scanning import scan
 from tests.benchmarks.random_loops import draw
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"

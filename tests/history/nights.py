@@ -6,7 +6,7 @@ import numpy as np
 
 from backlash_cli.record import LoopSettings, Note
 from backlash_cli.results import Cluster, Confirmation, Estimate, LoopReport, ScanResult, Verdict
-from backlash_cli.scan import ScanOptions, scan
+from backlash_cli.scanning import ScanOptions, scan
 
 MARCH = 1772323200.0  # 2026-03-01 00:00 UTC
 DAY = 86400.0

@@ -70,7 +70,7 @@ def test_nights_cut_anywhere_hold_the_half_periods_of_the_whole(tmp_path, edges)
 
 
 def test_overlapping_exports_count_no_half_period_twice(tmp_path):
-    from backlash_cli.scan import ScanOptions, scan
+    from backlash_cli.scanning import ScanOptions, scan
 
     reports = []
     for first, last in ((0, 3001), (3000, 6000), (2000, 5000)):

@@ -17,7 +17,7 @@ from backlash_cli.history.unfinished import Unfinished
 from backlash_cli.record import LoopSettings, Note
 from backlash_cli.reporter.json_report import to_json
 from backlash_cli.results import LoopReport, ScanResult, Verdict
-from backlash_cli.scan import ScanOptions, scan
+from backlash_cli.scanning import ScanOptions, scan
 from tests.small_plant import records
 
 

@@ -24,7 +24,7 @@ from backlash_cli.loaders.join import failure
 from backlash_cli.loaders.plant import open_plant
 from backlash_cli.loaders.scratch import Room, ScratchFile, Store
 from backlash_cli.record import SampleState
-from backlash_cli.scan import ScanOptions
+from backlash_cli.scanning import ScanOptions
 from tests.small_plant import records, write_plant
 
 from .test_layouts import EXPORTS

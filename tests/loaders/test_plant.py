@@ -516,7 +516,7 @@ def test_an_output_recorded_on_change_holds_until_the_next_change(tmp_path):
 
 
 def test_a_loop_without_a_setpoint_is_not_judged_by_half_periods(tmp_path):
-    from backlash_cli.scan import scan
+    from backlash_cli.scanning import scan
 
     lines = [",".join(np.delete(line.split(","), 1)) for line in wide().splitlines()]
     report = scan(read(save(tmp_path, "\n".join(lines) + "\n"))["FIC101"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from backlash_cli.scan import ScanOptions, scan
+from backlash_cli.scanning import ScanOptions, scan
 from backlash_cli.simulator import Compensator, Controller, Process, Scenario, Signal, simulate, trace, use
 from backlash_cli.simulator.scenario_file import load_scenarios, with_dead_band, with_seed
 

@@ -1,4 +1,5 @@
-"""The compiled walk against the library's filter and a sample-by-sample walk, for any states, holes and block cuts."""
+"""Half periods: filters against the state-space discretisation, the cutting against a walk sample by sample, and all of
+it against both, for any states, holes and block cuts."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -11,11 +12,120 @@ from scipy import signal
 
 from backlash_cli.estimator.haegglund import error_scanner, estimate
 from backlash_cli.estimator.oscillation import detect_oscillation
+from backlash_cli.half_periods import Segments, close, double_lag, segment
 from backlash_cli.record import LoopSettings, Record, SampleState
-from backlash_cli.segmenter import Segments
-from tests.test_segmenter import walk
 
 HIDDEN = (SampleState.MISSING, SampleState.IMPLAUSIBLE)
+
+
+@given(T=st.floats(0.05, 500), h=st.floats(0.01, 60))
+def test_coefficients_equal_the_exact_discretisation_of_the_state_space(T, h):
+    A, B = np.array([[-1 / T, 0], [1 / T, -1 / T]]), np.array([[1 / T], [0]])
+    discrete = signal.cont2discrete((A, B, np.array([[0, 1.0]]), np.zeros((1, 1))), h)
+    numerator, denominator = signal.ss2tf(*discrete[:4])
+    ours = double_lag(T, h)
+    np.testing.assert_allclose(ours.denominator, denominator, atol=1e-12)
+    np.testing.assert_allclose(ours.numerator, numerator[0], atol=1e-9)
+
+
+def test_step_response_is_the_closed_form_at_every_sample():
+    T, h = 3.0, 0.7
+    stage = double_lag(T, h)
+    out, _ = stage.run(np.ones(50), stage.settled(0.0))
+    t = h * np.arange(50)
+    np.testing.assert_allclose(out, 1 - (1 + t / T) * np.exp(-t / T), atol=1e-12)
+
+
+def test_settled_filter_stays_at_rest():
+    stage = double_lag(2.0, 1.0)
+    out, _ = stage.run(np.full(20, 0.37), stage.settled(0.37))
+    np.testing.assert_allclose(out, 0.37, rtol=1e-13)
+
+
+def test_time_constant_zero_is_the_identity():
+    values = np.random.default_rng(0).normal(size=9)
+    stage = double_lag(0.0, 1.0)
+    np.testing.assert_array_equal(stage.run(values, stage.settled(0.0))[0], values)
+
+
+@pytest.mark.parametrize("T, h", [(1.0, 0.0), (-1.0, 1.0)])
+def test_impossible_times_are_refused(T, h):
+    with pytest.raises(ValueError):
+        double_lag(T, h)
+
+
+def walk(e, sp, index):
+    """Return half periods (begin, end, area, peak, sign, move, complete) by brute force on one stretch at a time."""
+    out, i = [], 0
+    while i < len(e):
+        j = i
+        while j + 1 < len(e) and index[j + 1] == index[j] + 1:
+            j += 1
+        out += _walk_stretch(e[i : j + 1], sp[i : j + 1], index[i])
+        i = j + 1
+    return out
+
+
+def _walk_stretch(e, sp, offset):
+    signs, last = [], 0
+    for v in e:
+        last = int(np.sign(v)) or last
+        signs.append(last)
+    result = []
+    begin, crossed, area, peak, move, sign = float(offset), False, 0.0, abs(e[0]), 0.0, signs[0]
+    for k in range(1, len(e)):
+        if signs[k] != signs[k - 1] and signs[k - 1] != 0:
+            f = e[k - 1] / (e[k - 1] - e[k])
+            area += 0.5 * abs(e[k - 1]) * f
+            result.append((begin, offset + k - 1 + f, area, peak, sign, move, crossed))
+            begin, crossed, area, peak = offset + k - 1 + f, True, 0.5 * abs(e[k]) * (1 - f), abs(e[k])
+            move, sign = abs(sp[k] - sp[k - 1]), signs[k]
+        else:
+            area += 0.5 * (abs(e[k - 1]) + abs(e[k]))
+            peak, move, sign = max(peak, abs(e[k])), move + abs(sp[k] - sp[k - 1]), signs[k]
+    result.append((begin, offset + len(e) - 1.0, area, peak, sign, move, False))
+    return [r for r in result if r[4] != 0]
+
+
+def run(e, sp, index, cuts):
+    parts, left = [], None
+    for a, b in zip([0, *cuts], [*cuts, len(e)], strict=True):
+        done, left = segment(e[a:b], sp[a:b], index[a:b], left)
+        parts.append(done)
+    return Segments.join([*parts, close(left)])
+
+
+@st.composite
+def records(draw):
+    n = draw(st.integers(1, 60))
+    values = st.sampled_from([-2.0, -1.0, -0.5, 0.0, 0.25, 1.0, 3.0])
+    e = np.array(draw(st.lists(values, min_size=n, max_size=n)))
+    sp = np.array(draw(st.lists(values, min_size=n, max_size=n)))
+    jumps = draw(st.lists(st.sampled_from([1, 1, 1, 1, 1, 2, 7]), min_size=n, max_size=n))
+    cuts = sorted(draw(st.lists(st.integers(0, n), max_size=5)))
+    return e, sp, np.cumsum(jumps).astype(np.int64), cuts
+
+
+@given(records())
+@settings(max_examples=400, deadline=None)
+def test_any_cut_gives_what_a_walk_over_the_samples_gives(record):
+    e, sp, index, cuts = record
+    found = run(e, sp, index, cuts)
+    expected = walk(e, sp, index)
+    assert len(found) == len(expected)
+    got = np.column_stack([found.begin, found.end, found.area, found.e_max, found.direction,
+                           found.setpoint_move, found.complete])
+    np.testing.assert_allclose(got, np.array(expected, float).reshape(-1, 7), atol=1e-12)
+
+
+def test_a_sine_has_half_periods_of_known_length_and_area():
+    period, amplitude = 40.0, 0.3
+    k = np.arange(400)
+    e = amplitude * np.sin(2 * np.pi * (k + 0.25) / period)
+    s = run(e, np.zeros(400), k.astype(np.int64), [])
+    whole = s.select(s.complete)
+    np.testing.assert_allclose(whole.end - whole.begin, period / 2, atol=0.01)
+    np.testing.assert_allclose(whole.area, amplitude * period / np.pi, rtol=0.003)
 
 
 def made(seed: int, n: int = 400, Tf: float | None = None) -> Record:

@@ -1,29 +1,32 @@
-"""Blocks of one loop's samples in, its LoopReport out."""
+"""From the samples of a loop to its report: blocks into a LoopScanner, once or twice, then what an oscillation says."""
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
-from .estimator.carry import CarryRecorder
-from .estimator.carry_bytes import pack
+import numpy as np
+
+from .estimator.assumed_setpoint import like, with_constant_setpoint
+from .estimator.carry import CarryRecorder, pack
 from .estimator.compensator import recommend
-from .estimator.haegglund import DEFAULT_KP, ErrorScanner, error_scanner, estimate, no_half_periods
+from .estimator.confirm import ConfirmationScanner
+from .estimator.cycle_verdict import says_of_cycles, with_oscillation
+from .estimator.haegglund import DEFAULT_KP, error_scanner, estimate, no_half_periods, tally
 from .estimator.identify import settings_of
-from .estimator.law_check import check_quickly
 from .estimator.oscillation import Oscillation, detect_oscillation
 from .estimator.quality import quality_of
 from .estimator.reading import Reading, known_noise, read_half_periods
+from .estimator.settings_check import check_quickly
 from .estimator.survey import Survey
-from .estimator.survey_walk import FIRST, LAST, WITH_SETPOINT
-from .estimator.tally import tally_of
 from .estimator.verdict import Findings, decide
+from .half_periods import ErrorScanner
 from .record import LoopSettings, Note, Record, SampleState
 from .results import Confirmation, LoopReport, Verdict
 
-if TYPE_CHECKING:
-    from .estimator.confirm import ConfirmationScanner
-
+PIECE = 1 << 18  # samples taken at once: what is worked out in between stays small
+DIAGNOSED = 1 << 20  # samples of an oscillation that are looked at, the last ones
 OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
 COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
 
@@ -66,7 +69,7 @@ class LoopScanner:
             self._errors = error_scanner(settings, interval, every=False)
             self._carry = CarryRecorder(settings, interval) if self.options.carry else None
         if self.options.confirm:
-            self._confirm = _confirmation(settings, interval)
+            self._confirm = ConfirmationScanner(settings, interval)
 
     def update(self, block: Record) -> None:
         """Take the next block; its index goes on where the last block ended, or later."""
@@ -88,7 +91,7 @@ class LoopScanner:
     @property
     def has_setpoint(self) -> bool:
         """Whether a setpoint was recorded with any sample taken so far."""
-        return bool(self._survey.numbers[WITH_SETPOINT])
+        return bool(self._survey.with_setpoint)
 
     @property
     def used(self) -> int:
@@ -147,16 +150,16 @@ class LoopScanner:
             warnings.append(Note("rule_left_out", "the published rule (15) on half periods is left out: "
                                  + refusal.message, {"why": refusal.code}))
             half_periods, left_out = no_half_periods(), 0
-            oscillation = Oscillation(False, 0.0, 0.0)
+            oscillation = Oscillation(False, 0.0)
         quality = quality_of(self._survey, self.settings.Ti)
         noise = known_noise(quality.pv, quality.filled_share)
         reading = (Reading(half_periods, None) if refusal is not None else
                    read_half_periods(half_periods, settings, self.interval, noise))
-        tally = tally_of(half_periods, left_out)
-        accepted = tally.accepted
+        counts = tally(half_periods, left_out, self.start, self.used * self.interval)
+        accepted = counts["detections"]
         rounding = quality.op.step if quality.op else 0.0
         warnings += on_settings
-        decision = decide(Findings(reading.cluster, accepted, tally.long, oscillation, confirmation,
+        decision = decide(Findings(reading.cluster, accepted, counts["long_half_periods"], oscillation, confirmation,
                                    (*quality.notes, *on_settings), rounding, reading.notes))
         if decision.verdict is Verdict.CANNOT_TELL:
             decision = replace(decision, reasons=(*_contradictions(on_settings), *decision.reasons))
@@ -168,9 +171,7 @@ class LoopScanner:
                                     oscillating=oscillation.share > OSCILLATING and not accepted)
         return self._report(decision.verdict, decision.reasons, decision.confidence, warnings=tuple(warnings),
                             settings=settings, cluster=decision.cluster, confirmation=confirmed,
-                            compensator=compensator,
-                            carry=self._packed(),
-                            **tally.of_report(half_periods, self.start, self.used * self.interval))
+                            compensator=compensator, carry=self._packed(), **counts)
 
     def _packed(self) -> bytes | None:
         """What the next night needs to go on from here, also where this one is too short to be judged."""
@@ -203,22 +204,74 @@ class LoopScanner:
 
     def _report(self, verdict: Verdict, reasons: tuple[Note, ...], confidence: float,
                 warnings: tuple[Note, ...] = (), settings: LoopSettings | None = None, **rest: object) -> LoopReport:
-        first, last = self._survey.numbers[[FIRST, LAST]].tolist()
-        samples = sum(self._survey.states.tolist())
+        samples = self._survey.samples
         return LoopReport(
             self.loop, verdict, reasons, confidence,
-            start=self.start + first * self.interval if samples else None,
-            end=self.start + last * self.interval if samples else None,
+            start=self.start + self._survey.first * self.interval if samples else None,
+            end=self.start + self._survey.last * self.interval if samples else None,
             samples=samples, interval_s=self.interval, settings=settings or self.settings,
             warnings=(*self.notes.values(), *warnings), **rest,  # type: ignore[arg-type]
         )
 
 
-def _confirmation(settings: LoopSettings, interval: float) -> ConfirmationScanner:
-    from .estimator.confirm import ConfirmationScanner  # its kernels are not worth loading where nobody asks for it
-
-    return ConfirmationScanner(settings, interval)
-
-
 def _contradictions(notes: tuple[Note, ...]) -> tuple[Note, ...]:
     return tuple(note for note in notes if note.values.get("effect") == "limits")
+
+
+def scan(record: Record, options: ScanOptions | None = None) -> LoopReport:
+    """Analyse one loop's record and return its report."""
+    return scan_blocks(lambda: pieces(record), options)
+
+
+def scan_blocks(blocks: Callable[[], Iterable[Record]], options: ScanOptions | None = None) -> LoopReport:
+    """Analyse one loop and return its report: LoopScanner updates, and what an oscillation looks like.
+
+    blocks: gives the blocks of its record in time order, each time it is called, of at most PIECE samples. What an
+    oscillation looks like needs the samples themselves, so a LoopScanner alone does not say it; the last DIAGNOSED
+    are looked at. Where no setpoint was recorded and the output shows that it stood still, it is taken as constant.
+    """
+    scanner = _fed(blocks, options)
+    if not scanner.has_setpoint:
+        held = with_constant_setpoint(_last_samples(blocks()))
+        if np.isfinite(held.setpoint).any():
+            recorded, blocks = blocks, lambda: (like(held, block) for block in recorded())
+            scanner = _fed(blocks, options)
+    second = scanner.second_pass()
+    if second is not None:
+        for block in blocks():
+            second.update(block)
+        scanner = second
+    report = scanner.finish()
+    return with_oscillation(report, _last_samples(blocks())) if says_of_cycles(report) else report
+
+
+def _fed(blocks: Callable[[], Iterable[Record]], options: ScanOptions | None) -> LoopScanner:
+    scanner: LoopScanner | None = None
+    for block in blocks():
+        if scanner is None:
+            scanner = LoopScanner(block.loop, block.settings, block.start, block.interval, options, keep=False)
+        scanner.update(block)
+    assert scanner is not None, "a record has one block at least"
+    return scanner
+
+
+def pieces(record: Record) -> Iterator[Record]:
+    """Yield a record in blocks of at most PIECE samples."""
+    if len(record) <= PIECE:
+        yield record
+        return
+    for first in range(0, len(record), PIECE):
+        yield record.slice(first, first + PIECE)
+
+
+def _last_samples(blocks: Iterable[Record]) -> Record:
+    """Join the last DIAGNOSED samples of a record."""
+    kept = list(deque(blocks, DIAGNOSED // PIECE))
+    if len(kept) == 1:
+        return kept[0]
+    output = None if kept[0].output is None else np.concatenate([x for b in kept if (x := b.output) is not None])
+    return replace(
+        kept[0], index=np.concatenate([b.index for b in kept]), setpoint=np.concatenate([b.setpoint for b in kept]),
+        measurement=np.concatenate([b.measurement for b in kept]), output=output,
+        state=np.concatenate([b.state for b in kept]), disturbances={},
+    )

@@ -1,0 +1,290 @@
+"""Half periods of the control error, block by block: measurement filters, zero crossings, duration, area, peak.
+
+A half period is complete when it begins and ends with a zero crossing of e = ysp - yf. One that touches the start of
+the record, its end, a gap or a sample that must not be used is incomplete: nothing is estimated on it. What is carried
+from block to block are the states of the filters and the open half period, so the cut into blocks does not matter,
+rounding aside.
+
+Both filters of the method are Y_f(s) = Y(s) / (1 + s T)^2: the measurement filter (3) with T = Tf and the
+estimator's own with T = Ti/2 (Haegglund 2007, eq. 3 and section 4). The sampled signal is held between samples, so
+the discretisation below is exact for it, at any ratio of sampling interval to time constant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from .record import FloatArray, IntArray, Record, SampleState
+
+MISSING, IMPLAUSIBLE, FILLED = (s.value for s in (SampleState.MISSING, SampleState.IMPLAUSIBLE, SampleState.FILLED))
+SHORT = 1 << 8  # samples of a stretch between holes
+PIECE = 1 << 17  # samples taken at once: what is worked out in between stays small
+
+
+@dataclass(frozen=True)
+class DoubleLag:
+    """Coefficients of 1/(1 + s T)^2 sampled every h seconds behind a zero-order hold.
+
+    With a = exp(-h/T), r = h/T:  H(z) = ((1 - a - r a) z + a (a - 1 + r)) / (z - a)^2.
+    T = 0 is the identity.
+    """
+
+    numerator: FloatArray
+    denominator: FloatArray
+
+    @property
+    def is_identity(self) -> bool:
+        return len(self.denominator) == 1
+
+    def settled(self, value: float | FloatArray) -> FloatArray:
+        """Return the filter state (..., 2) that has rested at `value` for ever."""
+        if self.is_identity:
+            return np.zeros(0)
+        b, a = self.numerator, self.denominator
+        # direct form II transposed at rest: z2 = (b2 - a2) v, z1 = (b1 - a1) v + z2 with unit static gain
+        z2 = (b[2] - a[2]) * value
+        return np.stack([(b[1] - a[1]) * value + z2, z2], axis=-1)
+
+    def run(self, values: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Filter `values` (..., samples) from `state` (..., 2); return the output and the new state."""
+        return (values, state) if self.is_identity else lfilter(self.numerator, self.denominator, values, zi=state)
+
+    def run_afresh(self, values: FloatArray, state: FloatArray, firsts: IntArray) -> tuple[FloatArray, FloatArray]:
+        """The same for `values` (samples,) with a hole before some of them, `firsts`; it has rested at these for ever.
+
+        Short stretches of about the same length are filtered side by side, because there may be thousands.
+        """
+        if self.is_identity or not len(firsts):
+            return self.run(values, state)
+        out = np.empty(len(values))
+        out[: firsts[0]], _ = self.run(values[: firsts[0]], state)
+        lengths = np.diff(firsts, append=len(values))
+        for first, length in zip(firsts[lengths > SHORT].tolist(), lengths[lengths > SHORT].tolist(), strict=True):
+            part = slice(first, first + length)
+            out[part], _ = self.run(values[part], self.settled(values[first]))
+        powers = np.where(lengths > SHORT, -1, np.frexp(lengths - 1)[1])
+        for power in np.unique(powers[powers >= 0]).tolist():
+            like = powers == power
+            inside = np.arange(1 << power) < lengths[like, None]
+            places = firsts[like, None] + np.where(inside, np.arange(1 << power), 0)
+            rows, _ = self.run(values[places], self.settled(values[firsts[like]]))
+            out[places[inside]] = rows[inside]
+        last = values[firsts[-1] :]
+        return out, self.run(last, self.settled(last[0]))[1]
+
+
+def double_lag(time_constant: float, interval: float) -> DoubleLag:
+    """Return the sampled filter 1/(1 + s T)^2 for T = `time_constant` [s] and sampling `interval` [s].
+
+    Raises ValueError for a negative time constant or an interval that is not positive.
+    """
+    if interval <= 0 or time_constant < 0:
+        raise ValueError(f"need interval > 0 and time constant >= 0, got {interval} and {time_constant}")
+    if time_constant == 0:
+        return DoubleLag(np.ones(1), np.ones(1))
+    r = interval / time_constant
+    a = float(np.exp(-r))
+    # expm1 keeps the digits when the sampling is fast: 1 - a - r a = -expm1(-r) - r a
+    b1 = -float(np.expm1(-r)) - r * a
+    b2 = a * (float(np.expm1(-r)) + r)
+    return DoubleLag(np.array([0.0, b1, b2]), np.array([1.0, -2.0 * a, a * a]))
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Half periods of one loop, (half_periods,) arrays; positions in samples on the record's grid.
+
+    begin, end: grid position of the two zero crossings, interpolated between samples. area: integral of |e|
+    [span * samples], the error taken as straight between samples. e_max: largest |e| [span].
+    direction: sign of e. setpoint_move: sum of |change of setpoint| inside [span]. complete: crossing at both ends.
+    """
+
+    begin: FloatArray
+    end: FloatArray
+    area: FloatArray
+    e_max: FloatArray
+    direction: IntArray
+    setpoint_move: FloatArray
+    complete: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.begin)
+
+    def select(self, places: object) -> Segments:
+        """Return some of them; places: numbers or a mask."""
+        return Segments(*(values[places] for values in vars(self).values()))
+
+    @staticmethod
+    def join(parts: Sequence[Segments]) -> Segments:
+        """Return the half periods of all parts, one part after the other."""
+        if not parts:
+            none = np.zeros(0)
+            return Segments(none, none, none, none, none.astype(np.int64), none, none.astype(np.bool_))
+        return Segments(*map(np.concatenate, zip(*(vars(p).values() for p in parts), strict=True)))
+
+
+@dataclass(frozen=True)
+class OpenHalfPeriod:
+    """The half period that the next block goes on with."""
+
+    sign: int
+    begin: float
+    crossed: bool  # began with a zero crossing
+    area: float  # up to the last sample
+    e_max: float
+    move: float
+    last_index: int
+    last_error: float
+    last_setpoint: float
+
+    def ended(self, end: float, complete: bool) -> Segments:
+        """Return it as a half period that ends at `end`; none where the error was zero throughout."""
+        values = (self.begin, end, self.area, self.e_max, self.sign, self.move, complete)
+        one = Segments(*(np.array([x]) for x in values))
+        return one.select(one.direction != 0)
+
+
+def segment(
+    error: FloatArray, setpoint: FloatArray, index: IntArray, open_: OpenHalfPeriod | None
+) -> tuple[Segments, OpenHalfPeriod | None]:
+    """Cut a block of usable samples into half periods.
+
+    error, setpoint: (samples,) [span]. index: (samples,) grid positions, strictly increasing; a jump ends a half
+    period. open_: what the previous block left open. Returns the half periods that ended inside this block and the
+    one left open.
+    """
+    if not len(error):
+        return Segments.join([]), open_
+    if open_ is None:
+        first, at_first = float(error[0]), int(index[0])
+        open_ = OpenHalfPeriod(int(np.sign(first)), float(at_first), False, 0.0, abs(first), 0.0, at_first, first,
+                               float(setpoint[0]))
+        return segment(error[1:], setpoint[1:], index[1:], open_)
+    o, n = open_, len(error)
+    size, sign = np.empty(n + 1), np.empty(n + 1, dtype=np.int8)  # of the last sample before the block as well
+    size[0], sign[0] = abs(o.last_error), o.sign
+    np.abs(error, out=size[1:])
+    np.subtract((error > 0.0).view(np.int8), (error < 0.0).view(np.int8), out=sign[1:])
+    apart = np.zeros(n, dtype=np.bool_)  # from the sample before
+    if index[-1] - o.last_index != n:
+        apart = np.diff(index, prepend=o.last_index) != 1
+    if not sign.all():  # an exact zero belongs to the half period before it
+        known = (sign != 0) | np.append(True, apart)
+        sign = sign[np.maximum.accumulate(np.where(known, np.arange(n + 1), 0))]
+    ends = np.flatnonzero((sign[1:] != sign[:-1]) & (sign[:-1] != 0) | apart)  # last sample of each that ends
+    firsts, lasts = np.append(0, ends + 1), np.append(ends, n)
+    crossed, after = ~apart[ends], size[ends + 1]
+    # of the step to the next sample so much lies before the crossing
+    share = np.where(crossed, size[ends] / np.where(crossed, size[ends] + after, 1.0), 0.0)
+    area = np.add.reduceat(size, firsts) - 0.5 * (size[firsts] + size[lasts])
+    area[:-1] += 0.5 * size[ends] * share
+    area[1:] += np.where(crossed, 0.5 * after * (1.0 - share), 0.0)
+    peak = np.maximum.reduceat(size, firsts)
+    moved = np.zeros(len(firsts))
+    if (setpoint != o.last_setpoint).any():
+        steps = np.abs(np.diff(setpoint, prepend=o.last_setpoint))
+        moved = np.add.reduceat(np.append(0.0, np.where(apart, 0.0, steps)), firsts)
+    area[0], peak[0], moved[0] = area[0] + o.area, max(peak[0], o.e_max), moved[0] + o.move
+    end = np.where(ends > 0, index[ends - 1], o.last_index) + share
+    begin = np.append(o.begin, np.where(crossed, end, index[ends]))
+    began = np.append(o.crossed, crossed)
+    done = Segments(begin[:-1], end, area[:-1], peak[:-1], sign[ends].astype(np.int64), moved[:-1],
+                    began[:-1] & crossed)
+    left = OpenHalfPeriod(int(sign[-1]), float(begin[-1]), bool(began[-1]), float(area[-1]), float(peak[-1]),
+                          float(moved[-1]), int(index[-1]), float(error[-1]), float(setpoint[-1]))
+    return done if done.direction.all() else done.select(done.direction != 0), left
+
+
+def close(open_: OpenHalfPeriod | None) -> Segments:
+    """Return the half period left open at the end of the record, as incomplete."""
+    return Segments.join([]) if open_ is None else open_.ended(float(open_.last_index), False)
+
+
+class ErrorTrack:
+    """Half periods of one error signal: those that have ended, and the open one.
+
+    least_area [span samples], least_length [samples]: complete half periods below are counted and not kept.
+    """
+
+    def __init__(self, least_area: float = 0.0, least_length: float = 0.0) -> None:
+        self.open: OpenHalfPeriod | None = None
+        self.left_out = 0
+        self._least = least_area, least_length
+        self._parts: list[Segments] = []
+
+    def update(self, error: FloatArray, setpoint: FloatArray, index: IntArray) -> None:
+        """Take the next usable samples; see `segment`."""
+        done, self.open = segment(error, setpoint, index, self.open)
+        large = (done.area >= self._least[0]) & (done.end - done.begin >= self._least[1])
+        keep = np.flatnonzero(large | ~done.complete)
+        self.left_out += len(done) - len(keep)
+        self._parts.append(done.select(keep))
+
+    @property
+    def ended(self) -> Segments:
+        """The half periods that have ended."""
+        self._parts = [Segments.join(self._parts)]
+        return self._parts[0]
+
+    def finish(self) -> Segments:
+        """All half periods, the open one as incomplete."""
+        return Segments.join([*self._parts, close(self.open)])
+
+
+class ErrorScanner:
+    """Filters the measurement block by block and cuts two errors into half periods.
+
+    `plain` is the error after the measurement filter (3), for the oscillation detector; `smooth` after the second
+    filter of Ti/2 as well, for the estimator. The filters run on through manual operation and saturation, where the
+    measurement is still true, and start afresh at rest after a hole. Half periods end at any sample that must not
+    be used.
+
+    least: area [span samples] of plain and length [samples] of smooth half periods below which complete ones are
+    counted and not kept.
+    """
+
+    def __init__(self, stages: tuple[DoubleLag, DoubleLag], least: tuple[float, float] = (0.0, 0.0)) -> None:
+        self.stages = stages
+        self.states: list[FloatArray] = []  # of each filter; none before the first sample
+        self.last_index = 0  # position of the last sample that went through the filters
+        self.plain, self.smooth = ErrorTrack(least_area=least[0]), ErrorTrack(least_length=least[1])
+
+    def go_on(self, states: Sequence[FloatArray], last_index: int) -> None:
+        """Take over the filters as another scanner left them after the sample at `last_index`."""
+        self.states, self.last_index = list(states), last_index
+
+    def update(self, block: Record) -> None:
+        """Take the next block of the record."""
+        for first in range(0, len(block), PIECE):
+            cut = slice(first, first + PIECE)
+            setpoint, pv = (np.asarray(x[cut], dtype=np.float64) for x in (block.setpoint, block.measurement))
+            self._take(block.index[cut], setpoint, pv, block.state[cut])
+
+    def _take(self, index: IntArray, setpoint: FloatArray, pv: FloatArray, state: NDArray[np.uint8]) -> None:
+        known = np.isfinite(pv) & (state != MISSING) & (state != IMPLAUSIBLE)
+        if not known.all():
+            index, setpoint, pv, state = index[known], setpoint[known], pv[known], state[known]
+        if not len(index):
+            return
+        plain, smooth = self._filtered(index, pv)
+        use = (state <= FILLED) & np.isfinite(setpoint)
+        if not use.all():
+            index, setpoint, plain, smooth = index[use], setpoint[use], plain[use], smooth[use]
+        self.plain.update(setpoint - plain, setpoint, index)
+        self.smooth.update(setpoint - smooth, setpoint, index)
+
+    def _filtered(self, index: IntArray, pv: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The measurement behind the first filter and behind both, (samples,) each; afresh after every hole."""
+        if not self.states or index[0] != self.last_index + 1:
+            self.states = [stage.settled(pv[0]) for stage in self.stages]
+        whole = index[-1] - index[0] == len(index) - 1
+        afresh = np.zeros(0, dtype=np.int64) if whole else np.flatnonzero(np.diff(index) != 1) + 1
+        plain, self.states[0] = self.stages[0].run_afresh(pv, self.states[0], afresh)
+        smooth, self.states[1] = self.stages[1].run_afresh(plain, self.states[1], afresh)
+        self.last_index = int(index[-1])
+        return plain, smooth
