@@ -50,7 +50,7 @@ def compare(inputs: tuple[Path, ...], loop: str | None, model_file: Path | None,
     record = one_loop(inputs, loop, loops, reading, None if other_loop else model_file)
     model = None if model_file is None else model_for(model_file, record, other_loop=other_loop)
     found = compare_with(record, model)
-    from ..reporter.compare_page import compare_page
+    from ..reporter.explain_page import compare_page
 
     deliver(found, compare_page, comparison_text, picture=picture, html=html, json_file=json_file, verbose=verbose)
     return 0

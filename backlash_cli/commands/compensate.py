@@ -44,7 +44,7 @@ def compensate(inputs: tuple[Path, ...], loops: Path | None, loop: str, process_
     import json
     import sys
 
-    from ..reporter.compensation_text import to_document, to_text
+    from ..reporter.compensation import compensation_page, to_document, to_text
     from ..reporter.files import write_text
     from ..simulator.process_text import parse_dead_band, parse_process
 
@@ -61,8 +61,6 @@ def compensate(inputs: tuple[Path, ...], loops: Path | None, loop: str, process_
         write_text(json_file, document)
         say(f"numbers written to {json_file}")
     if html is not None:
-        from ..reporter.compensation_page import compensation_page
-
         write_text(html, compensation_page(study))
         say(f"page written to {html}")
     emit(to_text(study, colour=sys.stdout.isatty()))

@@ -49,7 +49,7 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
             say(unmark(store, *remove_repair))
         if target is not None:
             from ..history.tables import rows_of
-            from ..reporter.history_tables import write_rows
+            from ..reporter.tables import write_rows
 
             rows = rows_of(store, table, names)
             write_rows(rows, target)

@@ -21,7 +21,7 @@ def paper(html: Path | None, json_file: Path | None) -> int:
 
     from ..estimator.published import published_estimates
     from ..reporter.files import write_text
-    from ..reporter.paper_text import to_document, to_text
+    from ..reporter.paper import paper_page, to_document, to_text
     from ..simulator.paper import reproduce
     from .terminal import emit, say
 
@@ -36,8 +36,6 @@ def paper(html: Path | None, json_file: Path | None) -> int:
         write_text(json_file, document)
         say(f"rows written to {json_file}")
     if html is not None:
-        from ..reporter.paper_page import paper_page
-
         write_text(html, paper_page(report))
         say(f"page written to {html}")
     emit(to_text(report, colour=sys.stdout.isatty()))

@@ -34,7 +34,7 @@ def night_row(report: LoopReport) -> dict[str, Any]:
         "loop": storable(report.loop), "start": moment(report.start), "end": moment(report.end),
         "verdict": str(report.verdict), "confidence": short(report.confidence) or 0.0,
         "d": short(d), "d_low": short(ci95[0]) if ci95 else None, "d_high": short(ci95[1]) if ci95 else None,
-        "source": source, "limit_of_detection": short(detection_limit(report)), "samples": report.samples,
+        "source": source, "limit_of_detection": short(report.limit_of_detection), "samples": report.samples,
         "interval_s": short(report.interval_s), "half_periods": report.half_periods, "detections": report.detections,
         "settings": as_json(settings_dict(report.settings)), "reasons": as_json(list(map(_note, report.reasons))),
         "warnings": as_json(list(map(_note, report.warnings))),
@@ -78,14 +78,6 @@ def size_of(report: LoopReport) -> tuple[float | None, tuple[float, float] | Non
     return None, None, ""
 
 
-def detection_limit(report: LoopReport) -> float | None:
-    """Return the smallest dead band that the record could have shown, None where it is not known."""
-    for found in (report.confirmation, report.cluster):
-        if found is not None and found.limit_of_detection is not None:
-            return found.limit_of_detection
-    return _number(report.details.get("limit_of_detection"))
-
-
 def settings_dict(settings: LoopSettings) -> dict[str, object]:
     """Return the settings as plain values."""
     plain = {name: short(getattr(settings, name)) for name in ("K", "Ti", "Td", "Tf", "Kp", "theta")}
@@ -125,10 +117,6 @@ def short(value: float | None) -> float | None:
     if value is None or not math.isfinite(value):
         return None
     return float(f"{value:.9g}")
-
-
-def _number(value: object) -> float | None:
-    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else None
 
 
 def _evidence(report: LoopReport) -> dict[str, object]:

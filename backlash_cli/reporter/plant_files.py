@@ -13,8 +13,8 @@ import numpy as np
 
 from ..errors import BacklashError, UsageError
 from ..record import FloatArray, LoopSettings, Record, SampleState
-from .columns import shown
 from .files import write_bytes, write_text
+from .json_report import shown
 
 if TYPE_CHECKING:
     import pyarrow as pa

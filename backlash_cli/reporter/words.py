@@ -43,8 +43,7 @@ def size(report: LoopReport) -> float | None:
 
 def excluded(report: LoopReport) -> float | None:
     """Smallest dead band [span of output] that `no backlash` excludes; None where the verdict excludes none."""
-    found = report.confirmation or report.cluster
-    return found.limit_of_detection if found is not None and report.verdict is Verdict.NO_BACKLASH else None
+    return report.limit_of_detection if report.verdict is Verdict.NO_BACKLASH else None
 
 
 def percent(value: float | None, digits: int = 2) -> str:
