@@ -59,15 +59,14 @@ def plant_figure(rows: Sequence[PlantRow], tick: str) -> Figure:
         data.append({"type": "scatter", "mode": "markers", "name": tick, "x": [x for _, x in ticks],
                      "y": [k for k, _ in ticks], "hovertemplate": f"{tick} %{{x:.2f}} %<extra></extra>",
                      "marker": {"symbol": "line-ns-open", "size": 16, "color": QUIET, "line": {"width": 3}}})
-    axis = {"tickvals": [*range(len(rows))], "ticktext": [picture(row.loop, 24) for row in rows], "fixedrange": True,
+    axis = {"tickvals": [*range(len(rows))], "ticktext": [picture(row.loop, 16) for row in rows], "fixedrange": True,
             "range": [len(rows) - 0.4, -0.6], "zeroline": False}
     layout: Figure = {"xaxis": {"title": {"text": "dead band [% of output span]"}, "rangemode": "tozero"},
                       "yaxis": axis, "hovermode": "closest", "height": 130 + 26 * len(rows)}
     if any(row.last for row in rows):
         data += _last_weeks(rows)
         layout["xaxis"]["domain"] = [0.0, 0.6]
-        layout["xaxis2"] = {"type": "date", "domain": [0.66, 1.0], "showgrid": False, "nticks": 4,
-                            "title": {"text": f"last {WEEKS} weeks"}}
+        layout["xaxis2"] = {"type": "date", "domain": [0.66, 1.0], "showgrid": False, "showticklabels": False}
     return {"data": data, "layout": layout}
 
 
