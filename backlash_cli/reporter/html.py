@@ -29,8 +29,7 @@ def single_page(result: ScanResult, records: Mapping[str, Record]) -> str:
     notes = [] if len(reports) <= DRAWN else [
         f"Figures are shown for the first {DRAWN} loops of the list. For figures of all {len(reports)} loops write a "
         "folder: --format html --output FOLDER."]
-    with_figures = {r.loop for r in reports[:DRAWN]}
-    loops = _loops(reports, {name: records[name] for name in with_figures & {*records}}, points)
+    loops = [*_loops(reports[:DRAWN], records, points), *_loops(reports[DRAWN:], {})]
     return one_page(_TITLE, _subtitle(result), loops, lambda links: _overview(result, reports, links, notes))
 
 
@@ -43,8 +42,10 @@ def write_folder(folder: Path, result: ScanResult, records: Mapping[str, Record]
 
 
 def _loops(reports: Sequence[LoopReport], records: Mapping[str, Record], points: int = POINTS) -> list[LoopPart]:
-    return [LoopPart(r.loop, MARKS[r.verdict], _brief(r), partial(loop_sections, r, records.get(r.loop), points))
-            for r in reports]
+    def sections(r: LoopReport) -> list[Section]:
+        return loop_sections(r, records.get(r.loop), points)  # one record at a time is in memory
+
+    return [LoopPart(r.loop, MARKS[r.verdict], _brief(r), partial(sections, r)) for r in reports]
 
 
 def _subtitle(result: ScanResult) -> str:

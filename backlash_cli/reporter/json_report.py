@@ -58,7 +58,7 @@ def half_periods(found: Sequence[Estimate]) -> dict[str, list[Any]]:
     """Half periods column by column, as strict values: a plant has hundreds of thousands of them."""
     e = found if isinstance(found, Estimates) else _as_columns(found)
     why = [e.codes[code] for code in e.why.tolist()]
-    numbers = {name: [shown(v) if abs(v) < math.inf else None for v in getattr(e, name).tolist()] for name in _NUMBERS}
+    numbers = {name: [shown(v) for v in getattr(e, name).tolist()] for name in _NUMBERS}
     return {"start": times(e.origin + e.begin), "end": times(e.origin + (e.begin + e.dt_s)), **numbers,
             "direction": e.direction.tolist(), "accepted": [code == "ok" for code in why], "why": why}
 
@@ -85,7 +85,7 @@ def strict(value: Any) -> Any:
     """Return `value` as JSON can say it: NaN and infinity as null, arrays as lists, results by the names of their
     fields (numbers of a Note only where there are any), anything else as text."""
     if isinstance(value, float):
-        return shown(value) if math.isfinite(value) else None
+        return shown(value)
     if isinstance(value, str):
         return str(value) if value.isascii() else value.encode("utf-8", "backslashreplace").decode()
     if value is None or isinstance(value, int):
@@ -106,9 +106,10 @@ def fields_of(value: Any, *without: str) -> dict[str, Any]:
     return {f.name: getattr(value, f.name) for f in fields(value) if f.name not in without}
 
 
-def shown(value: float) -> float:
-    """A finite number to the ten digits that reports show."""
-    return float(f"{value:.10g}")
+def shown(value: float) -> float | None:
+    """A number to the ten digits that reports show; None for what is none."""
+    rounded = float(f"{value:.10g}")
+    return rounded if math.isfinite(rounded) else None
 
 
 def iso_time(epoch: float | None) -> str | None:

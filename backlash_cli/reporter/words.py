@@ -7,25 +7,17 @@ from collections.abc import Sequence
 from ..results import LoopReport, Verdict
 from .json_report import iso_time
 
-VERDICTS = {
-    Verdict.BACKLASH: "backlash",
-    Verdict.SUSPECTED: "suspected",
-    Verdict.NO_BACKLASH: "no backlash",
-    Verdict.OSCILLATING: "oscillating",
-    Verdict.INSUFFICIENT_DATA: "too little data",
-    Verdict.CANNOT_TELL: "cannot tell",
-    Verdict.ERROR: "not analysed",
+# words, and good, warn, bad, quiet: the mark of a page and the colour of a terminal; in the order of a work list
+_SAID = {
+    Verdict.BACKLASH: ("backlash", "bad"),
+    Verdict.SUSPECTED: ("suspected", "warn"),
+    Verdict.NO_BACKLASH: ("no backlash", "good"),
+    Verdict.OSCILLATING: ("oscillating", "warn"),
+    Verdict.INSUFFICIENT_DATA: ("too little data", "quiet"),
+    Verdict.CANNOT_TELL: ("cannot tell", "quiet"),
+    Verdict.ERROR: ("not analysed", "bad"),
 }
-# good, warn, bad, quiet: the mark of a page and the colour of a terminal
-MARKS = {
-    Verdict.BACKLASH: "bad",
-    Verdict.SUSPECTED: "warn",
-    Verdict.NO_BACKLASH: "good",
-    Verdict.OSCILLATING: "warn",
-    Verdict.INSUFFICIENT_DATA: "quiet",
-    Verdict.CANNOT_TELL: "quiet",
-    Verdict.ERROR: "bad",
-}
+VERDICTS, MARKS = ({verdict: said[k] for verdict, said in _SAID.items()} for k in (0, 1))
 _ORDER = {v: i for i, v in enumerate(VERDICTS)}
 
 
