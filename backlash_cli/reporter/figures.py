@@ -266,15 +266,15 @@ def known_part(record: Record) -> Record:
 
 def used_in(record: Record, report: LoopReport) -> list[Estimate]:
     """The accepted half periods that lie within the record."""
-    return [e for e in report.estimates
-            if e.accepted and len(record) and record.time[0] <= e.end and e.start <= record.time[-1]]
+    first, last = record.time[[0, -1]].tolist() if len(record) else (math.inf, -math.inf)
+    return [e for e in report.estimates if e.accepted and first <= e.end and e.start <= last]
 
 
 def _inside(record: Record, used: list[Estimate]) -> NDArray[np.bool_]:
     """(samples,) True within a half period that was used."""
-    change = np.zeros(len(record) + 1, dtype=np.int64)
-    np.add.at(change, np.searchsorted(record.time, [e.start for e in used]), 1)
-    np.add.at(change, np.searchsorted(record.time, [e.end for e in used]), -1)
+    change, time = np.zeros(len(record) + 1, dtype=np.int64), record.time
+    np.add.at(change, np.searchsorted(time, [e.start for e in used]), 1)
+    np.add.at(change, np.searchsorted(time, [e.end for e in used]), -1)
     return np.cumsum(change[:-1]) > 0
 
 

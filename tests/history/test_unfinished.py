@@ -46,7 +46,8 @@ notes = st.builds(Note, text, text, st.dictionaries(text, number | text, max_siz
 
 @settings(deadline=None, suppress_health_check=[HealthCheck.too_slow], max_examples=50)
 @given(st.builds(LoopReport, text, st.sampled_from(Verdict), st.tuples(notes), details=st.dictionaries(text, plain),
-                 settings=st.builds(LoopSettings, st.floats(allow_nan=False), source=st.dictionaries(text, text, max_size=2))))
+                 settings=st.builds(LoopSettings, st.floats(allow_nan=False),
+                                    source=st.dictionaries(text, text, max_size=2))))
 def test_any_report_comes_back_as_it_was(report):
     kept = to_text(Kept(report, report.reasons))
     back = from_text(kept).report
