@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+import sqlite3
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..estimator.carry_bytes import unpack
@@ -51,6 +52,13 @@ def half_period_row(night: Mapping[str, Any], estimate: Any, *, joined: bool) ->
     e = estimate
     return (night["loop"], night["start"], night["end"], int(joined), moment(e.start), moment(e.end), short(e.dt_s),
             short(e.dy), short(e.e_max), short(e.d), int(e.direction), int(e.accepted), str(e.why))
+
+
+def insert(db: sqlite3.Connection, table: str, columns: Sequence[str], rows: Sequence[Sequence[Any]],
+           known: str = "REPLACE") -> None:
+    """Write rows into a table; a row that is known is replaced, or with `known="IGNORE"` left as it is."""
+    places = ", ".join("?" for _ in columns)
+    db.executemany(f"INSERT OR {known} INTO {table} ({', '.join(columns)}) VALUES ({places})", rows)
 
 
 def storable(name: str) -> str:

@@ -145,7 +145,8 @@ def plane(record: Record, window: slice, report: LoopReport, points: int = POINT
             lines.append(path(op, pv) | {"mode": "lines", "name": name, "line": {"color": STEM, "dash": dash}})
         low, high = float(np.nanmin(record.measurement)), float(np.nanmax(record.measurement))
         middle, level = 0.5 * float(np.nanmin(record.output) + np.nanmax(record.output)), low - 0.12 * (high - low)
-        y_axis["range"] = units(np.array([low - 0.2 * (high - low), high + 0.05 * (high - low)]), pv_span)
+        if high > low:
+            y_axis["range"] = units(np.array([low - 0.2 * (high - low), high + 0.05 * (high - low)]), pv_span)
         gap = path(np.array([middle - d / 2, middle, middle + d / 2]), np.full(3, level))
         lines.append(gap | {
             "mode": "lines+text", "text": ["", f"dead band {percent(d)}", ""], "textposition": "top center",

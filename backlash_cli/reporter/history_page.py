@@ -7,16 +7,17 @@ from functools import partial
 from pathlib import Path
 
 from .._version import __version__
-from ..results.history import DAY, HalfPeriod, Night, Place, Segment, Wear
+from ..results import Compensator
+from ..results.history import DAY, HalfPeriod, Night, Place, Wear, day_text
 from .figures import Figure
 from .files import write_text
 from .folder import LoopPart, one_page, write_folder_of
-from .history_text import day_or_none, no_date, remarks
+from .history_text import no_date, remarks
 from .page import Cell, Section, Table
 from .plant_figure import WEEKS, PlantRow, plant_figure
 from .safe import shorten
 from .wear_figure import half_period_figure, wear_figure
-from .words import MARKS, VERDICTS, percent
+from .words import MARKS, VERDICTS, compensator_words
 
 ACTION_MARKS = {"pull": "bad", "room": "warn", "watch": "warn", "leave": "good", "check": "quiet"}
 DRAWN = 60  # loops with figures in a single file
@@ -57,7 +58,7 @@ def write_report(output: Path, places: Sequence[Place], wears: Mapping[str, Wear
 def subtitle(nights: Mapping[str, Sequence[Night]]) -> str:
     """Say how much the history holds, from which day to which; the clock is not asked."""
     times = [n.time for found in nights.values() for n in found]
-    span = f", {day_or_none(min(times))} to {day_or_none(max(times))}" if times else ""
+    span = f", {day_text(min(times))} to {day_text(max(times))}" if times else ""
     loops = len(nights)
     return f"{loops} loop{'s' * (loops != 1)}, {len(times)} nights{span}. Made by backlash {__version__}."
 
@@ -74,16 +75,12 @@ def plant_picture(places: Sequence[Place], wears: Mapping[str, Wear], nights: Ma
     since = max((n.time for p in places for n in nights[p.loop]), default=0.0) - 7 * WEEKS * DAY
     rows = []
     for p in places:
-        wear, now = wears[p.loop], _now(wears[p.loop])
+        wear, now = wears[p.loop], wears[p.loop].now
         last = sorted((n.time, n.d) for n in nights[p.loop] if n.d is not None and n.time >= since)
         level = None if now is None else now.level
         rows.append(PlantRow(p.loop, p.title, ACTION_MARKS[p.action], level, now.level_ci95 if now else None, None,
                              wear.limit.value, "" if level else "no size", brief(p, wear), tuple(last)))
     return plant_figure(rows, "limit")
-
-
-def _now(wear: Wear) -> Segment | None:
-    return wear.current if wear.state != "no_estimate" else None
 
 
 def overview(places: Sequence[Place], wears: Mapping[str, Wear], nights: Mapping[str, Sequence[Night]],
@@ -108,8 +105,8 @@ def overview(places: Sequence[Place], wears: Mapping[str, Wear], nights: Mapping
 
 
 def _row(p: Place, wear: Wear, link: str) -> list[object]:
-    now = _now(wear)
-    date = day_or_none(wear.limit_date[0]) if wear.limit_date else None
+    now = wear.now
+    date = day_text(wear.limit_date[0]) if wear.limit_date else None
     spread = max(1.0, 0.5 * (wear.limit_date[2] - wear.limit_date[1]) / DAY) if wear.limit_date else None
     growth = 30 * now.slope if now is not None and now.growing and now.slope is not None else None
     level = None if now is None else now.level
@@ -143,9 +140,7 @@ def loop_parts(p: Place, wear: Wear, nights: Sequence[Night], half_periods: Sequ
     if advice and p.action in ("pull", "room", "watch"):
         found = advice[-1].details["compensator"]
         assert isinstance(found, Mapping)
-        parts.append(Section("Until then", text=[
-            f"Compensator gain {percent(found['gain'])} of the output span, scheme {found['scheme']}. "
-            f"{found['reason']}", "This is advice to a person; nothing is written to the control system."]))
+        parts.append(Section("Until then", text=compensator_words(Compensator(**found))))
     if drawn:
         parts.append(Section(f"Last {min(LATEST, len(nights))} nights", table=_nights(nights[-LATEST:]), folded=True))
     return parts

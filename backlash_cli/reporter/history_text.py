@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..results.history import Night, Place, Repair, Run, Segment, Wear, day_of
+from ..results.history import Night, Place, Repair, Run, Segment, Wear, day_of, day_text
 from .console import Screen
 from .json_report import fields_of, header, iso_time, json_text
 from .safe import terminal
@@ -58,8 +58,8 @@ def trend_text(wears: Mapping[str, Wear], places: Sequence[Place], *, verbose: b
 
 
 def _cells(wear: Wear, place: Place) -> tuple[str, ...]:
-    now = wear.current if wear.state != "no_estimate" else None
-    date, early, late = (day_or_none(day) for day in wear.limit_date or (None, None, None))
+    now = wear.now
+    date, early, late = map(day_text, wear.limit_date) if wear.limit_date else (None, None, None)
     return (
         str(place.rank), terminal(place.loop, 24), WORDS[place.action],
         "" if now is None or now.level is None else f"{100 * now.level:.2f}", f"{100 * wear.limit.value:.2g}",
@@ -75,21 +75,21 @@ def trend_json(wears: Mapping[str, Wear], places: Sequence[Place]) -> str:
 
 def loop_document(wear: Wear, place: Place) -> dict[str, Any]:
     """Return one loop's wear with the names of the contract; dead bands are shares of the output span."""
-    now, h, date = (wear.current if wear.state != "no_estimate" else None), wear.held_out, wear.limit_date
+    now, h, date = wear.now, wear.held_out, wear.limit_date
     return {
         **{name: getattr(wear, name) for name in ("loop", "nights", "state", "message")},
         "slope_per_day": _slope(now),
         "level": None if now is None or now.level_ci95 is None else {"value": now.level, "ci95": now.level_ci95},
         "limit": wear.limit.value, "limit_class": wear.limit.name, "limit_source": wear.limit.source,
         "limit_date": None if date is None else {
-            "value": day_or_none(date[0]), "ci95": [day_or_none(date[1]), day_or_none(date[2])]},
+            "value": day_text(date[0]), "ci95": [day_text(date[1]), day_text(date[2])]},
         "model": wear.model or None,
         "held_out": None if h is None else {
-            "nights": h.nights, "since": day_or_none(h.since), "straight_line_error": h.line, "local_error": h.local,
+            "nights": h.nights, "since": day_text(h.since), "straight_line_error": h.line, "local_error": h.local,
             "straight_line_bias": h.bias, "straight_line_holds": h.line_holds},
         "repairs": [{"date": r.date.isoformat(), **fields_of(r, "loop"), "time": iso_time(r.time)}
                     for r in wear.repairs],
-        "segments": [{"start": day_or_none(s.first), "end": day_or_none(s.last), "nights": s.nights,
+        "segments": [{"start": day_text(s.first), "end": day_text(s.last), "nights": s.nights,
                       "below_detection": s.below, "slope_per_day": _slope(s), "level_start": s.level_first,
                       "level_end": s.level} for s in wear.segments],
         "gaps": [{"date": day, "code": code} for day, code in wear.gaps],
@@ -103,12 +103,6 @@ def _slope(segment: Segment | None) -> dict[str, Any]:
     if segment is None or segment.slope_ci95 is None:
         return {"value": None, "ci95": [None, None]}
     return {"value": segment.slope, "ci95": segment.slope_ci95}
-
-
-def day_or_none(time: float | None) -> str | None:
-    """Return the calendar day of a time, None outside the calendar (a limit that is thousands of years away)."""
-    stamp = iso_time(time)
-    return stamp and stamp[:10]
 
 
 def no_date(wear: Wear) -> str:
@@ -131,7 +125,7 @@ def model_words(wear: Wear) -> list[str]:
     if h.line_holds:
         return [f"{used} {tried} The straight line does not fit the nights before: they bend or go in steps."]
     side = "low" if h.bias > 0 else "high"
-    return [f"{used} {tried} The straight line fails from {day_or_none(h.since)} on: it is {100 * abs(h.bias):.2g} % "
+    return [f"{used} {tried} The straight line fails from {day_text(h.since)} on: it is {100 * abs(h.bias):.2g} % "
             f"of span too {side}."]
 
 

@@ -9,7 +9,7 @@ from ..results import LoopReport
 from . import figures
 from .page import Cell, Section, Table
 from .safe import shorten
-from .words import duration, interval, moment, percent, size
+from .words import compensator_words, duration, interval, moment, percent, size
 
 
 def loop_sections(r: LoopReport, record: Record | None, points: int = figures.POINTS) -> list[Section]:
@@ -22,10 +22,7 @@ def loop_sections(r: LoopReport, record: Record | None, points: int = figures.PO
     first = evidence[0] if evidence else Section("")
     sections = [Section("Why this verdict", text=said, figure=first.figure, note=first.note)]
     if r.compensator is not None:
-        c = r.compensator
-        words = f"Compensator gain {percent(c.gain)} of the output span, scheme {c.scheme}. {c.reason}"
-        caution = "This is advice to a person; nothing is written to the control system."
-        sections.append(Section("Advice", text=[words, caution]))
+        sections.append(Section("Advice", text=compensator_words(r.compensator)))
     sections += evidence[1:]
     sections += [Section("Numbers", table=_numbers(r)), Section("Controller settings", table=_settings(r))]
     if r.warnings:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..results import LoopReport, Verdict
+from ..results import Compensator, LoopReport, Verdict
 from .json_report import iso_time
 
 # words, and good, warn, bad, quiet: the mark of a page and the colour of a terminal; in the order of a work list
@@ -67,3 +67,9 @@ def advice(report: LoopReport) -> str:
     if report.compensator is not None:
         return f"compensate {percent(report.compensator.gain)}, {report.compensator.scheme}"
     return report.reasons[0].message if report.reasons else ""
+
+
+def compensator_words(found: Compensator) -> list[str]:
+    """The advice in full, and whose decision it is."""
+    return [f"Compensator gain {percent(found.gain)} of the output span, scheme {found.scheme}. {found.reason}",
+            "This is advice to a person; nothing is written to the control system."]
