@@ -1,12 +1,14 @@
-"""Pages of the workbench: one model against one record, and how an explanation was found."""
+"""Pages and still pictures of the workbench: one model against one record, and how an explanation was found."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
+from ..errors import UsageError
 from ..record import FloatArray, LoopSettings
 from ..results import Candidate, Comparison, Explanation, FittedEffect, FittedParameter, Region, Series
 from . import explain_figures as figures
@@ -26,12 +28,15 @@ from .explain_words import (
     unexplained_words,
     verdict,
 )
+from .figures import Figure
 from .loop_page import note_table
 from .page import Cell, Section, Table, page
 from .parameter_words import numbers, quantity, said_numbers
 from .residual_causes import causes
+from .still import still, write_still
 
 REGIONS = 8  # in the table of where a model fails; all are in the folded one
+DPI = 80
 
 
 def compare_page(c: Comparison) -> str:
@@ -180,3 +185,37 @@ def _closing(found: Comparison | Explanation, parameters: Mapping[str, FittedPar
     ], sortable=False)
     warnings = [Section("Warnings", table=note_table(found.warnings), anchor="warnings")] if found.warnings else []
     return [Section("First-order part", table=table, anchor="parameters"), *warnings]
+
+
+def check_picture(path: Path | None) -> None:
+    """Refuse a name that no picture can have. Raises UsageError."""
+    if path is not None and path.suffix.lower() not in (".png", ".svg"):
+        raise UsageError("a picture is .png or .svg", where=str(path), remedy=f"name it {path.stem}.png")
+
+
+def write_picture(found: Comparison | Explanation, path: Path) -> None:
+    """Draw the result to `path`, whole or not at all. Raises UsageError for another suffix, or without a record."""
+    check_picture(path)
+    if (series := found.series) is None:
+        raise UsageError("the result keeps no samples to draw", where=str(path))
+    floor = found.noise_floor
+    if isinstance(found, Comparison):
+        title = f"{found.loop}: model against measurement, hold-out error {error_size(found.fitness.rmse_holdout)}"
+        lines = figures.overlay(series, found.settings, found.where, floor, predicted_name(found))
+        beside = ("PV against OP", figures.plane(series, found.settings))
+        rests = {"this model": series.residual}
+    else:
+        title = f"{found.loop}: which effect is missing?"
+        lines = figures.ladder_overlay(series, found.steps, found.settings, floor)
+        beside = ("", figures.ladder_bars(found.steps, floor))
+        ends = zip(("before", "after"), found.steps[:1] + found.steps[1:][-1:], strict=False)
+        rests = {word: np.where(series.used, series.measured - step.prediction, np.nan)
+                 for word, step in ends if step.prediction is not None}
+    rows = [[beside, *_turns(series, rests, floor)], [("", lines)]]
+    write_still(path, still(title, rows, (1.0, 2.2), (9.5, 8.5)), DPI)
+
+
+def _turns(series: Series, residuals: dict[str, FloatArray], noise_floor: float) -> list[tuple[str, Figure]]:
+    """Mean residual against the time since OP turned, the mark of play and stiction."""
+    found = causes(series, residuals)[:1] if residuals else []
+    return [(cause.title, figures.cause_figure(cause, noise_floor)) for cause in found]
