@@ -92,7 +92,7 @@ def stands_still(output: FloatArray, stem: FloatArray, size: float) -> list[tupl
 def _still(part: Record, stem: FloatArray, d: float) -> list[Figure]:
     assert part.output is not None
     time = part.time
-    return [{"type": "rect", "yref": "paper", "y0": 0, "y1": 1, "x0": _ms(time[first]), "x1": _ms(time[last]),
+    return [{"type": "rect", "yref": "paper", "y0": 0, "y1": 1, "x0": ms(time[first]), "x1": ms(time[last]),
              "fillcolor": STILL, "line": {"width": 0}, "layer": "below", "legendgroup": "still",
              "name": "stem stands still in the gap", "showlegend": number == 0}
             for number, (first, last) in enumerate(stands_still(part.output, stem, d))]
@@ -110,7 +110,7 @@ def _written(used: list[Estimate], part: Record, room: float) -> list[Figure]:
         place = (middle - first) / width
         if written + room <= place <= 0.98:
             written = place
-            notes.append({"x": _ms(middle), "y": 0.99, "yref": "y domain", "yanchor": "top", "textangle": -90,
+            notes.append({"x": ms(middle), "y": 0.99, "yref": "y domain", "yanchor": "top", "textangle": -90,
                           "text": f"{100 * e.d:.1f} %", "showarrow": False, "font": {"size": 10}})
     return notes
 
@@ -192,7 +192,7 @@ def estimates(report: LoopReport) -> Figure:
         chosen = [e for e in report.estimates if e.accepted is accepted and math.isfinite(e.d)][-POINTS:]
         groups.append({
             "type": "scatter", "mode": "markers", "name": f"{name} ({len(chosen)})",
-            "x": [_ms(e.start) for e in chosen], "y": [round(100 * e.d, 4) for e in chosen],
+            "x": [ms(e.start) for e in chosen], "y": [round(100 * e.d, 4) for e in chosen],
             "text": [picture(f"{e.why}, {e.dt_s:.4g} s") for e in chosen], "hovertemplate": "%{y:.2f} % (%{text})",
             "marker": {"color": colour, "symbol": symbol, "size": 8},
         })
@@ -344,5 +344,6 @@ def unit(span: tuple[float, float]) -> str:
     return "%" if span == (0.0, 100.0) else f"span {span[0]:g}–{span[1]:g}"
 
 
-def _ms(epoch: float) -> int:
+def ms(epoch: float) -> int:
+    """Epoch seconds as a figure takes them."""
     return round(1000 * float(epoch))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from .figures import EVIDENCE, MEASUREMENT, OUTPUT, QUIET, Figure
+from .figures import EVIDENCE, MEASUREMENT, OUTPUT, QUIET, Figure, ms
 from .safe import picture
 
 COLOURS = {"bad": EVIDENCE, "warn": OUTPUT, "good": "#2a9d5c", "quiet": QUIET}  # by mark
@@ -81,10 +81,10 @@ def _last_weeks(rows: Sequence[PlantRow]) -> list[Figure]:
         if not row.last:
             continue
         top = 1.2 * max(row.tick or 0.0, *(size for _, size in row.last))
-        x += [*(round(1000 * t) for t, _ in row.last), None]
+        x += [*(ms(t) for t, _ in row.last), None]
         y += [*(round(k + 0.42 - 0.84 * size / top, 3) for _, size in row.last), None]
         if row.tick is not None:
-            x_limit += [round(1000 * first), round(1000 * last), None]
+            x_limit += [ms(first), ms(last), None]
             y_limit += [*[round(k + 0.42 - 0.84 * row.tick / top, 3)] * 2, None]
     line: Figure = {"type": "scatter", "mode": "lines", "xaxis": "x2", "hoverinfo": "skip", "showlegend": False}
     return [line | {"x": x_limit, "y": y_limit, "line": {"color": QUIET, "width": 1, "dash": "dot"}},
