@@ -39,7 +39,7 @@ class Note:
 
     code: str
     message: str
-    values: Mapping[str, float | str] = field(default_factory=dict)
+    values: Mapping[str, float | int | str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ def compare(inputs: tuple[Path, ...], loop: str | None, model_file: Path | None,
     error is given for the fit, for samples the fit did not see, and beside the measurement noise.
     """
     from ..model import compare as compare_with
-    from ..reporter.explain_picture import check_picture
+    from ..reporter.explain_page import check_picture, compare_page
     from ..reporter.explain_text import comparison_text
     from .one_loop import check_places, deliver, model_for, one_loop
 
@@ -49,7 +49,5 @@ def compare(inputs: tuple[Path, ...], loop: str | None, model_file: Path | None,
     record = one_loop(inputs, loop, loops, reading, None if other_loop else model_file)
     model = None if model_file is None else model_for(model_file, record, other_loop=other_loop)
     found = compare_with(record, model)
-    from ..reporter.compare_page import compare_page
-
     deliver(found, compare_page, comparison_text, picture=picture, html=html, json_file=json_file, verbose=verbose)
     return 0

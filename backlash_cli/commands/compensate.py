@@ -45,7 +45,7 @@ def compensate(inputs: tuple[Path, ...], loops: Path | None, loop: str, process_
     from ..compensate import compensate as study_of
     from ..engines.cluster import on_cluster
     from ..loaders import read
-    from ..reporter.compensation_text import to_document, to_text
+    from ..reporter.compensation import compensation_page, to_document, to_text
     from ..simulator.process_text import parse_dead_band, parse_process
 
     process = parse_process(process_text) if process_text else None
@@ -59,8 +59,6 @@ def compensate(inputs: tuple[Path, ...], loops: Path | None, loop: str, process_
     if json_file is not None:
         put(json_file, json.dumps(to_document(study), indent=2, allow_nan=False) + "\n", "numbers")
     if html is not None:
-        from ..reporter.compensation_page import compensation_page
-
         put(html, compensation_page(study), "page")
     if str(json_file) != "-":
         emit(to_text(study, colour=sys.stdout.isatty()))

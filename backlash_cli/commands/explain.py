@@ -75,7 +75,7 @@ def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], ou
         return explain_plant(inputs, loops, reading, outside, output, jobs, engine, scheduler)
     from ..api import save_model as keep
     from ..model import explain as explain_record
-    from ..reporter.explain_picture import check_picture
+    from ..reporter.explain_page import check_picture, explain_page
     from ..reporter.explain_text import explanation_text
 
     check_picture(picture)
@@ -85,7 +85,5 @@ def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], ou
     if save_model is not None and found.model is not None:
         keep(found.model, save_model)
         say(f"model written to {save_model}")
-    from ..reporter.explain_page import explain_page
-
     deliver(found, explain_page, explanation_text, picture=picture, html=html, json_file=json_file, verbose=verbose)
     return 0

@@ -33,7 +33,7 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
     2026-03-02T14:30.
     """
     from ..errors import UsageError
-    from ..history.plant import chosen, mark, unmark
+    from ..history.plant import chosen, mark, rows_of, unmark
     from ..history.store import History
 
     path = db or named
@@ -48,8 +48,7 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
         if remove_repair is not None:
             say(unmark(store, *remove_repair))
         if target is not None:
-            from ..history.tables import rows_of
-            from ..reporter.history_tables import write_rows
+            from ..reporter.tables import write_rows
 
             rows = rows_of(store, table, names)
             write_rows(rows, target)

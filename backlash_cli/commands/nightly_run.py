@@ -204,8 +204,8 @@ def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records:
 
 def _write_reports(config: NightlyConfig, plant: PlantHistory, store: History, log: Log) -> None:
     from ..reporter.files import write_text
-    from ..reporter.history_report import write_report
-    from ..reporter.trend_table import trend_json
+    from ..reporter.history_page import write_report
+    from ..reporter.history_text import trend_json
 
     if config.report is not None:
         config.report.parent.mkdir(parents=True, exist_ok=True)

@@ -21,7 +21,7 @@ def paper(html: Path | None, json_file: Path | None) -> int:
     import sys
 
     from ..estimator.haegglund import published_estimates
-    from ..reporter.paper_text import to_document, to_text
+    from ..reporter.paper import paper_page, to_document, to_text
     from ..simulator.paper import reproduce
     from .terminal import emit, put
 
@@ -29,8 +29,6 @@ def paper(html: Path | None, json_file: Path | None) -> int:
     if json_file is not None:
         put(json_file, json.dumps(to_document(report), indent=2) + "\n", "rows")
     if html is not None:
-        from ..reporter.paper_page import paper_page
-
         put(html, paper_page(report), "page")
     if str(json_file) != "-":
         emit(to_text(report, colour=sys.stdout.isatty()))

@@ -115,7 +115,7 @@ def _deliver(result: ScanResult, job: Job, form: str, output: Path | None, table
     if output is None:
         import sys
 
-        emit(render(result, records, form, table, verbose=verbose, colour=sys.stdout.isatty()))
+        emit("".join(render(result, records, form, table, verbose=verbose, colour=sys.stdout.isatty())))
         return
     with progress("writing", None, shown=job.shown) as step:
         write(result, records, form, output, table, verbose=verbose, step=step)

@@ -14,7 +14,7 @@ from ..estimator.carry import Carry, Tail, pack, resume, unpack, unpack_tail
 from ..estimator.haegglund import estimate
 from ..record import LoopSettings
 from ..results.history import HalfPeriod
-from .rows import HALF_PERIOD_COLUMNS, half_period_row, moment
+from .rows import HALF_PERIOD_COLUMNS, half_period_row, insert, moment
 
 COVERED = 0.9  # shorter exports that together cover this share of a longer one make it superfluous
 Span = tuple[float, float]
@@ -159,9 +159,8 @@ def _join(db: sqlite3.Connection, loop: str, before: Span, span: Span, of: str) 
         loop, *span, of, None if found.until is None else moment(found.until),
         None if found.tail is None else pack(found.tail)))
     row = {"loop": loop, "start": span[0], "end": span[1]}
-    db.executemany(f"INSERT OR IGNORE INTO half_periods ({', '.join(HALF_PERIOD_COLUMNS)}) VALUES "
-                   f"({', '.join('?' for _ in HALF_PERIOD_COLUMNS)})",
-                   [half_period_row(row, h, joined=True) for h in found.half_periods])
+    insert(db, "half_periods", HALF_PERIOD_COLUMNS,
+           [half_period_row(row, h, joined=True) for h in found.half_periods], "IGNORE")
     return found.tail is not None
 
 

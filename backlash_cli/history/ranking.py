@@ -80,7 +80,7 @@ def _facts(wear: Wear, nights: Sequence[Night], last: float) -> _Facts:
 
 
 def _action(f: _Facts, horizon: float) -> str:
-    now = f.wear.current if f.wear.state != "no_estimate" else None
+    now = f.wear.now
     if now is None or now.level is None:
         return "leave" if f.silent and f.silent >= 0.5 * f.recent else "check"
     if f.silent > 0.5 * f.recent:
@@ -96,13 +96,13 @@ def _action(f: _Facts, horizon: float) -> str:
 
 
 def _ratio(wear: Wear) -> float | None:
-    now = wear.current if wear.state != "no_estimate" else None
+    now = wear.now
     return None if now is None or now.level is None else now.level / wear.limit.value
 
 
 def _expected(wear: Wear, horizon: float) -> float:
     """Dead band at the horizon over the limit; only growth that is sure counts."""
-    now = wear.current if wear.state != "no_estimate" else None
+    now = wear.now
     if now is None or now.level is None:
         return 0.0
     grown = now.slope * horizon if now.growing and now.slope else 0.0
@@ -115,8 +115,8 @@ def _travel_factor(travel: float | None, usual: float | None) -> float:
 
 def _why(f: _Facts, action: str, factor: float, horizon: float) -> tuple[str, ...]:
     """Say in words what decided: size over limit, confidence, trend, travel."""
-    wear, now, limit = f.wear, f.wear.current, f.wear.limit
-    if wear.state == "no_estimate" or now is None or now.level is None:
+    wear, now, limit = f.wear, f.wear.now, f.wear.limit
+    if now is None or now.level is None:
         if action == "leave":
             return (f"{f.silent} of the last {f.recent} nights saw no dead band.",)
         if f.swinging > 0.5 * f.recent:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+import sqlite3
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..estimator.carry import unpack
@@ -34,7 +35,7 @@ def night_row(report: LoopReport) -> dict[str, Any]:
         "loop": storable(report.loop), "start": moment(report.start), "end": moment(report.end),
         "verdict": str(report.verdict), "confidence": short(report.confidence) or 0.0,
         "d": short(d), "d_low": short(ci95[0]) if ci95 else None, "d_high": short(ci95[1]) if ci95 else None,
-        "source": source, "limit_of_detection": short(detection_limit(report)), "samples": report.samples,
+        "source": source, "limit_of_detection": short(report.limit_of_detection), "samples": report.samples,
         "interval_s": short(report.interval_s), "half_periods": report.half_periods, "detections": report.detections,
         "settings": as_json(settings_dict(report.settings)), "reasons": as_json(list(map(_note, report.reasons))),
         "warnings": as_json(list(map(_note, report.warnings))),
@@ -51,6 +52,13 @@ def half_period_row(night: Mapping[str, Any], estimate: Any, *, joined: bool) ->
     e = estimate
     return (night["loop"], night["start"], night["end"], int(joined), moment(e.start), moment(e.end), short(e.dt_s),
             short(e.dy), short(e.e_max), short(e.d), int(e.direction), int(e.accepted), str(e.why))
+
+
+def insert(db: sqlite3.Connection, table: str, columns: Sequence[str], rows: Sequence[Sequence[Any]],
+           known: str = "REPLACE") -> None:
+    """Write rows into a table; a row that is known is replaced, or with `known="IGNORE"` left as it is."""
+    places = ", ".join("?" for _ in columns)
+    db.executemany(f"INSERT OR {known} INTO {table} ({', '.join(columns)}) VALUES ({places})", rows)
 
 
 def storable(name: str) -> str:
@@ -76,14 +84,6 @@ def size_of(report: LoopReport) -> tuple[float | None, tuple[float, float] | Non
         if found is not None and math.isfinite(found.d) and found.d > 0:
             return found.d, found.ci95, source
     return None, None, ""
-
-
-def detection_limit(report: LoopReport) -> float | None:
-    """Return the smallest dead band that the record could have shown, None where it is not known."""
-    for found in (report.confirmation, report.cluster):
-        if found is not None and found.limit_of_detection is not None:
-            return found.limit_of_detection
-    return _number(report.details.get("limit_of_detection"))
 
 
 def settings_dict(settings: LoopSettings) -> dict[str, object]:
@@ -125,10 +125,6 @@ def short(value: float | None) -> float | None:
     if value is None or not math.isfinite(value):
         return None
     return float(f"{value:.9g}")
-
-
-def _number(value: object) -> float | None:
-    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else None
 
 
 def _evidence(report: LoopReport) -> dict[str, object]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -26,6 +26,7 @@ from .rows import (
     as_json,
     half_period_of,
     half_period_row,
+    insert,
     night_of,
     night_row,
     timed,
@@ -99,13 +100,10 @@ class History:
     def _write(self, row: dict[str, object], report: LoopReport) -> None:
         key = (row["loop"], row["start"], row["end"])
         self.db.execute("DELETE FROM half_periods WHERE loop = ? AND night_start = ? AND night_end = ?", key)
-        columns = (*NIGHT_COLUMNS, "carry")
-        self.db.execute(f"INSERT OR REPLACE INTO nights ({', '.join(columns)}) VALUES ({_marks(columns)})",
-                        [*(row[name] for name in NIGHT_COLUMNS), report.carry])
-        self.db.executemany(
-            f"INSERT OR IGNORE INTO half_periods ({', '.join(HALF_PERIOD_COLUMNS)}) "
-            f"VALUES ({_marks(HALF_PERIOD_COLUMNS)})",
-            [half_period_row(row, e, joined=False) for e in report.estimates])
+        insert(self.db, "nights", (*NIGHT_COLUMNS, "carry"),
+               [[*(row[name] for name in NIGHT_COLUMNS), report.carry]])
+        insert(self.db, "half_periods", HALF_PERIOD_COLUMNS,
+               [half_period_row(row, e, joined=False) for e in report.estimates], "IGNORE")
 
     def _write_run(self, rows: list[dict[str, object]], result: ScanResult) -> None:
         inputs = sorted({Path(name).name for name in result.inputs})
@@ -188,7 +186,3 @@ def _replaced(row: sqlite3.Row) -> bool:
     if row["joined"] or row["joint"] is None:
         return False
     return row["until"] is None or row["start"] < row["until"] - 0.002
-
-
-def _marks(columns: Iterable[object]) -> str:
-    return ", ".join("?" for _ in columns)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..record import FloatArray
 from ..results import Verdict
-from ..results.history import DAY, HeldOut, Limit, Night, Repair, Segment, Wear, day_of
+from ..results.history import DAY, HeldOut, Limit, Night, Repair, Segment, Wear, day_of, day_text
 from .local_trend import BELIEF, ENOUGH, LEAST, LINE, Nights, Shocks, Trend, find_shocks, fit
 
 SAME_REPAIR = 5  # a drop found this close (in nights) to a marked repair is that repair
@@ -262,9 +262,10 @@ def _outlook(out: Wear, segment: Segment | None, trend: Trend | None, part: Sequ
     value, early, late = (DAY * day for day in used.reaches(limit))
     if not np.isfinite(value):
         return replace(out, state="growing", message=f"{grows}; {now}, which it does not reach if it goes on so")
+    value_day, first_day, last_day = (day_text(time) or "never" for time in (value, early, late))
     verb = "was" if value <= out.segments[-1].last else "is"
     message = (f"{grows}; now {percent(segment.level)}; the limit of {percent(limit)} {verb} reached about "
-               f"{_day(value)} (between {_day(early)} and {_day(late)}), by {MODELS[out.model]}")
+               f"{value_day} (between {first_day} and {last_day}), by {MODELS[out.model]}")
     return replace(out, state="growing", message=message, limit_date=(value, early, late),
                    forecast=_forecast(used, value / DAY))
 
@@ -288,11 +289,3 @@ def percent(value: float) -> str:
     '3.1 %'
     """
     return f"{100 * value:.2g} %"
-
-
-def _day(time: float) -> str:
-    """Calendar day of a time, `never` outside the calendar."""
-    try:
-        return day_of(time).isoformat()
-    except (ValueError, OverflowError, OSError):
-        return "never"

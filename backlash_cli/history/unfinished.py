@@ -8,20 +8,23 @@ fits, which stands for all that the report is made from.
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import hashlib
 import os
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import msgspec
+import numpy as np
 
 from .._version import __version__
 from ..errors import BacklashError
 from ..record import Note
-from ..results import LoopReport, Verdict
-from .report_text import from_text, to_text
+from ..results import Estimate, Estimates, LoopReport, Verdict
 
 KEPT = 30 * 86400.0  # seconds; what a stopped scan left is no use any more
 _CHECKSUM = 16
@@ -76,8 +79,8 @@ class Unfinished:
         """
         if not key or report.verdict is Verdict.ERROR:
             return
-        with contextlib.suppress(OSError, TypeError):
-            text = f"{key} {to_text((report, notes, failures))}".encode()
+        with contextlib.suppress(OSError, TypeError, ValueError, OverflowError):
+            text = key.encode() + b" " + to_text(Kept(report, notes, failures))
             line = b"\n" + _checksum(text) + b" " + text + b"\n"
             if self._handle is None:
                 self._open()
@@ -108,8 +111,8 @@ class Unfinished:
                 checksum, _, text = line.rstrip(b"\n").partition(b" ")
                 if text and checksum == _checksum(text):
                     key, _, kept = text.partition(b" ")
-                    with contextlib.suppress(ValueError, KeyError, TypeError):
-                        self.known[key.decode()] = Kept(*from_text(kept))
+                    with contextlib.suppress(ValueError):
+                        self.known[key.decode()] = from_text(kept)
 
     def __getstate__(self) -> dict[str, Any]:
         return {"path": self.path, "known": {}, "resumed": self.resumed, "_handle": None}
@@ -117,6 +120,41 @@ class Unfinished:
     def __del__(self) -> None:
         with contextlib.suppress(AttributeError, OSError):
             self.close()
+
+
+def to_text(kept: Kept) -> bytes:
+    """Return a finished loop as text without a line end: numbers with all their digits, arrays as such.
+
+    Raises TypeError, ValueError or OverflowError for what cannot be brought back as it was.
+    """
+    halves = kept.report.estimates
+    columns, rows = (halves, ()) if isinstance(halves, Estimates) else (None, tuple(halves))
+    plain = (replace(kept.report, estimates=()), columns, rows, kept.notes, kept.failures)
+    return base64.b64encode(msgspec.msgpack.encode(plain, enc_hook=_plain))
+
+
+def from_text(text: bytes) -> Kept:
+    """Return what `to_text` was given. Raises ValueError for any other text."""
+    report, columns, rows, notes, failures = msgspec.msgpack.decode(base64.b64decode(text), type=_LINE, dec_hook=_array)
+    return Kept(replace(report, estimates=rows if columns is None else columns), notes, failures)
+
+
+_LINE = tuple[LoopReport, Estimates | None, tuple[Estimate, ...], tuple[Note, ...] | None, tuple[Note, ...]]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+        return value.dtype.str, value.tobytes()
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Mapping):
+        return dict(value)
+    raise TypeError(f"{type(value).__name__} cannot be kept")
+
+
+def _array(kind: type, value: Any) -> Any:
+    """An array from its type and bytes; what may be anything stays as it is."""
+    return value if kind is object else np.frombuffer(value[1], value[0])
 
 
 def _checksum(text: bytes) -> bytes:

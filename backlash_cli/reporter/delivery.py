@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from ..errors import UsageError
 from ..record import Record
 from ..results import ScanResult
-from .files import make_folder, replacing, write_parts, write_text
+from .files import make_folder, replacing, write_parts
 from .safe import file_names
 
 _SUFFIXES = {".json": "json", ".csv": "csv", ".parquet": "parquet", ".html": "html", ".htm": "html", ".txt": "table"}
@@ -39,23 +39,23 @@ def check_delivery(form: str | None, output: Path | None, table: str) -> str | N
 def render(
     result: ScanResult, records: Mapping[str, Record], form: str, table: str = "loops", *, verbose: bool = False,
     colour: bool = False,
-) -> str:
-    """Return the report as text in one of the forms table, json, csv, html."""
+) -> Iterator[str]:
+    """Return the report as text in one of the forms table, json, csv, html; piece by piece, loop by loop."""
     if form == "json":
-        from .json_report import to_json
+        from .json_report import json_parts
 
-        return to_json(result)
+        return json_parts(result)
     if form == "csv":
-        from .tables import to_csv
+        from .tables import csv_parts
 
-        return to_csv(result, table)
+        return csv_parts(result, table)
     if form == "html":
         from .html import single_page
 
-        return single_page(result, records)
+        return iter([single_page(result, records)])
     from .text import to_text
 
-    return to_text(result, verbose=verbose, colour=colour)
+    return iter([to_text(result, verbose=verbose, colour=colour)])
 
 
 def draw(
@@ -72,8 +72,7 @@ def draw(
     names = file_names(r.loop for r in reports)
     drawn = 0
     for r in reports:
-        record = records.get(r.loop)
-        if record is not None:
+        if (record := records.get(r.loop)) is not None:
             draw_loop(record, r, folder, name=names[r.loop])
             drawn += 1
         step()
@@ -93,17 +92,9 @@ def write(
 
         with replacing(output) as temporary:
             write_parquet(result, temporary, table)
-    elif form == "json":
-        from .json_report import json_parts
-
-        write_parts(output, json_parts(result))
-    elif form == "csv":
-        from .tables import csv_parts
-
-        write_parts(output, csv_parts(result, table))
     elif form == "html" and output.suffix.lower() not in (".html", ".htm"):
         from .html import write_folder
 
         write_folder(output, result, records, step)
     else:
-        write_text(output, render(result, records, form, table, verbose=verbose))
+        write_parts(output, render(result, records, form, table, verbose=verbose))

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..record import FloatArray, LoopSettings
 from ..results import Region, Series, Step
 from .explain_words import error_size, fails, inside_name, plain_name
-from .figures import MEASUREMENT, OUTPUT, QUIET, SETPOINT, Figure, thin, units
+from .figures import EVIDENCE, MEASUREMENT, OUTPUT, QUIET, SETPOINT, STEM, Figure, thin, units
 from .residual_causes import Cause
 from .safe import picture
 
-PREDICTED, RESIDUAL = "#d1345b", "#7a5bc7"
-STEM = "#0b8a9e"
-STEP_COLOURS = (QUIET, "#d1345b", "#2a9d5c", "#7a5bc7", "#b8578f", "#5a6b00")
+PREDICTED, RESIDUAL = EVIDENCE, "#7a5bc7"
+STEP_COLOURS = (QUIET, EVIDENCE, "#2a9d5c", "#7a5bc7", "#b8578f", "#5a6b00")
 SHADES = ("rgba(209,52,91,0.18)", "rgba(199,119,0,0.18)", "rgba(42,157,92,0.18)", "rgba(122,91,199,0.18)",
           "rgba(11,138,158,0.18)", "rgba(141,153,165,0.22)")
 POINTS = 4000  # per line: a page of five steps stays below 3 MB
@@ -103,7 +101,7 @@ def ladder_bars(steps: Sequence[Step], noise_floor: float) -> Figure:
     line_ = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": floor, "x1": floor,
              "line": {"color": MEASUREMENT, "width": 1.5, "dash": "dash"}}
     words = {"xref": "paper", "x": 0, "xanchor": "left", "yref": "paper", "y": 1.0, "yanchor": "bottom",
-             "showarrow": False, "text": "dashed: noise floor"}
+             "showarrow": False, "text": "on unseen samples; dashed: noise floor"}
     return {"data": [bars], "layout": {
         "xaxis": {"title": {"text": "error [% of PV span]"}, "range": [0, 1.4 * max([*errors, floor])]},
         "yaxis": {"type": "category", "autorange": "reversed"}, "shapes": [line_], "annotations": [words],
@@ -201,8 +199,3 @@ def _width(span: tuple[float, float]) -> tuple[float, float]:
 
 def _digits(values: FloatArray) -> list[float]:
     return [float(f"{v:.5g}") for v in values.tolist()]
-
-
-def with_residuals(series: Series, predictions: Mapping[str, FloatArray]) -> dict[str, Any]:
-    """Return name -> residual (samples,) for several predictions of the same record."""
-    return {name: np.where(series.used, series.measured - p, np.nan) for name, p in predictions.items()}

@@ -1,34 +1,102 @@
-"""Which effect is missing in how many loops of a plant: text, CSV, JSON or a page."""
+"""Which effect is missing in how many loops of a plant, and why not in the others: text, CSV, JSON or a page."""
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
-from rich.console import Console
-from rich.padding import Padding
-from rich.table import Table as TextTable
-from rich.text import Text
-
-from .._version import __version__
-from ..results import Explanation, FittedEffect, PlantExplanation
-from .explain_json import SCHEMA_VERSION, explanation
-from .explain_tally import as_json, gap_notes, silent_words, tallies, valve_reason, why_words
-from .explain_words import error_size, plain_name, share, verdict
-from .json_report import strict
+from ..record import Note
+from ..results import Candidate, Explanation, FittedEffect, PlantExplanation, gap_size
+from .console import WIDTH, Screen
+from .explain_json import explanation
+from .explain_words import NOT_EXPLAINED, NOT_TRIED, WHY, error_size, plain_name, share, verdict
+from .json_report import header, json_text, strict
 from .loop_page import note_table
 from .page import Cell, Section, Table, page
-from .parameter_words import numbers, several
-from .safe import shorten, spreadsheet, terminal
+from .parameter_words import said_numbers, several
+from .safe import shorten, terminal
+from .tables import csv_text
 
 NOTHING = "nothing"
+SILENT = ("too_little_motion", NOT_EXPLAINED)
 COLUMNS = ("loop", "missing_effect", "effects", "numbers", "rmse_baseline", "rmse_final", "noise_floor",
            "error_reduction", "unexplained", "look_alikes", "gap_small", "no_gap", "no_gap_because", "verdict",
            "warnings", "failure")
+
+
+@dataclass(frozen=True)
+class Tally:
+    """One effect, or several counted together: in which loops it was accepted, where it is small, and why not else.
+
+    loops, small: names of loops. why: code -> number of the other loops.
+    """
+
+    name: str
+    loops: tuple[str, ...]
+    small: tuple[str, ...] = ()
+    why: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def words(self) -> str:
+        """The reasons, the most frequent first; those of whole loops are told once (`silent_words`)."""
+        return "; ".join(f"{k} {WHY.get(code, code)}" for code, k in self.why.items() if code not in SILENT)
+
+
+def tallies(plant: PlantExplanation) -> list[Tally]:
+    """Return all gaps in the valve together, then each effect that was tried, most accepted first."""
+    tried: list[Candidate | FittedEffect] = []
+    for x in plant.loops:
+        tried += [*x.effects, *x.candidates]
+    names = list(dict.fromkeys(one.effect for one in tried))
+    gaps = [n for n in names if any(gap_size(one) is not None for one in tried if one.effect == n)]
+    single = [_tally(plant, plain_name(str(name)), [name]) for name in names]
+    together = _tally(plant, " or ".join(map(plain_name, sorted(gaps))), gaps)
+    return [*([together] if len(gaps) > 1 else []), *sorted(single, key=lambda t: -len(t.loops))]
+
+
+def _tally(plant: PlantExplanation, words: str, names: Sequence[str]) -> Tally:
+    have = [x for x in plant.loops if any(e.effect in names for e in x.effects)]
+    small = [x.loop for x in have if any(e.notes for e in x.effects if e.effect in names)]
+    why = Counter(reason(x, names)[0] for x in plant.loops if x not in have)
+    if plant.failures:
+        why[NOT_EXPLAINED] = len(plant.failures)
+    return Tally(words, tuple(x.loop for x in have), tuple(small), dict(why.most_common()))
+
+
+def reason(x: Explanation, names: Iterable[str]) -> tuple[str, str]:
+    """Return code and sentence of why none of these effects was accepted; of the best of those that were tried."""
+    for note in x.reasons:
+        if note.code in SILENT:
+            return note.code, note.message
+    tried = [(c.evidence if c.evidence is not None else float("-inf"), c.why)
+             for name in names for c in x.candidates if c.effect == name and c.why is not None]
+    if not tried:
+        return NOT_TRIED, WHY[NOT_TRIED]
+    best = max(tried, key=lambda one: one[0])[1]
+    return best.code, best.message
+
+
+def valve_reason(x: Explanation) -> tuple[str, str] | None:
+    """Why no gap was found in the valve of a loop: code and sentence; None where one was accepted."""
+    if any(gap_size(e) is not None for e in x.effects):
+        return None
+    return reason(x, [c.effect for c in x.candidates if gap_size(c) is not None])
+
+
+def gap_notes(x: Explanation) -> str:
+    """What makes an accepted gap of a loop doubtful or harmless."""
+    return "; ".join(note.message for e in x.effects for note in e.notes)
+
+
+def silent_words(plant: PlantExplanation) -> str:
+    """How many loops tell nothing about any effect; empty when all do."""
+    still = sum(any(n.code in SILENT for n in x.reasons) for x in plant.loops)
+    said = [f"in {still} PV moves too little to tell"] if still else []
+    said += [f"{len(plant.failures)} could not be explained"] if plant.failures else []
+    total, rest = len(plant.loops) + len(plant.failures), len(plant.loops) - still
+    return f"Of {total} loops, {' and '.join(said)}. In the other {rest}:" if said else ""
 
 
 def counts(plant: PlantExplanation) -> dict[str, int]:
@@ -36,6 +104,13 @@ def counts(plant: PlantExplanation) -> dict[str, int]:
     found = Counter(e.effect for x in plant.loops for e in x.effects)
     without = sum(not x.effects for x in plant.loops)
     return {**dict(found.most_common()), **({NOTHING: without} if without else {})}
+
+
+def summary_line(plant: PlantExplanation) -> str:
+    """Return the counts in one sentence."""
+    n = len(plant.loops)
+    said = ", ".join(f"{plain_name(name)} in {k}" for name, k in counts(plant).items())
+    return f"{n} loop{'s' * (n != 1)} explained; missing: {said or NOTHING}. Hold-out errors in % of the PV span."
 
 
 def rows(plant: PlantExplanation) -> list[dict[str, Any]]:
@@ -51,7 +126,7 @@ def _row(x: Explanation) -> dict[str, Any]:
         "numbers": _numbers(x, brief=False), "rmse_baseline": before, "rmse_final": after, "noise_floor": x.noise_floor,
         "error_reduction": 1.0 - (after / before) ** 2 if before > 0 else None, "unexplained": x.unexplained,
         "look_alikes": "; ".join(" = ".join(pair) for pair in x.look_alikes), "verdict": verdict(x),
-        "gap_small": "; ".join(n.message for n in gap_notes(x)),
+        "gap_small": gap_notes(x),
         **dict(zip(("no_gap", "no_gap_because"), valve_reason(x) or ("", ""), strict=True)),
         "warnings": "; ".join(n.code for n in x.warnings),
     }
@@ -59,104 +134,57 @@ def _row(x: Explanation) -> dict[str, Any]:
 
 def _numbers(x: Explanation, *, brief: bool = True) -> str:
     start = x.model.start if x.model is not None else None
-
-    def said(e: FittedEffect) -> str:
-        if brief and (events := several(e, x.settings)):
-            return events
-        return ", ".join(f"{k} = {v}" for k, v in numbers(e, x.settings, start, brief=brief).items())
-
-    return "; ".join(f"{plain_name(e.effect)} {said(e)}{' (small)' * bool(e.notes)}" for e in x.effects)
+    said = ((brief and several(e, x.settings)) or said_numbers(e, x.settings, start, brief=brief) for e in x.effects)
+    return "; ".join(f"{plain_name(e.effect)} {words}{' (small)' * bool(e.notes)}"
+                     for e, words in zip(x.effects, said, strict=True))
 
 
 def to_csv(plant: PlantExplanation) -> str:
     """Return one row per loop as CSV; errors in parts of the PV span (0.01 = 1 %)."""
-    out = io.StringIO()
-    writer = csv.DictWriter(out, COLUMNS, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n")
-    writer.writeheader()
-    for row in strict(rows(plant)):
-        writer.writerow({k: "" if v is None else spreadsheet(v) for k, v in row.items()})
-    return out.getvalue()
+    return csv_text([COLUMNS, *(strict([*row.values()]) for row in rows(plant))])
 
 
 def to_json(plant: PlantExplanation) -> str:
     """Return the counts, and the whole explanation of every loop, as JSON."""
-    document = {
-        "schema_version": SCHEMA_VERSION, "tool": {"name": "backlash", "version": __version__},
-        "inputs": list(plant.inputs), "missing": counts(plant), "effects": as_json(plant),
-        "loops": [explanation(x) for x in plant.loops],
-        "failures": [{"code": n.code, "message": n.message, "values": dict(n.values)} for n in plant.failures],
-        "warnings": [{"code": n.code, "message": n.message} for n in plant.warnings],
-    }
-    return json.dumps(strict(document), ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+    effects = [{"effect": t.name, "accepted": len(t.loops), "of": len(t.loops) + sum(t.why.values()),
+                "loops": t.loops, "small": t.small, "not_accepted": t.why} for t in tallies(plant)]
+    return json_text({**header(), "inputs": plant.inputs, "missing": counts(plant), "effects": effects,
+                      "loops": [explanation(x) for x in plant.loops], "failures": plant.failures,
+                      "warnings": [Note(n.code, n.message) for n in plant.warnings]})
 
 
-def to_text(plant: PlantExplanation, *, colour: bool = False, width: int = 100) -> str:
-    """Return the summary for a terminal."""
-    out = io.StringIO()
-    console = Console(file=out, width=width, force_terminal=colour, color_system="standard" if colour else None,
-                      highlight=False, markup=False, emoji=False, legacy_windows=False)
-    table = TextTable(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
-    table.add_column("Loop", max_width=20, no_wrap=True, overflow="ellipsis")
-    for name in ("Baseline", "Final", "Noise"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("Missing effects", ratio=1, overflow="fold")
-    for x in plant.loops:
-        table.add_row(Text(terminal(x.loop, 40)), error_size(x.baseline.rmse_holdout), error_size(x.rmse_holdout),
-                      error_size(x.noise_floor), Text(terminal(_numbers(x) or "nothing is missing", 300)))
-    console.print(table)
-    console.print(Text("\n" + summary_line(plant)))
-    _why_not(console, plant)
-    if plant.failures:
-        console.print("\nCould not be explained:")
-        for note in plant.failures:
-            console.print(Padding(Text(f"{note.code}: {terminal(note.message, 300)}"), (0, 0, 0, 2)))
-    return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
-
-
-def _why_not(console: Console, plant: PlantExplanation) -> None:
-    """How often each effect was accepted, why not in the other loops, and which gaps are small."""
-    table = TextTable(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
-    table.add_column("Effect", max_width=24, overflow="fold")
-    table.add_column("Loops", justify="right", no_wrap=True)
-    table.add_column("Why not in the others", ratio=1, overflow="fold")
-    for t in tallies(plant):
-        table.add_row(t.name, str(len(t.loops)), why_words(t))
-    if not table.row_count:
-        return
-    console.print()
-    if said := silent_words(plant):
-        console.print(said)
-    console.print(table)
+def to_text(plant: PlantExplanation, *, colour: bool = False, width: int = WIDTH) -> str:
+    """Return the summary for a terminal, why each effect is not in the other loops, and which gaps are small."""
+    screen = Screen(colour=colour, width=width)
+    screen.table(("Loop", ">Baseline", ">Final", ">Noise", "Missing effects"), [
+        [terminal(x.loop, 40), *map(error_size, (x.baseline.rmse_holdout, x.rmse_holdout, x.noise_floor)),
+         terminal(_numbers(x) or "nothing is missing", 300)] for x in plant.loops], most=20)
+    screen.say("\n" + summary_line(plant))
+    if found := tallies(plant):
+        said = silent_words(plant)
+        screen.say(said and "\n" + said)
+        screen.table(("Effect", ">Loops", "Why not in the others"),
+                     [[t.name, str(len(t.loops)), t.words] for t in found])
     if small := [x for x in plant.loops if gap_notes(x)]:
-        console.print("\nFound, but small:")
+        screen.say("\nFound, but small:")
         for x in small:
-            said = f"{terminal(x.loop, 40)}: " + "; ".join(n.message for n in gap_notes(x))
-            console.print(Padding(Text(said), (0, 0, 0, 2)))
-
-
-def summary_line(plant: PlantExplanation) -> str:
-    """Return the counts in one sentence."""
-    n = len(plant.loops)
-    said = ", ".join(f"{plain_name(name)} in {k}" for name, k in counts(plant).items())
-    return f"{n} loop{'s' * (n != 1)} explained; missing: {said or NOTHING}. Hold-out errors in % of the PV span."
-
-
-def _tally_section(plant: PlantExplanation) -> list[Section]:
-    rows = [[t.name, len(t.loops), len(t.small) or None, why_words(t) or None] for t in tallies(plant)]
-    table = Table(["Effect", "Loops", "Small", "Why not in the others"], rows)
-    note = ("Small: less than 1 % of span, as a good valve may have; or crossed by OP within a few samples; or moving "
-            "PV hardly more than its noise. The page of the loop tells which.")
-    text = [said] if (said := silent_words(plant)) else []
-    return [Section("Why found, why not", text=text, table=table, anchor="why", note=note)] if rows else []
+            screen.say(f"{terminal(x.loop, 40)}: {gap_notes(x)}", indent=2)
+    screen.notes("Could not be explained:", plant.failures)
+    return screen.text()
 
 
 def to_page(plant: PlantExplanation, links: Mapping[str, str] | None = None, plotly_file: str = "") -> str:
     """Return the summary as a page; links: addresses of the loops' own pages."""
-    links = links or {}
-    found = counts(plant)
+    links, found, told = links or {}, counts(plant), tallies(plant)
     bars = {"data": [{"type": "bar", "orientation": "h", "x": list(found.values())[::-1],
                       "y": [plain_name(k) for k in found][::-1], "hovertemplate": "%{y}: %{x} loops<extra></extra>"}],
             "layout": {"xaxis": {"title": {"text": "loops"}}, "height": 140 + 32 * len(found)}}
+    why = Section(
+        "Why found, why not", text=[*filter(None, [silent_words(plant)])], anchor="why",
+        table=Table(["Effect", "Loops", "Small", "Why not in the others"],
+                    [[t.name, len(t.loops), len(t.small) or None, t.words or None] for t in told]),
+        note="Small: less than 1 % of span, as a good valve may have; or crossed by OP within a few samples; or moving "
+             "PV hardly more than its noise. The page of the loop tells which.")
     table = Table(
         ["Loop", "Missing effects", "Baseline", "Final", "Noise", "Unexplained", "Looks like", "Numbers"],
         [[Cell(x.loop, text=shorten(x.loop, 80), href=links.get(x.loop, "")),
@@ -169,7 +197,7 @@ def to_page(plant: PlantExplanation, links: Mapping[str, str] | None = None, plo
     )
     sections = [
         Section("Missing in how many loops", text=[summary_line(plant)], figure=bars if found else None),
-        *_tally_section(plant),
+        *([why] if told else []),
         Section("Loops", table=table, note="Hold-out errors: root mean square, in % of the PV span, on samples the fit "
                                            "did not see. Looks like: explains the record about equally well, so that "
                                            "it cannot be told apart from what was taken."),

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from ..record import LoopSettings
 from ..results import Candidate, Comparison, Explanation, FittedEffect, Region, Step
+from .parameter_words import meaning
 from .safe import terminal
 from .words import duration, moment
 
@@ -104,12 +106,25 @@ def effect_name(explanation: Explanation, effect: str) -> str:
     return " or ".join(plain_name(name) for name in sorted([effect, *twin]))
 
 
-def sureness(effect: FittedEffect) -> str:
-    """How sure an accepted effect is, as a sentence; empty where it is clear or was not judged."""
-    return {
-        "likely": "Likely, not certain: it explains little, or something much like it does nearly as well.",
-        "stand_in": "Acts like this, but may be something else: the numbers are conditional, right only if it is this.",
-    }.get(effect.confidence, "")
+SURENESS = {
+    "likely": "Likely, not certain: it explains little, or something much like it does nearly as well.",
+    "stand_in": "Acts like this, but may be something else: the numbers are conditional, right only if it is this.",
+}
+
+
+def effect_words(effect: FittedEffect, settings: LoopSettings, start: float | None) -> list[str]:
+    """What an accepted effect means in the plant, how sure it is, and what makes it doubtful or harmless."""
+    sure = [SURENESS[effect.confidence]] if effect.confidence in SURENESS else []
+    return [meaning(effect, settings, start), *sure, *(f"Take care: {note.message}." for note in effect.notes)]
+
+
+def unexplained_words(found: Comparison | Explanation) -> str:
+    """How much of the error stays; empty where it is not known."""
+    if found.unexplained is None:
+        return ""
+    left = share(found.unexplained)
+    stays = f"this model leaves {left} unexplained" if isinstance(found, Comparison) else f"{left} stays unexplained"
+    return f"Of the squared error above the noise, {stays}."
 
 
 def rest_words(explanation: Explanation) -> str:

@@ -8,137 +8,279 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import IntArray, Record
-from ..results import Confirmation, Estimate, LoopReport
+from ..record import FloatArray, IntArray, Record
+from ..results import Estimate, LoopReport
 from .safe import picture
+from .words import interval, percent, size
 
 POINTS = 1600  # per line: lowest and highest of each of 800 columns; a page of twelve loops stays below 3 MB
 CLOSE_LOOK = 8  # half periods in the close look
+CROSSED = 0.5  # share of the gap that OP has to cross while the stem stands still, for the stretch to be marked
+FOLLOWS = 0.8  # share of PV's variance that the valve has to explain before its flanks are drawn
+SIZES = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # per cent, labelled on the axis of sizes
 
 SETPOINT, MEASUREMENT, OUTPUT, EVIDENCE, QUIET = "#7a8793", "#2878c8", "#c77700", "#d1345b", "#8d99a5"
+STEM = "#0b8a9e"
+STILL = "rgba(11,138,158,0.16)"
 Figure = dict[str, Any]
+Flank = tuple[FloatArray, FloatArray]
 
 
-def trend(record: Record, report: LoopReport, window: slice | None = None, points: int = POINTS) -> Figure:
+def trend(record: Record, report: LoopReport, window: slice | None = None, points: int = POINTS,
+          room: float | None = None) -> Figure:
     """SP, PV and OP over time, with the half periods that carry the verdict drawn over the measurement.
 
-    Long records are thinned to smallest and largest of each piece, so that no peak is lost: `points` per line.
+    Of a window also the stem, as OP through a gap of the size found, with the stretches shaded where OP crosses the gap
+    while the stem stands still. Long records are thinned to smallest and largest of each piece, so that no peak is
+    lost: `points` per line. room: least distance of the estimates that are written above, as a share of the width.
     """
     part = record if window is None else record.slice(window.start, window.stop)
-    s = record.settings
-    pv, sp = part.measurement, part.setpoint
+    pv_span, op_span = scale(record.settings.pv_range), scale(record.settings.op_range)
     lines = [
-        _line(part, sp, s.pv_range, "SP", SETPOINT, points, width=1.2, dash="dot"),
-        _line(part, pv, s.pv_range, "PV", MEASUREMENT, points),
+        _line(part, part.setpoint, pv_span, "SP", SETPOINT, points, width=1.2, dash="dot"),
+        _line(part, part.measurement, pv_span, "PV", MEASUREMENT, points),
     ]
-    marked = np.where(_inside(part, report), pv, np.nan)
+    used = used_in(part, report)
+    marked = np.where(_inside(part, used), part.measurement, np.nan)
     if np.isfinite(marked).any():
-        lines.append(_line(part, marked, s.pv_range, "PV in the half periods used", EVIDENCE, points, width=3))
-    layout: Figure = {"xaxis": {"type": "date"}, "yaxis": {"title": {"text": "SP, PV"}}, "hovermode": "x"}
+        lines.append(_line(part, marked, pv_span, "PV in the half periods used", EVIDENCE, points, width=3))
+    layout: Figure = {"xaxis": {"type": "date"}, "yaxis": {"title": {"text": f"SP, PV ({unit(pv_span)})"}},
+                      "hovermode": "x"}
+    if room is not None and (notes := _written(used, part, room)):
+        both = np.concatenate([part.measurement, part.setpoint])
+        both = both[np.isfinite(both)]
+        layout["annotations"] = notes
+        if both.size and (width := np.ptp(both)) > 0.0:
+            layout["yaxis"]["range"] = units(np.array([both.min() - 0.05 * width, both.max() + 0.25 * width]), pv_span)
     if part.output is not None:
-        lines.append(_line(part, part.output, s.op_range, "OP", OUTPUT, points) | {"yaxis": "y2"})
-        layout |= {
-            "yaxis": {"title": {"text": "SP, PV"}, "domain": [0.42, 1.0]},
-            "yaxis2": {"title": {"text": "OP"}, "domain": [0.0, 0.36]},
-            "xaxis": {"type": "date", "anchor": "y2"},
-            "height": 480,
-        }
+        lines.append(_line(part, part.output, op_span, "OP", OUTPUT, points) | {"yaxis": "y2"})
+        d = size(report)
+        if window is not None and d is not None and record.output is not None:
+            stem = stem_of(record.output, d)
+            place = slice(window.start, window.stop)
+            lines.append(_line(part, stem[place], op_span, f"stem: OP through {percent(d)} of play", STEM, points)
+                         | {"yaxis": "y2"})
+            layout["shapes"] = _still(part, stem[place], d)
+        layout["yaxis"]["domain"] = [0.42, 1.0]
+        layout |= {"yaxis2": {"title": {"text": f"OP ({unit(op_span)})"}, "domain": [0.0, 0.36]},
+                   "xaxis": {"type": "date", "anchor": "y2"}, "height": 480}
     return {"data": lines, "layout": layout}
 
 
-def plane(record: Record, window: slice, points: int = POINTS) -> Figure:
-    """PV against OP: without dead band a line or a cloud, with dead band a leaning box with flat sides."""
+def stem_of(output: FloatArray, size: float) -> FloatArray:
+    """Return where the stem is, (samples,) [span]: OP through a gap of `size`; it stays where OP is not known."""
+    from ..kernels import play
+
+    known = np.flatnonzero(np.isfinite(output))
+    if not len(known):
+        return output
+    last = known[np.maximum(np.searchsorted(known, np.arange(len(output)), side="right") - 1, 0)]
+    return np.asarray(play(output[last], size, float(output[known[0]])))
+
+
+def stands_still(output: FloatArray, stem: FloatArray, size: float) -> list[tuple[int, int]]:
+    """Return (first, last) sample of the stretches in which OP crosses half of the gap or more and the stem stays."""
+    if len(stem) < 2:
+        return []
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(stem) != 0.0) + 1])
+    low, high = (f.reduceat(np.where(np.isfinite(output), output, stem), starts) for f in (np.minimum, np.maximum))
+    ends = np.append(starts[1:], len(stem)) - 1
+    kept = (high - low >= CROSSED * size) & (ends > starts)
+    return list(zip(starts[kept].tolist(), ends[kept].tolist(), strict=True))
+
+
+def _still(part: Record, stem: FloatArray, d: float) -> list[Figure]:
+    assert part.output is not None
+    time = part.time
+    return [{"type": "rect", "yref": "paper", "y0": 0, "y1": 1, "x0": ms(time[first]), "x1": ms(time[last]),
+             "fillcolor": STILL, "line": {"width": 0}, "layer": "below", "legendgroup": "still",
+             "name": "stem stands still in the gap", "showlegend": number == 0}
+            for number, (first, last) in enumerate(stands_still(part.output, stem, d))]
+
+
+def _written(used: list[Estimate], part: Record, room: float) -> list[Figure]:
+    """The estimates where they were made, those left out that would hide each other."""
+    if not used:
+        return []
+    first, width = part.time[0], float(part.time[-1] - part.time[0]) or 1.0
+    notes: list[Figure] = []
+    written = 0.0
+    for e in used:
+        middle = 0.5 * (e.start + e.end)
+        place = (middle - first) / width
+        if written + room <= place <= 0.98:
+            written = place
+            notes.append({"x": ms(middle), "y": 0.99, "yref": "y domain", "yanchor": "top", "textangle": -90,
+                          "text": f"{100 * e.d:.1f} %", "showarrow": False, "font": {"size": 10}})
+    return notes
+
+
+def plane(record: Record, window: slice, report: LoopReport, points: int = POINTS) -> Figure:
+    """PV against OP: without dead band a line or a cloud, with dead band a leaning box with flat sides.
+
+    Where a size is claimed, it is drawn as wide as it is, with the two flanks of the valve where PV follows it.
+    """
     assert record.output is not None
     s = record.settings
+    op_span, pv_span = scale(s.op_range), scale(s.pv_range)
     every = slice(None, None, max(1, len(record) // points))
-    near = slice(window.start, window.stop, max(1, (window.stop - window.start) // points))
+    near = record.slice(window.start, window.stop)
+    assert near.output is not None
 
-    def path_of(part: slice) -> Figure:
-        assert record.output is not None
-        return {"x": units(record.output[part], s.op_range), "y": units(record.measurement[part], s.pv_range)}
+    def path(op: FloatArray, pv: FloatArray) -> Figure:
+        return {"type": "scatter", "x": units(op, op_span), "y": units(pv, pv_span),
+                "hovertemplate": "OP %{x}, PV %{y}"}
 
-    cloud = {"type": "scatter", "mode": "markers", "name": "whole record", "marker": {"size": 3, "color": QUIET}}
-    path = {"type": "scatter", "mode": "lines", "name": "close look", "line": {"color": EVIDENCE, "width": 1.5}}
-    layout = {"xaxis": {"title": {"text": "OP"}}, "yaxis": {"title": {"text": "PV"}}, "hovermode": "closest",
-              "height": 420}
-    return {"data": [cloud | path_of(every), path | path_of(near)], "layout": layout}
+    lines = [
+        path(record.output[every], record.measurement[every])
+        | {"mode": "markers", "name": "whole record", "marker": {"size": 3, "color": QUIET}},
+        path(means(near.output, 150), means(near.measurement, 150))
+        | {"mode": "lines", "name": "close look", "line": {"color": EVIDENCE, "width": 1.5}},
+    ]
+    d = size(report)
+    y_axis: Figure = {"title": {"text": f"PV ({unit(pv_span)})"}}
+    if d is not None and np.isfinite(record.measurement).any() and np.isfinite(record.output).any():
+        for (op, pv), name, dash in zip(flanks(near, d) or (), ("valve opening", "valve closing"), ("dash", "dot"),
+                                        strict=False):
+            lines.append(path(op, pv) | {"mode": "lines", "name": name, "line": {"color": STEM, "dash": dash}})
+        low, high = float(np.nanmin(record.measurement)), float(np.nanmax(record.measurement))
+        middle, level = 0.5 * float(np.nanmin(record.output) + np.nanmax(record.output)), low - 0.12 * (high - low)
+        if high > low:
+            y_axis["range"] = units(np.array([low - 0.2 * (high - low), high + 0.05 * (high - low)]), pv_span)
+        gap = path(np.array([middle - d / 2, middle, middle + d / 2]), np.full(3, level))
+        lines.append(gap | {
+            "mode": "lines+text", "text": ["", f"dead band {percent(d)}", ""], "textposition": "top center",
+            "showlegend": False, "line": {"color": STEM, "width": 4}, "hoverinfo": "skip"})
+    return {"data": lines, "layout": {
+        "xaxis": {"title": {"text": f"OP ({unit(op_span)})"}}, "yaxis": y_axis, "hovermode": "closest", "height": 420}}
+
+
+def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
+    """Return (OP, PV) of both flanks PV = gain (OP -+ d/2) + offset, opening and closing.
+
+    None where PV does not follow. The valve position is OP through a gap of `size`; PV is compared with it at the delay
+    that suits best.
+    """
+    if near.output is None:
+        return None
+    good = np.isfinite(near.output) & np.isfinite(near.measurement)
+    op, pv = near.output[good], near.measurement[good]
+    if len(op) < 20 or np.ptp(op) <= size or np.ptp(pv) == 0.0:
+        return None
+    valve = stem_of(op, size)
+    best, gain, offset = 0.0, 0.0, 0.0
+    for delay in range(0, len(op) // 8, max(1, len(op) // 200)):
+        x, y = valve[: len(op) - delay], pv[delay:]
+        if np.ptp(x) == 0.0:
+            continue
+        r = float(np.corrcoef(x, y)[0, 1])
+        if r * r > best:
+            best, gain = r * r, r * float(np.std(y) / np.std(x))
+            offset = float(np.mean(y) - gain * np.mean(x))
+    if best < FOLLOWS:
+        return None
+    ends = np.array([op.min(), op.max()])
+    return (ends, gain * (ends - size / 2) + offset), (ends, gain * (ends + size / 2) + offset)
 
 
 def estimates(report: LoopReport) -> Figure:
     """Every estimate over time in % of the output span: used ones, refused ones with the reason, and the cluster."""
     groups: list[Figure] = []
-    for accepted, name, colour, symbol in (
-        (False, "refused", QUIET, "x-thin-open"),
-        (True, "used", EVIDENCE, "circle"),
-    ):
-        chosen = _latest([e for e in report.estimates if e.accepted is accepted])
+    kinds = ((False, "refused", QUIET, "x-thin-open"), (True, "used", EVIDENCE, "circle"))
+    for accepted, name, colour, symbol in kinds:
+        # finite ones, and of very many the latest
+        chosen = [e for e in report.estimates if e.accepted is accepted and math.isfinite(e.d)][-POINTS:]
         groups.append({
             "type": "scatter", "mode": "markers", "name": f"{name} ({len(chosen)})",
-            "x": [_ms(e.start) for e in chosen], "y": [round(100 * e.d, 4) for e in chosen],
+            "x": [ms(e.start) for e in chosen], "y": [round(100 * e.d, 4) for e in chosen],
             "text": [picture(f"{e.why}, {e.dt_s:.4g} s") for e in chosen], "hovertemplate": "%{y:.2f} % (%{text})",
             "marker": {"color": colour, "symbol": symbol, "size": 8},
         })
-    used = [100 * e.d for e in report.estimates if e.accepted and math.isfinite(e.d)]
-    shapes: list[Figure] = []
-    top = max(used, default=0.0)
-    if report.cluster is not None:
-        low, high = (100 * x for x in report.cluster.ci95)
-        size = 100 * report.cluster.d
+    top = max(groups[1]["y"], default=0.0)
+    layout: Figure = {"xaxis": {"type": "date"}, "yaxis": {"title": {"text": "dead band [% of OP span]"}},
+                      "hovermode": "closest"}
+    if (c := report.cluster) is not None:
         base: Figure = {"xref": "paper", "x0": 0, "x1": 1}
-        band = {"type": "rect", "y0": low, "y1": high, "fillcolor": EVIDENCE, "opacity": 0.15, "line": {"width": 0}}
-        shapes = [
-            base | band,
-            base | {"type": "line", "y0": size, "y1": size, "line": {"color": EVIDENCE, "width": 1.5}},
+        layout["shapes"] = [
+            base | {"type": "rect", "y0": 100 * c.ci95[0], "y1": 100 * c.ci95[1], "fillcolor": EVIDENCE,
+                    "opacity": 0.15, "line": {"width": 0}},
+            base | {"type": "line", "y0": 100 * c.d, "y1": 100 * c.d, "line": {"color": EVIDENCE, "width": 1.5},
+                    "showlegend": True, "name": f"{percent(c.d)} ({interval(c.ci95)})"},
         ]
-        top = max(top, high)
-    axis: Figure = {"title": {"text": "dead band [% of OP span]"}}
+        top = max(top, 100 * c.ci95[1])
     if top > 0:
-        axis["range"] = [0, 1.25 * top]
-    layout = {"xaxis": {"type": "date"}, "yaxis": axis, "shapes": shapes, "hovermode": "closest"}
+        layout["yaxis"]["range"] = [0, 1.25 * top]
+    if not report.estimates:
+        layout["annotations"] = [{"xref": "paper", "x": 0.5, "yref": "paper", "y": 0.5, "showarrow": False,
+                                  "text": "no half period was long enough"}]
     return {"data": groups, "layout": layout}
 
 
-def profile(confirmation: Confirmation) -> Figure:
+def profile(report: LoopReport) -> Figure:
     """Evidence for each size of dead band, from the test of PV against OP through a dead band of that size."""
-    x = [round(100 * d, 4) for d, _ in confirmation.profile]
-    y = [evidence for _, evidence in confirmation.profile]
-    line = {"type": "scatter", "mode": "lines", "x": x, "y": y, "line": {"color": MEASUREMENT}, "showlegend": False}
-    layout = {
-        "xaxis": {"title": {"text": "dead band tried [% of OP span]"}},
-        "yaxis": {"title": {"text": "evidence"}},
-    }
-    return {"data": [line], "layout": layout}
+    c = report.confirmation
+    assert c is not None
+    x = [round(100 * d, 4) for d, _ in c.profile if d > 0.0]
+    y = [evidence for d, evidence in c.profile if d > 0.0]
+    line = {"type": "scatter", "mode": "lines+markers", "x": x, "y": y, "line": {"color": MEASUREMENT},
+            "marker": {"size": 5, "color": MEASUREMENT}, "showlegend": False, "hovertemplate": "%{x} %: %{y:.3g}"}
+    upright: Figure = {"yref": "paper", "y0": 0, "y1": 1}
+
+    def at(d: float, words: str, **line: object) -> Figure:
+        return upright | {"type": "line", "x0": 100 * d, "x1": 100 * d, "line": line, "name": words, "showlegend": True}
+
+    shapes = [upright | {"type": "rect", "x0": 100 * c.ci95[0], "x1": 100 * c.ci95[1], "fillcolor": EVIDENCE,
+                         "opacity": 0.15, "line": {"width": 0}},
+              at(c.d, f"PV against OP: {percent(c.d)}", color=EVIDENCE, width=2)]
+    if used := [e.d for e in report.estimates if e.accepted and math.isfinite(e.d)]:
+        shapes.append(at(float(np.median(used)), f"half periods, median: {percent(float(np.median(used)))}",
+                         color=SETPOINT, width=2, dash="dot"))
+    limit = c.limit_of_detection
+    if limit is not None and x and min(x) < 100 * limit <= 100 * c.d:
+        shapes.append(upright | {"type": "rect", "x0": min(x), "x1": 100 * limit, "fillcolor": QUIET, "opacity": 0.15,
+                                 "line": {"width": 0}, "name": "too small to see", "showlegend": True})
+    ticks = [s for s in SIZES if x and min(x) <= s <= max(x)]
+    return {"data": [line], "layout": {
+        "xaxis": {"title": {"text": "dead band tried [% of OP span]"}, "type": "log", "tickvals": ticks},
+        "yaxis": {"title": {"text": "evidence (log likelihood)"}}, "shapes": shapes, "hovermode": "closest"}}
 
 
 def close_look(record: Record, report: LoopReport) -> slice:
-    """The samples around the most ordinary of the half periods used: a window of about eight of them."""
-    used = [e for e in report.estimates if e.accepted and math.isfinite(e.d)]
+    """The samples around the most ordinary of the half periods used, a window of about eight of them; without any a
+    tenth of the record around its middle, 200 samples at least."""
+    used = [e for e in used_in(record, report) if math.isfinite(e.d)]
     if not used:
-        return slice(0, min(len(record), POINTS))
-    middle = sorted(used, key=lambda e: e.d)[len(used) // 2]
-    reach = CLOSE_LOOK / 2 * middle.dt_s
-    center = 0.5 * (middle.start + middle.end)
-    first, last = np.searchsorted(record.time, [center - reach, center + reach])
+        reach, middle = max(len(record) // 20, 100), len(record) // 2
+        return slice(max(middle - reach, 0), min(middle + reach, len(record)))
+    ordinary = sorted(used, key=lambda e: e.d)[len(used) // 2]
+    wide = CLOSE_LOOK / 2 * ordinary.dt_s
+    center = 0.5 * (ordinary.start + ordinary.end)
+    first, last = np.searchsorted(record.time, [center - wide, center + wide])
     return slice(int(first), max(int(last), int(first) + 1))
 
 
-def _latest(found: list[Estimate]) -> list[Estimate]:
-    """The estimates to draw: finite ones, and of very many the latest."""
-    return [e for e in found if math.isfinite(e.d)][-POINTS:]
+def known_part(record: Record) -> Record:
+    """The record from its first to its last measurement that is a number."""
+    known = np.flatnonzero(np.isfinite(record.measurement))
+    return record.slice(int(known[0]), int(known[-1]) + 1) if len(known) else record
 
 
-def _inside(record: Record, report: LoopReport) -> NDArray[np.bool_]:
+def used_in(record: Record, report: LoopReport) -> list[Estimate]:
+    """The accepted half periods that lie within the record."""
+    first, last = record.time[[0, -1]].tolist() if len(record) else (math.inf, -math.inf)
+    return [e for e in report.estimates if e.accepted and first <= e.end and e.start <= last]
+
+
+def _inside(record: Record, used: list[Estimate]) -> NDArray[np.bool_]:
     """(samples,) True within a half period that was used."""
-    used = [e for e in report.estimates if e.accepted]
-    change = np.zeros(len(record) + 1, dtype=np.int64)
-    time = record.time
+    change, time = np.zeros(len(record) + 1, dtype=np.int64), record.time
     np.add.at(change, np.searchsorted(time, [e.start for e in used]), 1)
     np.add.at(change, np.searchsorted(time, [e.end for e in used]), -1)
     return np.cumsum(change[:-1]) > 0
 
 
 def _line(
-    record: Record, values: NDArray[np.float64], span: tuple[float, float], name: str, colour: str, points: int,
+    record: Record, values: FloatArray, span: tuple[float, float], name: str, colour: str, points: int,
     width: float = 1.5, dash: str = "solid",
 ) -> Figure:
     chosen, gaps = thin(record.index, values, points)
@@ -153,7 +295,7 @@ def _line(
     }
 
 
-def thin(index: IntArray, values: NDArray[np.float64], points: int = POINTS) -> tuple[IntArray, list[int]]:
+def thin(index: IntArray, values: FloatArray, points: int = POINTS) -> tuple[IntArray, list[int]]:
     """Return which samples to draw, at most `points`, and before which of them the line breaks at a gap.
 
     index: (samples,) grid numbers, values: (samples,). Of each piece the smallest and the largest value stay.
@@ -174,12 +316,34 @@ def thin(index: IntArray, values: NDArray[np.float64], points: int = POINTS) -> 
     return chosen, (np.flatnonzero(np.diff(piece)) + 1).tolist()
 
 
-def units(values: NDArray[np.float64], span: tuple[float, float], digits: int = 4) -> list[float | None]:
+def means(values: FloatArray, points: int) -> FloatArray:
+    """Means over equal pieces, `points` at most: what is left when fast noise is of no interest."""
+    size = max(1, len(values) // points)
+    whole = len(values) // size * size
+    return np.asarray(values[:whole].reshape(-1, size).mean(axis=1))
+
+
+def units(values: FloatArray, span: tuple[float, float], digits: int = 4) -> list[float | None]:
     """Normalised values in engineering units, with the digits of the span that a plot can show; None: not known."""
     low, high = span
     places = max(0, digits - math.floor(math.log10(abs(high - low) or 1.0)))
     return [v if math.isfinite(v) else None for v in np.round(low + (high - low) * values, places).tolist()]
 
 
-def _ms(epoch: float) -> int:
-    return round(1000 * epoch)
+def scale(span: tuple[float, float]) -> tuple[float, float]:
+    """The span that is shown: per cent where no engineering range is known."""
+    return (0.0, 100.0) if span == (0.0, 1.0) else span
+
+
+def unit(span: tuple[float, float]) -> str:
+    """Words for an axis of a span that is shown.
+
+    >>> unit((0.0, 100.0)), unit((0.0, 900.0))
+    ('%', 'span 0–900')
+    """
+    return "%" if span == (0.0, 100.0) else f"span {span[0]:g}–{span[1]:g}"
+
+
+def ms(epoch: float) -> int:
+    """Epoch seconds as a figure takes them."""
+    return round(1000 * float(epoch))

@@ -35,7 +35,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
     Raises BacklashError when the disk is full or the folder cannot be written; the old file is then untouched.
     """
-    write_bytes(path, text.encode("utf-8", "backslashreplace"))
+    write_parts(path, [text])
 
 
 def write_parts(path: str | os.PathLike[str], parts: Iterable[str]) -> None:

@@ -2,44 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
 
 from .._version import __version__
-from ..results.history import DAY, HalfPeriod, Night, Place, Wear
-from .page import Cell, Section, Table, page
+from ..results import Compensator
+from ..results.history import DAY, HalfPeriod, Night, Place, Wear, day_text
+from .figures import Figure
+from .files import write_text
+from .folder import LoopPart, one_page, write_folder_of
+from .history_text import no_date, remarks
+from .page import Cell, Section, Table
+from .plant_figure import WEEKS, PlantRow, plant_figure
 from .safe import shorten
-from .trend_table import day_or_none, no_date, remarks
 from .wear_figure import half_period_figure, wear_figure
-from .words import MARKS, VERDICTS, percent
+from .words import MARKS, VERDICTS, compensator_words
 
 ACTION_MARKS = {"pull": "bad", "room": "warn", "watch": "warn", "leave": "good", "check": "quiet"}
 DRAWN = 60  # loops with figures in a single file
+RANKED = 40  # loops in the picture of the plant
 LATEST = 30  # nights in a loop's table
 TITLE = "Valve wear report"
 COLUMNS = ("#", "Loop", "To do", "Now [%]", "Limit [%]", "Per month [%]", "Limit date", "± days", "Sure [%]", "Nights")
 
 
-def history_page(places: Sequence[Place], wears: Mapping[str, Wear], nights: Mapping[str, Sequence[Night]],
-                 half_periods: Mapping[str, Sequence[HalfPeriod]]) -> str:
-    """Return one self-contained page; figures for the first 60 places, numbers for all."""
-    links = {p.loop: f"#loop-{p.rank}" for p in places}
-    loops = [
-        Section(shorten(p.loop, 120), folded=True, anchor=f"loop-{p.rank}", mark=ACTION_MARKS[p.action],
-                summary=brief(p, wears[p.loop]),
-                parts=loop_parts(p, wears[p.loop], nights[p.loop], half_periods.get(p.loop, ()),
-                                 drawn=i < DRAWN))
-        for i, p in enumerate(places)
-    ]
-    notes = [f"Figures and nights are shown for the first {DRAWN} places. For those of all {len(places)} loops write "
-             "a folder: --output FOLDER."] if len(places) > DRAWN else []
-    return page(TITLE, [*overview(places, wears, links, notes), Section("Loops", parts=loops)],
-                subtitle=subtitle(nights))
+def write_report(output: Path, places: Sequence[Place], wears: Mapping[str, Wear],
+                 nights: Mapping[str, Sequence[Night]], half_periods: Callable[[str], Sequence[HalfPeriod]]) -> None:
+    """Write one .html file, figures for the first 60 places and numbers for all, or a folder for any other name.
+
+    The old report stays until the new one is whole. half_periods: gives the recent half periods of a loop by its name.
+    """
+    single = output.suffix.lower() in (".html", ".htm")
+
+    def sections(place: Place) -> list[Section]:
+        shown = not single or place.rank <= DRAWN
+        return loop_parts(place, wears[place.loop], nights[place.loop], half_periods(place.loop) if shown else (),
+                          drawn=shown)
+
+    loops = [LoopPart(p.loop, ACTION_MARKS[p.action], brief(p, wears[p.loop]), partial(sections, p)) for p in places]
+    notes = [] if len(places) <= DRAWN or not single else [
+        f"Figures and nights are shown for the first {DRAWN} places. For those of all {len(places)} loops write a "
+        "folder: --output FOLDER."]
+
+    def above(links: Mapping[str, str]) -> list[Section]:
+        return overview(places, wears, nights, links, notes)
+
+    if single:
+        write_text(output, one_page(TITLE, subtitle(nights), loops, above))
+    else:
+        content = (places, [[n.digest for n in nights[p.loop]] for p in places], [wears[p.loop] for p in places])
+        write_folder_of(output, TITLE, subtitle(nights), loops, above, content)
 
 
 def subtitle(nights: Mapping[str, Sequence[Night]]) -> str:
     """Say how much the history holds, from which day to which; the clock is not asked."""
     times = [n.time for found in nights.values() for n in found]
-    span = f", {day_or_none(min(times))} to {day_or_none(max(times))}" if times else ""
+    span = f", {day_text(min(times))} to {day_text(max(times))}" if times else ""
     loops = len(nights)
     return f"{loops} loop{'s' * (loops != 1)}, {len(times)} nights{span}. Made by backlash {__version__}."
 
@@ -51,8 +70,21 @@ def brief(place: Place, wear: Wear) -> str:
     return f"{place.title}: {wear.message}."
 
 
-def overview(places: Sequence[Place], wears: Mapping[str, Wear], links: Mapping[str, str],
-             notes: Sequence[str] = ()) -> list[Section]:
+def plant_picture(places: Sequence[Place], wears: Mapping[str, Wear], nights: Mapping[str, Sequence[Night]]) -> Figure:
+    """The loops in the order of repair: the dead band now with its interval against its limit, and its last weeks."""
+    since = max((n.time for p in places for n in nights[p.loop]), default=0.0) - 7 * WEEKS * DAY
+    rows = []
+    for p in places:
+        wear, now = wears[p.loop], wears[p.loop].now
+        last = sorted((n.time, n.d) for n in nights[p.loop] if n.d is not None and n.time >= since)
+        level = None if now is None else now.level
+        rows.append(PlantRow(p.loop, p.title, ACTION_MARKS[p.action], level, now.level_ci95 if now else None, None,
+                             wear.limit.value, "" if level else "no size", brief(p, wear), tuple(last)))
+    return plant_figure(rows, "limit")
+
+
+def overview(places: Sequence[Place], wears: Mapping[str, Wear], nights: Mapping[str, Sequence[Night]],
+             links: Mapping[str, str], notes: Sequence[str] = ()) -> list[Section]:
     """Return the order of repair as a table that can be sorted and filtered, with the rule behind it."""
     counts = {title: sum(p.title == title for p in places) for title in dict.fromkeys(p.title for p in places)}
     said = "; ".join(f"{title}: {n}" for title, n in counts.items())
@@ -64,12 +96,17 @@ def overview(places: Sequence[Place], wears: Mapping[str, Wear], links: Mapping[
              "output span. Select a loop for the reasons of its place and its wear over the nights.", *notes]
     rows = [_row(p, wears[p.loop], links[p.loop]) for p in places]
     table = Table(COLUMNS, rows, filterable=True, choices="To do")
-    return [Section("Order of repair", text=words, table=table, note=rule)]
+    shown = places[:RANKED]
+    note = ("First to repair on top. Point and line: the dead band now with its 95 % interval; upright mark: limit. "
+            f"Right: the sizes of the last {WEEKS} weeks, the limit dotted.")
+    note += f" The first {RANKED} of {len(places)} loops are drawn." * (len(places) > RANKED)
+    picture = [Section("The plant", figure=plant_picture(shown, wears, nights), note=note)] if shown else []
+    return [*picture, Section("Order of repair", text=words, table=table, note=rule)]
 
 
 def _row(p: Place, wear: Wear, link: str) -> list[object]:
-    now = wear.current if wear.state != "no_estimate" else None
-    date = day_or_none(wear.limit_date[0]) if wear.limit_date else None
+    now = wear.now
+    date = day_text(wear.limit_date[0]) if wear.limit_date else None
     spread = max(1.0, 0.5 * (wear.limit_date[2] - wear.limit_date[1]) / DAY) if wear.limit_date else None
     growth = 30 * now.slope if now is not None and now.growing and now.slope is not None else None
     level = None if now is None else now.level
@@ -103,9 +140,7 @@ def loop_parts(p: Place, wear: Wear, nights: Sequence[Night], half_periods: Sequ
     if advice and p.action in ("pull", "room", "watch"):
         found = advice[-1].details["compensator"]
         assert isinstance(found, Mapping)
-        parts.append(Section("Until then", text=[
-            f"Compensator gain {percent(found['gain'])} of the output span, scheme {found['scheme']}. "
-            f"{found['reason']}", "This is advice to a person; nothing is written to the control system."]))
+        parts.append(Section("Until then", text=compensator_words(Compensator(**found))))
     if drawn:
         parts.append(Section(f"Last {min(LATEST, len(nights))} nights", table=_nights(nights[-LATEST:]), folded=True))
     return parts

@@ -9,7 +9,7 @@ from ..results import LoopReport
 from . import figures
 from .page import Cell, Section, Table
 from .safe import shorten
-from .words import duration, interval, moment, percent
+from .words import compensator_words, duration, interval, moment, percent, size
 
 
 def loop_sections(r: LoopReport, record: Record | None, points: int = figures.POINTS) -> list[Section]:
@@ -17,14 +17,13 @@ def loop_sections(r: LoopReport, record: Record | None, points: int = figures.PO
 
     points: of each line over time.
     """
-    sections = [Section("Why this verdict", text=[n.message for n in r.reasons] or ["No reason was recorded."])]
+    evidence = [] if record is None or not len(record) else _evidence(r, record, points)
+    said = [n.message for n in r.reasons] or ["No reason was recorded."]
+    first = evidence[0] if evidence else Section("")
+    sections = [Section("Why this verdict", text=said, figure=first.figure, note=first.note)]
     if r.compensator is not None:
-        c = r.compensator
-        words = f"Compensator gain {percent(c.gain)} of the output span, scheme {c.scheme}. {c.reason}"
-        caution = "This is advice to a person; nothing is written to the control system."
-        sections.append(Section("Advice", text=[words, caution]))
-    if record is not None and len(record):
-        sections += _evidence(r, record, points)
+        sections.append(Section("Advice", text=compensator_words(r.compensator)))
+    sections += evidence[1:]
     sections += [Section("Numbers", table=_numbers(r)), Section("Controller settings", table=_settings(r))]
     if r.warnings:
         sections.append(Section("Warnings", table=note_table(r.warnings)))
@@ -32,27 +31,29 @@ def loop_sections(r: LoopReport, record: Record | None, points: int = figures.PO
 
 
 def _evidence(r: LoopReport, record: Record, points: int) -> list[Section]:
+    """What can be seen with bare eyes first: OP that moves while PV stays."""
     window = figures.close_look(record, r)
+    look = "The record around an ordinary half period. " if window.stop - window.start < len(record) else ""
+    look += ("Shaded: OP crosses the gap and the stem stands still; look whether PV stays as well, and answers when "
+             "the stem moves again." if size(r) is not None and record.output is not None else
+             "Look for an output that ramps while the measurement stays.")
     sections = [
+        Section("Close look", figure=figures.trend(record, r, window, points, room=0.06), note=look),
         Section("Trend", figure=figures.trend(record, r, points=points),
                 note="Whole record. The thick line marks the half periods that entered the estimate. Drag to zoom, "
                      "double-click to return."),
     ]
-    if window.stop - window.start < len(record):
-        sections.append(Section("Close look", figure=figures.trend(record, r, window, points),
-                                note="The record around an ordinary half period. Look for an output that ramps "
-                                     "while the measurement stays."))
     if record.output is not None:
-        sections.append(Section("PV against OP", figure=figures.plane(record, window, points),
+        sections.append(Section("PV against OP", figure=figures.plane(record, window, r, points),
                                 note="Without dead band PV answers every turn of OP. With dead band OP turns and moves "
                                      "on while PV waits: the path gets flat sides."))
     if r.estimates:
         sections.append(Section("Estimates", figure=figures.estimates(r),
                                 note="One point per half period. Line and band: the size and its 95 % interval."))
     if r.confirmation is not None and r.confirmation.profile:
-        sections.append(Section("Confirmation", figure=figures.profile(r.confirmation),
-                                note="How well PV follows OP through a dead band of each size; a peak away from zero "
-                                     "speaks for a dead band."))
+        sections.append(Section("Confirmation", figure=figures.profile(r),
+                                note="How well PV follows OP through a dead band of each size; a peak speaks for a "
+                                     "dead band of that size. Band: its 95 % interval."))
     return sections
 
 

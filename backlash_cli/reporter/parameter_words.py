@@ -140,6 +140,12 @@ def numbers(
     return shown
 
 
+def said_numbers(effect: FittedEffect | Candidate, settings: LoopSettings, start: float | None = None, *,
+                 brief: bool = False) -> str:
+    """The same on one line."""
+    return ", ".join(f"{k} = {v}" for k, v in numbers(effect, settings, start, brief=brief).items())
+
+
 def several(effect: FittedEffect, settings: LoopSettings) -> str:
     """An effect of several events in few words: how many, and the largest; empty for any other.
 

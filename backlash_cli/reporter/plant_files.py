@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import json
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -13,8 +14,8 @@ import numpy as np
 
 from ..errors import BacklashError, UsageError
 from ..record import FloatArray, LoopSettings, Record, SampleState
-from .columns import shown
 from .files import write_bytes, write_text
+from .json_report import strict
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -60,7 +61,7 @@ def write_settings(path: Path, records: Iterable[Record]) -> None:
     lines = ["# Settings of the loops: gains on signals normalised by the ranges, times in seconds."]
     for record in records:
         lines += ["", f"[loops.{_key(record.loop)}]"]
-        lines += [f"{name} = {_toml(value)}" for name, value in _settings(record.settings)]
+        lines += [f"{name} = {json.dumps(strict(value))}" for name, value in _settings(record.settings)]
     write_text(path, "\n".join(lines) + "\n")
 
 
@@ -155,12 +156,6 @@ def _settings(settings: LoopSettings) -> Iterable[tuple[str, object]]:
     yield "op_range", settings.op_range
 
 
-def _toml(value: Any) -> str:
-    if isinstance(value, tuple):
-        return "[" + ", ".join(_toml(v) for v in value) + "]"
-    return repr(shown(value))
-
-
 def _key(name: str) -> str:
     bare = name.replace("-", "").replace("_", "").isalnum() and name.isascii()
-    return name if bare else '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return name if bare else json.dumps(name, ensure_ascii=False)  # a text of JSON is one of TOML

@@ -110,25 +110,21 @@ def since_reversal(output: FloatArray) -> tuple[FloatArray, IntArray]:
 
     A turn counts when OP then goes on by more than its own noise and 2 % of its travel.
     """
+    from scipy.signal import find_peaks
+
     third = np.diff(output, 3)
     noise = float(np.sqrt(np.nanmean(third**2) / 20.0)) if third.size else 0.0
     least = max(4.0 * noise, 0.02 * float(np.nanmax(output) - np.nanmin(output)), 1e-9)
     since, upward = np.full(len(output), -1.0), np.zeros(len(output), dtype=np.int64)
-    extreme, place, going, turns = float(output[0]), 0, 0, []
-    for k, value in enumerate(output.tolist()):
-        if (going >= 0 and value > extreme) or (going <= 0 and value < extreme):
-            if going == 0 and abs(value - float(output[0])) > least:
-                going = 1 if value > extreme else -1
-            if going != 0:
-                extreme, place = value, k
-        elif going != 0 and abs(value - extreme) > least:
-            going = -going
-            turns.append((place, going))
-            extreme, place = value, k
-    for number, (first, direction) in enumerate(turns):
-        last = turns[number + 1][0] if number + 1 < len(turns) else len(output)
+    known = np.flatnonzero(np.isfinite(output))
+    whole = np.interp(np.arange(len(output)), known, output[known])
+    found = {sign: find_peaks(-sign * whole, prominence=least, plateau_size=1)[1]["left_edges"] for sign in (1, -1)}
+    turns = sorted((int(place), sign) for sign, places in found.items() for place in places)
+    # of stops of the same height the first is the turn
+    turns = [turn for before, turn in zip([(0, 0), *turns], turns, strict=False) if turn[1] != before[1]]
+    for (first, sign), last in zip(turns, [*(place for place, _ in turns[1:]), len(output)], strict=False):
         since[first:last] = np.arange(last - first)
-        upward[first:last] = direction
+        upward[first:last] = sign
     return since, upward
 
 
@@ -150,7 +146,6 @@ def spectrum(model: str, residual: FloatArray, h: float) -> Curve:
     power = np.abs(np.fft.rfft(values)[1:]) ** 2 * 2.0 / (n * np.count_nonzero(good))
     period = n * h / np.arange(1, len(power) + 1)
     band = np.floor(3.0 * np.log2(period / (2.0 * h)) + 0.5).astype(np.int64)
-    bands = np.unique(band)
-    x = np.array([np.exp(np.mean(np.log(period[band == b]))) for b in bands])
-    rms = np.array([np.sqrt(np.sum(power[band == b])) for b in bands])
-    return Curve(model, "", x, np.zeros(len(x)), rms)
+    _, place, count = np.unique(band, return_inverse=True, return_counts=True)
+    x = np.exp(np.bincount(place, np.log(period)) / count)
+    return Curve(model, "", x, np.zeros(len(x)), np.sqrt(np.bincount(place, power)))

@@ -22,18 +22,18 @@ def terminal(text: object, limit: int = 2000) -> str:
     >>> terminal("FIC\\n101\\x1b[31m")
     'FIC\\\\n101\\\\e[31m'
     """
-    return shorten("".join(c if _printable(c) else _visible(c) for c in str(text)), limit)
+    return shorten(_visible(str(text)), limit)
 
 
-def _printable(c: str) -> bool:
-    # Cc, Cf, Cs, Co, Cn: controls, invisible format and direction marks, surrogates; Zl, Zp: line separators.
-    category = unicodedata.category(c)
-    return not (category.startswith("C") or category in ("Zl", "Zp"))
+def _visible(text: str, kept: str = "") -> str:
+    """Control characters, invisible format and direction marks, surrogates and line separators spelled out."""
+    def one(c: str) -> str:
+        code = ord(c)
+        if c in kept or c.isprintable() or unicodedata.category(c) == "Zs":
+            return c
+        return _NAMED.get(c) or (f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}")
 
-
-def _visible(c: str) -> str:
-    code = ord(c)
-    return _NAMED.get(c) or (f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}")
+    return text if text.isprintable() else "".join(map(one, text))
 
 
 def shorten(text: str, limit: int) -> str:
@@ -50,7 +50,7 @@ def clip(text: object, limit: int) -> str:
     >>> clip("any dead band would look the same", 20)
     'any dead band …'
     """
-    shown = "".join(c if _printable(c) else _visible(c) for c in str(text))
+    shown = _visible(str(text))
     if len(shown) <= limit:
         return shown
     kept = shown[: limit - 1]
@@ -65,7 +65,7 @@ def spreadsheet(value: object) -> object:
     """
     if not isinstance(value, str):
         return value
-    cleaned = "".join(c if c in "\t\r\n" or _printable(c) else _visible(c) for c in value)
+    cleaned = _visible(value, kept="\t\r\n")
     start = cleaned.lstrip(" \u00a0\u3000")
     return "'" + cleaned if start[:1] and start[0] in _FORMULA else cleaned
 

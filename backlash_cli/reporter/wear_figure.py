@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from ..results import Verdict
 from ..results.history import HalfPeriod, Night, Wear
-from .figures import EVIDENCE, MEASUREMENT, OUTPUT, QUIET, SETPOINT
+from .figures import EVIDENCE, MEASUREMENT, OUTPUT, QUIET, SETPOINT, Figure, ms
 from .safe import picture
-
-Figure = dict[str, Any]
 
 
 def wear_figure(nights: Sequence[Night], wear: Wear) -> Figure:
@@ -25,7 +22,7 @@ def wear_figure(nights: Sequence[Night], wear: Wear) -> Figure:
     lines += _ahead(wear)
     last = max([last, *(p[0] for p in wear.forecast)])
     limit = 100 * wear.limit.value
-    lines.append({"type": "scatter", "mode": "lines", "name": f"limit {limit:.2g} %", "x": [_ms(first), _ms(last)],
+    lines.append({"type": "scatter", "mode": "lines", "name": f"limit {limit:.2g} %", "x": [ms(first), ms(last)],
                   "y": [limit, limit], "line": {"color": OUTPUT, "dash": "dash", "width": 2}, "hoverinfo": "name"})
     shapes, words = _repairs(wear)
     layout = {"xaxis": {"type": "date"}, "yaxis": {"title": {"text": "dead band [% of output span]"},
@@ -41,7 +38,7 @@ def half_period_figure(half_periods: Sequence[HalfPeriod]) -> Figure:
     for joined, name, symbol in ((False, "half period", "circle"), (True, "across the cut of two nights", "diamond")):
         part = [p for p in used if p.joined is joined]
         groups.append({
-            "type": "scatter", "mode": "markers", "name": f"{name} ({len(part)})", "x": [_ms(p.start) for p in part],
+            "type": "scatter", "mode": "markers", "name": f"{name} ({len(part)})", "x": [ms(p.start) for p in part],
             "y": [round(100 * p.d, 4) for p in part], "text": [f"{p.dt_s:.4g} s long" for p in part],
             "hovertemplate": "%{y:.2f} % (%{text})", "marker": {"color": EVIDENCE, "symbol": symbol, "size": 6},
         })
@@ -54,7 +51,7 @@ def _sizes(nights: Sequence[Night], name: str, symbol: str) -> Figure:
     d = [100 * n.d for n in nights if n.d is not None]
     spans = [n.ci95 or (n.d, n.d) for n in nights if n.d is not None]
     return {
-        "type": "scatter", "mode": "markers", "name": f"{name} ({len(nights)})", "x": [_ms(n.time) for n in nights],
+        "type": "scatter", "mode": "markers", "name": f"{name} ({len(nights)})", "x": [ms(n.time) for n in nights],
         "y": [round(v, 4) for v in d],
         "error_y": {"type": "data", "symmetric": False, "thickness": 1, "width": 2, "color": QUIET,
                     "array": [round(max(100 * (hi or 0) - v, 0), 4) for v, (_, hi) in zip(d, spans, strict=True)],
@@ -66,7 +63,7 @@ def _sizes(nights: Sequence[Night], name: str, symbol: str) -> Figure:
 def _bounds(nights: Sequence[Night]) -> Figure:
     return {
         "type": "scatter", "mode": "markers", "name": f"below detection ({len(nights)})",
-        "x": [_ms(n.time) for n in nights], "y": [round(100 * (n.limit_of_detection or 0.0), 4) for n in nights],
+        "x": [ms(n.time) for n in nights], "y": [round(100 * (n.limit_of_detection or 0.0), 4) for n in nights],
         "hovertemplate": "%{x|%Y-%m-%d}: below %{y:.2f} %",
         "marker": {"color": SETPOINT, "symbol": "triangle-down-open", "size": 8},
     }
@@ -86,7 +83,7 @@ def _ahead(wear: Wear) -> list[Figure]:
 
 
 def _band(path: Sequence[tuple[float, float, float, float]], name: str, shown: bool, **line: str) -> list[Figure]:
-    x = [_ms(p[0]) for p in path]
+    x = [ms(p[0]) for p in path]
     y, low, high = ([round(100 * max(p[i], 0.0), 4) for p in path] for i in (1, 2, 3))
     common = {"type": "scatter", "mode": "lines", "legendgroup": name, "hoverinfo": "skip"}
     return [
@@ -100,14 +97,10 @@ def _band(path: Sequence[tuple[float, float, float, float]], name: str, shown: b
 def _repairs(wear: Wear) -> tuple[list[Figure], list[Figure]]:
     shapes, words = [], []
     for repair in wear.repairs:
-        x = _ms(repair.time)
+        x = ms(repair.time)
         shapes.append({"type": "line", "xref": "x", "yref": "paper", "x0": x, "x1": x, "y0": 0, "y1": 1,
                        "line": {"color": QUIET, "width": 2, "dash": "dashdot"}})
         note = "repair found" if repair.found else f"repair: {repair.note}" if repair.note else "repair"
         words.append({"xref": "x", "yref": "paper", "x": x, "y": 1.0, "text": picture(note, 30), "showarrow": False,
                       "xanchor": "left", "yanchor": "top", "xshift": 4})
     return shapes, words
-
-
-def _ms(time: float) -> int:
-    return round(1000 * time)

@@ -4,28 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..results import LoopReport, Verdict
+from ..results import Compensator, LoopReport, Verdict
 from .json_report import iso_time
 
-VERDICTS = {
-    Verdict.BACKLASH: "backlash",
-    Verdict.SUSPECTED: "suspected",
-    Verdict.NO_BACKLASH: "no backlash",
-    Verdict.OSCILLATING: "oscillating",
-    Verdict.INSUFFICIENT_DATA: "too little data",
-    Verdict.CANNOT_TELL: "cannot tell",
-    Verdict.ERROR: "not analysed",
+# words, and good, warn, bad, quiet: the mark of a page and the colour of a terminal; in the order of a work list
+_SAID = {
+    Verdict.BACKLASH: ("backlash", "bad"),
+    Verdict.SUSPECTED: ("suspected", "warn"),
+    Verdict.NO_BACKLASH: ("no backlash", "good"),
+    Verdict.OSCILLATING: ("oscillating", "warn"),
+    Verdict.INSUFFICIENT_DATA: ("too little data", "quiet"),
+    Verdict.CANNOT_TELL: ("cannot tell", "quiet"),
+    Verdict.ERROR: ("not analysed", "bad"),
 }
-# good, warn, bad, quiet: the mark of a page and the colour of a terminal
-MARKS = {
-    Verdict.BACKLASH: "bad",
-    Verdict.SUSPECTED: "warn",
-    Verdict.NO_BACKLASH: "good",
-    Verdict.OSCILLATING: "warn",
-    Verdict.INSUFFICIENT_DATA: "quiet",
-    Verdict.CANNOT_TELL: "quiet",
-    Verdict.ERROR: "bad",
-}
+VERDICTS, MARKS = ({verdict: said[k] for verdict, said in _SAID.items()} for k in (0, 1))
 _ORDER = {v: i for i, v in enumerate(VERDICTS)}
 
 
@@ -43,8 +35,7 @@ def size(report: LoopReport) -> float | None:
 
 def excluded(report: LoopReport) -> float | None:
     """Smallest dead band [span of output] that `no backlash` excludes; None where the verdict excludes none."""
-    found = report.confirmation or report.cluster
-    return found.limit_of_detection if found is not None and report.verdict is Verdict.NO_BACKLASH else None
+    return report.limit_of_detection if report.verdict is Verdict.NO_BACKLASH else None
 
 
 def percent(value: float | None, digits: int = 2) -> str:
@@ -76,3 +67,9 @@ def advice(report: LoopReport) -> str:
     if report.compensator is not None:
         return f"compensate {percent(report.compensator.gain)}, {report.compensator.scheme}"
     return report.reasons[0].message if report.reasons else ""
+
+
+def compensator_words(found: Compensator) -> list[str]:
+    """The advice in full, and whose decision it is."""
+    return [f"Compensator gain {percent(found.gain)} of the output span, scheme {found.scheme}. {found.reason}",
+            "This is advice to a person; nothing is written to the control system."]

@@ -17,6 +17,14 @@ def day_of(time: float) -> date:
     return datetime.fromtimestamp(time, UTC).date()
 
 
+def day_text(time: float) -> str | None:
+    """Return the UTC calendar day of a time, None outside the calendar (a limit that is thousands of years away)."""
+    try:
+        return day_of(time).isoformat()
+    except (ValueError, OverflowError, OSError):
+        return None
+
+
 @dataclass(frozen=True)
 class Night:
     """One scanned export of one loop. Times in UTC epoch seconds, dead bands in output spans.
@@ -216,6 +224,11 @@ class Wear:
     def current(self) -> Segment | None:
         """The segment since the last repair."""
         return self.segments[-1] if self.segments else None
+
+    @property
+    def now(self) -> Segment | None:
+        """The same where it says something of the valve as it is: nothing may have been measured since the repair."""
+        return None if self.state == "no_estimate" else self.current
 
 
 @dataclass(frozen=True)

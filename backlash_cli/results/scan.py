@@ -154,6 +154,12 @@ class LoopReport:
     details: Mapping[str, object] = field(default_factory=dict)
     carry: bytes | None = field(default=None, repr=False, compare=False)
 
+    @property
+    def limit_of_detection(self) -> float | None:
+        """Smallest dead band [span] that this record would have shown, None where it is not known."""
+        known = (found.limit_of_detection for found in (self.confirmation, self.cluster) if found is not None)
+        return next((limit for limit in known if limit is not None), None)
+
 
 @dataclass(frozen=True)
 class ScanResult:

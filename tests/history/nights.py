@@ -20,7 +20,7 @@ def made(day, d, *, loop="FIC101", verdict=Verdict.BACKLASH, error=0.05, lod=0.0
     if sized:
         confirmation = Confirmation(d, (d * (1 - 2 * error), d * (1 + 2 * error)), 0.5, 50.0, lod)
     elif lod:
-        rest = {"details": {"limit_of_detection": lod}, **rest}
+        confirmation = Confirmation(0.5 * lod, (0.0, lod), 0.0, -5.0, lod)
     estimates = ()
     cluster = None
     if sized:

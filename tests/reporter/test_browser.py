@@ -128,3 +128,16 @@ def test_a_folder_of_a_thousand_loops_opens_at_once_and_loads_a_loop_when_asked(
     assert len(browser.evaluate(COLUMN % 0)) == 1000
     browser.evaluate("Array.from(document.links).find(a => a.textContent === 'FIC0007').click()")
     browser.wait("location.pathname.endsWith('FIC0007.html') && document.querySelectorAll('.main-svg').length > 0")
+
+
+def test_printing_opens_every_loop_and_figures_fit_the_paper(browser, page):
+    browser.open(page, width=1280)
+    browser.wait("document.querySelectorAll('.main-svg').length > 0")
+    width = "document.querySelector('.js-plotly-plot .main-svg').getBoundingClientRect().width"
+    before = browser.evaluate(width)
+    browser.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    browser.wait(f"{width} === 700")
+    assert browser.evaluate("document.querySelectorAll('details:not([open])').length") == 0
+    assert browser.evaluate("Array.from(document.querySelectorAll('.plot:not(.js-plotly-plot)')).length") == 0
+    browser.evaluate("window.dispatchEvent(new Event('afterprint'))")
+    browser.wait(f"{width} === {before}")

@@ -111,7 +111,7 @@ def test_lines_break_at_gaps():
 def test_the_picture_of_the_plant_has_sizes_intervals_bounds_and_words():
     loops = [report("a", 0.05), report("b", 0.02), report("c", 0.004, Verdict.NO_BACKLASH, confirmation=None),
              report("d", None, Verdict.CANNOT_TELL)]
-    found = {trace["name"]: trace for trace in html.plant_figure(loops)["data"]}
+    found = {trace["name"]: trace for trace in html.plant_picture(loops)["data"]}
     sizes = found["backlash (2)"]
     assert sizes["x"] == [5.0, 2.0] and sizes["y"] == [0, 1] and sizes["text"] == ["", ""]
     assert sizes["error_x"]["array"] == pytest.approx([0.5, 0.2])

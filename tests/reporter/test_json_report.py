@@ -7,7 +7,7 @@ from math import inf, nan
 import pytest
 
 from backlash_cli.record import Note
-from backlash_cli.reporter.json_report import document, iso_time, to_json
+from backlash_cli.reporter.json_report import iso_time, to_json
 from tests.reporter.reports import HOSTILE, report, result
 
 LOOP_FIELDS = [
@@ -74,5 +74,5 @@ def test_times_are_utc_and_odd_ones_null():
 
 
 def test_failures_and_warnings_are_listed():
-    found = document(replace(result(report()), failures=(Note("unreadable_input", "b.csv: empty"),)))
+    found = strict(to_json(replace(result(report()), failures=(Note("unreadable_input", "b.csv: empty"),))))
     assert found["failures"] == [{"code": "unreadable_input", "message": "b.csv: empty"}]

@@ -10,7 +10,17 @@ import pytest
 
 from backlash_cli.kernels import play
 from backlash_cli.record import LoopSettings, Record, record_from_arrays
-from backlash_cli.reporter.picture_data import gap_lines, known_part, means, middle_part, per_unit
+from backlash_cli.reporter.figures import (
+    close_look,
+    flanks,
+    known_part,
+    means,
+    scale,
+    stands_still,
+    stem_of,
+    trend,
+    unit,
+)
 from backlash_cli.reporter.pictures import draw_loop, loop_figure
 from backlash_cli.results import Cluster, Confirmation, Estimate, LoopReport, Verdict
 
@@ -128,25 +138,53 @@ def test_short_records_are_drawn(tmp_path: Path, samples: int) -> None:
 
 def test_estimates_are_thinned_before_they_hide_each_other() -> None:
     long = replace(report(), estimates=report(estimates=8).estimates * 20)
-    trend = loop_figure(record(), long).axes[0]
-    places = sorted(text.get_position()[0] for text in trend.texts)
+    top = loop_figure(record(), long).axes[0]
+    places = sorted(text.get_position()[0] for text in top.texts)
     assert 3 <= len(places) <= 8 and np.diff(places).min() > 0
 
 
 def test_flanks_lie_a_dead_band_apart() -> None:
-    lines = gap_lines(record(), 0.03)
+    lines = flanks(record(), 0.03)
     assert lines is not None
-    (op, up, _), (_, down, _) = lines.rising, lines.falling
+    (op, up), (_, down) = lines
     slope = (up[1] - up[0]) / (op[1] - op[0])
     assert slope == pytest.approx(1.0, rel=0.05)
     assert (down - up)[0] / slope == pytest.approx(0.03, rel=1e-9)
 
 
+def test_the_stem_stands_still_for_as_long_as_op_needs_to_cross_the_gap() -> None:
+    slope, d = 1e-4, 0.03  # [1/sample]: after every turn of a triangle the stem waits for d / slope samples
+    wave = 0.5 + slope * np.abs((np.arange(8000.0) % 2000) - 1000)
+    stem = stem_of(wave, d)
+    found = stands_still(wave, stem, d)[1:]  # the first begins at half the gap: nobody knows where the stem was
+    assert [first for first, _ in found] == pytest.approx([1000, 2000, 3000, 4000, 5000, 6000, 7000], abs=2)
+    assert [last - first for first, last in found] == pytest.approx([d / slope] * 7, abs=3)
+    assert not stands_still(wave, stem_of(wave, 0.0), 0.0)
+    flat = np.where(np.arange(8000) > 100, np.nan, wave)
+    assert np.isfinite(stem_of(flat, d)).all() and stands_still(flat[200:], stem_of(flat, d)[200:], d) == []
+
+
+def test_the_close_look_shows_the_stem_and_where_it_stands_still() -> None:
+    whole = record()
+    window = close_look(whole, report())
+    figure = trend(whole, report(), window)
+    stem = figure["data"][-1]
+    assert stem["name"] == "stem: OP through 3.00 % of play" and stem["yaxis"] == "y2"
+    shades = figure["layout"]["shapes"]
+    assert 4 <= len(shades) <= 12 and [s["showlegend"] for s in shades] == [True] + [False] * (len(shades) - 1)
+    assert whole.output is not None
+    for shade in shades:  # OP crosses most of the gap while the stem stays where it is
+        inside = (1000 * whole.time >= shade["x0"]) & (1000 * whole.time <= shade["x1"])
+        assert np.ptp(whole.output[inside]) >= 0.015 and np.ptp(stem_of(whole.output, 0.03)[inside]) == 0.0
+    none = trend(whole, replace(report(), verdict=Verdict.NO_BACKLASH), window)
+    assert "shapes" not in none["layout"] and none["data"][-1]["name"] == "OP"
+
+
 def test_no_flanks_where_pv_does_not_follow_the_valve() -> None:
     noise = np.random.default_rng(1).normal(size=N)
-    assert gap_lines(replace(record(), measurement=0.5 + 0.01 * noise), 0.03) is None
-    assert gap_lines(record(output=False), 0.03) is None
-    assert gap_lines(record().slice(0, 10), 0.03) is None
+    assert flanks(replace(record(), measurement=0.5 + 0.01 * noise), 0.03) is None
+    assert flanks(record(output=False), 0.03) is None
+    assert flanks(record().slice(0, 10), 0.03) is None
 
 
 def test_what_is_not_recorded_is_not_drawn() -> None:
@@ -156,10 +194,10 @@ def test_what_is_not_recorded_is_not_drawn() -> None:
     part = known_part(replace(whole, measurement=pv))
     assert len(part) == 4000
     assert len(known_part(replace(whole, measurement=np.full(N, np.nan)))) == N
-    assert middle_part(whole) == slice(2700, 3300)
+    assert close_look(whole, LoopReport("x", Verdict.CANNOT_TELL)) == slice(2700, 3300)
 
 
 def test_units_and_means() -> None:
-    assert per_unit((0.0, 1.0)) == "% of span"
+    assert unit(scale((0.0, 1.0))) == "%" and scale((0.0, 900.0)) == (0.0, 900.0)
     assert means(np.arange(10.0), 5).tolist() == [0.5, 2.5, 4.5, 6.5, 8.5]
     assert means(np.arange(3.0), 5).tolist() == [0.0, 1.0, 2.0]

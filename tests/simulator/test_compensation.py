@@ -9,8 +9,7 @@ import pytest
 from backlash_cli.compensate import compensate, contradiction, gain_margin
 from backlash_cli.errors import LoopError, MetadataError
 from backlash_cli.record import record_from_arrays
-from backlash_cli.reporter.compensation_page import compensation_page
-from backlash_cli.reporter.compensation_text import ADVICE, to_document, to_text
+from backlash_cli.reporter.compensation import ADVICE, compensation_page, to_document, to_text
 from backlash_cli.results.compensation import ProcessModel
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, trace, use
 from backlash_cli.simulator.compensation import (

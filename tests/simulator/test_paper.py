@@ -8,8 +8,7 @@ from click.testing import CliRunner
 
 from backlash_cli.commands.paper import paper as command
 from backlash_cli.estimator.haegglund import published_estimates
-from backlash_cli.reporter.paper_page import paper_page
-from backlash_cli.reporter.paper_text import to_document, to_text
+from backlash_cli.reporter.paper import paper_page, to_document, to_text
 from backlash_cli.simulator import simulate
 from backlash_cli.simulator.paper import reproduce
 from backlash_cli.simulator.paper.estimates import default_gain

@@ -71,7 +71,7 @@
     const out = Object.assign({}, layout, {
       paper_bgcolor: "rgba(0,0,0,0)",
       plot_bgcolor: "rgba(0,0,0,0)",
-      margin: Object.assign({ t: layout.title ? 50 : 30, r: 15, l: 50, b: 40 }, layout.margin),
+      margin: Object.assign({ t: layout.title ? 50 : 30, r: 15, l: 50, b: 50 }, layout.margin),
       legend: Object.assign({ orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, layout.legend),
       modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("--quiet"), activecolor: colour("--text") },
       font: Object.assign({ size: 13 }, layout.font, { color: colour("--text"), family: "system-ui, sans-serif" }),
@@ -97,7 +97,13 @@
     if (!figure) return;
     waiting.delete(plot);
     figures.set(plot, figure);
-    window.Plotly.newPlot(plot, figure.data, themed(figure.layout || {}), {
+    const layout = themed(figure.layout || {});
+    if (window.innerWidth < 640) {  // the legend takes a line per name, and there is room for few dates
+      const named = figure.data.filter((trace) => trace.name && trace.showlegend !== false).length;
+      layout.height = (layout.height || 450) + 18 * named;
+      Object.keys(layout).filter((k) => k.startsWith("xaxis")).forEach((k) => Object.assign(layout[k], { nticks: 4, tickangle: 0 }));
+    }
+    window.Plotly.newPlot(plot, figure.data, layout, {
       responsive: true, displaylogo: false, scrollZoom: false,
       modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]],
     });
@@ -137,6 +143,10 @@
   window.addEventListener("beforeprint", () => {
     opened = all("details:not([open])");
     if (opened.length <= 60) { opened.forEach((d) => { d.open = true; }); plots.forEach(draw); } else opened = [];
+    figures.forEach((_, plot) => window.Plotly.relayout(plot, { width: 700 }));  // of A4 and of letter paper
   });
-  window.addEventListener("afterprint", () => opened.forEach((d) => { d.open = false; }));
+  window.addEventListener("afterprint", () => {
+    opened.forEach((d) => { d.open = false; });
+    figures.forEach((_, plot) => window.Plotly.relayout(plot, { width: null, autosize: true }));
+  });
 })();

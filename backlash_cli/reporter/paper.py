@@ -1,4 +1,4 @@
-"""The paper as a page: each figure drawn anew beside its numbers."""
+"""The paper's numbers beside ours as text, plain values and a page with each figure drawn anew."""
 
 from __future__ import annotations
 
@@ -9,12 +9,70 @@ import numpy as np
 
 from ..record import FloatArray
 from ..results.paper import Line, PaperFigure, PaperReport, PaperRow
+from .console import Screen
+from .figures import QUIET
 from .page import Cell, Section, Table, page
-from .paper_text import difference, number, unit_of
 
+WIDTH = 120
 COLOURS = ("#2878c8", "#d1345b", "#2a9d5c", "#c77700", "#7a5bc7")
-QUIET = "#8d99a5"
 GAP = 0.1  # of the height, between panels
+_SOURCE = "J. Process Control 17 (2007) 489-499"
+
+
+def number(value: float, unit: str, signed: bool = False) -> str:
+    """Return a value of a row in words a reader of the paper knows.
+
+    >>> number(1.0, "yes/no"), number(7.7081, "s"), number(-0.2, "%", signed=True)
+    ('yes', '7.71', '-0.20')
+    """
+    if unit == "yes/no":
+        return "yes" if value else "no"
+    digits = 0 if unit == "count" and value == int(value) else 2
+    return f"{round(value, digits) + 0.0:{'+' if signed else ''}.{digits}f}"  # + 0.0: no minus sign before zero
+
+
+def difference(row: PaperRow) -> str:
+    """Return ours minus the paper's, empty where the answer is yes or no."""
+    return "" if row.published.unit == "yes/no" else number(row.difference, row.published.unit, signed=True)
+
+
+def unit_of(row: PaperRow) -> str:
+    """Return the unit as printed."""
+    return "" if row.published.unit in ("yes/no", "count") else row.published.unit
+
+
+def to_text(report: PaperReport, *, colour: bool = False) -> str:
+    """Return the table paper, ours, difference, agrees; below it why some rows differ."""
+    screen = Screen(colour=colour, width=WIDTH)
+    reasons = list(dict.fromkeys(row.published.why for row in report.rows if row.published.why))
+    rows = []
+    for row in report.rows:
+        p = row.published
+        note = f" [{reasons.index(p.why) + 1}]" if p.why else ""
+        rows.append([p.quantity, number(p.value, p.unit), number(row.ours, p.unit), difference(row), unit_of(row),
+                     ("yes" if row.agrees else "no") + note])
+    screen.say(f"T. Haegglund, {_SOURCE}: the paper's numbers and ours")
+    screen.say()
+    screen.table(("Number", ">Paper", ">Ours", ">Difference", "Unit", "Agrees"), rows,
+                 styles=[["" if row.agrees else "yellow"] * 6 for row in report.rows])
+    agreeing = sum(row.agrees for row in report.rows)
+    screen.say(f"\n{agreeing} of {len(report.rows)} numbers agree within their tolerance. Where they do not:")
+    for k, why in enumerate(reasons, 1):
+        screen.say(f"[{k}] {why}")
+    screen.say("\nSingle estimates [% of span]:")
+    for key, (theirs, ours) in report.lists.items():
+        screen.say(f"Fig. {key[3:]}  paper {theirs}   ours {ours}", indent=2)
+    return screen.text()
+
+
+def to_document(report: PaperReport) -> dict[str, Any]:
+    """Return the rows as plain values for JSON."""
+    rows = [{**{n: getattr(row.published, n) for n in ("key", "figure", "quantity", "unit")},
+             "paper": row.published.value, "ours": row.ours, "difference": row.difference,
+             "tolerance": row.published.tolerance, "agrees": row.agrees, "why": row.published.why or None}
+            for row in report.rows]
+    return {"paper": f"T. Haegglund, {_SOURCE}", "agree": sum(row.agrees for row in report.rows), "rows": rows,
+            "estimates": {key: {"paper": theirs, "ours": ours} for key, (theirs, ours) in report.lists.items()}}
 
 
 def paper_page(report: PaperReport) -> str:
@@ -25,10 +83,8 @@ def paper_page(report: PaperReport) -> str:
                              "agree say why; the figures below show the simulations behind the numbers."],
         table=numbers(report.rows, with_reason=True), anchor="numbers",
     )
-    figures = [section(figure, report) for figure in report.figures]
-    return page("Haegglund (2007), recomputed", [overview, *figures],
-                subtitle="T. Haegglund, Automatic on-line estimation of backlash in control loops, J. Process Control "
-                "17 (2007) 489-499")
+    return page("Haegglund (2007), recomputed", [overview, *(section(figure, report) for figure in report.figures)],
+                subtitle=f"T. Haegglund, Automatic on-line estimation of backlash in control loops, {_SOURCE}")
 
 
 def section(figure: PaperFigure, report: PaperReport) -> Section:
@@ -46,17 +102,15 @@ def section(figure: PaperFigure, report: PaperReport) -> Section:
 def numbers(rows: Sequence[PaperRow], *, with_reason: bool = False) -> Table:
     """Return the table paper, ours, difference, agrees."""
     columns = ["Number", "Unit", "Paper", "Ours", "Difference", "Tolerance", "Agrees", *["Why not"] * with_reason]
-    return Table(columns, [_row(row, with_reason) for row in rows])
+    return Table(columns, [_row(row)[: len(columns)] for row in rows])
 
 
-def _row(row: PaperRow, with_reason: bool) -> list[object]:
+def _row(row: PaperRow) -> list[object]:
     p = row.published
-    cells: list[object] = [
-        p.quantity, unit_of(row), Cell(p.value, text=number(p.value, p.unit)),
-        Cell(row.ours, text=number(row.ours, p.unit)), Cell(row.difference, text=difference(row) or "–"),
-        p.tolerance or "–", Cell("yes" if row.agrees else "no", mark="good" if row.agrees else "warn"),
-    ]
-    return [*cells, "" if row.agrees else p.why] if with_reason else cells
+    return [p.quantity, unit_of(row), Cell(p.value, text=number(p.value, p.unit)),
+            Cell(row.ours, text=number(row.ours, p.unit)), Cell(row.difference, text=difference(row) or "–"),
+            p.tolerance or "–", Cell("yes" if row.agrees else "no", mark="good" if row.agrees else "warn"),
+            "" if row.agrees else p.why]
 
 
 def plot(figure: PaperFigure) -> dict[str, Any]:
@@ -74,7 +128,7 @@ def plot(figure: PaperFigure) -> dict[str, Any]:
         layout[f"xaxis{mark}"] = _axis(panel.x_label, panel.x_limits) | {"anchor": f"y{mark}"}
         layout[f"yaxis{mark}"] = _axis(panel.y_label, panel.y_limits) | {"domain": [max(top - height, 0.0), top],
                                                                        "anchor": f"x{mark}"}
-        if _shares_x(figure, k):
+        if k > 0 and not figure.panels[0].x_label and panel.x_label.startswith("time"):
             layout[f"xaxis{mark}"]["matches"] = "x"
         if panel.equal_scales:
             layout[f"yaxis{mark}"]["scaleanchor"] = f"x{mark}"
@@ -85,10 +139,6 @@ def plot(figure: PaperFigure) -> dict[str, Any]:
             for m in panel.marks
         ]
     return {"data": data, "layout": layout}
-
-
-def _shares_x(figure: PaperFigure, k: int) -> bool:
-    return k > 0 and not figure.panels[0].x_label and figure.panels[k].x_label.startswith("time")
 
 
 def _axis(label: str, limits: tuple[float, float] | None) -> dict[str, Any]:
