@@ -8,7 +8,15 @@ import pytest
 
 from backlash_cli.estimator.diagnosis import SUM_OF_BOTH, Diagnosis, diagnose
 from backlash_cli.estimator.mean_cycle import compare_mean_cycle
-from backlash_cli.estimator.wave import find_period, regularity, sine_misfit, square_misfit, triangle_misfit, wave
+from backlash_cli.estimator.wave import (
+    find_period,
+    moving_mean,
+    regularity,
+    sine_misfit,
+    square_misfit,
+    triangle_misfit,
+    wave,
+)
 from backlash_cli.record import Record, record_from_arrays
 from tests.benchmarks.cycling_loops import draw
 from tests.benchmarks.diagnosis_benchmark import judged
@@ -152,3 +160,11 @@ def test_recordings_of_the_stiction_data_base(loop: str) -> None:
         assert found.kind not in ("stiction", "backlash_integrating")
     elif found.kind != "none":
         assert found.kind == "stiction"
+
+
+@pytest.mark.parametrize("width", [0, 1, 2, 3, 4, 49, 50, 120])
+def test_a_moving_mean_is_that_of_the_samples_around_each(width):
+    values = np.random.default_rng(0).normal(size=50)
+    back, on = max(width, 1) // 2, max(width, 1) - max(width, 1) // 2
+    expected = [values[max(i - back, 0) : i + on].mean() for i in range(50)]
+    np.testing.assert_allclose(moving_mean(values, width), expected, atol=1e-12)
