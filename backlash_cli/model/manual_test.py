@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimator.confirm import DROP, LEAST_INTERVAL, LIMITS, NARROWEST, TRACE, TURN, peak_of, width_interval
+from ..estimator.confirm import DROP, LIMITS, NARROWEST, TRACE, TURN, peak_of, width_interval
 from ..estimator.criteria import FEWEST_CROSSINGS, MOTION
 from ..estimator.predictor import COMPLETE, FREEDOM, Recording, block_means
 from ..kernels import gap_crossings, play
@@ -43,8 +43,10 @@ WANDERS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # move of the load in a
 SMOOTH = (0.1, 2.0, 6.0, 20.0)  # blocks over which its moves are smoothed
 FOREVER = 30.0  # times the test: what the load forgets
 SCOUTS, KEPT = (0.25, 0.5, 0.75), 6  # dead bands of the first round as shares of the motion; models kept of each
+NEARER = (1.35, 1.16, 1.08)  # then about the best of them, by these factors
 STARTS = (-1.0, 0.0, 1.0)  # place of the stem at the start, in half gaps
 WIDTHS, FINE = 14, 7  # dead bands tried, and between the neighbours of the best
+LEAST_INTERVAL = 0.12  # of d, each way: the process is never exactly one of the answers
 SURE = 1.28  # deviations: 90 %
 TURNED = 0.2  # of d: OP going back by more begins a new event
 ROUNDS = 6  # of the weights
@@ -67,6 +69,14 @@ class Answer:
         if self.second:
             x = delayed_lag(x, interval, self.second, 0.0)
         return np.append(0.0, np.cumsum(x)[:-1]) * interval / self.lag if self.integrating else x
+
+    def near(self, factor: float, interval: float) -> list[Answer]:
+        """This answer and those about it, by a factor in the lag and as much in what else there is."""
+        share, steps = self.second / self.lag, (factor - 1.0) * np.array([-1.0, 0.0, 1.0])
+        seconds = [0.0] if self.integrating else np.unique(np.clip(share + steps, 0.0, 1.0)).tolist()
+        delays = np.unique(np.maximum(self.delay + steps * max(self.lag, interval), 0.0)).tolist()
+        return [Answer(self.lag * f, b * self.lag * f, c, self.integrating)
+                for f in (1.0 / factor, 1.0, factor) for b in seconds for c in delays]
 
 
 @dataclass(frozen=True)
@@ -187,21 +197,32 @@ def _answers(longest: float, interval: float) -> list[Answer]:
 
 def _searched(data: _Blocks, answers: Sequence[Answer], longest: float) -> list[tuple[Noise, Answer]]:
     """The answers and noises that make PV most likely, without a dead band and with some."""
-    scouts = [0.0, *(data.span * np.array(SCOUTS))]
-    stems = [data.stems(d, 0.0) for d in scouts]
-    slow, found = FOREVER * longest, []
-    for wanders in WANDERS:
-        for smooth in SMOOTH:
-            noise = Noise(wanders * float(np.sqrt(0.5 * slow / data.interval)), slow, smooth * data.interval)
-            whiteners = data.whiteners(noise)
-            y, X = data.whitened(whiteners, stems, answers)
-            likely = _likelihoods(X, y, rounds=0)[0].normal.reshape(len(scouts), -1)
-            likely -= 0.5 * sum(w.log_det for w in whiteners)
-            found += [(likely[i, k], i, noise, answers[k]) for i in range(len(scouts)) for k in range(len(answers))]
-    found.sort(key=lambda one: -one[0])
-    kept = [(noise, answer) for i in range(len(scouts)) for _, _, noise, answer in
-            [one for one in found if one[1] == i][:KEPT]]
+    slow = FOREVER * longest
+    level = float(np.sqrt(0.5 * slow / data.interval))
+    noises = [Noise(w * level, slow, s * data.interval) for w in WANDERS for s in SMOOTH]
+    kept: list[tuple[Noise, Answer]] = []
+    stems = [data.stems(d, 0.0) for d in (0.0, *(data.span * np.array(SCOUTS)))]
+    first = _most_likely(data, stems, noises, answers)
+    for stem, found in zip(stems, first, strict=True):
+        for factor in NEARER:
+            noise, answer = found[0]
+            likely = [Noise(noise.ratio * f, slow, noise.fast) for f in (factor ** -2.0, 1.0, factor**2)]
+            found = [*_most_likely(data, [stem], likely, answer.near(factor, data.interval))[0], *found]
+        kept += found[:KEPT]
     return list(dict.fromkeys(kept))
+
+
+def _most_likely(data: _Blocks, stems: Sequence[Sequence[FloatArray]], noises: Sequence[Noise],
+                 answers: Sequence[Answer]) -> list[list[tuple[Noise, Answer]]]:
+    """For each of the stems the KEPT models that make PV most likely, the best first."""
+    likely = []
+    for noise in noises:
+        whiteners = data.whiteners(noise)
+        y, X = data.whitened(whiteners, stems, answers)
+        normal = _likelihoods(X, y, rounds=0)[0].normal.reshape(len(stems), -1)
+        likely.append(normal - 0.5 * sum(w.log_det for w in whiteners))
+    best = np.argsort(-np.concatenate(likely, axis=1), axis=1, kind="stable")[:, :KEPT]
+    return [[(noises[k // len(answers)], answers[k % len(answers)]) for k in row] for row in best.tolist()]
 
 
 def _fitted(data: _Blocks, widths: Sequence[float] | FloatArray, models: Sequence[tuple[Noise, Answer]],
