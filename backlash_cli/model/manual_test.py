@@ -32,7 +32,7 @@ from ..estimator.predictor import COMPLETE, FREEDOM, Recording, block_means
 from ..kernels import gap_crossings, play
 from ..record import FloatArray, Note
 from ..results import Confirmation
-from .noise import Noise, Whitener, whitener
+from .noise import Noise, whitener
 from .response import delayed_lag
 
 MOST_BLOCKS, FEWEST_BLOCKS = 400, 30  # PV is compared in block means, so many in all
@@ -111,23 +111,30 @@ class _Blocks:
             before = int(number[-1]) + 1
         return np.concatenate(found)
 
-    def whiteners(self, noise: Noise) -> list[Whitener]:
-        return [whitener(noise, used, self.interval) for used in self.used]
-
-    def whitened(self, whiteners: Sequence[Whitener], stems: Sequence[Sequence[FloatArray]],
-                 answers: Sequence[Answer]) -> tuple[FloatArray, FloatArray]:
-        """PV (rows,) and the columns of all stems with all answers (models, 3, rows), whitened; used blocks only."""
-        parts = []
-        for i, (w, y, used) in enumerate(zip(whiteners, self.measurement, self.used, strict=True)):
-            drift = np.arange(len(y)) / len(y)
-            columns = [y]
+    def columns(self, stems: Sequence[Sequence[FloatArray]], answers: Sequence[Answer]) -> list[FloatArray]:
+        """Of each recording (1 + models * 3, blocks): PV, and of each stem and answer what PV would be, the same for
+        the square of the stem, and the drift beside an integrator."""
+        found = []
+        for i, y in enumerate(self.measurement):
+            rows = [y]
             for stem in (several[i] for several in stems):
                 for a in answers:
-                    columns += [a.of(stem, self.interval), a.of(stem * stem / self.span, self.interval),
-                                drift * a.integrating]
-            parts.append(w.columns(np.array(columns).T)[used])
+                    both = (a.of(x, self.interval) for x in (stem, stem * stem / self.span))
+                    # a block mean lies half a block after the block's first sample
+                    rows += [x if self.size == 1 else 0.5 * (x + np.append(x[1:], x[-1])) for x in both]
+                    rows.append(np.arange(len(y)) / len(y) * a.integrating)
+            found.append(np.array(rows))
+        return found
+
+    def whitened(self, noise: Noise, columns: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """PV (rows,) and columns of all models (models, 3, rows), whitened, used blocks only, and weights (rows,)."""
+        parts, weights = [], []
+        for rows, used in zip(columns, self.used, strict=True):
+            white = whitener(noise, used, self.interval)
+            parts.append(white.columns(rows.T)[used])
+            weights.append(white.weight[used])
         both = np.concatenate(parts).T
-        return both[0], np.ascontiguousarray(both[1:]).reshape(-1, 3, both.shape[1])
+        return both[0], np.ascontiguousarray(both[1:]).reshape(-1, 3, both.shape[1]), np.concatenate(weights)
 
 
 @dataclass(frozen=True)
@@ -215,12 +222,10 @@ def _searched(data: _Blocks, answers: Sequence[Answer], longest: float) -> list[
 def _most_likely(data: _Blocks, stems: Sequence[Sequence[FloatArray]], noises: Sequence[Noise],
                  answers: Sequence[Answer]) -> list[list[tuple[Noise, Answer]]]:
     """For each of the stems the KEPT models that make PV most likely, the best first."""
-    likely = []
+    likely, columns = [], data.columns(stems, answers)
     for noise in noises:
-        whiteners = data.whiteners(noise)
-        y, X = data.whitened(whiteners, stems, answers)
-        normal = _likelihoods(X, y, rounds=0)[0].normal.reshape(len(stems), -1)
-        likely.append(normal - 0.5 * sum(w.log_det for w in whiteners))
+        y, X, weights = data.whitened(noise, columns)
+        likely.append(_likelihoods(X, y, weights, rounds=0)[0].normal.reshape(len(stems), -1))
     best = np.argsort(-np.concatenate(likely, axis=1), axis=1, kind="stable")[:, :KEPT]
     return [[(noises[k // len(answers)], answers[k % len(answers)]) for k in row] for row in best.tolist()]
 
@@ -233,19 +238,16 @@ def _fitted(data: _Blocks, widths: Sequence[float] | FloatArray, models: Sequenc
     stems = [data.stems(float(d), s) for d in widths for s in starts]
     fits = []
     for noise, answer in models:
-        whiteners = data.whiteners(noise)
-        y, X = data.whitened(whiteners, stems, [answer])
-        one, _ = _likelihoods(X, y)
-        fixed = -0.5 * sum(w.log_det for w in whiteners)
+        y, X, weights = data.whitened(noise, data.columns(stems, [answer]))
+        one, _ = _likelihoods(X, y, weights)
         wrong = np.where(one.coefficients[:, 0] * K < 0.0, -1e9, 0.0) if K else 0.0
-        fits.append((one.normal + fixed + wrong, one.student + fixed + wrong, one.coefficients, one.variance,
-                     one.deviation))
+        fits.append((one.normal + wrong, one.student + wrong, one.coefficients, one.variance, one.deviation))
     return _Fits(*(np.array(part) for part in zip(*fits, strict=True)))
 
 
-def _likelihoods(X: FloatArray, y: FloatArray, rounds: int = ROUNDS) -> tuple[_Fits, FloatArray]:
+def _likelihoods(X: FloatArray, y: FloatArray, weights: FloatArray, rounds: int = ROUNDS) -> tuple[_Fits, FloatArray]:
     """Fits of y (rows,) on each of X (models, columns, rows), and the logarithm of each row's likelihood if errors are
-    Student's t (models, rows)."""
+    Student's t (models, rows); weights: of the whitening (rows,)."""
     n = len(y)
     weight = np.ones((len(X), 1, n))
     normal = np.empty(len(X))
@@ -258,11 +260,12 @@ def _likelihoods(X: FloatArray, y: FloatArray, rounds: int = ROUNDS) -> tuple[_F
         error = y - np.einsum("mc,mcr->mr", b, X)
         square = np.maximum(np.mean(weight[:, 0] * error**2, axis=1), 1e-12)
         if not again:
-            normal, variance, first = -0.5 * n * np.log(square), square, b
+            normal, variance, first = float(np.log(weights).sum()) - 0.5 * n * np.log(square), square, b
             deviation = np.asarray(np.sqrt(square * np.linalg.inv(gram)[:, 0, 0]), dtype=np.float64)
             square = np.minimum(square, (1.4 * np.median(np.abs(error), axis=1)) ** 2 + 1e-12)
         weight = ((FREEDOM + 1.0) / (FREEDOM + error**2 / square[:, None]))[:, None]
     by_row = -0.5 * ((FREEDOM + 1.0) * np.log1p(error**2 / (FREEDOM * square[:, None])) + np.log(square)[:, None])
+    by_row += np.log(weights)
     return _Fits(normal, by_row.sum(1), np.asarray(first, dtype=np.float64), variance, deviation), by_row
 
 
@@ -280,12 +283,11 @@ def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, 
     """Say so where PV does not answer at all, although the process that this controller controls would have."""
     if not K or not Ti or longest < LONG_ENOUGH * Ti:
         return None
-    whiteners = data.whiteners(models[int(none.normal[:, 0].argmax())][0])
     stems = data.stems(0.0, 0.0)
     quick = [a for a in answers if not a.integrating and any(
         np.ptp(a.of(stem, data.interval)[used]) > 0.5 * data.span for stem, used in zip(stems, data.used, strict=True))]
-    y, X = data.whitened(whiteners, [stems], quick)
-    fits, _ = _likelihoods(X, y, rounds=0)
+    y, X, weights = data.whitened(models[int(none.normal[:, 0].argmax())][0], data.columns([stems], quick))
+    fits, _ = _likelihoods(X, y, weights, rounds=0)
     if not quick or float(np.max(np.abs(fits.coefficients[:, 0]) + 2.0 * fits.deviation)) > NO_ANSWER / abs(K):
         return None
     return Note("manual_no_answer", f"OP was moved over {data.span:.2g} % of its span in manual, and PV did not "
@@ -322,10 +324,8 @@ def _confirmation(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _
 
 def _by_row(data: _Blocks, model: tuple[Noise, Answer], d: float, start: float) -> FloatArray:
     """Log likelihood (rows,) of one model, errors Student's t."""
-    whiteners = data.whiteners(model[0])
-    y, X = data.whitened(whiteners, [data.stems(d, start)], [model[1]])
-    weights = np.concatenate([w.weight[used] for w, used in zip(whiteners, data.used, strict=True)])
-    found: FloatArray = _likelihoods(X, y)[1][0] + np.log(weights)
+    y, X, weights = data.whitened(model[0], data.columns([data.stems(d, start)], [model[1]]))
+    found: FloatArray = _likelihoods(X, y, weights)[1][0]
     return found
 
 
@@ -339,15 +339,15 @@ def _limit(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, w
     """
     k = int(none.normal[:, 0].argmax())
     noise, answer = models[k]
-    whiteners, b, n = data.whiteners(noise), none.coefficients[k, 0], 0
+    b = none.coefficients[k, 0]
     answers = list(dict.fromkeys(a for _, a in models))
-    _, straight = data.whitened(whiteners, [data.stems(0.0, 0.0)], answers)
+    y, straight, _ = data.whitened(noise, data.columns([data.stems(0.0, 0.0)], answers))
+    n, even = len(y), np.ones(len(y))
     tried = LIMITS[data.span > MOTION * LIMITS]
     limit = None
     for d in tried[::-1]:
-        _, X = data.whitened(whiteners, [data.stems(float(d), s) for s in STARTS], [answer])
-        n = X.shape[2]
-        left = min(float(np.exp(-2.0 / n * _likelihoods(straight, b @ x, rounds=0)[0].normal.max())) for x in X) * n
+        _, X, _ = data.whitened(noise, data.columns([data.stems(float(d), s) for s in STARTS], [answer]))
+        left = n * min(float(_likelihoods(straight, b @ x, even, rounds=0)[0].variance.min()) for x in X)
         expected = 0.5 * n * np.log1p(left / (n * none.variance[k, 0]))
         seen = expected - SURE * np.sqrt(2.0 * expected) >= TRACE and data.crossings(float(d)) >= FEWEST_CROSSINGS
         if not seen or float(np.interp(d, widths, gains)) > -DROP:
