@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from ..record import Note
 from ..results import Cluster, Confirmation, Verdict
-from .criteria import CALLED, CLEARED, confidence, read, times
+from .criteria import CALLED, CLEARED, by_hand, confidence, read, times
 from .oscillation import Oscillation
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
@@ -161,7 +161,7 @@ def _in_automatic(f: Findings) -> Decision:
 def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     reading = read(c, output_step=f.output_step)
     limits = tuple(note for note in f.quality if note.values.get("effect") == LIMITED)
-    sure = confidence(float(c.details["evidence"]))
+    sure = confidence(float(c.details["evidence"]), by_hand(c))
     reasons = [_explained(c), LOOK_ALIKE, *_side_by_side(f, c), *f.reading]
     small = limits and f.detections < ENOUGH and c.ci95[1] < HARMLESS  # a reconstructed PV imitates such sizes
     if reading.clear and not small:

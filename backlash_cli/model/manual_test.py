@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ SECOND, DEAD_TIMES = (0.0, 0.6), (0.0, 0.5, 1.0)  # second lag and dead time as 
 WANDERS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # move of the load in a block over the noise
 SMOOTH = (0.1, 2.0, 6.0, 20.0)  # blocks over which its moves are smoothed
 FOREVER = 30.0  # times the test: what the load forgets
-SCOUTS, KEPT = (0.25, 0.5, 0.75), 6  # dead bands of the first round as shares of the motion; models kept of each
+SCOUTS, KEPT = (0.25, 0.5, 0.75), 4  # dead bands of the first round as shares of the motion; models kept of each
 NEARER = (1.35, 1.16, 1.08)  # then about the best of them, by these factors
 STARTS = (-1.0, 0.0, 1.0)  # place of the stem at the start, in half gaps
 WIDTHS, FINE = 14, 7  # dead bands tried, and between the neighbours of the best
@@ -95,7 +96,7 @@ class _Blocks:
 
     def crossings(self, d: float) -> int:
         """How often OP went back through a gap while the controller was in manual."""
-        return sum(gap_crossings(u[np.argmax(used) * self.size :], d)
+        return sum(gap_crossings(u, d) - gap_crossings(u[: np.argmax(used) * self.size + 1], d)
                    for u, used in zip(self.outputs, self.used, strict=True))
 
     def events(self, least: float) -> NDArray[np.int64]:
@@ -112,8 +113,8 @@ class _Blocks:
         return np.concatenate(found)
 
     def columns(self, stems: Sequence[Sequence[FloatArray]], answers: Sequence[Answer]) -> list[FloatArray]:
-        """Of each recording (1 + models * 3, blocks): PV, and of each stem and answer what PV would be, the same for
-        the square of the stem, and the drift beside an integrator."""
+        """Of each recording (1 + models * (2 + recordings), blocks): PV, and of each stem and answer what PV would be,
+        the same for the square of the stem, and beside an integrator a drift of each recording's own."""
         found = []
         for i, y in enumerate(self.measurement):
             rows = [y]
@@ -122,24 +123,25 @@ class _Blocks:
                     both = (a.of(x, self.interval) for x in (stem, stem * stem / self.span))
                     # a block mean lies half a block after the block's first sample
                     rows += [x if self.size == 1 else 0.5 * (x + np.append(x[1:], x[-1])) for x in both]
-                    rows.append(np.arange(len(y)) / len(y) * a.integrating)
+                    rows += [np.arange(len(y)) / len(y) * (a.integrating and k == i) for k in range(len(self.used))]
             found.append(np.array(rows))
         return found
 
     def whitened(self, noise: Noise, columns: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """PV (rows,) and columns of all models (models, 3, rows), whitened, used blocks only, and weights (rows,)."""
+        """PV (rows,) and columns (models, columns, rows) of all models, whitened, used blocks only; weights (rows,)."""
         parts, weights = [], []
         for rows, used in zip(columns, self.used, strict=True):
             white = whitener(noise, used, self.interval)
             parts.append(white.columns(rows.T)[used])
             weights.append(white.weight[used])
         both = np.concatenate(parts).T
-        return both[0], np.ascontiguousarray(both[1:]).reshape(-1, 3, both.shape[1]), np.concatenate(weights)
+        X = np.ascontiguousarray(both[1:]).reshape(-1, 2 + len(self.used), both.shape[1])
+        return both[0], X, np.concatenate(weights)
 
 
 @dataclass(frozen=True)
 class _Fits:
-    """Models of PV fitted to it: each (models,), coefficients (models, 3)."""
+    """Models of PV fitted to it: each (models,), coefficients (models, columns)."""
 
     normal: FloatArray
     student: FloatArray
@@ -167,12 +169,21 @@ def manual_test(recordings: Sequence[Recording], interval: float, K: float | Non
         return Note("manual_constant", "PV stood at one number while OP was moved in manual: is the transmitter alive?")
     longest = max(map(np.count_nonzero, data.used)) * data.interval
     answers = _answers(LONGEST * longest, data.interval)
-    models = _searched(data, answers, longest)
+    slow = FOREVER * longest
+    noises = [Noise(w * float(np.sqrt(0.5 * slow / data.interval)), slow, s * data.interval)
+              for w in WANDERS for s in SMOOTH]
+    scouts = [data.stems(d, 0.0) for d in (0.0, *(data.span * np.array(SCOUTS)))]
+    models = list(dict.fromkeys(chain(*_most_likely(data, scouts, noises, answers))))
     none = _fitted(data, [0.0], models, None)
     silent = _silent(data, models, none, answers, longest, K, Ti)
     if silent is not None:
         return silent
     widths = np.geomspace(NARROWEST, max(TURN * data.span, LEAST_MOTION), WIDTHS)
+    for d in (0.0, None):  # the best answers without a dead band, then those with the one that fits best so far
+        if d is None:
+            d = float(widths[_best(_fitted(data, widths, models, K, rounds=0).normal).argmax()])
+        models = list(dict.fromkeys([*models, *_refined(data, d, models, K)]))
+        none = _fitted(data, [0.0], models, None)
     gains = _gains(none, _fitted(data, widths, models, K))
     j = int(gains.argmax())
     fine = np.geomspace(widths[max(j - 1, 0)], widths[min(j + 1, WIDTHS - 1)], FINE + 2)[1:-1]
@@ -202,21 +213,17 @@ def _answers(longest: float, interval: float) -> list[Answer]:
     return [*plain, *(Answer(float(lag), integrating=True) for lag in lags[::2])]
 
 
-def _searched(data: _Blocks, answers: Sequence[Answer], longest: float) -> list[tuple[Noise, Answer]]:
-    """The answers and noises that make PV most likely, without a dead band and with some."""
-    slow = FOREVER * longest
-    level = float(np.sqrt(0.5 * slow / data.interval))
-    noises = [Noise(w * level, slow, s * data.interval) for w in WANDERS for s in SMOOTH]
-    kept: list[tuple[Noise, Answer]] = []
-    stems = [data.stems(d, 0.0) for d in (0.0, *(data.span * np.array(SCOUTS)))]
-    first = _most_likely(data, stems, noises, answers)
-    for stem, found in zip(stems, first, strict=True):
-        for factor in NEARER:
-            noise, answer = found[0]
-            likely = [Noise(noise.ratio * f, slow, noise.fast) for f in (factor ** -2.0, 1.0, factor**2)]
-            found = [*_most_likely(data, [stem], likely, answer.near(factor, data.interval))[0], *found]
-        kept += found[:KEPT]
-    return list(dict.fromkeys(kept))
+def _refined(data: _Blocks, d: float, models: Sequence[tuple[Noise, Answer]], K: float | None
+             ) -> list[tuple[Noise, Answer]]:
+    """Models about the best one for a dead band, ever nearer."""
+    fits = _fitted(data, [d], models, K, rounds=0)
+    k, start = np.unravel_index(fits.normal.argmax(), fits.normal.shape)
+    stems, found = [data.stems(d, STARTS[start] if d else 0.0)], [models[int(k)]]
+    for factor in NEARER:
+        noise, answer = found[0]
+        noises = [Noise(noise.ratio * f, noise.slow, noise.fast) for f in (factor**-2.0, 1.0, factor**2)]
+        found = _most_likely(data, stems, noises, answer.near(factor, data.interval))[0]
+    return found
 
 
 def _most_likely(data: _Blocks, stems: Sequence[Sequence[FloatArray]], noises: Sequence[Noise],
@@ -231,7 +238,7 @@ def _most_likely(data: _Blocks, stems: Sequence[Sequence[FloatArray]], noises: S
 
 
 def _fitted(data: _Blocks, widths: Sequence[float] | FloatArray, models: Sequence[tuple[Noise, Answer]],
-            K: float | None) -> _Fits:
+            K: float | None, rounds: int = ROUNDS) -> _Fits:
     """All models with every dead band and start: fields (models, widths * starts, ..). With K, answers of the wrong
     sign count for nothing."""
     starts = STARTS if len(widths) > 1 or widths[0] > 0.0 else (0.0,)
@@ -239,7 +246,7 @@ def _fitted(data: _Blocks, widths: Sequence[float] | FloatArray, models: Sequenc
     fits = []
     for noise, answer in models:
         y, X, weights = data.whitened(noise, data.columns(stems, [answer]))
-        one, _ = _likelihoods(X, y, weights)
+        one, _ = _likelihoods(X, y, weights, rounds)
         wrong = np.where(one.coefficients[:, 0] * K < 0.0, -1e9, 0.0) if K else 0.0
         fits.append((one.normal + wrong, one.student + wrong, one.coefficients, one.variance, one.deviation))
     return _Fits(*(np.array(part) for part in zip(*fits, strict=True)))
@@ -271,11 +278,14 @@ def _likelihoods(X: FloatArray, y: FloatArray, weights: FloatArray, rounds: int 
 
 def _gains(none: _Fits, some: _Fits) -> FloatArray:
     """Evidence (widths,) of each dead band: what it gains whichever way errors are distributed."""
-    def best(likely: FloatArray) -> FloatArray:
-        return likely.reshape(len(likely), -1, len(STARTS)).max(axis=(0, 2))
-
-    gain: FloatArray = np.minimum(best(some.normal) - none.normal.max(), best(some.student) - none.student.max())
+    gain: FloatArray = np.minimum(_best(some.normal) - none.normal.max(), _best(some.student) - none.student.max())
     return gain
+
+
+def _best(likely: FloatArray) -> FloatArray:
+    """Of each dead band (widths,) the most likely of all models and starts (models, widths * starts)."""
+    found: FloatArray = likely.reshape(len(likely), -1, len(STARTS)).max(axis=(0, 2))
+    return found
 
 
 def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, answers: Sequence[Answer],
@@ -286,9 +296,11 @@ def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, 
     stems = data.stems(0.0, 0.0)
     quick = [a for a in answers if not a.integrating and any(
         np.ptp(a.of(stem, data.interval)[used]) > 0.5 * data.span for stem, used in zip(stems, data.used, strict=True))]
+    if not quick:
+        return None
     y, X, weights = data.whitened(models[int(none.normal[:, 0].argmax())][0], data.columns([stems], quick))
     fits, _ = _likelihoods(X, y, weights, rounds=0)
-    if not quick or float(np.max(np.abs(fits.coefficients[:, 0]) + 2.0 * fits.deviation)) > NO_ANSWER / abs(K):
+    if float(np.max(np.abs(fits.coefficients[:, 0]) + 2.0 * fits.deviation)) > NO_ANSWER / abs(K):
         return None
     return Note("manual_no_answer", f"OP was moved over {data.span:.2g} % of its span in manual, and PV did not "
                 "answer: the dead band is at least as wide, or something else keeps the valve or the transmitter from "
@@ -300,33 +312,27 @@ def _confirmation(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _
     d, at = peak_of(widths, gains), int(gains.argmax())
     best = _fitted(data, [widths[at]], models, K)
     model, start = (int(i) for i in np.unravel_index(best.student.argmax(), best.student.shape))
-    b, other = best.coefficients[model, start], int(none.student.argmax())
-    gained = (_by_row(data, models[model], float(widths[at]), STARTS[start]) - _by_row(data, models[other], 0.0, 0.0))
+    by_row = []
+    for d_tried, place, (noise, answer) in ((float(widths[at]), STARTS[start], models[model]),
+                                            (0.0, 0.0, models[int(none.student.argmax())])):
+        y, X, weights = data.whitened(noise, data.columns([data.stems(d_tried, place)], [answer]))
+        by_row.append(_likelihoods(X, y, weights)[1][0])
+    gained = by_row[0] - by_row[1]
     most = float(np.bincount(data.events(TURNED * d), gained).max())
     low, high = width_interval(widths, gains, d, LEAST_INTERVAL)
     limit = _limit(data, models, none, widths, gains)
-    crossings = data.crossings(d)
     evidence = float(gains[at])
     details: dict[str, float | str] = {
-        "source": "manual_test", "evidence": evidence, "gain": evidence, "raw": evidence,
-        "elsewhere": evidence - most,
+        "source": "manual_test", "evidence": evidence, "elsewhere": evidence - most,
         "edge": float(at in (0, len(widths) - 1)), "rows": float(len(gained)), "block_s": data.interval,
-        "output_range": data.span / 100.0, "crossings": float(crossings), "recordings": float(tests),
-        "trace": float(evidence >= TRACE), "sign_known": float(K is not None), "answer": float(b[0]),
-        "lag_s": models[model][1].lag, "output": "recorded",
+        "output_range": data.span / 100.0, "crossings": float(data.crossings(d)), "recordings": float(tests),
+        "trace": float(evidence >= TRACE), "sign_known": float(K is not None), "output": "recorded",
     }
     reduction = 1.0 - float(best.variance[model, start] / none.variance[model, 0])
     profile = tuple((float(w) / 100.0, float(v)) for w, v in zip(widths, gains, strict=True))
     return Confirmation(d / 100.0, (low / 100.0, high / 100.0), max(reduction, 0.0),
                         2.0 * evidence - float(np.log(len(gained))), None if limit is None else limit / 100.0,
                         details, profile)
-
-
-def _by_row(data: _Blocks, model: tuple[Noise, Answer], d: float, start: float) -> FloatArray:
-    """Log likelihood (rows,) of one model, errors Student's t."""
-    y, X, weights = data.whitened(model[0], data.columns([data.stems(d, start)], [model[1]]))
-    found: FloatArray = _likelihoods(X, y, weights)[1][0]
-    return found
 
 
 def _limit(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, widths: FloatArray,
@@ -349,8 +355,8 @@ def _limit(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, w
         _, X, _ = data.whitened(noise, data.columns([data.stems(float(d), s) for s in STARTS], [answer]))
         left = n * min(float(_likelihoods(straight, b @ x, even, rounds=0)[0].variance.min()) for x in X)
         expected = 0.5 * n * np.log1p(left / (n * none.variance[k, 0]))
-        seen = expected - SURE * np.sqrt(2.0 * expected) >= TRACE and data.crossings(float(d)) >= FEWEST_CROSSINGS
-        if not seen or float(np.interp(d, widths, gains)) > -DROP:
+        if expected - SURE * np.sqrt(2.0 * expected) < TRACE or float(np.interp(d, widths, gains)) > -DROP:
             break
-        limit = float(d)
+        if data.crossings(float(d)) >= FEWEST_CROSSINGS:  # a wider gap is one that OP crosses less, and hides more
+            limit = float(d)
     return limit
