@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from .api import load_model, save_model, scan, scan_files
     from .errors import BacklashError
     from .loaders import ReadOptions, read
-    from .model import compare, explain
+    from .model.compare import compare
+    from .model.explain import explain
     from .record import LoopSettings, Note, Record, record_from_arrays
     from .reporter.json_report import to_json
     from .reporter.tables import to_dataframe

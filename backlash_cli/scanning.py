@@ -15,6 +15,7 @@ from .estimator.confirm import ConfirmationScanner
 from .estimator.cycle_verdict import says_of_cycles, with_oscillation
 from .estimator.haegglund import DEFAULT_KP, error_scanner, estimate, no_half_periods, tally
 from .estimator.identify import settings_of
+from .estimator.manual_stretches import ManualScanner
 from .estimator.oscillation import Oscillation, detect_oscillation
 from .estimator.quality import quality_of
 from .estimator.reading import Reading, known_noise, read_half_periods
@@ -68,8 +69,9 @@ class LoopScanner:
         if settings.K and settings.Ti and interval <= COARSEST * settings.Ti:
             self._errors = error_scanner(settings, interval, every=False)
             self._carry = CarryRecorder(settings, interval) if self.options.carry else None
+        self._manual: ManualScanner | None = None
         if self.options.confirm:
-            self._confirm = ConfirmationScanner(settings, interval)
+            self._confirm, self._manual = ConfirmationScanner(settings, interval), ManualScanner()
 
     def update(self, block: Record) -> None:
         """Take the next block; its index goes on where the last block ended, or later."""
@@ -85,8 +87,9 @@ class LoopScanner:
             self._errors.update(block)
         if self._carry is not None:
             self._carry.update(block)
-        if self._confirm is not None:
+        if self._confirm is not None and self._manual is not None:
             self._confirm.update(block)
+            self._manual.update(block)
 
     @property
     def has_setpoint(self) -> bool:
@@ -112,7 +115,7 @@ class LoopScanner:
                 "missing_settings", f"{missing} not given, and not to be read from the data: {found.message};"
                 " give K and Ti in the loops file", {"why": found.code})
             return None
-        self._confirm = None  # the samples that it holds are given to the second scanner once more
+        self._confirm = self._manual = None  # the samples that they hold are given to the second scanner once more
         scanner = LoopScanner(self.loop, found.settings(self.settings), self.start, self.interval, self.options)
         scanner._survey, scanner._surveyed = self._survey, True
         used = scanner.settings
@@ -133,11 +136,19 @@ class LoopScanner:
         warnings: list[Note] = []
         refusal = self._refusal()
         confirmation = self._confirm.finish() if self._confirm and self.used >= 2 else None
-        if refusal is not None and (refusal.code == "insufficient_data" or not isinstance(confirmation, Confirmation)):
+        manual = self._tested()
+        tells = isinstance(manual, Confirmation) or (manual is not None and manual.code == "manual_no_answer")
+        if tells:
+            for key in [key for key in self.notes if key[0] == "manual"]:
+                message = key[1].replace("not used", "used for a test of the valve only")
+                self.notes[key] = replace(self.notes[key], message=message)
+        if refusal is not None and not tells and (
+                refusal.code == "insufficient_data" or not isinstance(confirmation, Confirmation)):
+            missing = (refusal,) if manual is None or isinstance(manual, Confirmation) else (refusal, manual)
             short = self.has_setpoint and refusal.values.get("why") == "too_short"
             few = short or refusal.code == "insufficient_data"
             return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL,
-                                (*_contradictions(on_settings), refusal), 0.0, on_settings, carry=self._packed())
+                                (*_contradictions(on_settings), *missing), 0.0, on_settings, carry=self._packed())
         if refusal is None:
             assert self._errors is not None and self.settings.Ti is not None
             if settings.Kp is None:
@@ -160,22 +171,31 @@ class LoopScanner:
         rounding = quality.op.step if quality.op else 0.0
         warnings += on_settings
         decision = decide(Findings(reading.cluster, accepted, counts["long_half_periods"], oscillation, confirmation,
-                                   (*quality.notes, *on_settings), rounding, reading.notes))
+                                   (*quality.notes, *on_settings), rounding, reading.notes, manual))
         if decision.verdict is Verdict.CANNOT_TELL:
             decision = replace(decision, reasons=(*_contradictions(on_settings), *decision.reasons))
-        confirmed = confirmation if isinstance(confirmation, Confirmation) else None
         compensator = None
         if decision.verdict is Verdict.BACKLASH:
             output_noise = quality.op.noise if quality.op else 0.0
-            compensator = recommend(decision.cluster, confirmed, derivative=settings.Td > 0, output_noise=output_noise,
+            compensator = recommend(decision.cluster, decision.confirmation, derivative=settings.Td > 0,
+                                    output_noise=output_noise,
                                     oscillating=oscillation.share > OSCILLATING and not accepted)
         return self._report(decision.verdict, decision.reasons, decision.confidence, warnings=tuple(warnings),
-                            settings=settings, cluster=decision.cluster, confirmation=confirmed,
+                            settings=settings, cluster=decision.cluster, confirmation=decision.confirmation,
                             compensator=compensator, carry=self._packed(), **counts)
 
     def _packed(self) -> bytes | None:
         """What the next night needs to go on from here, also where this one is too short to be judged."""
         return pack(self._carry.finish(self._errors)) if self._carry and self._errors else None
+
+    def _tested(self) -> Confirmation | Note | None:
+        """What tests of the valve in manual say, None where there were none."""
+        tests = self._manual.finish() if self._manual else []
+        if not tests:
+            return None
+        from .model.manual_test import manual_test  # few records hold a test
+
+        return manual_test(tests, self.interval, self.settings.K, self.settings.Ti)
 
     def _settings_notes(self) -> tuple[Note, ...]:
         """Say where the settings given do not make the recorded output; a contradiction limits the verdict."""

@@ -23,7 +23,7 @@ ALLOWED = {
     "kernels": set(),
     "half_periods": set(),
     "estimator": {"half_periods"},
-    "scanning": {"estimator", "half_periods"},
+    "scanning": {"estimator", "half_periods", "model"},
     "check": {"estimator"},
     "effects": set(),
     "model": {"effects", "estimator"},

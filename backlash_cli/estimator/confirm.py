@@ -190,13 +190,13 @@ class ConfirmationScanner:
             (widths, fine), (best.test.fit, closer.fit), (best.test.deviation, closer.deviation),
             (best.test.share, closer.share), (best.test.error_reduction, closer.error_reduction)))
         at = _top(answer, int(np.searchsorted(grid, widths[j])))
-        d = _peak(grid, answer, at)
+        d = peak_of(grid, answer, at)
         imperfection = min(best.imitation / max(float(answer[at]), 1e-9), 1.0)
-        low, high = _interval(grid, answer, at, d, LEAST_INTERVAL + IMPERFECTION * imperfection)
+        low, high = width_interval(grid, answer, at, d, LEAST_INTERVAL + IMPERFECTION * imperfection)
         others = [a for a in asked if a is not best and a.fitting[j] > 0.0]
         if others:  # a size that another block length does not share is known less well
             second = max(others, key=lambda a: float(a.fitting[j])).test
-            other = _peak(widths, second.fit, _top(second.fit, j))
+            other = peak_of(widths, second.fit, _top(second.fit, j))
             low, high = min(low, other), max(high, other)
         self.tests, self.span = [(a.test, a.imitation) for a in asked], span
         self.length = sum(np.count_nonzero(r.usable) for r in recordings) * self.interval / self._Ti
@@ -252,7 +252,7 @@ def _top(answer: FloatArray, j: int) -> int:
         j = up
 
 
-def _peak(widths: FloatArray, answer: FloatArray, j: int) -> float:
+def peak_of(widths: FloatArray, answer: FloatArray, j: int) -> float:
     """Width at the top of the parabola in log width through number j and its neighbours."""
     if 0 < j < len(widths) - 1 and min(answer[j - 1], answer[j + 1]) > 0.0:
         at = np.log(widths[j - 1 : j + 2])
@@ -262,7 +262,7 @@ def _peak(widths: FloatArray, answer: FloatArray, j: int) -> float:
     return float(widths[j])
 
 
-def _interval(widths: FloatArray, answer: FloatArray, j: int, d: float, least: float) -> tuple[float, float]:
+def width_interval(widths: FloatArray, answer: FloatArray, j: int, d: float, least: float) -> tuple[float, float]:
     """Ends of the widths whose answer is within DROP nats of number j, at least the share `least` of d each way."""
     level = float(answer[j]) - DROP
     ends = []
