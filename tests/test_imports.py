@@ -38,11 +38,12 @@ ALLOWED = {
     "reporter": set(),
     "history": {"estimator", "filters", "segmenter", "scan"},
     "compensate": {"estimator", "scan", "simulator"},
-    "engines": {"compensate", "loaders", "settings", "scan", "model", "simulator", "history", "reporter"},
+    "plan": {"compensate", "effects", "estimator", "scan", "simulator"},
+    "engines": {"compensate", "plan", "loaders", "settings", "scan", "model", "simulator", "history", "reporter"},
     "api": {"engines", "loaders", "settings", "scan", "model", "simulator", "history", "reporter"},
     "commands": {
-        "api", "check", "compensate", "engines", "loaders", "scan", "estimator", "model", "simulator", "effects",
-        "history", "reporter",
+        "api", "check", "compensate", "engines", "loaders", "scan", "estimator", "model", "plan", "simulator",
+        "effects", "history", "reporter",
     },
     "__main__": {"commands", "reporter"},
     "__init__": {"api", "loaders", "scan", "model", "simulator", "effects", "reporter", "history"},
@@ -64,7 +65,7 @@ HOMES = {
 }
 CORE = BASE | {
     "clean_piece", "error_walk", "filters", "segmenter", "estimator", "loop_scanner", "scan", "effects", "model",
-    "simulator",
+    "plan", "simulator",
 }
 NOT_IN_CORE = {"print", "open", "input"}
 

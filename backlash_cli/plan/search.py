@@ -1,0 +1,244 @@
+"""The least that would decide a loop: each candidate played again and again on its twins, and judged by the scan.
+
+Two twins of the loop, one with a dead band of the target's size and one with a healthy valve, both as the record allows
+them. A candidate is played on both, what the historian would keep of it goes behind the record, and the whole is
+scanned. A rung of a ladder that does not promise enough after a few repeats is left for the next, larger one.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..errors import LoopError
+from ..estimator.criteria import CLEARED
+from ..estimator.quality import data_quality
+from ..record import FloatArray, Record
+from ..results import LoopReport, Verdict
+from ..results.plan import Course, LoopPlan, PlanOption
+from ..scan import scan
+from .tests import TENTH, Move, Test
+from .twin import Twin, behind, twin_of
+from .words import logging_words, model_words, option_words, too_small
+
+UNDECIDED = (Verdict.CANNOT_TELL, Verdict.SUSPECTED, Verdict.INSUFFICIENT_DATA, Verdict.OSCILLATING)
+TARGET = 0.02  # span: dead band that matters, where the record has no limit of detection
+LOGGING = ("no_output", "missing_settings", "settings_contradicted", "sampling_too_coarse", "sampling_coarse",
+           "compressed_held", "compressed_linear", "scanned_slowly", "interpolated", "output_rounded")
+FIRST_LOOK, PROMISING = 20, 0.7  # repeats of a rung, and what its chance must be for all of them
+TOLD = 1.1  # limits of detection are told in steps, 2.03 % is one of them
+HOPELESS = 0.3  # after half of the first look
+LONGER = (1.0, 3.0, 9.0)  # waits, in lengths of the record
+LONGEST_WAIT, LEAST_WAIT = 14 * 86400.0, 20.0  # seconds; integral times
+MOST_SAMPLES = 150_000  # of a simulated wait
+HOLD = 10.0  # integral times that a setpoint is held
+TURNS = (4, 32)  # times up and down, where once is not enough; no test gives evidence of more than its own length
+AROUND = 5.0  # integral times of ordinary operation before and after a test
+STEPS = (1.5, 3.0, 6.0)  # steps of OP in manual, in dead bands of the target's size
+FEWEST_HELD, LONG_HOLD = 15.0, 2.5  # samples at each level; the longer of two holds
+ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
+OVERSHOOT = 1.3  # of PV beyond a step of the setpoint, that limits must allow for
+POINTS = 400  # of a drawn course
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """target: dead band that matters [span], None: the record's limit of detection, else 2 %. max_pv_move,
+    max_op_move: how far a test may move PV and OP from where they stand. repeats: of each candidate with a
+    worn and with a healthy valve."""
+
+    target: float | None = None
+    max_pv_move: Move = TENTH
+    max_op_move: Move = TENTH
+    repeats: int = 100
+    seed: int = 0
+
+
+@dataclass
+class Played:
+    """What the scan said of the repeats of one test, with a worn and with a healthy valve, and how far the test
+    alone moved PV and OP [spans]."""
+
+    worn: Counter[Verdict] = field(default_factory=Counter)
+    healthy: Counter[Verdict] = field(default_factory=Counter)
+    moves: list[tuple[float, float]] = field(default_factory=list)
+
+    @property
+    def chance(self) -> float:
+        """Chance to be told, of the valve that is harder to tell."""
+        done = max(self.worn.total(), 1)
+        return min(self.worn[Verdict.BACKLASH], self.healthy[Verdict.NO_BACKLASH]) / done
+
+
+def plan(record: Record, options: PlanOptions | None = None, report: LoopReport | None = None) -> LoopPlan | None:
+    """Return what would decide a loop, None where the scan has decided it or could not read it.
+
+    report: the record's scan, made here if not given. Advice to a person; nothing is written to a control system.
+    """
+    options, report = options or PlanOptions(), report or scan(record)
+    if report.verdict not in UNDECIDED:
+        return None
+    s = report.settings
+    target = options.target or min(excluded(report) or TARGET, CLEARED)
+    quality = data_quality(record, s.Ti)
+    notes = {n.code: n for n in (*report.reasons, *report.warnings, *quality.notes) if n.code in LOGGING}
+    if quality.op is None or 2.5 * quality.op.step <= target:
+        notes.pop("output_rounded", None)
+    logging = [PlanOption("logging", text) for text in logging_words(list(notes.values()), s)]
+    found = LoopPlan(record.loop, str(report.verdict), report.reasons[0].message if report.reasons else "", target,
+                     tuple(logging), pv_range=s.pv_range, op_range=s.op_range)
+    if s.K is None or s.Ti is None:
+        return found
+    # where K and Ti come from is settled: they are not to be checked again in every repeat
+    known = replace(record, settings=s.with_values("identified", K=s.K, Ti=s.Ti))
+    step = quality.op.step if quality.op else 0.0
+    try:
+        subject = Subject(known, twin_of(known, target, step), twin_of(known, 0.0, step), options, target)
+    except LoopError as error:
+        return found if logging else replace(found, options=(PlanOption("logging", f"{error.what}: {error.remedy}"),))
+    tried = [subject.least(rungs) for rungs in subject.ladders(report.verdict)]
+    return replace(found, model=model_words(subject.healthy),
+                   options=(*logging, *sorted(tried, key=lambda option: not option.decides)))
+
+
+@dataclass
+class Subject:
+    """One loop on the desk: its record, its twins with the target's dead band and with none."""
+
+    record: Record
+    worn: Twin
+    healthy: Twin
+    options: PlanOptions
+    target: float
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """How far PV and OP may move [spans]."""
+        s, o = self.record.settings, self.options
+        return o.max_pv_move.share(s.pv_range), o.max_op_move.share(s.op_range)
+
+    def ladders(self, verdict: Verdict) -> Iterator[list[Test] | PlanOption]:
+        """For every kind of test its candidates, the least first; a PlanOption where the limits allow none."""
+        if verdict is not Verdict.OSCILLATING:  # it goes on as it is, and a step would be lost in its swing
+            yield self._waits()
+            yield self._setpoint_steps()
+        yield self._manual_tests()
+
+    def _waits(self) -> list[Test]:
+        h = self.record.interval
+        length = max(len(self.record) * h, LEAST_WAIT * self.healthy.controller.Ti)
+        most = min(LONGEST_WAIT, MOST_SAMPLES * h)
+        return [Test("wait", t) for t in sorted({min(k * length, most) for k in LONGER})]
+
+    def _setpoint_steps(self) -> list[Test] | PlanOption:
+        w, (pv_most, op_most) = self.healthy, self.limits
+        hold = max(HOLD * w.controller.Ti, 2.0 * w.answer_time)
+        gain = w.settled(hold)
+        # PV overshoots; OP kicks by K times the step, and goes for good by the step over the gain
+        kick = max(abs(w.controller.K), 1.0 / gain)
+        most = min(pv_most / OVERSHOOT, op_most / kick)
+        least = ACROSS[0] * self.target * gain
+        if most < least:
+            return PlanOption("setpoint_steps", too_small("a setpoint step", OVERSHOOT * least, kick * least,
+                                                          self.limits, w.settings))
+        sizes = sorted({min(k * self.target * gain, most) for k in ACROSS})
+        down = w.level > 0.5
+        once = (-1.0, 0.0) if down else (1.0, 0.0)
+        return [*(Test("setpoint_steps", hold, s, once) for s in sizes),
+                *(Test("setpoint_steps", hold, sizes[-1], once * n) for n in TURNS)]
+
+    def _manual_tests(self) -> list[Test] | PlanOption:
+        """Up, up, down, down; where PV ramps for as long as OP is off its balance, up, down, down, up."""
+        w, (pv_most, op_most) = self.healthy, self.limits
+        hold = max(w.answer_time, FEWEST_HELD * self.record.interval)
+        levels: tuple[float, ...] = (1.0, 0.0, -1.0, 0.0) if w.process.integrating else (1.0, 2.0, 1.0, 0.0)
+        peak, gain = max(levels), w.settled(hold)
+        most, least = min(op_most / peak, pv_most / (peak * gain)), self.target
+        if most < least:
+            return PlanOption("manual_test", too_small("a test in manual", peak * gain * least, peak * least,
+                                                       self.limits, w.settings))
+        levels = tuple(-x for x in levels) if w.output > 0.5 else levels
+        sizes = sorted({min(k * self.target, most) for k in STEPS})
+        holds = (1.0,) if w.process.integrating else (1.0, LONG_HOLD)
+        return [Test("manual_test", k * hold, m, levels * n) for n in (1, 2) for k in holds for m in sizes]
+
+    def least(self, rungs: list[Test] | PlanOption) -> PlanOption:
+        """Return the first rung that decides, with all its repeats; the most promising one where none does."""
+        if isinstance(rungs, PlanOption):
+            return rungs
+        looks: list[tuple[Test, Played]] = []
+        for test in rungs:
+            played = Played()
+            looks.append((test, played))
+            self._repeat(test, played, FIRST_LOOK // 2)
+            if played.chance >= HOPELESS:
+                self._repeat(test, played, FIRST_LOOK)
+            if played.chance >= PROMISING:
+                self._repeat(test, played, self.options.repeats)
+                if (option := self._option(test, played)).decides:
+                    return option
+        test, played = max(reversed(looks), key=lambda look: look[1].chance)
+        self._repeat(test, played, self.options.repeats)
+        return self._option(test, played)
+
+    def _repeat(self, test: Test, played: Played, upto: int) -> None:
+        """Go on until the test was played so often with each valve."""
+        for twin, said in ((self.worn, played.worn), (self.healthy, played.healthy)):
+            for k in range(said.total(), upto):
+                seed = 2 * (k + self.options.repeats * self.options.seed) + (twin is self.worn)
+                around = 0.0 if test.kind == "wait" else AROUND * twin.controller.Ti
+                try:
+                    later, run, _ = twin.play(test, seed, around=around)
+                except LoopError:  # a limit cycle that leaves the span: this test says nothing
+                    said[Verdict.ERROR] += 1
+                    continue
+                report = scan(behind(self.record, later))
+                verdict = report.verdict
+                if verdict is Verdict.NO_BACKLASH and (excluded(report) or 0.0) > TOLD * self.target:
+                    verdict = Verdict.CANNOT_TELL  # cleared, but of a larger dead band than the one that matters
+                said[verdict] += 1
+                if test.move and len(played.moves) < FIRST_LOOK:
+                    still = twin.play(replace(test, kind="setpoint_steps", move=0.0), seed, around=around)[1]
+                    size = min(len(run.output), len(still.output))
+                    played.moves.append((_farthest(run.process_output[:size], still.process_output[:size]),
+                                         _farthest(run.output[:size], still.output[:size])))
+
+    def _option(self, test: Test, played: Played) -> PlanOption:
+        n = self.options.repeats
+        pv, op = (float(np.percentile(x, 90.0)) if x else None
+                  for x in (zip(*played.moves, strict=True) if played.moves else ((), ())))
+        option = PlanOption(
+            test.kind, "", test.duration, test.move or None, test.levels if test.move else (),
+            test.hold if test.move else None, op, pv, played.worn[Verdict.BACKLASH] / n,
+            played.healthy[Verdict.NO_BACKLASH] / n, played.healthy[Verdict.BACKLASH] / n,
+            played.worn[Verdict.NO_BACKLASH] / n, n,
+            *(None if test.kind == "wait" else self._course(twin, test) for twin in (self.worn, self.healthy)),
+        )
+        return replace(option, text=option_words(option, self.healthy, self.target))
+
+    def _course(self, twin: Twin, test: Test) -> Course | None:
+        try:
+            _, run, begin = twin.play(test, 0, around=AROUND * twin.controller.Ti)
+        except LoopError:
+            return None
+        step = run.scenario.step
+        first = max(round((begin - AROUND * twin.controller.Ti) / step), 0)
+        pick = np.linspace(first, len(run.output) - 1, POINTS).astype(np.int64)
+
+        def drawn(values: FloatArray) -> tuple[float, ...]:
+            return tuple(np.round(values[pick], 6).tolist())
+
+        return Course(tuple(np.round(run.time[pick] - begin, 2).tolist()), drawn(run.setpoint),
+                      drawn(run.measurement), drawn(run.output))
+
+
+def excluded(report: LoopReport) -> float | None:
+    """Smallest dead band [span] that the record would have shown, None where it is not known."""
+    return None if report.confirmation is None else report.confirmation.limit_of_detection
+
+
+def _farthest(one: FloatArray, other: FloatArray) -> float:
+    return float(np.max(np.abs(one - other)))

@@ -1,0 +1,82 @@
+"""Plans as sheets to print: a loop per sheet, what to do step by step, and the trend to expect with and without."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..results.plan import Course, LoopPlan, PlanOption
+from .figures import EVIDENCE, MEASUREMENT, SETPOINT, units
+from .page import Cell, Section, Table, page
+from .plan_text import ADVICE, KINDS, counted, headline
+from .safe import shorten
+from .words import duration, percent
+
+
+def plan_page(plans: Sequence[LoopPlan], loops: int) -> str:
+    """Return the page: what is proposed for all loops, then a sheet for each."""
+    rows = [[Cell(shorten(p.loop, 80), href=f"#sheet-{i}"), percent(p.target), *_proposed(p)]
+            for i, p in enumerate(plans)]
+    overview = Section("What would tell", text=[counted(plans, loops), ADVICE],
+                       table=Table(["Loop", "Size that matters", "Proposed", "Takes", "Finds play", "Clears"], rows))
+    return page("Test plans", [overview, *(_sheet(p, f"sheet-{i}") for i, p in enumerate(plans))],
+                subtitle="Simulated from the records; nothing was written to the control system")
+
+
+def _proposed(plan: LoopPlan) -> list[object]:
+    """The first option that decides, or what comes before any."""
+    best = next((o for o in plan.options if o.decides or o.kind == "logging"), None)
+    if best is None:
+        return ["nothing within the limits", None, None, None]
+    return [KINDS[best.kind], None if best.duration_s is None else duration(best.duration_s), _share(best.power),
+            _share(best.clears)]
+
+
+def _share(value: float | None) -> str | None:
+    return None if value is None else percent(value, 0)
+
+
+def _sheet(plan: LoopPlan, anchor: str) -> Section:
+    parts = [_part(plan, option) for option in plan.options]
+    return Section(shorten(headline(plan), 160), text=[t for t in (plan.reason, plan.model) if t], parts=parts,
+                   anchor=anchor)
+
+
+def _part(plan: LoopPlan, option: PlanOption) -> Section:
+    steps = None
+    if option.move is not None and option.hold_s is not None:
+        signal, span = ("SP", plan.pv_range) if option.kind == "setpoint_steps" else ("OP", plan.op_range)
+        size = option.move * (span[1] - span[0])
+        rows: list[list[object]] = [
+            [k + 1, duration(k * option.hold_s), f"{signal} {level * size:+.3g} from where it stood", "", ""]
+            for k, level in enumerate(option.levels)]
+        rows.append([len(rows) + 1, duration(option.duration_s or 0.0), "end of the test", "", ""])
+        steps = Table(["Step", "After", "Set", "Time", "PV read"], rows, sortable=False)
+    mark = "good" if option.decides else "warn" if option.kind == "logging" else ""
+    return Section(KINDS[option.kind].capitalize() + (" (decides)" if option.decides else ""), text=[option.text],
+                   table=steps, figure=_figure(plan, option), mark=mark,
+                   note="One simulated course with play of the size that matters and one without." * bool(option.worn))
+
+
+def _figure(plan: LoopPlan, option: PlanOption) -> dict[str, Any] | None:
+    """PV above, OP below, over minutes from the start of the test."""
+    if option.worn is None or option.healthy is None:
+        return None
+    lines = [_line(option.worn, option.worn.setpoint, plan.pv_range, "SP", SETPOINT, "", "dot")]
+    for course, name, colour in ((option.healthy, "without play", MEASUREMENT), (option.worn, "with play", EVIDENCE)):
+        lines += [_line(course, course.measurement, plan.pv_range, f"PV {name}", colour, ""),
+                  _line(course, course.output, plan.op_range, f"OP {name}", colour, "2", "dash")]
+    return {"data": lines, "layout": {
+        "height": 420, "hovermode": "x", "xaxis": {"title": {"text": "time from the start of the test [min]"},
+                                                   "anchor": "y2"},
+        "yaxis": {"title": {"text": "SP, PV"}, "domain": [0.48, 1.0]},
+        "yaxis2": {"title": {"text": "OP"}, "domain": [0.0, 0.4]}}}
+
+
+def _line(course: Course, values: Sequence[float], span: tuple[float, float], name: str, colour: str, axis: str,
+          dash: str = "solid") -> dict[str, Any]:
+    return {"type": "scatter", "mode": "lines", "name": name, "x": [round(t / 60.0, 3) for t in course.time],
+            "y": units(np.array(values), span), "yaxis": f"y{axis}", "line": {"color": colour, "width": 1.5,
+                                                                              "dash": dash}}
