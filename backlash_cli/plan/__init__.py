@@ -5,6 +5,6 @@ tells a valve with a dead band of the target's size from a healthy one. The judg
 """
 
 from .search import PlanOptions, plan
-from .tests import Move
+from .tests import KINDS, Move
 
-__all__ = ["Move", "PlanOptions", "plan"]
+__all__ = ["KINDS", "Move", "PlanOptions", "plan"]

@@ -20,7 +20,7 @@ from ..record import FloatArray, Record
 from ..results import LoopReport, Verdict
 from ..results.plan import Course, LoopPlan, PlanOption
 from ..scan import scan
-from .tests import TENTH, Move, Test
+from .tests import KINDS, TENTH, Move, Test
 from .twin import Twin, behind, twin_of
 from .words import logging_words, model_words, option_words, too_small
 
@@ -37,9 +37,12 @@ MOST_SAMPLES = 150_000  # of a simulated wait
 HOLD = 10.0  # integral times that a setpoint is held
 TURNS = (4, 32)  # times up and down, where once is not enough; no test gives evidence of more than its own length
 AROUND = 5.0  # integral times of ordinary operation before and after a test
-STEPS = (1.5, 3.0, 6.0)  # steps of OP in manual, in dead bands of the target's size
-FEWEST_HELD, LONG_HOLD = 15.0, 2.5  # samples at each level; the longer of two holds
+# steps of OP in manual, in dead bands of the target's size: of just that size, the first step back does nothing and the
+# second all, which is the clearest picture; fewer than two rounds turn OP too seldom for the scan to call it
+STEPS, LEAST_STEP, ROUNDS = (1.0, 2.0), 0.75, (2, 4)
+HOLDS, FEWEST_HELD = (1.5, 3.0), 10.0  # lags of the process beyond its dead time that a step is held; samples, at least
 ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
+OVER = 1.1  # what the load adds to a move that the limits allow
 OVERSHOOT = 1.3  # of PV beyond a step of the setpoint, that limits must allow for
 POINTS = 400  # of a drawn course
 
@@ -48,13 +51,14 @@ POINTS = 400  # of a drawn course
 class PlanOptions:
     """target: dead band that matters [span], None: the record's limit of detection, else 2 %. max_pv_move,
     max_op_move: how far a test may move PV and OP from where they stand. repeats: of each candidate with a
-    worn and with a healthy valve."""
+    worn and with a healthy valve. kinds: of tests that are weighed."""
 
     target: float | None = None
     max_pv_move: Move = TENTH
     max_op_move: Move = TENTH
     repeats: int = 100
     seed: int = 0
+    kinds: tuple[str, ...] = KINDS
 
 
 @dataclass
@@ -67,10 +71,16 @@ class Played:
     moves: list[tuple[float, float]] = field(default_factory=list)
 
     @property
-    def chance(self) -> float:
-        """Chance to be told, of the valve that is harder to tell."""
-        done = max(self.worn.total(), 1)
-        return min(self.worn[Verdict.BACKLASH], self.healthy[Verdict.NO_BACKLASH]) / done
+    def moved(self) -> tuple[float, float]:
+        """How far the test alone moves PV and OP in nine of ten repeats, 0 for a wait."""
+        pv, op = np.percentile(self.moves, 90.0, axis=0) if self.moves else (0.0, 0.0)
+        return float(pv), float(op)
+
+    def chance(self, limits: tuple[float, float]) -> float:
+        """Chance to be told, of the valve that is harder to tell; none where PV or OP go further than they may."""
+        if any(move > OVER * limit for move, limit in zip(self.moved, limits, strict=True)):
+            return 0.0
+        return min(self.worn[Verdict.BACKLASH], self.healthy[Verdict.NO_BACKLASH]) / max(self.worn.total(), 1)
 
 
 def plan(record: Record, options: PlanOptions | None = None, report: LoopReport | None = None) -> LoopPlan | None:
@@ -122,10 +132,11 @@ class Subject:
 
     def ladders(self, verdict: Verdict) -> Iterator[list[Test] | PlanOption]:
         """For every kind of test its candidates, the least first; a PlanOption where the limits allow none."""
-        if verdict is not Verdict.OSCILLATING:  # it goes on as it is, and a step would be lost in its swing
-            yield self._waits()
-            yield self._setpoint_steps()
-        yield self._manual_tests()
+        makers = {"wait": self._waits, "setpoint_steps": self._setpoint_steps, "manual_test": self._manual_tests}
+        for kind in self.options.kinds:
+            # what oscillates goes on as it is, and a step would be lost in its swing
+            if kind == "manual_test" or verdict is not Verdict.OSCILLATING:
+                yield makers[kind]()
 
     def _waits(self) -> list[Test]:
         h = self.record.interval
@@ -153,17 +164,19 @@ class Subject:
     def _manual_tests(self) -> list[Test] | PlanOption:
         """Up, up, down, down; where PV ramps for as long as OP is off its balance, up, down, down, up."""
         w, (pv_most, op_most) = self.healthy, self.limits
-        hold = max(w.answer_time, FEWEST_HELD * self.record.interval)
+        p = w.process
+        slow = w.controller.Ti if p.integrating else sum(p.lags)
+        holds = [max(p.dead_time + k * slow, FEWEST_HELD * self.record.interval) for k in HOLDS]
         levels: tuple[float, ...] = (1.0, 0.0, -1.0, 0.0) if w.process.integrating else (1.0, 2.0, 1.0, 0.0)
-        peak, gain = max(levels), w.settled(hold)
-        most, least = min(op_most / peak, pv_most / (peak * gain)), self.target
+        peak, gain = max(levels), w.settled(holds[0])
+        most, least = min(op_most / peak, pv_most / (peak * gain)), LEAST_STEP * self.target
         if most < least:
             return PlanOption("manual_test", too_small("a test in manual", peak * gain * least, peak * least,
                                                        self.limits, w.settings))
         levels = tuple(-x for x in levels) if w.output > 0.5 else levels
-        sizes = sorted({min(k * self.target, most) for k in STEPS})
-        holds = (1.0,) if w.process.integrating else (1.0, LONG_HOLD)
-        return [Test("manual_test", k * hold, m, levels * n) for n in (1, 2) for k in holds for m in sizes]
+        small, large = (min(k * self.target, most) for k in STEPS)
+        rungs = [Test("manual_test", hold, small, levels * n) for n in ROUNDS for hold in holds]
+        return rungs if large == small else [*rungs, Test("manual_test", holds[-1], large, levels * ROUNDS[-1])]
 
     def least(self, rungs: list[Test] | PlanOption) -> PlanOption:
         """Return the first rung that decides, with all its repeats; the most promising one where none does."""
@@ -174,13 +187,13 @@ class Subject:
             played = Played()
             looks.append((test, played))
             self._repeat(test, played, FIRST_LOOK // 2)
-            if played.chance >= HOPELESS:
+            if played.chance(self.limits) >= HOPELESS:
                 self._repeat(test, played, FIRST_LOOK)
-            if played.chance >= PROMISING:
+            if played.chance(self.limits) >= PROMISING:
                 self._repeat(test, played, self.options.repeats)
                 if (option := self._option(test, played)).decides:
                     return option
-        test, played = max(reversed(looks), key=lambda look: look[1].chance)
+        test, played = max(reversed(looks), key=lambda look: look[1].chance(self.limits))
         self._repeat(test, played, self.options.repeats)
         return self._option(test, played)
 
@@ -208,8 +221,7 @@ class Subject:
 
     def _option(self, test: Test, played: Played) -> PlanOption:
         n = self.options.repeats
-        pv, op = (float(np.percentile(x, 90.0)) if x else None
-                  for x in (zip(*played.moves, strict=True) if played.moves else ((), ())))
+        pv, op = played.moved if played.moves else (None, None)
         option = PlanOption(
             test.kind, "", test.duration, test.move or None, test.levels if test.move else (),
             test.hold if test.move else None, op, pv, played.worn[Verdict.BACKLASH] / n,

@@ -21,6 +21,7 @@ class Move:
         return self.size if self.of_span else self.size / abs(span[1] - span[0])
 
 
+KINDS = ("wait", "setpoint_steps", "manual_test")  # the least trouble first
 TENTH = Move(0.1)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-ENOUGH = 0.8  # chance from which on an option is said to decide
+ENOUGH, WRONG = 0.8, 0.05  # chance from which on an option is said to decide; the most of wrong answers
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,9 @@ class PlanOption:
 
     @property
     def decides(self) -> bool:
-        """True where both a worn and a healthy valve would be told with enough chance."""
-        return min(self.power or 0.0, self.clears or 0.0) >= ENOUGH
+        """True where both a worn and a healthy valve would be told with enough chance, and hardly ever wrongly."""
+        wrong = max(self.false_alarm or 0.0, self.missed or 0.0)
+        return min(self.power or 0.0, self.clears or 0.0) >= ENOUGH and wrong <= WRONG
 
 
 @dataclass(frozen=True)

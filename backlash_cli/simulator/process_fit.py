@@ -76,7 +76,7 @@ def fit_process(
             "the measurement does not answer to the output: no process can be fitted", where=record.loop,
             remedy="give it with --process K=..,T=..,L=..", code="no_process",
         )
-    integrates = best.lag >= INTEGRATING * Ti
+    integrates = bool(best.lag >= INTEGRATING * Ti)
     if integrates and not integrating:
         raise LoopError(
             "the process looks integrating: only the ratio of gain to lag can be seen", where=record.loop,
