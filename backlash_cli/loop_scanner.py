@@ -23,6 +23,7 @@ from .results import Confirmation, LoopReport, Verdict
 
 if TYPE_CHECKING:
     from .estimator.confirm import ConfirmationScanner
+    from .estimator.manual_stretches import ManualScanner
 
 OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
 COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
@@ -65,8 +66,9 @@ class LoopScanner:
         if settings.K and settings.Ti and interval <= COARSEST * settings.Ti:
             self._errors = error_scanner(settings, interval, every=False)
             self._carry = CarryRecorder(settings, interval) if self.options.carry else None
+        self._manual: ManualScanner | None = None
         if self.options.confirm:
-            self._confirm = _confirmation(settings, interval)
+            self._confirm, self._manual = _tests(settings, interval)
 
     def update(self, block: Record) -> None:
         """Take the next block; its index goes on where the last block ended, or later."""
@@ -82,8 +84,9 @@ class LoopScanner:
             self._errors.update(block)
         if self._carry is not None:
             self._carry.update(block)
-        if self._confirm is not None:
+        if self._confirm is not None and self._manual is not None:
             self._confirm.update(block)
+            self._manual.update(block)
 
     @property
     def has_setpoint(self) -> bool:
@@ -109,7 +112,7 @@ class LoopScanner:
                 "missing_settings", f"{missing} not given, and not to be read from the data: {found.message};"
                 " give K and Ti in the loops file", {"why": found.code})
             return None
-        self._confirm = None  # the samples that it holds are given to the second scanner once more
+        self._confirm = self._manual = None  # the samples that they hold are given to the second scanner once more
         scanner = LoopScanner(self.loop, found.settings(self.settings), self.start, self.interval, self.options)
         scanner._survey, scanner._surveyed = self._survey, True
         used = scanner.settings
@@ -130,7 +133,9 @@ class LoopScanner:
         warnings: list[Note] = []
         refusal = self._refusal()
         confirmation = self._confirm.finish() if self._confirm and self.used >= 2 else None
-        if refusal is not None and (refusal.code == "insufficient_data" or not isinstance(confirmation, Confirmation)):
+        manual = self._tested()
+        if refusal is not None and not isinstance(manual, Confirmation) and (
+                refusal.code == "insufficient_data" or not isinstance(confirmation, Confirmation)):
             short = self.has_setpoint and refusal.values.get("why") == "too_short"
             few = short or refusal.code == "insufficient_data"
             return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL,
@@ -157,17 +162,17 @@ class LoopScanner:
         rounding = quality.op.step if quality.op else 0.0
         warnings += on_settings
         decision = decide(Findings(reading.cluster, accepted, tally.long, oscillation, confirmation,
-                                   (*quality.notes, *on_settings), rounding, reading.notes))
+                                   (*quality.notes, *on_settings), rounding, reading.notes, manual))
         if decision.verdict is Verdict.CANNOT_TELL:
             decision = replace(decision, reasons=(*_contradictions(on_settings), *decision.reasons))
-        confirmed = confirmation if isinstance(confirmation, Confirmation) else None
         compensator = None
         if decision.verdict is Verdict.BACKLASH:
             output_noise = quality.op.noise if quality.op else 0.0
-            compensator = recommend(decision.cluster, confirmed, derivative=settings.Td > 0, output_noise=output_noise,
+            compensator = recommend(decision.cluster, decision.confirmation, derivative=settings.Td > 0,
+                                    output_noise=output_noise,
                                     oscillating=oscillation.share > OSCILLATING and not accepted)
         return self._report(decision.verdict, decision.reasons, decision.confidence, warnings=tuple(warnings),
-                            settings=settings, cluster=decision.cluster, confirmation=confirmed,
+                            settings=settings, cluster=decision.cluster, confirmation=decision.confirmation,
                             compensator=compensator,
                             carry=self._packed(),
                             **tally.of_report(half_periods, self.start, self.used * self.interval))
@@ -175,6 +180,15 @@ class LoopScanner:
     def _packed(self) -> bytes | None:
         """What the next night needs to go on from here, also where this one is too short to be judged."""
         return pack(self._carry.finish(self._errors)) if self._carry and self._errors else None
+
+    def _tested(self) -> Confirmation | Note | None:
+        """What tests of the valve in manual say, None where there were none."""
+        tests = self._manual.finish() if self._manual else []
+        if not tests:
+            return None
+        from .model.manual_test import manual_test  # few records hold a test
+
+        return manual_test(tests, self.interval, self.settings.K, self.settings.Ti)
 
     def _settings_notes(self) -> tuple[Note, ...]:
         """Say where the settings given do not make the recorded output; a contradiction limits the verdict."""
@@ -214,10 +228,11 @@ class LoopScanner:
         )
 
 
-def _confirmation(settings: LoopSettings, interval: float) -> ConfirmationScanner:
-    from .estimator.confirm import ConfirmationScanner  # its kernels are not worth loading where nobody asks for it
+def _tests(settings: LoopSettings, interval: float) -> tuple[ConfirmationScanner, ManualScanner]:
+    from .estimator.confirm import ConfirmationScanner  # not worth loading where nobody asks for it
+    from .estimator.manual_stretches import ManualScanner
 
-    return ConfirmationScanner(settings, interval)
+    return ConfirmationScanner(settings, interval), ManualScanner()
 
 
 def _contradictions(notes: tuple[Note, ...]) -> tuple[Note, ...]:

@@ -27,7 +27,7 @@ ALLOWED = {
     "error_walk": {"clean_piece"},
     "segmenter": {"error_walk"},
     "estimator": {"clean_piece", "error_walk", "filters", "segmenter"},
-    "loop_scanner": {"estimator"},
+    "loop_scanner": {"estimator", "model"},
     "scan": {"estimator", "loop_scanner"},
     "check": {"estimator", "filters", "segmenter"},
     "effects": set(),

@@ -184,12 +184,12 @@ class ConfirmationScanner:
         grid, answer, deviation, share, reduction = (np.append(a, b)[order] for a, b in (
             (widths, fine), (best.test.fit, closer.fit), (best.test.deviation, closer.deviation),
             (best.test.share, closer.share), (best.test.error_reduction, closer.error_reduction)))
-        d = _peak(grid, answer)
+        d = peak_of(grid, answer)
         at = int(answer.argmax())
         imperfection = min(best.imitation / max(float(answer[at]), 1e-9), 1.0)
-        low, high = _interval(grid, answer, d, LEAST_INTERVAL + IMPERFECTION * imperfection)
+        low, high = width_interval(grid, answer, d, LEAST_INTERVAL + IMPERFECTION * imperfection)
         if len(ranked) > 1 and nets[1] > 0.0:  # a size that another block length does not share is known less well
-            other = _peak(ranked[1].test.widths, ranked[1].test.fit)
+            other = peak_of(ranked[1].test.widths, ranked[1].test.fit)
             low, high = min(low, other), max(high, other)
         limit = self._limit(recordings, asked[0], span)
         raw = max(float(a.test.gain.max()) for a in asked)
@@ -243,7 +243,7 @@ def memory(values: FloatArray) -> float:
     return float(below[0]) if len(below) else float(len(v))
 
 
-def _peak(widths: FloatArray, answer: FloatArray) -> float:
+def peak_of(widths: FloatArray, answer: FloatArray) -> float:
     """Width at the top of the parabola in log width through the best one and its neighbours."""
     j = int(answer.argmax())
     if 0 < j < len(widths) - 1 and min(answer[j - 1], answer[j + 1]) > 0.0:
@@ -254,7 +254,7 @@ def _peak(widths: FloatArray, answer: FloatArray) -> float:
     return float(widths[j])
 
 
-def _interval(widths: FloatArray, answer: FloatArray, d: float, least: float) -> tuple[float, float]:
+def width_interval(widths: FloatArray, answer: FloatArray, d: float, least: float) -> tuple[float, float]:
     """Ends of the widths whose answer is within DROP nats of the best, at least the share `least` of d each way."""
     level = float(answer.max()) - DROP
     j = int(answer.argmax())

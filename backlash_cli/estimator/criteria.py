@@ -16,6 +16,8 @@ from ..results import Confirmation
 
 CALLED = 9.0  # nats
 SOME = 5.0  # nats: worth a look
+TESTED = 2.0 / 3.0  # of both where OP was moved in manual: nothing feeds back, and the whole model is compared
+ELSEWHERE = 1.0  # nats that such a test must bring besides the turn of OP that brings the most
 UNKNOWN_SIGN = 3.0  # times as much where K is not known: nothing tells then which answers a process can give
 CONFIDENCE = ((5.0, 0.42), (8.0, 0.62), (10.0, 0.74), (18.0, 0.80), (30.0, 0.95), (60.0, 0.97))  # nats, share right
 SMALLEST = 0.005  # span: nobody opens a valve for less, and errors of the prediction read as such sizes
@@ -42,6 +44,11 @@ def confidence(evidence: float) -> float:
     return float(np.interp(np.log(max(evidence, 1.0)), np.log(at), right))
 
 
+def by_hand(c: Confirmation) -> bool:
+    """Say whether a confirmation comes from a test of the valve in manual."""
+    return c.details.get("source") == "manual_test"
+
+
 def times(count: float) -> str:
     """A count in words: once, twice, 3 times."""
     return ("never", "once", "twice")[int(count)] if count < 3 else f"{count:.0f} times"
@@ -50,7 +57,7 @@ def times(count: float) -> str:
 def read(c: Confirmation, *, output_step: float = 0.0) -> Reading:
     """Judge the evidence in a confirmation; the notes say which rule does not hold. output_step: rounding [span]."""
     gain, span, crossings = (float(c.details[name]) for name in ("evidence", "output_range", "crossings"))
-    times_more = 1.0 if c.details["sign_known"] else UNKNOWN_SIGN
+    times_more = TESTED if by_hand(c) else 1.0 if c.details["sign_known"] else UNKNOWN_SIGN
     needed = times_more * CALLED
     against = []
     if gain <= needed:
@@ -59,7 +66,8 @@ def read(c: Confirmation, *, output_step: float = 0.0) -> Reading:
     if crossings < FEWEST_CROSSINGS:
         against.append(Note("few_reversals", f"OP went back through that gap {times(crossings)} in this record: one "
                             "event is no proof", {"crossings": crossings}))
-    elif float(c.details["share"]) < STEADY * float(c.details["share_deviation"]):
+    elif (float(c.details["elsewhere"]) < ELSEWHERE if by_hand(c) else
+          float(c.details["share"]) < STEADY * float(c.details["share_deviation"])):
         against.append(Note("single_event", "the evidence comes from a small part of the record: one event is no "
                             "proof"))
     if span < (MOTION if gain < 3.0 * CALLED else LEAST_MOTION) * c.d:

@@ -7,7 +7,7 @@ confidence, disagreement is said, and neither number is averaged into the other.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..record import Note
 from ..results import Cluster, Confirmation, Verdict
@@ -19,6 +19,12 @@ AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement
 HARMLESS = 0.015  # span: a reconstructed PV imitates dead bands of this size, which half periods cannot confirm
 HEALTHY = 0.92  # of the strange loops that were cleared
 BLOCKED, LIMITED = "blocks", "limits"
+UNDECIDED = (Verdict.CANNOT_TELL, Verdict.INSUFFICIENT_DATA)
+STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # hold for tests in manual as well
+DECIDED = (Verdict.BACKLASH, Verdict.NO_BACKLASH)
+TOO_FEW = {"weak_evidence", "few_reversals", "single_event", "size_unknown"}  # what a second test makes good
+DISPUTED, JOINT = 0.6, 0.9  # confidence where manual and automatic speak against each other, and for each other
+CALM = Oscillation(False, 0.0, 0.0)
 TOO_LITTLE = "short_record"  # what only more data can mend; all else cannot be told from data of this kind
 
 
@@ -27,7 +33,8 @@ class Findings:
     """All that the verdict is made of. confirmation: a Note says why PV could not be tested against OP, None that it
     was not asked for. detections: half periods that pass the publication's gates. quality: notes whose
     values["effect"] says what they mean for the verdict. output_step: rounding step of OP [span], 0 when not rounded
-    or rebuilt. reading: what is to be said of the half periods besides their centre."""
+    or rebuilt. reading: what is to be said of the half periods besides their centre. manual: what tests of the valve in
+    manual say, a Note why they say nothing, None where there were none."""
 
     cluster: Cluster | None
     detections: int
@@ -37,20 +44,108 @@ class Findings:
     quality: tuple[Note, ...] = ()
     output_step: float = 0.0
     reading: tuple[Note, ...] = ()
+    manual: Confirmation | Note | None = None
 
 
 @dataclass(frozen=True)
 class Decision:
-    """Verdict, reasons (the weightiest first), confidence that the verdict is right, and the number to go with it."""
+    """Verdict, reasons (the weightiest first), confidence that the verdict is right, the number to go with it, and the
+    test of PV against OP that it rests on."""
 
     verdict: Verdict
     reasons: tuple[Note, ...]
     confidence: float
     cluster: Cluster | None
+    confirmation: Confirmation | None = None
 
 
 def decide(f: Findings) -> Decision:
-    """Return the verdict on one loop."""
+    """Return the verdict on one loop: from the test in manual where it decides, else from automatic operation."""
+    confirmation = f.confirmation if isinstance(f.confirmation, Confirmation) else None
+    automatic = replace(_in_automatic(f), confirmation=confirmation)
+    if isinstance(f.manual, Confirmation):
+        return _with_test(f, f.manual, automatic)
+    if f.manual is None:
+        return automatic
+    if f.manual.code == "manual_no_answer" and automatic.verdict in UNDECIDED:
+        return replace(automatic, verdict=Verdict.SUSPECTED, reasons=(f.manual, *automatic.reasons), confidence=0.5)
+    return replace(automatic, reasons=(*automatic.reasons, f.manual))
+
+
+def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
+    """What a test in manual adds to the verdict from automatic operation."""
+    storage = tuple(replace(note, values={**note.values, "effect": LIMITED}) for note in f.quality
+                    if note.values.get("effect") == LIMITED or note.code in STORAGE)
+    tested = replace(_from_confirmation(replace(f, oscillation=CALM, quality=storage), c), confirmation=c)
+    span, tests, evidence = (float(c.details[name]) for name in ("output_range", "recordings", "evidence"))
+
+    def note(says: str) -> Note:
+        return Note("manual_test", f"test of the valve in manual: OP was moved over {100 * span:.2g} % of its span, "
+                    f"{times(tests)}; {says}", {"output_range": span, "tests": tests, "evidence": evidence})
+
+    if tested.verdict is automatic.verdict is Verdict.SUSPECTED and _joined(f, c):
+        assert isinstance(f.confirmation, Confirmation)
+        says = note("neither this nor normal operation is proof alone, but both see the same dead band")
+        return replace(tested if _sharper(tested, automatic) else automatic, verdict=Verdict.BACKLASH,
+                       reasons=(says, _explained(c), _explained(f.confirmation), LOOK_ALIKE), confidence=JOINT)
+    at_least = (*DECIDED, Verdict.SUSPECTED) if automatic.verdict in UNDECIDED else DECIDED
+    if tested.verdict not in at_least:
+        says = note("it does not decide: " + _missing(c, tested, f.output_step))
+        return replace(automatic, reasons=(*automatic.reasons, says))
+    keeps = (_sharper(automatic, tested) if automatic.verdict is tested.verdict else
+             automatic.verdict is Verdict.BACKLASH and not _contradict(automatic, tested))
+    first, other = (automatic, tested) if keeps else (tested, automatic)
+    reasons = [note("it agrees with normal operation, which tells more" if keeps else
+                    "PV against OP in manual is the cleanest evidence there is, and the verdict rests on it"),
+               *first.reasons]
+    sure = max(d.confidence for d in (first, other) if d.verdict is first.verdict)
+    if _contradict(automatic, tested):
+        sure = min(sure, DISPUTED)
+        reasons.insert(1, Note("tests_differ", "normal operation speaks against the test: " + other.reasons[0].message))
+    if automatic.verdict is Verdict.OSCILLATING:
+        if tested.verdict is not Verdict.BACKLASH:
+            return replace(automatic, reasons=(*automatic.reasons, *reasons))
+        reasons.append(automatic.reasons[0])
+    return replace(first, reasons=tuple(reasons), confidence=sure)
+
+
+def _missing(c: Confirmation, tested: Decision, output_step: float) -> str:
+    """What a test in manual would have needed to decide."""
+    if tested.verdict is Verdict.SUSPECTED:
+        return "; ".join(note.message for note in read(c, output_step=output_step).against) or tested.reasons[1].message
+    if c.details["trace"]:
+        return f"there is no more than a trace of a dead band of {100 * c.d:.2g} %"
+    return ("noise and load hide what PV answers, or OP did not go back far enough twice; larger steps, up, up, down, "
+            "down and again, each held until PV stands, would tell")
+
+
+def _joined(f: Findings, c: Confirmation) -> bool:
+    """Do the test in manual and normal operation see the same dead band, each with too little evidence alone?"""
+    other = f.confirmation
+    if not isinstance(other, Confirmation) or any(n.values.get("effect") == LIMITED for n in f.quality):
+        return False
+    lacking = {note.code for one in (c, other) for note in read(one, output_step=f.output_step).against}
+    return lacking <= TOO_FEW and max(c.ci95[0], other.ci95[0]) <= min(c.ci95[1], other.ci95[1])
+
+
+def _contradict(automatic: Decision, tested: Decision) -> bool:
+    """Does one say that there is a dead band of a size which the other would have seen, and did not?"""
+    for one, other in ((automatic, tested), (tested, automatic)):
+        if one.verdict is Verdict.BACKLASH and other.verdict is Verdict.NO_BACKLASH:
+            assert one.cluster is not None and other.cluster is not None
+            return one.cluster.ci95[1] > (other.cluster.limit_of_detection or 0.0)
+    return False
+
+
+def _sharper(one: Decision, other: Decision) -> bool:
+    """Does one know the size, or what it excludes, better than the other?"""
+    a, b = one.cluster, other.cluster
+    if a is None or b is None:
+        return b is None
+    return a.ci95[1] - a.ci95[0] < b.ci95[1] - b.ci95[0]
+
+
+def _in_automatic(f: Findings) -> Decision:
     blocking = tuple(note for note in f.quality if note.values.get("effect") == BLOCKED)
     if blocking:
         return Decision(Verdict.CANNOT_TELL, blocking, 0.0, f.cluster)

@@ -45,6 +45,8 @@ VALVES = {
     "stick": {"stick": 60, "stick+eq": 30, "stick+oneway": 10},
 }
 LOADS = {"rw": 14, "ou": 17, "steps": 15, "sine": 14, "ramps": 11, "diurnal": 8, "spikes": 6, "square": 5, "mixed": 12}
+TESTS = {"uudd": 4, "uuddu": 2, "uudduu": 3, "uudduudd": 3, "uuudddu": 2, "udud": 2, "udududud": 1, "any": 2, "ud": 1,
+         "uuu": 1}
 SETPOINTS = {"fixed": 45, "cascade": 18, "stepped": 15, "ramped": 12, "grades": 5, "master": 5}
 DRAWN = {"fam": FAMILIES, "truth": {"healthy": 55, "worn": 33, "stick": 12}, "dur_h": HOURS, "Ts": INTERVALS,
          "load": LOADS, "sp": SETPOINTS, "jitter": {"": 82, "declared": 9, "hidden": 9}}
@@ -300,28 +302,68 @@ def _simulate(rng: Random, it: SimpleNamespace) -> tuple[Array, Array, Array, Ar
         sun = np.sin(2 * np.pi * np.arange(n) * dt / 43200 + rng.uniform(0, 6))
         noise *= np.where(sun > 0.2, rng.uniform(0.2, 0.5), 1.0)
     manual = free.copy()
-    it.manual = bool(rng.random() < 0.1)
+    it.manual = bool(rng.random() < 0.1 and not it.test)
     for _ in range(int(rng.integers(1, 4)) * it.manual):
         begin = int(rng.uniform(warm, n))
         manual[begin : begin + int(rng.uniform(0.01, 0.05) * (n - warm))] = it.op0 + rng.uniform(-0.3, 0.3) * target
     it.limits = np.array([0.0, 100.0])
     if rng.random() < 0.1:
         it.limits = np.clip(it.op0 + target * np.array([-rng.uniform(0.7, 3), rng.uniform(0.7, 3)]), 0, 100)
+    size *= it.quiet
     shape, sp = size * shape, rng.uniform(35, 65) + sp_size * moves
-    *signals, it.crossings = control_loop(
-        dt, warm, sp, shape * it.at_input, shape * (not it.at_input), noise, size * ff, manual, *fixed,
-        it.flow, it.inverse, it.actuator, it.gaps, it.split, it.friction, it.op0, it.limits)
+
+    def run() -> tuple[Any, ...]:
+        return control_loop(  # type: ignore[no-any-return]
+            dt, warm, sp, shape * it.at_input, shape * (not it.at_input), noise, size * ff, manual, *fixed,
+            it.flow, it.inverse, it.actuator, it.gaps, it.split, it.friction, it.op0, it.limits)
+
+    for begin, moves in it.test:  # the operator takes over where the controller has left OP
+        begin += warm
+        manual[begin : begin + len(moves)] = np.clip(run()[2][begin - 1] + moves, 0, 100)
+    *signals, it.crossings = run()
     return (*signals, ~np.isnan(manual))
 
 
-def loop(seed: int) -> Loop:
-    """Simulate the loop of a seed: everything about it is drawn from the seed alone."""
-    rng = np.random.default_rng([1915, seed])
+def manual_moves(rng: Random, it: SimpleNamespace) -> list[tuple[int, Array]]:
+    """Draw an operator's tests of the valve: (first sample after the start of the record, moves of OP [%] (samples,)).
+
+    Steps, or ramps, up and down; seldom one way only. Each is held for one to six times what the process needs, a
+    level until it has moved by a few per cent. it gets the size of the steps, `step`, and their `pattern`.
+    """
+    it.step = _log(rng, 0.5, 6.0)
+    it.pattern = str(_pick(rng, TESTS))
+    settle = 1.0 / (abs(it.integ) * it.step) if it.integ else it.theta + it.lags.sum() + it.actuator[0]
+    hold = max(rng.uniform(1.0, 6.0) * settle, 20.0)
+    moves = {"u": 1.0, "d": -1.0, "0": 0.0}
+    tests, begin = [], 3600.0
+    for _ in range(int(_pick(rng, {1: 3, 2: 1}))):
+        steps = [moves[c] for c in it.pattern] if it.pattern != "any" else list(rng.choice([-1, 1, -2, 2], 8) / 1.5)
+        steps = [-s for s in steps] if rng.random() < 0.3 else steps
+        holds = hold * rng.uniform(0.7, 1.3, len(steps) + 1)
+        at, levels = np.cumsum(holds), it.step * np.r_[0.0, np.cumsum(steps)]
+        t = np.arange(0.0, at[-1], it.dt)
+        if rng.random() < 0.2:  # the key is held down: ramps
+            edge = np.sort(np.r_[0.0, at[:-1], at[:-1] + 0.4 * holds[1:], at[-1]])
+            tests.append((int(begin / it.dt), np.interp(t, edge, np.repeat(levels, 2))))
+        else:
+            tests.append((int(begin / it.dt), levels[np.searchsorted(at[:-1], t, "right")]))
+        begin += at[-1] + rng.uniform(600, 3600)
+    it.dur_h = math.ceil((begin + 600.0) / 60.0) / 60.0
+    return tests
+
+
+def loop(seed: int, kind: str = "") -> Loop:
+    """Simulate the loop of a seed: everything about it is drawn from the seed alone. kind: "manual" for one whose valve
+    an operator tests in manual."""
+    rng = np.random.default_rng([1915, seed, *map(ord, kind[:1])])
     it = SimpleNamespace(**{key: _pick(rng, chances) for key, chances in DRAWN.items()})
     it.dur_h = max(it.dur_h, 2.0) if it.Ts == 10 else it.dur_h
     it.sp = "fixed" if it.sp == "master" and it.fam == "level" else it.sp
     for part in (_process, _valve, _controller):
         part(rng, it)
+    it.quiet, it.test = 1.0, []
+    if kind:  # an operator rather tests where little happens
+        it.quiet, it.test = _log(rng, 0.03, 1.0), manual_moves(rng, it)
     it.warm = int(min(12 * it.Ti, 3600) / it.dt)
     simulated = _simulate(rng, it)
     # the historian
@@ -351,15 +393,17 @@ def loop(seed: int) -> Loop:
     it.oprange_dt, it.reversals = np.ptp(auto - np.polyval(np.polyfit(t, auto, 1), t)), reversals(auto, it.d or 1.0)
     it.limited = np.mean((auto <= it.limits[0]) | (auto >= it.limits[1]))
     truth = {key: getattr(value, "item", lambda value=value: value)() for key, value in vars(it).items()
-             if not isinstance(value, (np.ndarray, dict, tuple))}
+             if not isinstance(value, (np.ndarray, dict, tuple, list))}
     low, scale = it.span[0], np.ptp(it.span) / 100
     return Loop(f"{it.fam[0].upper()}C{seed:05d}", (at - it.warm if it.jitter == "declared" else grid) * it.dt,
-                low + sp * scale, low + pv * scale, op, mode if it.manual or rng.random() < 0.2 else None, it.shown,
-                it.K, it.Ti, it.Td, it.span, (0.0, 100.0), it.Ts, truth)
+                low + sp * scale, low + pv * scale, op,
+                mode if it.manual or it.test or rng.random() < 0.2 else None, it.shown, it.K, it.Ti,
+                it.Td, it.span, (0.0, 100.0), it.Ts, truth)
 
 
-def write(folder: str | Path, seeds: Iterable[int], per_file: int = 18) -> pd.DataFrame:
-    """Write wide exports f*.csv.gz, their f*.loops.toml, and truth.csv (returned); equal stamps share a file."""
+def write(folder: str | Path, seeds: Iterable[int], per_file: int = 18, kind: str = "") -> pd.DataFrame:
+    """Write wide exports f*.csv.gz, their f*.loops.toml, and truth.csv (returned); equal stamps share a file. kind: as
+    of `loop`."""
     folder, groups, truths = Path(folder), defaultdict(list), []
     folder.mkdir(parents=True, exist_ok=True)
 
@@ -376,7 +420,7 @@ def write(folder: str | Path, seeds: Iterable[int], per_file: int = 18) -> pd.Da
                 for one in loops if one.settings]
         (folder / f"{name}.loops.toml").write_text("\n".join(text))
 
-    for one in map(loop, seeds):
+    for one in (loop(seed, kind) for seed in seeds):
         key = (one.interval_s, one.truth["dur_h"], one.truth["jitter"] == "declared")
         groups[key].append(one)
         if len(groups[key]) == per_file:
@@ -429,13 +473,14 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("loops", type=int)
     parser.add_argument("--seed", type=int, default=0, help="first seed")
+    parser.add_argument("--kind", default="", choices=["", "manual"], help="manual: an operator tests the valves")
     parser.add_argument("--write", help="folder that keeps the exports")
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory() as passing:
         folder = chosen.write or passing
-        write(folder, range(chosen.seed, chosen.seed + chosen.loops))
+        write(folder, range(chosen.seed, chosen.seed + chosen.loops), kind=chosen.kind)
         table = judged(folder)
-    for key in (None, "fam", "load", "sp", "valve", "settings"):
+    for key in (None, "fam", "load", "sp", "valve", "settings", *(["pattern"] if chosen.kind else [])):
         groups = table.groupby(key) if key else [("all", table)]
         print(pd.DataFrame({f"{name}": figures(group) for name, group in groups}).T.to_string(), "\n")
     print("Stated confidence against how often it was right (sticking valves left out)")

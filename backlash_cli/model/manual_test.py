@@ -1,0 +1,356 @@
+"""A valve test in manual: PV against OP that a hand has moved, where nothing feeds back.
+
+    manual_test(recordings, interval, K, Ti) -> Confirmation | Note          a Note says why it tells nothing
+
+In automatic OP answers to PV, and only a prediction from the past may be compared (estimator/predictor.py). In manual
+OP comes from outside, so that PV can be compared with what a whole model of the loop makes of it:
+
+    PV = gain x answer(stem) + curvature x answer(stem squared) + load + noise,    stem = play(OP, d)
+
+answer: one of some fifty, a lag, a second one, dead time, or an integrator beside which PV may drift. Load and noise:
+those of `noise.Whitener`, the likelihood of `explain`; the load wanders without limit, smoothly or not. Everything
+that is not linear in the model is tried: answer and noise first, with a few dead bands, and the best of these with all
+dead bands and three places of the stem in its gap. All is the same for d = 0, and the gain in likelihood is evidence.
+
+The classical reading of the test (the step after a turn moves PV less than the next) is what makes it grow; a stretch
+in which OP stands, or moves one way, adds nothing. Evidence must hold for normal errors and for those with long tails
+(Student's t): a load that jumps at the right moment convinces one of the two at most. The judgement is that of
+`criteria.read`, as of all Confirmations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..estimator.confirm import DROP, LIMITS, NARROWEST, TRACE, TURN, peak_of, width_interval
+from ..estimator.criteria import FEWEST_CROSSINGS, MOTION
+from ..estimator.predictor import COMPLETE, FREEDOM, Recording, block_means
+from ..kernels import gap_crossings, play
+from ..record import FloatArray, Note
+from ..results import Confirmation
+from .noise import Noise, Whitener, whitener
+from .response import delayed_lag
+
+MOST_BLOCKS, FEWEST_BLOCKS = 400, 30  # PV is compared in block means, so many in all
+LEAST_MOTION = 1.5 * NARROWEST  # % of span: OP moved less is no test
+LAGS, LONGEST = 7, 0.25  # how many lags are tried, up to which part of the longest test
+SECOND, DEAD_TIMES = (0.0, 0.6), (0.0, 0.5, 1.0)  # second lag and dead time as shares of the lag
+WANDERS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # move of the load in a block over the noise
+SMOOTH = (0.1, 2.0, 6.0, 20.0)  # blocks over which its moves are smoothed
+FOREVER = 30.0  # times the test: what the load forgets
+SCOUTS, KEPT = (0.25, 0.5, 0.75), 6  # dead bands of the first round as shares of the motion; models kept of each
+NEARER = (1.35, 1.16, 1.08)  # then about the best of them, by these factors
+STARTS = (-1.0, 0.0, 1.0)  # place of the stem at the start, in half gaps
+WIDTHS, FINE = 14, 7  # dead bands tried, and between the neighbours of the best
+LEAST_INTERVAL = 0.12  # of d, each way: the process is never exactly one of the answers
+SURE = 1.28  # deviations: 90 %
+TURNED = 0.2  # of d: OP going back by more begins a new event
+ROUNDS = 6  # of the weights
+NO_ANSWER = 0.1  # gain of the loop, that of the controller included: no process that is controlled is weaker
+LONG_ENOUGH = 2.0  # integral times of a test after which any would have answered
+
+
+@dataclass(frozen=True)
+class Answer:
+    """How PV follows the stem: lag, second lag, dead time [s]; integrating: the lag is that of its rate."""
+
+    lag: float
+    second: float = 0.0
+    delay: float = 0.0
+    integrating: bool = False
+
+    def of(self, stem: FloatArray, interval: float) -> FloatArray:
+        """Answer (blocks,) to a stem (blocks,) that is at rest before, gain 1."""
+        x = delayed_lag(stem, interval, self.lag, self.delay)
+        if self.second:
+            x = delayed_lag(x, interval, self.second, 0.0)
+        return np.append(0.0, np.cumsum(x)[:-1]) * interval / self.lag if self.integrating else x
+
+    def near(self, factor: float, interval: float) -> list[Answer]:
+        """This answer and those about it, by a factor in the lag and as much in what else there is."""
+        share, steps = self.second / self.lag, (factor - 1.0) * np.array([-1.0, 0.0, 1.0])
+        seconds = [0.0] if self.integrating else np.unique(np.clip(share + steps, 0.0, 1.0)).tolist()
+        delays = np.unique(np.maximum(self.delay + steps * max(self.lag, interval), 0.0)).tolist()
+        return [Answer(self.lag * f, b * self.lag * f, c, self.integrating)
+                for f in (1.0 / factor, 1.0, factor) for b in seconds for c in delays]
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Recordings in block means: outputs (samples,) less their mean; measurement, used (blocks,) of each."""
+
+    outputs: tuple[FloatArray, ...]
+    measurement: tuple[FloatArray, ...]
+    used: tuple[NDArray[np.bool_], ...]
+    size: int
+    interval: float
+    span: float
+
+    def stems(self, d: float, start: float) -> list[FloatArray]:
+        return [block_means(play(u, d, u[0] + 0.5 * start * d), self.size) for u in self.outputs]
+
+    def crossings(self, d: float) -> int:
+        """How often OP went back through a gap while the controller was in manual."""
+        return sum(gap_crossings(u[np.argmax(used) * self.size :], d)
+                   for u, used in zip(self.outputs, self.used, strict=True))
+
+    def events(self, least: float) -> NDArray[np.int64]:
+        """Of each used block (rows,) the number of the stretch, between two turns of OP by more than `least`."""
+        found, before = [], 0
+        for u, used in zip(self.outputs, self.used, strict=True):
+            stem = play(u, least, u[0])
+            way = np.sign(np.diff(stem, prepend=stem[0]))
+            moving = np.flatnonzero(way)
+            turns = moving[1:][way[moving[1:]] != way[moving[:-1]]]
+            number = before + np.searchsorted(turns, np.arange(len(used)) * self.size, side="right")
+            found.append(number[used])
+            before = int(number[-1]) + 1
+        return np.concatenate(found)
+
+    def whiteners(self, noise: Noise) -> list[Whitener]:
+        return [whitener(noise, used, self.interval) for used in self.used]
+
+    def whitened(self, whiteners: Sequence[Whitener], stems: Sequence[Sequence[FloatArray]],
+                 answers: Sequence[Answer]) -> tuple[FloatArray, FloatArray]:
+        """PV (rows,) and the columns of all stems with all answers (models, 3, rows), whitened; used blocks only."""
+        parts = []
+        for i, (w, y, used) in enumerate(zip(whiteners, self.measurement, self.used, strict=True)):
+            drift = np.arange(len(y)) / len(y)
+            columns = [y]
+            for stem in (several[i] for several in stems):
+                for a in answers:
+                    columns += [a.of(stem, self.interval), a.of(stem * stem / self.span, self.interval),
+                                drift * a.integrating]
+            parts.append(w.columns(np.array(columns).T)[used])
+        both = np.concatenate(parts).T
+        return both[0], np.ascontiguousarray(both[1:]).reshape(-1, 3, both.shape[1])
+
+
+@dataclass(frozen=True)
+class _Fits:
+    """Models of PV fitted to it: each (models,), coefficients (models, 3)."""
+
+    normal: FloatArray
+    student: FloatArray
+    coefficients: FloatArray
+    variance: FloatArray
+    deviation: FloatArray
+
+
+def manual_test(recordings: Sequence[Recording], interval: float, K: float | None = None, Ti: float | None = None
+                ) -> Confirmation | Note:
+    """Say what tests of a valve in manual tell of its dead band.
+
+    recordings: one for each test, OP and PV in % of span, `usable` where the controller was in manual; what lies before
+    tells where the stem stood. interval: of the samples [s]. K: controller gain [OP / PV], Ti: integral time [s], where
+    known: the sign of the answer, and whether there should be one. Returns a Confirmation in spans, as the test in
+    automatic does; its details name the `source`, and how much of the evidence (nats) is left without the turn of OP
+    that brings the most (`elsewhere`).
+    """
+    data = _blocks(recordings, interval)
+    if data is None:
+        return Note("manual_short", f"the stretches in manual are too short: fewer than {FEWEST_BLOCKS} samples")
+    if data.span < LEAST_MOTION:
+        return Note("manual_still", f"OP was moved by {data.span:.2g} % in manual: too little to show a dead band")
+    if not any(np.ptp(y[used]) > 0.0 for y, used in zip(data.measurement, data.used, strict=True)):
+        return Note("manual_constant", "PV stood at one number while OP was moved in manual: is the transmitter alive?")
+    longest = max(map(np.count_nonzero, data.used)) * data.interval
+    answers = _answers(LONGEST * longest, data.interval)
+    models = _searched(data, answers, longest)
+    none = _fitted(data, [0.0], models, None)
+    silent = _silent(data, models, none, answers, longest, K, Ti)
+    if silent is not None:
+        return silent
+    widths = np.geomspace(NARROWEST, max(TURN * data.span, LEAST_MOTION), WIDTHS)
+    gains = _gains(none, _fitted(data, widths, models, K))
+    j = int(gains.argmax())
+    fine = np.geomspace(widths[max(j - 1, 0)], widths[min(j + 1, WIDTHS - 1)], FINE + 2)[1:-1]
+    fine = fine[np.abs(fine / widths[j] - 1.0) > 1e-3]
+    grid = np.append(widths, fine)
+    gains = np.append(gains, _gains(none, _fitted(data, fine, models, K)))
+    order = np.argsort(grid)
+    return _confirmation(data, models, none, grid[order], gains[order], K, len(recordings))
+
+
+def _blocks(recordings: Sequence[Recording], interval: float) -> _Blocks | None:
+    count = sum(int(np.count_nonzero(r.usable)) for r in recordings)
+    if count < FEWEST_BLOCKS:
+        return None
+    size = -(-count // MOST_BLOCKS)
+    moved = [r.output[r.usable] for r in recordings]
+    mean, span = float(np.mean(np.concatenate(moved))), float(max(map(np.ptp, moved)))
+    used = tuple(block_means(r.usable.astype(float), size) >= COMPLETE for r in recordings)
+    level = [block_means(r.measurement - r.measurement[r.usable].mean(), size) for r in recordings]
+    return _Blocks(tuple(r.output - mean for r in recordings), tuple(level), used, size, size * interval, span)
+
+
+def _answers(longest: float, interval: float) -> list[Answer]:
+    lags = np.geomspace(0.5 * interval, max(longest, interval), LAGS)
+    plain = [Answer(float(lag), float(b * lag), float(c * lag)) for lag in lags for b in SECOND for c in DEAD_TIMES
+             if (not b or lag > interval) and (not c or c * lag > 0.3 * interval)]
+    return [*plain, *(Answer(float(lag), integrating=True) for lag in lags[::2])]
+
+
+def _searched(data: _Blocks, answers: Sequence[Answer], longest: float) -> list[tuple[Noise, Answer]]:
+    """The answers and noises that make PV most likely, without a dead band and with some."""
+    slow = FOREVER * longest
+    level = float(np.sqrt(0.5 * slow / data.interval))
+    noises = [Noise(w * level, slow, s * data.interval) for w in WANDERS for s in SMOOTH]
+    kept: list[tuple[Noise, Answer]] = []
+    stems = [data.stems(d, 0.0) for d in (0.0, *(data.span * np.array(SCOUTS)))]
+    first = _most_likely(data, stems, noises, answers)
+    for stem, found in zip(stems, first, strict=True):
+        for factor in NEARER:
+            noise, answer = found[0]
+            likely = [Noise(noise.ratio * f, slow, noise.fast) for f in (factor ** -2.0, 1.0, factor**2)]
+            found = [*_most_likely(data, [stem], likely, answer.near(factor, data.interval))[0], *found]
+        kept += found[:KEPT]
+    return list(dict.fromkeys(kept))
+
+
+def _most_likely(data: _Blocks, stems: Sequence[Sequence[FloatArray]], noises: Sequence[Noise],
+                 answers: Sequence[Answer]) -> list[list[tuple[Noise, Answer]]]:
+    """For each of the stems the KEPT models that make PV most likely, the best first."""
+    likely = []
+    for noise in noises:
+        whiteners = data.whiteners(noise)
+        y, X = data.whitened(whiteners, stems, answers)
+        normal = _likelihoods(X, y, rounds=0)[0].normal.reshape(len(stems), -1)
+        likely.append(normal - 0.5 * sum(w.log_det for w in whiteners))
+    best = np.argsort(-np.concatenate(likely, axis=1), axis=1, kind="stable")[:, :KEPT]
+    return [[(noises[k // len(answers)], answers[k % len(answers)]) for k in row] for row in best.tolist()]
+
+
+def _fitted(data: _Blocks, widths: Sequence[float] | FloatArray, models: Sequence[tuple[Noise, Answer]],
+            K: float | None) -> _Fits:
+    """All models with every dead band and start: fields (models, widths * starts, ..). With K, answers of the wrong
+    sign count for nothing."""
+    starts = STARTS if len(widths) > 1 or widths[0] > 0.0 else (0.0,)
+    stems = [data.stems(float(d), s) for d in widths for s in starts]
+    fits = []
+    for noise, answer in models:
+        whiteners = data.whiteners(noise)
+        y, X = data.whitened(whiteners, stems, [answer])
+        one, _ = _likelihoods(X, y)
+        fixed = -0.5 * sum(w.log_det for w in whiteners)
+        wrong = np.where(one.coefficients[:, 0] * K < 0.0, -1e9, 0.0) if K else 0.0
+        fits.append((one.normal + fixed + wrong, one.student + fixed + wrong, one.coefficients, one.variance,
+                     one.deviation))
+    return _Fits(*(np.array(part) for part in zip(*fits, strict=True)))
+
+
+def _likelihoods(X: FloatArray, y: FloatArray, rounds: int = ROUNDS) -> tuple[_Fits, FloatArray]:
+    """Fits of y (rows,) on each of X (models, columns, rows), and the logarithm of each row's likelihood if errors are
+    Student's t (models, rows)."""
+    n = len(y)
+    weight = np.ones((len(X), 1, n))
+    normal = np.empty(len(X))
+    for again in range(rounds + 1):
+        weighted = X * weight
+        gram = weighted @ X.transpose(0, 2, 1)
+        at = np.arange(X.shape[1])
+        gram[:, at, at] = gram[:, at, at] * (1.0 + 1e-6) + 1e-9
+        b = np.linalg.solve(gram, weighted @ y[:, None])[..., 0]
+        error = y - np.einsum("mc,mcr->mr", b, X)
+        square = np.maximum(np.mean(weight[:, 0] * error**2, axis=1), 1e-12)
+        if not again:
+            normal, variance, first = -0.5 * n * np.log(square), square, b
+            deviation = np.asarray(np.sqrt(square * np.linalg.inv(gram)[:, 0, 0]), dtype=np.float64)
+            square = np.minimum(square, (1.4 * np.median(np.abs(error), axis=1)) ** 2 + 1e-12)
+        weight = ((FREEDOM + 1.0) / (FREEDOM + error**2 / square[:, None]))[:, None]
+    by_row = -0.5 * ((FREEDOM + 1.0) * np.log1p(error**2 / (FREEDOM * square[:, None])) + np.log(square)[:, None])
+    return _Fits(normal, by_row.sum(1), np.asarray(first, dtype=np.float64), variance, deviation), by_row
+
+
+def _gains(none: _Fits, some: _Fits) -> FloatArray:
+    """Evidence (widths,) of each dead band: what it gains whichever way errors are distributed."""
+    def best(likely: FloatArray) -> FloatArray:
+        return likely.reshape(len(likely), -1, len(STARTS)).max(axis=(0, 2))
+
+    gain: FloatArray = np.minimum(best(some.normal) - none.normal.max(), best(some.student) - none.student.max())
+    return gain
+
+
+def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, answers: Sequence[Answer],
+            longest: float, K: float | None, Ti: float | None) -> Note | None:
+    """Say so where PV does not answer at all, although the process that this controller controls would have."""
+    if not K or not Ti or longest < LONG_ENOUGH * Ti:
+        return None
+    whiteners = data.whiteners(models[int(none.normal[:, 0].argmax())][0])
+    stems = data.stems(0.0, 0.0)
+    quick = [a for a in answers if not a.integrating and any(
+        np.ptp(a.of(stem, data.interval)[used]) > 0.5 * data.span for stem, used in zip(stems, data.used, strict=True))]
+    y, X = data.whitened(whiteners, [stems], quick)
+    fits, _ = _likelihoods(X, y, rounds=0)
+    if not quick or float(np.max(np.abs(fits.coefficients[:, 0]) + 2.0 * fits.deviation)) > NO_ANSWER / abs(K):
+        return None
+    return Note("manual_no_answer", f"OP was moved over {data.span:.2g} % of its span in manual, and PV did not "
+                "answer: the dead band is at least as wide, or something else keeps the valve or the transmitter from "
+                "moving; a test with larger steps would tell", {"at_least": data.span / 100.0})
+
+
+def _confirmation(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, widths: FloatArray,
+                  gains: FloatArray, K: float | None, tests: int) -> Confirmation:
+    d, at = peak_of(widths, gains), int(gains.argmax())
+    best = _fitted(data, [widths[at]], models, K)
+    model, start = (int(i) for i in np.unravel_index(best.student.argmax(), best.student.shape))
+    b, other = best.coefficients[model, start], int(none.student.argmax())
+    gained = (_by_row(data, models[model], float(widths[at]), STARTS[start]) - _by_row(data, models[other], 0.0, 0.0))
+    most = float(np.bincount(data.events(TURNED * d), gained).max())
+    low, high = width_interval(widths, gains, d, LEAST_INTERVAL)
+    limit = _limit(data, models, none, widths, gains)
+    crossings = data.crossings(d)
+    evidence = float(gains[at])
+    details: dict[str, float | str] = {
+        "source": "manual_test", "evidence": evidence, "gain": evidence, "raw": evidence,
+        "elsewhere": evidence - most,
+        "edge": float(at in (0, len(widths) - 1)), "rows": float(len(gained)), "block_s": data.interval,
+        "output_range": data.span / 100.0, "crossings": float(crossings), "recordings": float(tests),
+        "trace": float(evidence >= TRACE), "sign_known": float(K is not None), "answer": float(b[0]),
+        "lag_s": models[model][1].lag, "output": "recorded",
+    }
+    reduction = 1.0 - float(best.variance[model, start] / none.variance[model, 0])
+    profile = tuple((float(w) / 100.0, float(v)) for w, v in zip(widths, gains, strict=True))
+    return Confirmation(d / 100.0, (low / 100.0, high / 100.0), max(reduction, 0.0),
+                        2.0 * evidence - float(np.log(len(gained))), None if limit is None else limit / 100.0,
+                        details, profile)
+
+
+def _by_row(data: _Blocks, model: tuple[Noise, Answer], d: float, start: float) -> FloatArray:
+    """Log likelihood (rows,) of one model, errors Student's t."""
+    whiteners = data.whiteners(model[0])
+    y, X = data.whitened(whiteners, [data.stems(d, start)], [model[1]])
+    weights = np.concatenate([w.weight[used] for w, used in zip(whiteners, data.used, strict=True)])
+    found: FloatArray = _likelihoods(X, y)[1][0] + np.log(weights)
+    return found
+
+
+def _limit(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, widths: FloatArray,
+           gains: FloatArray) -> float | None:
+    """Smallest dead band [% of span] from which on each would have left a trace, and left none; None if there is none.
+
+    What the best model without a dead band says of PV is said of a valve with one; what of it no answer without a dead
+    band explains is, over twice the variance of the errors, the evidence to expect, and its deviation the root of
+    twice that.
+    """
+    k = int(none.normal[:, 0].argmax())
+    noise, answer = models[k]
+    whiteners, b, n = data.whiteners(noise), none.coefficients[k, 0], 0
+    answers = list(dict.fromkeys(a for _, a in models))
+    _, straight = data.whitened(whiteners, [data.stems(0.0, 0.0)], answers)
+    tried = LIMITS[data.span > MOTION * LIMITS]
+    limit = None
+    for d in tried[::-1]:
+        _, X = data.whitened(whiteners, [data.stems(float(d), s) for s in STARTS], [answer])
+        n = X.shape[2]
+        left = min(float(np.exp(-2.0 / n * _likelihoods(straight, b @ x, rounds=0)[0].normal.max())) for x in X) * n
+        expected = 0.5 * n * np.log1p(left / (n * none.variance[k, 0]))
+        seen = expected - SURE * np.sqrt(2.0 * expected) >= TRACE and data.crossings(float(d)) >= FEWEST_CROSSINGS
+        if not seen or float(np.interp(d, widths, gains)) > -DROP:
+            break
+        limit = float(d)
+    return limit
