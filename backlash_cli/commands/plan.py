@@ -36,7 +36,7 @@ FORMATS = {".json": "json", ".csv": "csv", ".html": "html", ".htm": "html"}
               help="text, json, csv or html (a sheet per loop, to print). Default: after the suffix of --output, else "
               "text.")
 @click.option("--output", "-o", metavar="FILE", type=click.Path(path_type=Path), help="Write the plans here.")
-@click.option("--repeats", metavar="N", type=click.IntRange(min=20), default=100,
+@click.option("--repeats", metavar="N", type=click.IntRange(min=2), default=100,
               help="Simulated repeats of each candidate with a worn and with a healthy valve. Default: 100.")
 @click.option("--seed", metavar="N", type=click.IntRange(min=0), default=0, help="Another number draws other repeats.")
 @click.option("--jobs", metavar="N", type=click.IntRange(min=1), help="Processes. Default: one per core.")

@@ -16,15 +16,14 @@ import numpy as np
 from ..errors import LoopError
 from ..estimator.criteria import CLEARED
 from ..estimator.quality import data_quality
-from ..record import FloatArray, Record
-from ..results import LoopReport, Verdict
+from ..record import FloatArray, Note, Record
+from ..results import UNDECIDED, LoopReport, Verdict
 from ..results.plan import Course, LoopPlan, PlanOption
 from ..scan import scan
 from .tests import KINDS, TENTH, Move, Test
 from .twin import Twin, behind, twin_of
 from .words import logging_words, model_words, option_words, too_small
 
-UNDECIDED = (Verdict.CANNOT_TELL, Verdict.SUSPECTED, Verdict.INSUFFICIENT_DATA, Verdict.OSCILLATING)
 TARGET = 0.02  # span: dead band that matters, where the record has no limit of detection
 LOGGING = ("no_output", "missing_settings", "settings_contradicted", "sampling_too_coarse", "sampling_coarse",
            "compressed_held", "compressed_linear", "scanned_slowly", "interpolated", "output_rounded")
@@ -95,6 +94,8 @@ def plan(record: Record, options: PlanOptions | None = None, report: LoopReport 
     target = options.target or min(excluded(report) or TARGET, CLEARED)
     quality = data_quality(record, s.Ti)
     notes = {n.code: n for n in (*report.reasons, *report.warnings, *quality.notes) if n.code in LOGGING}
+    if s.K is None or s.Ti is None:
+        notes["missing_settings"] = Note("missing_settings", "K and Ti are not known")
     if quality.op is None or 2.5 * quality.op.step <= target:
         notes.pop("output_rounded", None)
     logging = [PlanOption("logging", text) for text in logging_words(list(notes.values()), s)]
@@ -183,17 +184,18 @@ class Subject:
         if isinstance(rungs, PlanOption):
             return rungs
         looks: list[tuple[Test, Played]] = []
+        look = min(FIRST_LOOK, self.options.repeats)
         for test in rungs:
             played = Played()
             looks.append((test, played))
-            self._repeat(test, played, FIRST_LOOK // 2)
+            self._repeat(test, played, look // 2)
             if played.chance(self.limits) >= HOPELESS:
-                self._repeat(test, played, FIRST_LOOK)
+                self._repeat(test, played, look)
             if played.chance(self.limits) >= PROMISING:
                 self._repeat(test, played, self.options.repeats)
                 if (option := self._option(test, played)).decides:
                     return option
-        test, played = max(reversed(looks), key=lambda look: look[1].chance(self.limits))
+        test, played = max(reversed(looks), key=lambda one: one[1].chance(self.limits))
         self._repeat(test, played, self.options.repeats)
         return self._option(test, played)
 

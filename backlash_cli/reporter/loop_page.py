@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..record import Note, Record
-from ..results import LoopReport
+from ..results import UNDECIDED, LoopReport
 from . import figures
 from .page import Cell, Section, Table
 from .safe import shorten
@@ -17,7 +17,10 @@ def loop_sections(r: LoopReport, record: Record | None, points: int = figures.PO
 
     points: of each line over time.
     """
-    sections = [Section("Why this verdict", text=[n.message for n in r.reasons] or ["No reason was recorded."])]
+    reasons = [n.message for n in r.reasons] or ["No reason was recorded."]
+    if r.verdict in UNDECIDED:
+        reasons.append("What would decide it: backlash plan.")
+    sections = [Section("Why this verdict", text=reasons)]
     if r.compensator is not None:
         c = r.compensator
         words = f"Compensator gain {percent(c.gain)} of the output span, scheme {c.scheme}. {c.reason}"

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..record import Note
-from ..results import LoopReport, ScanResult, Verdict
+from ..results import UNDECIDED, LoopReport, ScanResult, Verdict
 from .plain_table import GAP, Column, lines
 from .safe import clip, terminal
 from .words import MARKS, VERDICTS, advice, by_size, excluded, size
@@ -88,7 +88,9 @@ def _size(report: LoopReport) -> str:
 def _summary(reports: Sequence[LoopReport]) -> str:
     counts = Counter(r.verdict for r in reports)
     said = ", ".join(f"{counts[v]} {words}" for v, words in VERDICTS.items() if counts[v])
-    return f"\n{len(reports)} loop{'s' * (len(reports) != 1)}: {said}. Sizes in % of the output span."
+    undecided = sum(r.verdict in UNDECIDED for r in reports)
+    plan = f" What would decide the {undecided} undecided: backlash plan." * bool(undecided)
+    return f"\n{len(reports)} loop{'s' * (len(reports) != 1)}: {said}. Sizes in % of the output span.{plan}"
 
 
 def _details(console: Console, report: LoopReport) -> None:

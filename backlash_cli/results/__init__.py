@@ -2,9 +2,10 @@
 
 from .explain import Comparison, Explanation, PlantExplanation, Region, Rest, Series, Step
 from .fitted import Candidate, Fitness, FittedEffect, FittedParameter, Model, ModelEffect, gap_size
-from .scan import Cluster, Compensator, Confirmation, Estimate, Estimates, LoopReport, ScanResult, Verdict
+from .scan import UNDECIDED, Cluster, Compensator, Confirmation, Estimate, Estimates, LoopReport, ScanResult, Verdict
 
 __all__ = [
+    "UNDECIDED",
     "Candidate",
     "Cluster",
     "Comparison",

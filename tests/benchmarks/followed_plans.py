@@ -48,7 +48,7 @@ def followed(seed: int, repeats: int, kind: str) -> dict[str, Any] | None:
 
     truth = "worn" if seed % 2 else "healthy"
     drawn = {"fam": FAMILIES[seed // 2 % len(FAMILIES)], "truth": truth, "size": TARGET if truth == "worn" else 0.0,
-             "later_h": LATER}
+             "later_h": LATER, "test": [(0, np.empty(0))]}  # a test of no length: no other stretches in manual
     before = strangers.loop(seed, **drawn)
     hours = before.truth["dur_h"]
     with tempfile.TemporaryDirectory() as folder:

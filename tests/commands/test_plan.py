@@ -4,7 +4,10 @@ import csv
 import io
 import json
 
+import pandas as pd
 import pytest
+
+from tests.plan import test_twin
 
 from .run import run
 
@@ -18,7 +21,12 @@ def kept(tmp_path, monkeypatch):
 
 
 def test_text_json_csv_and_sheets_say_the_same(capfd, tmp_path, kept):
-    few = ("plan", PLANT, "--loop", "TIC207", "--target", "2%", "--repeats", 20, "--jobs", 1)
+    r = test_twin.loop(duration=3600.0)
+    table = {"time": pd.to_datetime(r.time, unit="s", utc=True), "TIC207.SP": r.setpoint, "TIC207.PV": r.measurement,
+             "TIC207.OP": r.output}
+    pd.DataFrame(table).to_csv(tmp_path / "plant.csv", index=False)
+    (tmp_path / "plant.loops.toml").write_text("[defaults]\nK = 0.6\nTi = 60\npv_range = [0, 1]\nop_range = [0, 1]\n")
+    few = ("plan", tmp_path / "plant.csv", "--target", "2%", "--repeats", 2, "--jobs", 1)
     document = json.loads(run(capfd, *few, "--format", "json").out)
     (loop,) = document["loops"]
     assert (loop["loop"], loop["target"], document["schema_version"]) == ("TIC207", 0.02, 1)
