@@ -34,11 +34,11 @@ LONGER = (1.0, 3.0, 9.0)  # waits, in lengths of the record
 LONGEST_WAIT, LEAST_WAIT = 14 * 86400.0, 20.0  # seconds; integral times
 MOST_SAMPLES = 150_000  # of a simulated wait
 HOLD = 10.0  # integral times that a setpoint is held
-TURNS = (4, 32)  # times up and down, where once is not enough; no test gives evidence of more than its own length
+TURNS = (2, 4)  # times up and down, where once is not enough
 AROUND = 5.0  # integral times of ordinary operation before and after a test
 # steps of OP in manual, in dead bands of the target's size: of just that size, the first step back does nothing and the
 # second all, which is the clearest picture; fewer than two rounds turn OP too seldom for the scan to call it
-STEPS, LEAST_STEP, ROUNDS = (1.0, 2.0), 0.75, (2, 4)
+STEPS, LEAST_STEP, ROUNDS = (1.0, 2.5), 0.75, (2, 4)
 HOLDS, FEWEST_HELD = (1.5, 3.0), 10.0  # lags of the process beyond its dead time that a step is held; samples, at least
 ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
 OVER = 1.1  # what the load adds to a move that the limits allow
@@ -105,9 +105,9 @@ def plan(record: Record, options: PlanOptions | None = None, report: LoopReport 
         return found
     # where K and Ti come from is settled: they are not to be checked again in every repeat
     known = replace(record, settings=s.with_values("identified", K=s.K, Ti=s.Ti))
-    step = quality.op.step if quality.op else 0.0
+    rounding = (quality.pv.step, quality.op.step if quality.op else 0.0)
     try:
-        subject = Subject(known, twin_of(known, target, step), twin_of(known, 0.0, step), options, target)
+        subject = Subject(known, twin_of(known, target, rounding), twin_of(known, 0.0, rounding), options, target)
     except LoopError as error:
         return found if logging else replace(found, options=(PlanOption("logging", f"{error.what}: {error.remedy}"),))
     tried = [subject.least(rungs) for rungs in subject.ladders(report.verdict)]
@@ -166,7 +166,8 @@ class Subject:
         """Up, up, down, down; where PV ramps for as long as OP is off its balance, up, down, down, up."""
         w, (pv_most, op_most) = self.healthy, self.limits
         p = w.process
-        slow = w.controller.Ti if p.integrating else sum(p.lags)
+        # a lag far above Ti is one that the record does not tell from an integrator
+        slow = min(sum(p.lags), w.controller.Ti) if p.lags and not p.integrating else w.controller.Ti
         holds = [max(p.dead_time + k * slow, FEWEST_HELD * self.record.interval) for k in HOLDS]
         levels: tuple[float, ...] = (1.0, 0.0, -1.0, 0.0) if w.process.integrating else (1.0, 2.0, 1.0, 0.0)
         peak, gain = max(levels), w.settled(holds[0])
@@ -176,8 +177,8 @@ class Subject:
                                                        self.limits, w.settings))
         levels = tuple(-x for x in levels) if w.output > 0.5 else levels
         small, large = (min(k * self.target, most) for k in STEPS)
-        rungs = [Test("manual_test", hold, small, levels * n) for n in ROUNDS for hold in holds]
-        return rungs if large == small else [*rungs, Test("manual_test", holds[-1], large, levels * ROUNDS[-1])]
+        sizes = [small] if large == small else [small, large]
+        return [Test("manual_test", hold, m, levels * n) for n in ROUNDS for m in sizes for hold in holds]
 
     def least(self, rungs: list[Test] | PlanOption) -> PlanOption:
         """Return the first rung that decides, with all its repeats; the most promising one where none does."""

@@ -37,7 +37,8 @@ DEAD_TIME, CLOSED = 0.2, 0.8  # of an assumed process, in integral times: dead t
 class Twin:
     """What a loop is made of. d: dead band [span]. level, output: where PV and OP stood in the mean. upset: (samples,)
     what moves PV besides OP, setpoint: (samples,) less its level. spread: how well the process is known.
-    output_step: to which the historian rounds OP, 0 for not at all."""
+    rounding: steps to which the historian rounds PV and OP, 0 for not at all: samples that do not lie on the steps of
+    those before them would look like values that were held."""
 
     record: Record
     d: float
@@ -49,7 +50,7 @@ class Twin:
     output: float
     setpoint: FloatArray
     upset: FloatArray
-    output_step: float
+    rounding: tuple[float, float]
 
     @property
     def settings(self) -> LoopSettings:
@@ -115,7 +116,8 @@ class Twin:
         return record.slice(round((begin - around) / h), len(record)), run, begin
 
     def _recorder(self) -> tuple[Recorder, ...]:
-        return (Recorder(use("quantization", step=self.output_step), ("OP",)),) if self.output_step else ()
+        return tuple(Recorder(use("quantization", step=step), (name,))
+                     for name, step in zip(("PV", "OP"), self.rounding, strict=True) if step)
 
     def _again(self, samples: int, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draw upset and setpoint (samples,): blocks of the record's own, forward or backward, up or down, each
@@ -141,7 +143,7 @@ def added(values: FloatArray, stage: Stage) -> Applied:
     return Applied(effect, np.array([1.0]))
 
 
-def twin_of(record: Record, d: float, output_step: float = 0.0) -> Twin:
+def twin_of(record: Record, d: float, rounding: tuple[float, float] = (0.0, 0.0)) -> Twin:
     """Make the twin of a record whose settings hold K and Ti, as if its valve had a dead band d [span].
 
     Raises LoopError where OP was not recorded or no stretch of the record can be used.
@@ -166,7 +168,7 @@ def twin_of(record: Record, d: float, output_step: float = 0.0) -> Twin:
     stem = play(np.ascontiguousarray(output), d, float(output[0])) - mean
     upset = pv - response(process, stem, record.interval)
     return Twin(record, d, controller, process, source, SPREAD if source == "fitted" else ASSUMED_SPREAD,
-                float(sp[-1]), mean, sp - sp[-1], upset - upset.mean(), output_step)
+                float(sp[-1]), mean, sp - sp[-1], upset - upset.mean(), rounding)
 
 
 def _process(record: Record, controller: Controller, d: float) -> tuple[Process, str]:

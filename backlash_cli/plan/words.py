@@ -21,7 +21,6 @@ _REMEDIES = {
     "output_rounded": "record OP with more digits: its rounding hides a dead band of the target's size",
 }
 _SAMPLING = ("sampling_too_coarse", "sampling_coarse", "scanned_slowly")
-MOST_NAMED = 8  # steps that are named one by one
 PER_TI = 10.0  # samples in an integral time that are asked for
 
 
@@ -84,8 +83,10 @@ def option_words(option: PlanOption, twin: Twin, target: float) -> str:
             return f"Waiting will not tell: not even {lasting(option.duration_s)} more of the same operation. {said}"
         return f"Wait: {lasting(option.duration_s)} more of the same operation, then scan both together. {said}"
     assert option.move is not None and option.hold_s is not None
-    moves = ["up" if b > a else "down" for a, b in zip((0.0, *option.levels), option.levels, strict=False)]
-    ways = ", ".join(moves) if len(moves) <= MOST_NAMED else f"{moves[0]} and {moves[1]} by turns, {len(moves)} times,"
+    levels = option.levels
+    size = next(n for n in range(1, len(levels) + 1) if levels[:n] * (len(levels) // n) == levels)
+    ways = ", ".join("up" if b > a else "down" for a, b in zip((0.0, *levels), levels[:size], strict=False))
+    ways += f", {len(levels) // size} times over," * (len(levels) > size)
     signal, span = ("SP", s.pv_range) if option.kind == "setpoint_steps" else ("OP", s.op_range)
     where = "In automatic" if signal == "SP" else "In manual"
     test = (f"{where}: step {signal} {ways} by {amount(option.move, span)}, each held for {lasting(option.hold_s)}, "

@@ -14,6 +14,8 @@ from .plan_text import ADVICE, KINDS, counted, headline
 from .safe import shorten
 from .words import duration, percent
 
+COURSES = "One simulated course with play of the size that matters and one without."
+
 
 def plan_page(plans: Sequence[LoopPlan], loops: int) -> str:
     """Return the page: what is proposed for all loops, then a sheet for each."""
@@ -39,25 +41,30 @@ def _share(value: float | None) -> str | None:
 
 
 def _sheet(plan: LoopPlan, anchor: str) -> Section:
-    parts = [_part(plan, option) for option in plan.options]
+    """What fits one sheet of paper: all options in words, the steps and the trend of the one to carry out."""
+    tests = [o for o in plan.options if o.move is not None]
+    shown = max(tests, key=lambda o: min(o.power or 0.0, o.clears or 0.0), default=None)
+    shown = next((o for o in tests if o.decides), shown)
+    parts = [_part(plan, option, shown=option is shown) for option in plan.options]
     return Section(shorten(headline(plan), 160), text=[t for t in (plan.reason, plan.model) if t], parts=parts,
                    anchor=anchor)
 
 
-def _part(plan: LoopPlan, option: PlanOption) -> Section:
-    steps = None
-    if option.move is not None and option.hold_s is not None:
-        signal, span = ("SP", plan.pv_range) if option.kind == "setpoint_steps" else ("OP", plan.op_range)
-        size = option.move * (span[1] - span[0])
-        rows: list[list[object]] = [
-            [k + 1, duration(k * option.hold_s), f"{signal} {level * size:+.3g} from where it stood", "", ""]
-            for k, level in enumerate(option.levels)]
-        rows.append([len(rows) + 1, duration(option.duration_s or 0.0), "end of the test", "", ""])
-        steps = Table(["Step", "After", "Set", "Time", "PV read"], rows, sortable=False)
+def _part(plan: LoopPlan, option: PlanOption, *, shown: bool) -> Section:
     mark = "good" if option.decides else "warn" if option.kind == "logging" else ""
     return Section(KINDS[option.kind].capitalize() + (" (decides)" if option.decides else ""), text=[option.text],
-                   table=steps, figure=_figure(plan, option), mark=mark,
-                   note="One simulated course with play of the size that matters and one without." * bool(option.worn))
+                   table=_steps(plan, option) if shown else None, figure=_figure(plan, option) if shown else None,
+                   mark=mark, note=COURSES * (shown and option.worn is not None))
+
+
+def _steps(plan: LoopPlan, option: PlanOption) -> Table:
+    """The steps of a test, with room for what was read."""
+    signal, span = ("SP", plan.pv_range) if option.kind == "setpoint_steps" else ("OP", plan.op_range)
+    size, hold = (option.move or 0.0) * (span[1] - span[0]), option.hold_s or 0.0
+    said = [f"{signal} {level * size:+.3g} from where it stood" if level else f"{signal} to where it stood"
+            for level in option.levels]
+    rows = [[k + 1, duration(k * hold), words, "", ""] for k, words in enumerate([*said, "end of the test"])]
+    return Table(["Step", "After", "Set", "Time", "PV read"], rows, sortable=False)
 
 
 def _figure(plan: LoopPlan, option: PlanOption) -> dict[str, Any] | None:

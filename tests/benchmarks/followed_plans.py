@@ -59,12 +59,13 @@ def followed(seed: int, repeats: int, kind: str) -> dict[str, Any] | None:
         if found is None:
             return None
         row = {"loop": before.name, "truth": truth, "before": str(report.verdict), "kind": "-", "hours": np.nan,
-               "power": np.nan, "clears": np.nan, "after": "-"}
+               "power": np.nan, "clears": np.nan, "decides": False, "after": "-"}
         chosen = [o for o in found.options if (o.kind == kind if kind else o.decides)]
         if not chosen or chosen[0].duration_s is None or chosen[0].duration_s > 3500 * LATER:
             return row
         option, around = chosen[0], 5 * before.Ti_ideal
-        row |= {"kind": option.kind, "hours": option.duration_s / 3600, "power": option.power, "clears": option.clears}
+        row |= {"kind": option.kind, "hours": option.duration_s / 3600, "power": option.power, "clears": option.clears,
+                "decides": option.decides}
         begin = 3600 * hours + around * (option.kind != "wait")
         hold = round((option.hold_s or 0.0) / before.truth["dt"])
         held = np.repeat(100 * (option.move or 0.0) * np.array(option.levels), hold)
