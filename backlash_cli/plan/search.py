@@ -27,18 +27,19 @@ from .words import logging_words, model_words, option_words, too_small
 TARGET = 0.02  # span: dead band that matters, where the record has no limit of detection
 LOGGING = ("no_output", "missing_settings", "settings_contradicted", "sampling_too_coarse", "sampling_coarse",
            "compressed_held", "compressed_linear", "scanned_slowly", "interpolated", "output_rounded")
-FIRST_LOOK, PROMISING = 20, 0.7  # repeats of a rung, and what its chance must be for all of them
+GLANCE, HOPELESS = 5, 0.3  # repeats of a rung, and what its chance must be for more of them
+FIRST_LOOK, PROMISING = 20, 0.7  # these, and what it must be for all
 TOLD = 1.1  # limits of detection are told in steps, 2.03 % is one of them
-HOPELESS = 0.3  # after half of the first look
 LONGER = (1.0, 3.0, 9.0)  # waits, in lengths of the record
 LONGEST_WAIT, LEAST_WAIT = 14 * 86400.0, 20.0  # seconds; integral times
+LONGEST_TEST = 8 * 3600.0  # seconds in manual: a shift
 MOST_SAMPLES = 150_000  # of a simulated wait
 HOLD = 10.0  # integral times that a setpoint is held
 TURNS = (2, 4)  # times up and down, where once is not enough
 AROUND = 5.0  # integral times of ordinary operation before and after a test
 # steps of OP in manual, in dead bands of the target's size: of just that size, the first step back does nothing and the
 # second all, which is the clearest picture; fewer than two rounds turn OP too seldom for the scan to call it
-STEPS, LEAST_STEP, ROUNDS = (1.0, 2.5), 0.75, (2, 4)
+STEPS, LEAST_STEP, ROUNDS = (1.0, 2.5), 0.75, (2, 4, 8)
 HOLDS, FEWEST_HELD = (1.5, 3.0), 10.0  # lags of the process beyond its dead time that a step is held; samples, at least
 ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
 OVER = 1.1  # what the load adds to a move that the limits allow
@@ -178,7 +179,8 @@ class Subject:
         levels = tuple(-x for x in levels) if w.output > 0.5 else levels
         small, large = (min(k * self.target, most) for k in STEPS)
         sizes = [small] if large == small else [small, large]
-        return [Test("manual_test", hold, m, levels * n) for n in ROUNDS for m in sizes for hold in holds]
+        rungs = [Test("manual_test", hold, m, levels * n) for n in ROUNDS for m in sizes for hold in holds]
+        return [t for t in rungs if t.duration <= LONGEST_TEST] or rungs[:1]
 
     def least(self, rungs: list[Test] | PlanOption) -> PlanOption:
         """Return the first rung that decides, with all its repeats; the most promising one where none does."""
@@ -189,7 +191,7 @@ class Subject:
         for test in rungs:
             played = Played()
             looks.append((test, played))
-            self._repeat(test, played, look // 2)
+            self._repeat(test, played, min(GLANCE, look))
             if played.chance(self.limits) >= HOPELESS:
                 self._repeat(test, played, look)
             if played.chance(self.limits) >= PROMISING:

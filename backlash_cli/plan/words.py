@@ -83,10 +83,9 @@ def option_words(option: PlanOption, twin: Twin, target: float) -> str:
             return f"Waiting will not tell: not even {lasting(option.duration_s)} more of the same operation. {said}"
         return f"Wait: {lasting(option.duration_s)} more of the same operation, then scan both together. {said}"
     assert option.move is not None and option.hold_s is not None
-    levels = option.levels
-    size = next(n for n in range(1, len(levels) + 1) if levels[:n] * (len(levels) // n) == levels)
-    ways = ", ".join("up" if b > a else "down" for a, b in zip((0.0, *levels), levels[:size], strict=False))
-    ways += f", {len(levels) // size} times over," * (len(levels) > size)
+    levels = option.levels[: len(option.levels) // option.rounds]
+    ways = ", ".join("up" if b > a else "down" for a, b in zip((0.0, *levels), levels, strict=False))
+    ways += f", {option.rounds} times over," * (option.rounds > 1)
     signal, span = ("SP", s.pv_range) if option.kind == "setpoint_steps" else ("OP", s.op_range)
     where = "In automatic" if signal == "SP" else "In manual"
     test = (f"{where}: step {signal} {ways} by {amount(option.move, span)}, each held for {lasting(option.hold_s)}, "

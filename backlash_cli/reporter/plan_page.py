@@ -58,13 +58,15 @@ def _part(plan: LoopPlan, option: PlanOption, *, shown: bool) -> Section:
 
 
 def _steps(plan: LoopPlan, option: PlanOption) -> Table:
-    """The steps of a test, with room for what was read."""
+    """The steps of one round of a test, with room for what is read in each round."""
     signal, span = ("SP", plan.pv_range) if option.kind == "setpoint_steps" else ("OP", plan.op_range)
     size, hold = (option.move or 0.0) * (span[1] - span[0]), option.hold_s or 0.0
     said = [f"{signal} {level * size:+.3g} from where it stood" if level else f"{signal} to where it stood"
-            for level in option.levels]
-    rows = [[k + 1, duration(k * hold), words, "", ""] for k, words in enumerate([*said, "end of the test"])]
-    return Table(["Step", "After", "Set", "Time", "PV read"], rows, sortable=False)
+            for level in option.levels[: len(option.levels) // option.rounds]]
+    said.append("begin again" if option.rounds > 1 else "end of the test")
+    rows = [[k + 1, duration(k * hold), words, *[""] * option.rounds] for k, words in enumerate(said)]
+    read = [f"PV, round {k + 1}" for k in range(option.rounds)] if option.rounds > 1 else ["PV read"]
+    return Table(["Step", "After", "Set", *read], rows, sortable=False)
 
 
 def _figure(plan: LoopPlan, option: PlanOption) -> dict[str, Any] | None:

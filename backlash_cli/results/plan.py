@@ -47,6 +47,12 @@ class PlanOption:
     healthy: Course | None = None
 
     @property
+    def rounds(self) -> int:
+        """How many times the levels repeat themselves."""
+        n = len(self.levels)
+        return next((n // k for k in range(1, n) if self.levels[:k] * (n // k) == self.levels), 1)
+
+    @property
     def decides(self) -> bool:
         """True where both a worn and a healthy valve would be told with enough chance, and hardly ever wrongly."""
         wrong = max(self.false_alarm or 0.0, self.missed or 0.0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from backlash_cli.plan import Move, PlanOptions, plan
+from backlash_cli.plan.words import amount
 from backlash_cli.record import LoopSettings, SampleState
 from backlash_cli.results import Verdict
 from backlash_cli.results.plan import PlanOption
@@ -74,6 +75,16 @@ def test_a_record_without_a_usable_sample_says_so(quiet):
     dead = replace(quiet, state=np.full(len(quiet), SampleState.MANUAL, dtype=np.uint8))
     found = plan(dead)
     assert found is not None and [o.kind for o in found.options] == ["logging"]
+
+
+def test_rounds_are_counted_and_said_once():
+    twice = PlanOption("manual_test", "", levels=(1.0, 2.0, 1.0, 0.0) * 2)
+    assert twice.rounds == 2
+    assert PlanOption("setpoint_steps", "", levels=(1.0, 0.0)).rounds == 1 == PlanOption("wait", "").rounds
+
+
+def test_moves_are_said_in_units_of_the_loop():
+    assert amount(0.02, (0.0, 900.0)) == "18 (2 % of span)" and amount(0.02, (0.0, 100.0)) == "2 %"
 
 
 def test_an_option_decides_only_where_both_valves_are_told():
