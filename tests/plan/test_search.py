@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backlash_cli.plan import Move, PlanOptions, plan
+from backlash_cli.plan import Move, PlanOptions, plan, search
 from backlash_cli.plan.words import amount
 from backlash_cli.record import LoopSettings, SampleState
 from backlash_cli.results import Verdict
@@ -26,7 +26,9 @@ def quiet():
 
 @pytest.fixture(scope="module")
 def planned(quiet):
-    return plan(quiet, FEW)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(search, "ROUNDS", (2,))  # more only cost time here
+        return plan(quiet, FEW)
 
 
 def test_a_decided_loop_has_no_plan(quiet):
