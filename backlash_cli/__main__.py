@@ -25,6 +25,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 SUMMARIES = {
     "scan": "Find dead band in every loop of an export.",
+    "plan": "Work out the least that would decide each undecided loop.",
     "check": "Check data quality and controller settings of every loop.",
     "compare": "Compare a model of a loop with its measurements and see where it fails.",
     "explain": "Find the physical effects that are missing in a loop's model.",

@@ -78,14 +78,14 @@ def size_of(report: LoopReport, given: float | None) -> tuple[float, tuple[float
 
 
 def model_of(
-    record: Record, controller: Controller, d: float, given: Process | None
+    record: Record, controller: Controller, d: float, given: Process | None, *, integrating: bool = False
 ) -> tuple[ProcessModel, tuple[Note, ...]]:
-    """Return the process to simulate and what to know about it."""
+    """Return the process to simulate and what to know about it. integrating: whether a fitted one may integrate."""
     if given is not None:
         return ProcessModel(given.static_gain or given.gain, given.lags, given.dead_time, given.integrating), ()
     told = record.settings.source.get("Kp") == "metadata"
-    model = fit_process(record, d, record.settings.Kp if told else None)
-    margin = gain_margin(controller, Process(model.gain, model.lags, model.dead_time))
+    model = fit_process(record, d, record.settings.Kp if told else None, integrating=integrating)
+    margin = gain_margin(controller, Process(model.gain, model.lags, model.dead_time, model.integrating))
     if margin >= LEAST_MARGIN:
         return model, ()
     gain = model.gain * margin / LEAST_MARGIN

@@ -33,11 +33,12 @@ ALLOWED = {
     "reporter": set(),
     "history": {"estimator", "scanning"},
     "compensate": {"estimator", "scanning", "simulator"},
-    "engines": {"compensate", "loaders", "settings", "scanning", "model", "simulator", "history", "reporter"},
+    "plan": {"compensate", "effects", "estimator", "scanning", "simulator"},
+    "engines": {"compensate", "plan", "loaders", "settings", "scanning", "model", "simulator", "history", "reporter"},
     "api": {"engines", "loaders", "settings", "scanning", "model", "simulator", "history", "reporter"},
     "commands": {
-        "api", "check", "compensate", "engines", "loaders", "scanning", "estimator", "model", "simulator", "effects",
-        "history", "reporter",
+        "api", "check", "compensate", "engines", "loaders", "scanning", "estimator", "model", "plan", "simulator",
+        "effects", "history", "reporter",
     },
     "__main__": {"commands", "reporter"},
     "__init__": {"api", "loaders", "scanning", "model", "simulator", "effects", "reporter", "history"},
@@ -58,7 +59,7 @@ HOMES = {
     "distributed": {"engines"},
 }
 CORE = BASE | {
-    "half_periods", "estimator", "scanning", "effects", "model", "simulator",
+    "half_periods", "estimator", "scanning", "effects", "model", "plan", "simulator",
 }
 NOT_IN_CORE = {"print", "open", "input"}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..record import Note, Record
-from ..results import LoopReport
+from ..results import UNDECIDED, LoopReport
 from . import figures
 from .page import Cell, Section, Table
 from .safe import shorten
@@ -19,6 +19,8 @@ def loop_sections(r: LoopReport, record: Record | None, points: int = figures.PO
     """
     evidence = [] if record is None or not len(record) else _evidence(r, record, points)
     said = [n.message for n in r.reasons] or ["No reason was recorded."]
+    if r.verdict in UNDECIDED:
+        said.append("What would decide it: backlash plan.")
     first = evidence[0] if evidence else Section("")
     sections = [Section("Why this verdict", text=said, figure=first.figure, note=first.note)]
     if r.compensator is not None:

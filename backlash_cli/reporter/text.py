@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from ..record import Note
-from ..results import LoopReport, ScanResult, Verdict
+from ..results import UNDECIDED, LoopReport, ScanResult, Verdict
 from .console import WIDTH, Screen
 from .safe import clip, terminal
 from .words import MARKS, VERDICTS, advice, by_size, excluded, size
@@ -24,7 +24,9 @@ def to_text(result: ScanResult, *, verbose: bool = False, colour: bool = False, 
                  styles=[["", _COLOURS[MARKS[r.verdict]], *[""] * 5] for r in reports])
     counts = Counter(r.verdict for r in reports)
     said = ", ".join(f"{counts[v]} {words}" for v, words in VERDICTS.items() if counts[v])
-    screen.say(f"\n{len(reports)} loop{'s' * (len(reports) != 1)}: {said}. Sizes in % of the output span.")
+    undecided = sum(r.verdict in UNDECIDED for r in reports)
+    plan = f" What would decide the {undecided} undecided: backlash plan." * bool(undecided)
+    screen.say(f"\n{len(reports)} loop{'s' * (len(reports) != 1)}: {said}. Sizes in % of the output span.{plan}")
     for report in reports if verbose else ():
         _details(screen, report)
     if not verbose:

@@ -25,6 +25,8 @@ class Verdict(StrEnum):
     ERROR = "error"
 
 
+UNDECIDED = (Verdict.SUSPECTED, Verdict.OSCILLATING, Verdict.INSUFFICIENT_DATA, Verdict.CANNOT_TELL)  # a plan may tell
+
 @dataclass(frozen=True)
 class Estimate:
     """One half period: the interval between two zero crossings of the control error.

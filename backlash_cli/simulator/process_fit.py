@@ -142,12 +142,14 @@ class Sought:
         return along / max(power, 1e-300) if along * self.sign > 0.0 else 0.0
 
 
-def fit_process(record: Record, d: float, known_gain: float | None = None) -> ProcessModel:
+def fit_process(
+    record: Record, d: float, known_gain: float | None = None, *, integrating: bool = False
+) -> ProcessModel:
     """Return the process that explains PV best from OP behind a dead band d [span].
 
-    The record's settings must hold K and Ti. known_gain: static gain, when it is known. Raises LoopError when OP is
-    absent or rests, the record is too short, PV does not answer to OP, or only the ratio of gain to lag can be seen
-    (an integrating process).
+    The record's settings must hold K and Ti. known_gain: static gain, when it is known. integrating: whether the answer
+    may be an integrating process, of which only the ratio of gain to lag can be seen. Raises LoopError when OP is
+    absent or rests, the record is too short, PV does not answer to OP, or the process integrates and may not.
     """
     data = decimated(record, d)
     K, Ti = float(record.settings.K or 1.0), float(record.settings.Ti or 1.0)
@@ -161,15 +163,17 @@ def fit_process(record: Record, d: float, known_gain: float | None = None) -> Pr
     if gain == 0.0 or evidence < LEAST_EVIDENCE:
         raise LoopError("the measurement does not answer to the output: no process can be fitted", where=record.loop,
                         remedy="give it with --process K=..,T=..,L=..", code="no_process")
-    if best.lag >= INTEGRATING * Ti:
+    integrates = bool(best.lag >= INTEGRATING * Ti)
+    if integrates and not integrating:
         raise LoopError(
             "the process looks integrating: only the ratio of gain to lag can be seen", where=record.loop,
             remedy="integrating loops with dead band oscillate; compensation is not advised. A process can be given "
             "with --process K=..,T=..,L=..", code="integrating",
         )
-    lags = (best.lag, best.second) if best.second > 0.0 else (best.lag,)
+    lags = tuple(lag for lag in (0.0 if integrates else best.lag, best.second) if lag > 0.0)
     profile = tuple((share * d, match(decimated(record, share * d), best, whitening, sought)[0]) for share in SHARES)
-    return ProcessModel(gain, lags, best.delay, source="fitted", evidence=evidence, profile=profile)
+    gain = gain / best.lag if integrates else gain
+    return ProcessModel(gain, lags, best.delay, integrates, "fitted", evidence, profile)
 
 
 def search(data: Decimated, whitening: FloatArray, Ti: float, sought: Sought) -> Shape:

@@ -56,8 +56,8 @@ def _number(value: str, name: str) -> float:
         raise MetadataError(f"{name} = '{value}' is not a number", where=WHERE, remedy=REMEDY) from None
 
 
-def parse_dead_band(text: str) -> float:
-    """Return a dead band in spans of the output from `0.03` or `3%`.
+def parse_dead_band(text: str, where: str = "--dead-band") -> float:
+    """Return a dead band in spans of the output from `0.03` or `3%`. where: the option that gives it.
 
     Raises MetadataError for what is no number or not between 0 and half of the span.
 
@@ -68,7 +68,7 @@ def parse_dead_band(text: str) -> float:
     try:
         size = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
     except ValueError:
-        raise MetadataError(f"'{text}' is not a size", where="--dead-band", remedy=remedy) from None
+        raise MetadataError(f"'{text}' is not a size", where=where, remedy=remedy) from None
     if not 0.0 < size <= 0.5:
-        raise MetadataError(f"{text} is not possible", where="--dead-band", remedy=f"above 0, at most 0.5; {remedy}")
+        raise MetadataError(f"{text} is not possible", where=where, remedy=f"above 0, at most 0.5; {remedy}")
     return size

@@ -190,7 +190,7 @@ def _valve(rng: Random, it: SimpleNamespace) -> None:
     it.valve = str(_pick(rng, VALVES[it.truth]))
     parts = it.valve.split("+")
     it.op0 = rng.uniform(40, 60) if "split" in parts else rng.uniform(30, 70)
-    it.d = _log(rng, 0.8, 8.0) if it.truth == "worn" else 0.0
+    it.d = it.size or _log(rng, 0.8, 8.0) if it.truth == "worn" else 0.0
     it.S = _log(rng, 1.0, 6.0) if it.truth == "stick" else 0.0
     it.J, it.fric = it.S * rng.uniform(0.1, 0.6), str(_pick(rng, {"karnopp": 7, "lugre": 3})) if it.S else ""
     wall = np.array([it.S + it.J, it.S - it.J, it.S + it.J, it.S - it.J]) / 2
@@ -262,7 +262,7 @@ def _controller(rng: Random, it: SimpleNamespace) -> None:
 def _simulate(rng: Random, it: SimpleNamespace) -> tuple[Array, Array, Array, Array, Array]:
     """Let the plant run; returns SP, PV, OP, stem [%] and what was in manual. The upsets fit a range of OP drawn."""
     warm, dt, ti = it.warm, it.dt, it.Ti / it.dt
-    n = warm + int(it.dur_h * 3600 / dt)
+    n = warm + int((it.dur_h + it.later_h) * 3600 / dt)
     shape = disturbance(rng, it.load, n, ti, warm, 3600 / dt)
     if np.ptp(shape[warm:]) < 1e-6 * np.ptp(shape):  # nothing happens in this record
         shape, it.load = disturbance(rng, "ou", n, ti, warm, 3600 / dt), "ou"
@@ -314,6 +314,9 @@ def _simulate(rng: Random, it: SimpleNamespace) -> tuple[Array, Array, Array, Ar
     size *= it.quiet
     shape, sp = size * shape, rng.uniform(35, 65) + sp_size * moves
 
+    for begin, steps in it.sp_moves:
+        sp[warm + begin : warm + begin + len(steps)] += steps
+
     def run() -> tuple[Any, ...]:
         return control_loop(  # type: ignore[no-any-return]
             dt, warm, sp, shape * it.at_input, shape * (not it.at_input), noise, size * ff, manual, *fixed,
@@ -354,16 +357,17 @@ def manual_moves(rng: Random, it: SimpleNamespace) -> list[tuple[int, Array]]:
     return tests
 
 
-def loop(seed: int, kind: str = "") -> Loop:
+def loop(seed: int, kind: str = "", **given: Any) -> Loop:
     """Simulate the loop of a seed: everything about it is drawn from the seed alone. kind: "manual" for one whose valve
-    an operator tests in manual."""
+    an operator tests in manual. given: what is not drawn: truth, fam ..; size: of the dead band [%]; later_h: hours
+    that it goes on; sp_moves, test: (first sample after the start of the record, moves of SP or, in manual, OP [%])."""
     rng = np.random.default_rng([1915, seed, *map(ord, kind[:1])])
     it = SimpleNamespace(**{key: _pick(rng, chances) for key, chances in DRAWN.items()})
+    vars(it).update({"size": 0.0, "later_h": 0.0, "sp_moves": (), "test": [], "quiet": 1.0, **given})
     it.dur_h = max(it.dur_h, 2.0) if it.Ts == 10 else it.dur_h
     it.sp = "fixed" if it.sp == "master" and it.fam == "level" else it.sp
     for part in (_process, _valve, _controller):
         part(rng, it)
-    it.quiet, it.test = 1.0, []
     if kind:  # an operator rather tests where little happens
         it.quiet, it.test = _log(rng, 0.03, 1.0), manual_moves(rng, it)
     it.warm = int(min(12 * it.Ti, 3600) / it.dt)

@@ -1,0 +1,261 @@
+"""The least that would decide a loop: each candidate played again and again on its twins, and judged by the scan.
+
+Two twins of the loop, one with a dead band of the target's size and one with a healthy valve, both as the record allows
+them. A candidate is played on both, what the historian would keep of it goes behind the record, and the whole is
+scanned. A rung of a ladder that does not promise enough after a few repeats is left for the next, larger one.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..errors import LoopError
+from ..estimator.criteria import CLEARED
+from ..estimator.quality import data_quality
+from ..record import FloatArray, Note, Record
+from ..results import UNDECIDED, LoopReport, Verdict
+from ..results.plan import Course, LoopPlan, PlanOption
+from ..scanning import scan
+from .tests import KINDS, TENTH, Move, Test
+from .twin import Twin, behind, twin_of
+from .words import logging_words, model_words, option_words, too_small
+
+TARGET = 0.02  # span: dead band that matters, where the record has no limit of detection
+LOGGING = ("no_output", "missing_settings", "settings_contradicted", "sampling_too_coarse", "sampling_coarse",
+           "compressed_held", "compressed_linear", "scanned_slowly", "interpolated", "output_rounded")
+GLANCE, HOPELESS = 5, 0.3  # repeats of a rung, and what its chance must be for more of them
+FIRST_LOOK, PROMISING = 20, 0.7  # these, and what it must be for all
+TOLD = 1.1  # limits of detection are told in steps, 2.03 % is one of them
+LONGER = (1.0, 3.0, 9.0)  # waits, in lengths of the record
+LONGEST_WAIT, LEAST_WAIT = 14 * 86400.0, 20.0  # seconds; integral times
+LONGEST_TEST = 8 * 3600.0  # seconds in manual: a shift
+MOST_SAMPLES = 150_000  # of a simulated wait
+HOLD = 10.0  # integral times that a setpoint is held
+TURNS = (2, 4)  # times up and down, where once is not enough
+AROUND = 5.0  # integral times of ordinary operation before and after a test
+# steps of OP in manual, in dead bands of the target's size: of just that size, the first step back does nothing and the
+# second all, which is the clearest picture; fewer than two rounds turn OP too seldom for the scan to call it
+STEPS, LEAST_STEP, ROUNDS = (1.0, 2.5), 0.75, (2, 4, 8)
+HOLDS, FEWEST_HELD = (1.5, 3.0), 10.0  # lags of the process beyond its dead time that a step is held; samples, at least
+ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
+OVER = 1.1  # what the load adds to a move that the limits allow
+OVERSHOOT = 1.3  # of PV beyond a step of the setpoint, that limits must allow for
+POINTS = 400  # of a drawn course
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """target: dead band that matters [span], None: the record's limit of detection, else 2 %. max_pv_move,
+    max_op_move: how far a test may move PV and OP from where they stand. repeats: of each candidate with a
+    worn and with a healthy valve. kinds: of tests that are weighed."""
+
+    target: float | None = None
+    max_pv_move: Move = TENTH
+    max_op_move: Move = TENTH
+    repeats: int = 100
+    seed: int = 0
+    kinds: tuple[str, ...] = KINDS
+
+
+@dataclass
+class Played:
+    """What the scan said of the repeats of one test, with a worn and with a healthy valve, and how far the test
+    alone moved PV and OP [spans]."""
+
+    worn: Counter[Verdict] = field(default_factory=Counter)
+    healthy: Counter[Verdict] = field(default_factory=Counter)
+    moves: list[tuple[float, float]] = field(default_factory=list)
+
+    @property
+    def moved(self) -> tuple[float, float]:
+        """How far the test alone moves PV and OP in nine of ten repeats, 0 for a wait."""
+        pv, op = np.percentile(self.moves, 90.0, axis=0) if self.moves else (0.0, 0.0)
+        return float(pv), float(op)
+
+    def chance(self, limits: tuple[float, float]) -> float:
+        """Chance to be told, of the valve that is harder to tell; none where PV or OP go further than they may."""
+        if any(move > OVER * limit for move, limit in zip(self.moved, limits, strict=True)):
+            return 0.0
+        return min(self.worn[Verdict.BACKLASH], self.healthy[Verdict.NO_BACKLASH]) / max(self.worn.total(), 1)
+
+
+def plan(record: Record, options: PlanOptions | None = None, report: LoopReport | None = None) -> LoopPlan | None:
+    """Return what would decide a loop, None where the scan has decided it or could not read it.
+
+    report: the record's scan, made here if not given. Advice to a person; nothing is written to a control system.
+    """
+    options, report = options or PlanOptions(), report or scan(record)
+    if report.verdict not in UNDECIDED:
+        return None
+    s = report.settings
+    target = options.target or min(excluded(report) or TARGET, CLEARED)
+    quality = data_quality(record, s.Ti)
+    notes = {n.code: n for n in (*report.reasons, *report.warnings, *quality.notes) if n.code in LOGGING}
+    if s.K is None or s.Ti is None:
+        notes["missing_settings"] = Note("missing_settings", "K and Ti are not known")
+    if quality.op is None or 2.5 * quality.op.step <= target:
+        notes.pop("output_rounded", None)
+    logging = [PlanOption("logging", text) for text in logging_words(list(notes.values()), s)]
+    found = LoopPlan(record.loop, str(report.verdict), report.reasons[0].message if report.reasons else "", target,
+                     tuple(logging), pv_range=s.pv_range, op_range=s.op_range)
+    if s.K is None or s.Ti is None:
+        return found
+    # where K and Ti come from is settled: they are not to be checked again in every repeat
+    known = replace(record, settings=s.with_values("identified", K=s.K, Ti=s.Ti))
+    rounding = (quality.pv.step, quality.op.step if quality.op else 0.0)
+    try:
+        subject = Subject(known, twin_of(known, target, rounding), twin_of(known, 0.0, rounding), options, target)
+    except LoopError as error:
+        return found if logging else replace(found, options=(PlanOption("logging", f"{error.what}: {error.remedy}"),))
+    tried = [subject.least(rungs) for rungs in subject.ladders(report.verdict)]
+    return replace(found, model=model_words(subject.healthy),
+                   options=(*logging, *sorted(tried, key=lambda option: not option.decides)))
+
+
+@dataclass
+class Subject:
+    """One loop on the desk: its record, its twins with the target's dead band and with none."""
+
+    record: Record
+    worn: Twin
+    healthy: Twin
+    options: PlanOptions
+    target: float
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """How far PV and OP may move [spans]."""
+        s, o = self.record.settings, self.options
+        return o.max_pv_move.share(s.pv_range), o.max_op_move.share(s.op_range)
+
+    def ladders(self, verdict: Verdict) -> Iterator[list[Test] | PlanOption]:
+        """For every kind of test its candidates, the least first; a PlanOption where the limits allow none."""
+        makers = {"wait": self._waits, "setpoint_steps": self._setpoint_steps, "manual_test": self._manual_tests}
+        for kind in self.options.kinds:
+            # what oscillates goes on as it is, and a step would be lost in its swing
+            if kind == "manual_test" or verdict is not Verdict.OSCILLATING:
+                yield makers[kind]()
+
+    def _waits(self) -> list[Test]:
+        h = self.record.interval
+        length = max(len(self.record) * h, LEAST_WAIT * self.healthy.controller.Ti)
+        most = min(LONGEST_WAIT, MOST_SAMPLES * h)
+        return [Test("wait", t) for t in sorted({min(k * length, most) for k in LONGER})]
+
+    def _setpoint_steps(self) -> list[Test] | PlanOption:
+        w, (pv_most, op_most) = self.healthy, self.limits
+        hold = max(HOLD * w.controller.Ti, 2.0 * w.answer_time)
+        gain = w.settled(hold)
+        # PV overshoots; OP kicks by K times the step, and goes for good by the step over the gain
+        kick = max(abs(w.controller.K), 1.0 / gain)
+        most = min(pv_most / OVERSHOOT, op_most / kick)
+        least = ACROSS[0] * self.target * gain
+        if most < least:
+            return PlanOption("setpoint_steps", too_small("a setpoint step", OVERSHOOT * least, kick * least,
+                                                          self.limits, w.settings))
+        sizes = sorted({min(k * self.target * gain, most) for k in ACROSS})
+        down = w.level > 0.5
+        once = (-1.0, 0.0) if down else (1.0, 0.0)
+        return [*(Test("setpoint_steps", hold, s, once) for s in sizes),
+                *(Test("setpoint_steps", hold, sizes[-1], once * n) for n in TURNS)]
+
+    def _manual_tests(self) -> list[Test] | PlanOption:
+        """Up, up, down, down; where PV ramps for as long as OP is off its balance, up, down, down, up."""
+        w, (pv_most, op_most) = self.healthy, self.limits
+        p = w.process
+        # a lag far above Ti is one that the record does not tell from an integrator
+        slow = min(sum(p.lags), w.controller.Ti) if p.lags and not p.integrating else w.controller.Ti
+        holds = [max(p.dead_time + k * slow, FEWEST_HELD * self.record.interval) for k in HOLDS]
+        levels: tuple[float, ...] = (1.0, 0.0, -1.0, 0.0) if w.process.integrating else (1.0, 2.0, 1.0, 0.0)
+        peak, gain = max(levels), w.settled(holds[0])
+        most, least = min(op_most / peak, pv_most / (peak * gain)), LEAST_STEP * self.target
+        if most < least:
+            return PlanOption("manual_test", too_small("a test in manual", peak * gain * least, peak * least,
+                                                       self.limits, w.settings))
+        levels = tuple(-x for x in levels) if w.output > 0.5 else levels
+        small, large = (min(k * self.target, most) for k in STEPS)
+        sizes = [small] if large == small else [small, large]
+        rungs = [Test("manual_test", hold, m, levels * n) for n in ROUNDS for m in sizes for hold in holds]
+        return [t for t in rungs if t.duration <= LONGEST_TEST] or rungs[:1]
+
+    def least(self, rungs: list[Test] | PlanOption) -> PlanOption:
+        """Return the first rung that decides, with all its repeats; the most promising one where none does."""
+        if isinstance(rungs, PlanOption):
+            return rungs
+        looks: list[tuple[Test, Played]] = []
+        look = min(FIRST_LOOK, self.options.repeats)
+        for test in rungs:
+            played = Played()
+            looks.append((test, played))
+            self._repeat(test, played, min(GLANCE, look))
+            if played.chance(self.limits) >= HOPELESS:
+                self._repeat(test, played, look)
+            if played.chance(self.limits) >= PROMISING:
+                self._repeat(test, played, self.options.repeats)
+                if (option := self._option(test, played)).decides:
+                    return option
+        test, played = max(reversed(looks), key=lambda one: one[1].chance(self.limits))
+        self._repeat(test, played, self.options.repeats)
+        return self._option(test, played)
+
+    def _repeat(self, test: Test, played: Played, upto: int) -> None:
+        """Go on until the test was played so often with each valve."""
+        for twin, said in ((self.worn, played.worn), (self.healthy, played.healthy)):
+            for k in range(said.total(), upto):
+                seed = 2 * (k + self.options.repeats * self.options.seed) + (twin is self.worn)
+                around = 0.0 if test.kind == "wait" else AROUND * twin.controller.Ti
+                try:
+                    later, run, _ = twin.play(test, seed, around=around)
+                except LoopError:  # a limit cycle that leaves the span: this test says nothing
+                    said[Verdict.ERROR] += 1
+                    continue
+                report = scan(behind(self.record, later))
+                verdict = report.verdict
+                if verdict is Verdict.NO_BACKLASH and (excluded(report) or 0.0) > TOLD * self.target:
+                    verdict = Verdict.CANNOT_TELL  # cleared, but of a larger dead band than the one that matters
+                said[verdict] += 1
+                if test.move and len(played.moves) < FIRST_LOOK:
+                    still = twin.play(replace(test, kind="setpoint_steps", move=0.0), seed, around=around)[1]
+                    size = min(len(run.output), len(still.output))
+                    played.moves.append((_farthest(run.process_output[:size], still.process_output[:size]),
+                                         _farthest(run.output[:size], still.output[:size])))
+
+    def _option(self, test: Test, played: Played) -> PlanOption:
+        n = self.options.repeats
+        pv, op = played.moved if played.moves else (None, None)
+        option = PlanOption(
+            test.kind, "", test.duration, test.move or None, test.levels if test.move else (),
+            test.hold if test.move else None, op, pv, played.worn[Verdict.BACKLASH] / n,
+            played.healthy[Verdict.NO_BACKLASH] / n, played.healthy[Verdict.BACKLASH] / n,
+            played.worn[Verdict.NO_BACKLASH] / n, n,
+            *(None if test.kind == "wait" else self._course(twin, test) for twin in (self.worn, self.healthy)),
+        )
+        return replace(option, text=option_words(option, self.healthy, self.target))
+
+    def _course(self, twin: Twin, test: Test) -> Course | None:
+        try:
+            _, run, begin = twin.play(test, 0, around=AROUND * twin.controller.Ti)
+        except LoopError:
+            return None
+        step = run.scenario.step
+        first = max(round((begin - AROUND * twin.controller.Ti) / step), 0)
+        pick = np.linspace(first, len(run.output) - 1, POINTS).astype(np.int64)
+
+        def drawn(values: FloatArray) -> tuple[float, ...]:
+            return tuple(np.round(values[pick], 6).tolist())
+
+        return Course(tuple(np.round(run.time[pick] - begin, 2).tolist()), drawn(run.setpoint),
+                      drawn(run.measurement), drawn(run.output))
+
+
+def excluded(report: LoopReport) -> float | None:
+    """Smallest dead band [span] that the record would have shown, None where it is not known."""
+    return None if report.confirmation is None else report.confirmation.limit_of_detection
+
+
+def _farthest(one: FloatArray, other: FloatArray) -> float:
+    return float(np.max(np.abs(one - other)))

@@ -1,0 +1,223 @@
+"""A loop for the desk out of its own record: controller, process, and what moved PV besides OP.
+
+PV = process behind the valve (OP) + upset. The upset, load and noise together, is what the process leaves of the
+record's own PV; it is played again in blocks drawn at random, so that loads that step, swing or wander stay what they
+are. No model of a load is needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from ..compensate import model_of
+from ..effects.measured_disturbance import EFFECT as ADDED
+from ..effects.shape import Stage
+from ..errors import LoopError
+from ..kernels import play
+from ..record import FloatArray, LoopSettings, Record
+from ..results.compensation import ProcessModel
+from ..simulator import Applied, Controller, Manual, Process, Recorder, Scenario, Signal, Trace, export, trace, use
+from .tests import Test
+
+HOLE = 20  # samples; a longer one ends the stretch that is played again
+LONGEST = 200_000  # samples of it, the last ones
+SHORTEST_BLOCK = 40.0  # integral times
+BLOCKS = 5  # at least so many make up the stretch
+FINEST = 15.0  # inner steps in an integral time
+SPREAD, ASSUMED_SPREAD = 0.15, 0.4  # of gain, lag and dead time from repeat to repeat, as natural logarithms
+SETTLE = 12.0  # integral times that the simulated loop has before the record of it begins
+TRIES = 5  # to draw a process that this controller can hold
+DEAD_TIME, CLOSED = 0.2, 0.8  # of an assumed process, in integral times: dead time, and closed-loop time constant
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """What a loop is made of. d: dead band [span]. level, output: where PV and OP stood in the mean. upset: (samples,)
+    what moves PV besides OP, setpoint: (samples,) less its level. spread: how well the process is known.
+    rounding: steps to which the historian rounds PV and OP, 0 for not at all: samples that do not lie on the steps of
+    those before them would look like values that were held."""
+
+    record: Record
+    d: float
+    controller: Controller
+    process: Process
+    source: str
+    spread: float
+    level: float
+    output: float
+    setpoint: FloatArray
+    upset: FloatArray
+    rounding: tuple[float, float]
+
+    @property
+    def settings(self) -> LoopSettings:
+        return self.record.settings
+
+    @property
+    def answer_time(self) -> float:
+        """Time [s] that the process needs for most of its answer to a step of OP."""
+        p = self.process
+        return p.dead_time + (3.0 * sum(p.lags) if p.lags and not p.integrating else sum(p.lags))
+
+    def settled(self, hold: float) -> float:
+        """How far PV moves for a move of OP held so long [PV span per OP span]."""
+        gain, p = abs(self.process.gain), self.process
+        return gain * max(hold - p.dead_time, 0.0) if p.integrating else gain
+
+    def play(self, test: Test, seed: int, *, around: float = 0.0) -> tuple[Record, Trace, float]:
+        """Return what the historian would keep of a test, and the whole simulation with the time [s] of its start.
+
+        around: ordinary operation [s] before the test and after it, in the record. Raises LoopError where the loop
+        cannot be held stable.
+        """
+        for attempt in range(TRIES + 1):
+            try:
+                return self._play(test, np.random.default_rng([seed, attempt]), around, SPREAD * (attempt < TRIES))
+            except LoopError:
+                if attempt == TRIES:
+                    raise
+        raise AssertionError
+
+    def _play(self, test: Test, random: np.random.Generator, around: float,
+              spread: float) -> tuple[Record, Trace, float]:
+        h, c = self.record.interval, self.controller
+        inner = max(1, int(np.ceil(h * FINEST / c.Ti)))
+        begin = max(1, round((SETTLE * c.Ti + around) / h)) * h
+        samples = int(np.ceil((begin + test.duration + around) / h))
+        off = self.spread / SPREAD * spread
+        gain, lag, dead = np.exp(off * random.standard_normal(3))
+        p = self.process
+        process = replace(p, gain=p.gain * gain, lags=tuple(x * lag for x in p.lags), dead_time=p.dead_time * dead)
+        place = random.uniform(-1.0, 1.0)
+        upset, setpoint = self._again(samples, random)
+        # proportional action on the error or on PV alone: nobody wrote down which, so half of the repeats have each
+        controller = replace(c, b=float(random.integers(2)))
+        setpoint = setpoint if test.kind == "wait" else np.zeros(samples)
+        if test.kind == "setpoint_steps":
+            setpoint = setpoint + test.course(h * np.arange(samples, dtype=np.float64) - begin)
+        scenario = Scenario(
+            controller, process, samples * h, h / inner,
+            (use("backlash", d=self.d, position=place), added(np.repeat(upset, inner), Stage.SENSOR)),
+            Signal(self.level, (added(np.repeat(setpoint, inner), Stage.LOAD),)), self.output, record_interval=h,
+            sample_time=h / inner, recorder=self._recorder(), name=self.record.loop,
+        )
+        if test.kind == "manual_test":
+            before = replace(scenario, duration=begin)
+            stood = float(trace(before).output[-1])
+            edges = begin + test.hold * np.arange(len(test.levels) + 1)
+            scenario = replace(scenario, manual=tuple(
+                Manual(a, b, float(np.clip(stood + test.move * level, 0.0, 1.0)))
+                for a, b, level in zip(edges, edges[1:], test.levels, strict=False)))
+        run = trace(scenario)
+        record = replace(export(run), settings=self.settings)
+        return record.slice(round((begin - around) / h), len(record)), run, begin
+
+    def _recorder(self) -> tuple[Recorder, ...]:
+        return tuple(Recorder(use("quantization", step=step), (name,))
+                     for name, step in zip(("PV", "OP"), self.rounding, strict=True) if step)
+
+    def _again(self, samples: int, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Draw upset and setpoint (samples,): blocks of the record's own, forward or backward, up or down, each
+        joined to the one before it."""
+        n = len(self.upset)
+        size = int(min(n, max(n // BLOCKS, SHORTEST_BLOCK * self.controller.Ti / self.record.interval)))
+        wanders = np.count_nonzero(np.diff(self.setpoint)) > 0.5 * n  # a cascade or a ramp: must not jump either
+        parts: list[list[FloatArray]] = [[], []]
+        for _ in range(-(-samples // size)):
+            first, way, sign = random.integers(n - size + 1), 1 - 2 * random.integers(2), 1 - 2 * random.integers(2)
+            for values, into, joined in ((self.upset, parts[0], True), (self.setpoint, parts[1], wanders)):
+                block = sign * values[first : first + size][::way]
+                if joined and into:
+                    block = block + (into[-1][-1] - block[0]) * np.linspace(1.0, 0.0, size)
+                into.append(block)
+        upset, setpoint = (np.concatenate(p)[:samples] for p in parts)
+        return upset - upset[0], setpoint
+
+
+def added(values: FloatArray, stage: Stage) -> Applied:
+    """An effect that adds values (samples,) to the signal that it meets, as a measured disturbance with gain 1."""
+    effect = replace(ADDED, stage=stage, column=False, start=lambda p, h, first: np.append(0.0, values))
+    return Applied(effect, np.array([1.0]))
+
+
+def twin_of(record: Record, d: float, rounding: tuple[float, float] = (0.0, 0.0)) -> Twin:
+    """Make the twin of a record whose settings hold K and Ti, as if its valve had a dead band d [span].
+
+    Raises LoopError where OP was not recorded or no stretch of the record can be used.
+    """
+    s = record.settings
+    if record.output is None:
+        raise LoopError("no controller output (OP) in the data", where=record.loop, code="no_output")
+    assert s.K is not None and s.Ti is not None
+    controller = Controller(s.K, s.Ti, s.Td, s.Tf, low=min(0.0, float(np.nanmin(record.output))),
+                            high=max(1.0, float(np.nanmax(record.output))))
+    process, source = _process(record, controller, d)
+    stretch = longest_stretch(record)
+    grid = np.arange(stretch.index[-1] - stretch.index[0] + 1)
+    good = stretch.usable & np.isfinite(stretch.measurement)
+    at = stretch.index - stretch.index[0]
+    assert stretch.output is not None
+    known = np.isfinite(stretch.output)
+    output = stretch.output[known][np.searchsorted(at[known], grid, "right").clip(1) - 1]
+    pv = np.interp(grid, at[good], stretch.measurement[good])
+    sp = np.interp(grid, at[good], np.nan_to_num(stretch.setpoint[good], nan=float(pv.mean())))
+    mean = float(output.mean())
+    stem = play(np.ascontiguousarray(output), d, float(output[0])) - mean
+    upset = pv - response(process, stem, record.interval)
+    return Twin(record, d, controller, process, source, SPREAD if source == "fitted" else ASSUMED_SPREAD,
+                float(sp[-1]), mean, sp - sp[-1], upset - upset.mean(), rounding)
+
+
+def _process(record: Record, controller: Controller, d: float) -> tuple[Process, str]:
+    """The process that explains PV best from OP, else one that its controller's tuning would suit."""
+    try:
+        model, _ = model_of(record, controller, d, None, integrating=True)
+        return as_process(model), "fitted"
+    except LoopError:
+        told, Ti = record.settings.Kp if record.settings.source.get("Kp") == "metadata" else None, controller.Ti
+        gain = told or 1.0 / (controller.K * (DEAD_TIME + CLOSED))  # lambda tuning: K = lag/(gain (closed + dead time))
+        return Process(gain, (Ti,), DEAD_TIME * Ti), "assumed to suit K and Ti"
+
+
+def as_process(model: ProcessModel) -> Process:
+    return Process(model.gain, model.lags, model.dead_time, model.integrating)
+
+
+def response(process: Process, values: FloatArray, interval: float) -> FloatArray:
+    """Return the answer (samples,) of lags, integrator and dead time at rest to an input held over each interval."""
+    out = process.gain * values
+    rest = out[0]
+    for lag in process.lags:
+        a = np.exp(-interval / lag)
+        out = lfilter([0.0, 1.0 - a], [1.0, -a], out - rest) + rest
+    if process.integrating:
+        out, rest = np.append(0.0, np.cumsum(out)[:-1]) * interval, 0.0
+    late = round(process.dead_time / interval)
+    return np.concatenate([np.full(min(late, len(out)), rest), out[: max(len(out) - late, 0)]])
+
+
+def longest_stretch(record: Record) -> Record:
+    """The longest stretch of a record without a long hole, at most LONGEST samples of it."""
+    good = np.flatnonzero(record.usable & np.isfinite(record.measurement))
+    if len(good) < 2:
+        raise LoopError("no sample of the record can be used", where=record.loop, code="no_usable_data")
+    cuts = np.flatnonzero(np.diff(record.index[good]) > HOLE)
+    edges = np.concatenate([[0], cuts + 1, [len(good)]])
+    k = int(np.argmax(np.diff(edges)))
+    first, last = int(good[edges[k]]), int(good[edges[k + 1] - 1]) + 1
+    return record.slice(max(first, last - LONGEST), last)
+
+
+def behind(record: Record, later: Record) -> Record:
+    """One record: later samples of the same loop behind those of a record, with a hole between."""
+    assert record.output is not None and later.output is not None
+    return replace(
+        record, index=np.append(record.index, later.index - later.index[0] + record.index[-1] + HOLE + 5),
+        setpoint=np.append(record.setpoint, later.setpoint),
+        measurement=np.append(record.measurement, later.measurement),
+        output=np.append(record.output, later.output), state=np.append(record.state, later.state), disturbances={},
+        notes=(),
+    )

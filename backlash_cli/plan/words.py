@@ -1,0 +1,103 @@
+"""A plan in plain words for the people who carry it out, in the units of the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from ..record import LoopSettings, Note
+
+if TYPE_CHECKING:
+    from ..results.plan import PlanOption
+    from .twin import Twin
+
+_REMEDIES = {
+    "no_output": "record OP: without it nothing tells what the valve was asked for",
+    "missing_settings": "give K and Ti of the controller in the loops file",
+    "settings_contradicted": "check K and Ti in the loops file: the record was not made with them",
+    "compressed_held": "switch exception reporting off for PV and OP of this loop, or export raw values",
+    "compressed_linear": "switch compression off for PV and OP of this loop, or export raw values",
+    "interpolated": "export raw values: too many samples of this record were interpolated",
+    "output_rounded": "record OP with more digits: its rounding hides a dead band of the target's size",
+}
+_SAMPLING = ("sampling_too_coarse", "sampling_coarse", "scanned_slowly")
+PER_TI = 10.0  # samples in an integral time that are asked for
+
+
+def lasting(seconds: float) -> str:
+    """A length of time, rounded as one says it.
+
+    >>> [lasting(x) for x in (44.0, 400.0, 9000.0, 200_000.0)]
+    ['44 s', '7 min', '2.5 h', '2.3 d']
+    """
+    for unit, length in (("d", 86400.0), ("h", 3600.0)):
+        if seconds >= 1.5 * length:
+            return f"{seconds / length:.2g} {unit}"
+    return f"{seconds:.0f} s" if seconds < 90.0 else f"{seconds / 60.0:.0f} min"
+
+
+def amount(share: float, span: tuple[float, float]) -> str:
+    """A move as a number on the loop's own scale, with its share of the span where that is another number."""
+    size = abs(span[1] - span[0])
+    percent = f"{100.0 * share:.2g} %"
+    return percent if size in (1.0, 100.0) else f"{share * size:.3g} ({percent} of span)"
+
+
+def logging_words(notes: Sequence[Note], settings: LoopSettings) -> list[str]:
+    """What to mend before any test, a sentence each; nothing twice."""
+    found = [_REMEDIES[n.code] for n in notes if n.code in _REMEDIES]
+    if any(n.code in _SAMPLING for n in notes):
+        every = "at least ten times per integral time" if settings.Ti is None else \
+            f"every {lasting(settings.Ti / PER_TI)} or faster" if settings.Ti > PER_TI else \
+            f"every {settings.Ti / PER_TI:.1g} s or faster"
+        found.append(f"sample SP, PV and OP {every}")
+    return [f"First: {text}." for text in dict.fromkeys(found)]
+
+
+def model_words(twin: Twin) -> str:
+    """What was simulated, in a sentence."""
+    p, c = twin.process, twin.controller
+    lags = " and ".join(f"{lag:.3g} s" for lag in p.lags) or "none"
+    kind = "integrating, gain per second" if p.integrating else "gain"
+    return (f"Simulated: process {kind} {p.gain:.3g}, lag {lags}, dead time {p.dead_time:.3g} s ({twin.source}); "
+            f"controller K {c.K:.3g}, Ti {c.Ti:.3g} s; load and noise as left in the record.")
+
+
+def chances(option: PlanOption, target: float) -> str:
+    """The chances of an option in a sentence, and of what they are the chances."""
+    return (f"In {option.repeats} simulated repeats each, a valve with {100 * target:.2g} % dead band is called "
+            f"{_of(option.power)} and a healthy one cleared {_of(option.clears)}; a healthy one is called "
+            f"{_of(option.false_alarm)}.")
+
+
+def _of(share: float | None) -> str:
+    return f"{100 * (share or 0.0):.0f} % of the time"
+
+
+def option_words(option: PlanOption, twin: Twin, target: float) -> str:
+    """What to do, what will be seen, and how sure it is, in sentences."""
+    s, said = twin.settings, chances(option, target)
+    assert option.duration_s is not None
+    if option.kind == "wait":
+        if not option.decides:
+            return f"Waiting will not tell: not even {lasting(option.duration_s)} more of the same operation. {said}"
+        return f"Wait: {lasting(option.duration_s)} more of the same operation, then scan both together. {said}"
+    assert option.move is not None and option.hold_s is not None
+    levels = option.levels[: len(option.levels) // option.rounds]
+    ways = ", ".join("up" if b > a else "down" for a, b in zip((0.0, *levels), levels, strict=False))
+    ways += f", {option.rounds} times over," * (option.rounds > 1)
+    signal, span = ("SP", s.pv_range) if option.kind == "setpoint_steps" else ("OP", s.op_range)
+    where = "In automatic" if signal == "SP" else "In manual"
+    test = (f"{where}: step {signal} {ways} by {amount(option.move, span)}, each held for {lasting(option.hold_s)}, "
+            f"{lasting(option.duration_s)} in all, then scan the export with it.")
+    seen = ("" if option.pv_move is None or option.op_move is None else
+            f" PV will move by up to {amount(option.pv_move, s.pv_range)}, OP by up to "
+            f"{amount(option.op_move, s.op_range)}.")
+    return test + seen + ("" if option.decides else " This is not enough to be sure.") + f" {said}"
+
+
+def too_small(test: str, pv: float, op: float, limits: tuple[float, float], s: LoopSettings) -> str:
+    """Why the limits leave no room for a test. pv, op: least moves [spans] it needs, limits: those allowed."""
+    return (f"No room for {test}: PV would have to move by {amount(pv, s.pv_range)} and OP by "
+            f"{amount(op, s.op_range)}; allowed are {amount(limits[0], s.pv_range)} (--max-pv-move) and "
+            f"{amount(limits[1], s.op_range)} (--max-op-move).")

@@ -1,0 +1,96 @@
+"""Plans: only for what is undecided, the least that decides first, within the limits, the same for the same seed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backlash_cli.plan import Move, PlanOptions, plan, search
+from backlash_cli.plan.words import amount
+from backlash_cli.record import LoopSettings, SampleState
+from backlash_cli.results import Verdict
+from backlash_cli.results.plan import PlanOption
+from backlash_cli.scanning import scan
+from tests.plan.test_twin import loop
+
+FEW = PlanOptions(target=0.02, repeats=2)
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    """An hour in which little happens: a scan cannot tell."""
+    record = loop(duration=3600.0)
+    assert scan(record).verdict in (Verdict.CANNOT_TELL, Verdict.SUSPECTED)
+    return record
+
+
+@pytest.fixture(scope="module")
+def planned(quiet):
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(search, "ROUNDS", (2,))  # more only cost time here
+        return plan(quiet, FEW)
+
+
+def test_a_decided_loop_has_no_plan(quiet):
+    report = replace(scan(quiet), verdict=Verdict.NO_BACKLASH)
+    assert plan(quiet, FEW, report) is None
+
+
+def test_every_kind_of_test_is_weighed_with_its_chances(planned):
+    assert {"wait", "setpoint_steps", "manual_test"} <= {o.kind for o in planned.options}
+    for option in planned.options:
+        assert option.kind == "logging" or (option.power is not None and 0 <= option.power + option.missed <= 1)
+        assert option.text.endswith(".")
+    decides = [o.decides for o in planned.options if o.kind != "logging"]
+    assert decides == sorted(decides, reverse=True), "what decides comes first"
+    assert "gain" in planned.model and planned.target == 0.02
+
+
+def test_the_same_seed_gives_the_same_plan(quiet, planned):
+    steps = [o for o in planned.options if o.kind == "setpoint_steps"]
+    assert [o for o in plan(quiet, replace(FEW, kinds=("setpoint_steps",))).options if o.kind != "logging"] == steps
+
+
+def test_limits_that_leave_no_room_are_said_with_what_would_be_needed(quiet):
+    found = plan(quiet, replace(FEW, max_pv_move=Move(0.001), kinds=("setpoint_steps", "manual_test")))
+    for option in found.options:
+        assert option.kind == "logging" or (option.power is None and not option.decides)
+        assert option.kind == "logging" or (option.text.startswith("No room") and "--max-pv-move" in option.text)
+
+
+def test_moves_stay_within_the_limits(quiet, planned):
+    for option in planned.options:
+        if option.decides and option.pv_move is not None:
+            assert option.pv_move <= 0.11 and option.op_move <= 0.11
+
+
+def test_without_op_or_settings_logging_comes_first(quiet):
+    found = plan(replace(quiet, output=None))
+    assert found.options[0].kind == "logging" and "OP" in found.options[0].text
+    random = np.random.default_rng(0)
+    unknown = replace(quiet, settings=LoopSettings(), output=0.5 + 0.01 * random.normal(size=len(quiet)))
+    found = plan(unknown)
+    assert found.options[0].kind == "logging" and "K and Ti" in found.options[0].text
+
+
+def test_a_record_without_a_usable_sample_says_so(quiet):
+    dead = replace(quiet, state=np.full(len(quiet), SampleState.MANUAL, dtype=np.uint8))
+    found = plan(dead)
+    assert found is not None and [o.kind for o in found.options] == ["logging"]
+
+
+def test_rounds_are_counted_and_said_once():
+    twice = PlanOption("manual_test", "", levels=(1.0, 2.0, 1.0, 0.0) * 2)
+    assert twice.rounds == 2
+    assert PlanOption("setpoint_steps", "", levels=(1.0, 0.0)).rounds == 1 == PlanOption("wait", "").rounds
+
+
+def test_moves_are_said_in_units_of_the_loop():
+    assert amount(0.02, (0.0, 900.0)) == "18 (2 % of span)" and amount(0.02, (0.0, 100.0)) == "2 %"
+
+
+def test_an_option_decides_only_where_both_valves_are_told():
+    assert PlanOption("wait", "", power=0.9, clears=0.85).decides
+    assert not PlanOption("wait", "", power=0.99, clears=0.5).decides
+    assert not PlanOption("wait", "", power=0.9, clears=0.85, false_alarm=0.1).decides
+    assert not PlanOption("logging", "").decides
