@@ -13,7 +13,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ..compensate import model_of
-from ..effects.measured_disturbance import EFFECT as ADDED
+from ..effects.loads import MEASURED_DISTURBANCE as ADDED
 from ..effects.shape import Stage
 from ..errors import LoopError
 from ..kernels import play
