@@ -134,12 +134,18 @@ class LoopScanner:
         refusal = self._refusal()
         confirmation = self._confirm.finish() if self._confirm and self.used >= 2 else None
         manual = self._tested()
-        if refusal is not None and not isinstance(manual, Confirmation) and (
+        tells = isinstance(manual, Confirmation) or (manual is not None and manual.code == "manual_no_answer")
+        if tells:
+            for key in [key for key in self.notes if key[0] == "manual"]:
+                message = key[1].replace("not used", "used for a test of the valve only")
+                self.notes[key] = replace(self.notes[key], message=message)
+        if refusal is not None and not tells and (
                 refusal.code == "insufficient_data" or not isinstance(confirmation, Confirmation)):
+            missing = (refusal,) if manual is None or isinstance(manual, Confirmation) else (refusal, manual)
             short = self.has_setpoint and refusal.values.get("why") == "too_short"
             few = short or refusal.code == "insufficient_data"
             return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL,
-                                (*_contradictions(on_settings), refusal), 0.0, on_settings, carry=self._packed())
+                                (*_contradictions(on_settings), *missing), 0.0, on_settings, carry=self._packed())
         if refusal is None:
             assert self._errors is not None and self.settings.Ti is not None
             if settings.Kp is None:

@@ -16,10 +16,10 @@ from ..results import Confirmation
 
 CALLED = 9.0  # nats
 SOME = 5.0  # nats: worth a look
-TESTED = 2.0 / 3.0  # of both where OP was moved in manual: nothing feeds back, and the whole model is compared
-ELSEWHERE = 1.0  # nats that such a test must bring besides the turn of OP that brings the most
+ELSEWHERE = 2.0  # nats that a test in manual must bring besides the turn of OP that brings the most
 UNKNOWN_SIGN = 3.0  # times as much where K is not known: nothing tells then which answers a process can give
 CONFIDENCE = ((5.0, 0.42), (8.0, 0.62), (10.0, 0.74), (18.0, 0.80), (30.0, 0.95), (60.0, 0.97))  # nats, share right
+CONFIDENCE_TESTED = ((5.0, 0.80), (9.0, 0.95), (20.0, 0.97))  # the same of tests in manual (strangers --kind manual)
 SMALLEST = 0.005  # span: nobody opens a valve for less, and errors of the prediction read as such sizes
 MOTION, LEAST_MOTION = 1.5, 1.2  # range of OP over a dead band that it can show; the least, with evidence for three
 FEWEST_CROSSINGS = 2  # of the gap, back after forth; from one upset any curve looks like a gap
@@ -38,9 +38,9 @@ class Reading:
     against: tuple[Note, ...] = ()
 
 
-def confidence(evidence: float) -> float:
-    """How often a dead band found with so much evidence [nats] is there, from CONFIDENCE."""
-    at, right = zip(*CONFIDENCE, strict=True)
+def confidence(evidence: float, tested: bool = False) -> float:
+    """How often a dead band found with so much evidence [nats] is there, in automatic or in a test in manual."""
+    at, right = zip(*(CONFIDENCE_TESTED if tested else CONFIDENCE), strict=True)
     return float(np.interp(np.log(max(evidence, 1.0)), np.log(at), right))
 
 
@@ -57,7 +57,7 @@ def times(count: float) -> str:
 def read(c: Confirmation, *, output_step: float = 0.0) -> Reading:
     """Judge the evidence in a confirmation; the notes say which rule does not hold. output_step: rounding [span]."""
     gain, span, crossings = (float(c.details[name]) for name in ("evidence", "output_range", "crossings"))
-    times_more = TESTED if by_hand(c) else 1.0 if c.details["sign_known"] else UNKNOWN_SIGN
+    times_more = 1.0 if by_hand(c) or c.details["sign_known"] else UNKNOWN_SIGN
     needed = times_more * CALLED
     against = []
     if gain <= needed:

@@ -12,7 +12,7 @@ from ..record import Record, SampleState
 from .confirm import GAP, MOST_SAMPLES, NARROWEST
 from .predictor import Recording
 
-LEAD = 2000  # samples before a test that tell where the stem stood and what PV still answers to
+LEAD = 2000  # samples before a test, at most as many as in it: where the stem stood, and what PV still answers to
 LIMIT = 1e-3  # of the span: at its limits a valve does not follow OP
 MOST_TESTS = 12  # the last ones
 
@@ -36,7 +36,7 @@ class ManualScanner:
             self._keep(self._before)
             self._before.clear()
             self._keep([tuple(c[:last] for c in columns)])
-        self._before.append(tuple(c[last:] for c in columns))
+        self._before.append(tuple(c[max(last, len(block) - LEAD) :] for c in columns))
         while sum(len(c[0]) for c in self._before) - len(self._before[0][0]) >= LEAD:
             self._before.popleft()
 
@@ -67,7 +67,8 @@ class ManualScanner:
         for part in np.split(rows, apart):
             if not len(part) or not gap_crossings(100.0 * output[part], NARROWEST):
                 continue
-            first = max(part[0] - LEAD, holes[np.searchsorted(holes, part[0], side="right") - 1])
+            lead = min(part[-1] + 1 - part[0], LEAD)
+            first = max(part[0] - lead, holes[np.searchsorted(holes, part[0], side="right") - 1])
             at = index[first : part[-1] + 1] - index[first]
             grid = np.arange(at[-1] + 1)
             known = np.isfinite(output[first : part[-1] + 1])

@@ -116,7 +116,7 @@ def _shares(quality: Quality) -> Iterator[Note]:
         message = f"only {_percent(quality.usable_share)} of the record can be used"
         yield _note("little_usable", message, "info", share=quality.usable_share)
     for code, share, words in (
-        ("manual", quality.manual_share, "of the time the controller was not in automatic; left out"),
+        ("manual", quality.manual_share, "of the time not in automatic; left out, a test of the valve apart"),
         ("saturated", quality.saturated_share, "of the time OP was at its limit; left out"),
         ("missing_samples", quality.missing_share, "of the samples are missing or bad"),
         ("frozen", quality.frozen_share, "of the time PV stood still at one number; left out"),

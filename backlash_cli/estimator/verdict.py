@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from ..record import Note
 from ..results import Cluster, Confirmation, Verdict
-from .criteria import CALLED, CLEARED, confidence, read, times
+from .criteria import CALLED, CLEARED, by_hand, confidence, read, times
 from .oscillation import Oscillation
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
@@ -21,7 +21,7 @@ HEALTHY = 0.92  # of the strange loops that were cleared
 BLOCKED, LIMITED = "blocks", "limits"
 UNDECIDED = (Verdict.CANNOT_TELL, Verdict.INSUFFICIENT_DATA)
 STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # hold for tests in manual as well
-DECIDED = (Verdict.BACKLASH, Verdict.NO_BACKLASH)
+DECIDED, SEEN = (Verdict.BACKLASH, Verdict.NO_BACKLASH), (Verdict.BACKLASH, Verdict.SUSPECTED)
 TOO_FEW = {"weak_evidence", "few_reversals", "single_event", "size_unknown"}  # what a second test makes good
 DISPUTED, JOINT = 0.6, 0.9  # confidence where manual and automatic speak against each other, and for each other
 CALM = Oscillation(False, 0.0, 0.0)
@@ -93,9 +93,9 @@ def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
         says = note("it does not decide: " + _missing(c, tested, f.output_step))
         return replace(automatic, reasons=(*automatic.reasons, says))
     keeps = (_sharper(automatic, tested) if automatic.verdict is tested.verdict else
-             automatic.verdict is Verdict.BACKLASH and not _contradict(automatic, tested))
+             automatic.verdict in SEEN and tested.verdict is Verdict.NO_BACKLASH and not _contradict(automatic, tested))
     first, other = (automatic, tested) if keeps else (tested, automatic)
-    reasons = [note("it agrees with normal operation, which tells more" if keeps else
+    reasons = [note("it does not contradict normal operation, which tells more" if keeps else
                     "PV against OP in manual is the cleanest evidence there is, and the verdict rests on it"),
                *first.reasons]
     sure = max(d.confidence for d in (first, other) if d.verdict is first.verdict)
@@ -129,11 +129,10 @@ def _joined(f: Findings, c: Confirmation) -> bool:
 
 
 def _contradict(automatic: Decision, tested: Decision) -> bool:
-    """Does one say that there is a dead band of a size which the other would have seen, and did not?"""
+    """Does one see a dead band of a size which the other would have seen, and did not?"""
     for one, other in ((automatic, tested), (tested, automatic)):
-        if one.verdict is Verdict.BACKLASH and other.verdict is Verdict.NO_BACKLASH:
-            assert one.cluster is not None and other.cluster is not None
-            return one.cluster.ci95[1] > (other.cluster.limit_of_detection or 0.0)
+        if one.verdict in SEEN and other.verdict is Verdict.NO_BACKLASH and one.cluster and other.cluster:
+            return one.cluster.d > (other.cluster.limit_of_detection or 0.0)
     return False
 
 
@@ -162,7 +161,7 @@ def _in_automatic(f: Findings) -> Decision:
 def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     reading = read(c, output_step=f.output_step)
     limits = tuple(note for note in f.quality if note.values.get("effect") == LIMITED)
-    sure = confidence(float(c.details["evidence"]))
+    sure = confidence(float(c.details["evidence"]), by_hand(c))
     reasons = [_explained(c), LOOK_ALIKE, *_side_by_side(f, c), *f.reading]
     small = limits and f.detections < ENOUGH and c.ci95[1] < HARMLESS  # a reconstructed PV imitates such sizes
     if reading.clear and not small:

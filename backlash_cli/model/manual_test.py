@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ from ..estimator.predictor import COMPLETE, FREEDOM, Recording, block_means
 from ..kernels import gap_crossings, play
 from ..record import FloatArray, Note
 from ..results import Confirmation
-from .noise import Noise, Whitener, whitener
+from .noise import Noise, whitener
 from .response import delayed_lag
 
 MOST_BLOCKS, FEWEST_BLOCKS = 400, 30  # PV is compared in block means, so many in all
@@ -42,11 +43,11 @@ SECOND, DEAD_TIMES = (0.0, 0.6), (0.0, 0.5, 1.0)  # second lag and dead time as 
 WANDERS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # move of the load in a block over the noise
 SMOOTH = (0.1, 2.0, 6.0, 20.0)  # blocks over which its moves are smoothed
 FOREVER = 30.0  # times the test: what the load forgets
-SCOUTS, KEPT = (0.25, 0.5, 0.75), 6  # dead bands of the first round as shares of the motion; models kept of each
+SCOUTS, KEPT = (0.25, 0.5, 0.75), 4  # dead bands of the first round as shares of the motion; models kept of each
 NEARER = (1.35, 1.16, 1.08)  # then about the best of them, by these factors
 STARTS = (-1.0, 0.0, 1.0)  # place of the stem at the start, in half gaps
 WIDTHS, FINE = 14, 7  # dead bands tried, and between the neighbours of the best
-LEAST_INTERVAL = 0.12  # of d, each way: the process is never exactly one of the answers
+LEAST_INTERVAL = 0.15  # of d, each way: the process is never exactly one of the answers
 SURE = 1.28  # deviations: 90 %
 TURNED = 0.2  # of d: OP going back by more begins a new event
 ROUNDS = 6  # of the weights
@@ -95,7 +96,7 @@ class _Blocks:
 
     def crossings(self, d: float) -> int:
         """How often OP went back through a gap while the controller was in manual."""
-        return sum(gap_crossings(u[np.argmax(used) * self.size :], d)
+        return sum(gap_crossings(u, d) - gap_crossings(u[: np.argmax(used) * self.size + 1], d)
                    for u, used in zip(self.outputs, self.used, strict=True))
 
     def events(self, least: float) -> NDArray[np.int64]:
@@ -111,28 +112,36 @@ class _Blocks:
             before = int(number[-1]) + 1
         return np.concatenate(found)
 
-    def whiteners(self, noise: Noise) -> list[Whitener]:
-        return [whitener(noise, used, self.interval) for used in self.used]
-
-    def whitened(self, whiteners: Sequence[Whitener], stems: Sequence[Sequence[FloatArray]],
-                 answers: Sequence[Answer]) -> tuple[FloatArray, FloatArray]:
-        """PV (rows,) and the columns of all stems with all answers (models, 3, rows), whitened; used blocks only."""
-        parts = []
-        for i, (w, y, used) in enumerate(zip(whiteners, self.measurement, self.used, strict=True)):
-            drift = np.arange(len(y)) / len(y)
-            columns = [y]
+    def columns(self, stems: Sequence[Sequence[FloatArray]], answers: Sequence[Answer]) -> list[FloatArray]:
+        """Of each recording (1 + models * (2 + recordings), blocks): PV, and of each stem and answer what PV would be,
+        the same for the square of the stem, and beside an integrator a drift of each recording's own."""
+        found = []
+        for i, y in enumerate(self.measurement):
+            rows = [y]
             for stem in (several[i] for several in stems):
                 for a in answers:
-                    columns += [a.of(stem, self.interval), a.of(stem * stem / self.span, self.interval),
-                                drift * a.integrating]
-            parts.append(w.columns(np.array(columns).T)[used])
+                    both = (a.of(x, self.interval) for x in (stem, stem * stem / self.span))
+                    # a block mean lies half a block after the block's first sample
+                    rows += [x if self.size == 1 else 0.5 * (x + np.append(x[1:], x[-1])) for x in both]
+                    rows += [np.arange(len(y)) / len(y) * (a.integrating and k == i) for k in range(len(self.used))]
+            found.append(np.array(rows))
+        return found
+
+    def whitened(self, noise: Noise, columns: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """PV (rows,) and columns (models, columns, rows) of all models, whitened, used blocks only; weights (rows,)."""
+        parts, weights = [], []
+        for rows, used in zip(columns, self.used, strict=True):
+            white = whitener(noise, used, self.interval)
+            parts.append(white.columns(rows.T)[used])
+            weights.append(white.weight[used])
         both = np.concatenate(parts).T
-        return both[0], np.ascontiguousarray(both[1:]).reshape(-1, 3, both.shape[1])
+        X = np.ascontiguousarray(both[1:]).reshape(-1, 2 + len(self.used), both.shape[1])
+        return both[0], X, np.concatenate(weights)
 
 
 @dataclass(frozen=True)
 class _Fits:
-    """Models of PV fitted to it: each (models,), coefficients (models, 3)."""
+    """Models of PV fitted to it: each (models,), coefficients (models, columns)."""
 
     normal: FloatArray
     student: FloatArray
@@ -160,12 +169,21 @@ def manual_test(recordings: Sequence[Recording], interval: float, K: float | Non
         return Note("manual_constant", "PV stood at one number while OP was moved in manual: is the transmitter alive?")
     longest = max(map(np.count_nonzero, data.used)) * data.interval
     answers = _answers(LONGEST * longest, data.interval)
-    models = _searched(data, answers, longest)
+    slow = FOREVER * longest
+    noises = [Noise(w * float(np.sqrt(0.5 * slow / data.interval)), slow, s * data.interval)
+              for w in WANDERS for s in SMOOTH]
+    scouts = [data.stems(d, 0.0) for d in (0.0, *(data.span * np.array(SCOUTS)))]
+    models = list(dict.fromkeys(chain(*_most_likely(data, scouts, noises, answers))))
     none = _fitted(data, [0.0], models, None)
     silent = _silent(data, models, none, answers, longest, K, Ti)
     if silent is not None:
         return silent
     widths = np.geomspace(NARROWEST, max(TURN * data.span, LEAST_MOTION), WIDTHS)
+    for d in (0.0, None):  # the best answers without a dead band, then those with the one that fits best so far
+        if d is None:
+            d = float(widths[_best(_fitted(data, widths, models, K, rounds=0).normal).argmax()])
+        models = list(dict.fromkeys([*models, *_refined(data, d, models, K)]))
+        none = _fitted(data, [0.0], models, None)
     gains = _gains(none, _fitted(data, widths, models, K))
     j = int(gains.argmax())
     fine = np.geomspace(widths[max(j - 1, 0)], widths[min(j + 1, WIDTHS - 1)], FINE + 2)[1:-1]
@@ -195,57 +213,48 @@ def _answers(longest: float, interval: float) -> list[Answer]:
     return [*plain, *(Answer(float(lag), integrating=True) for lag in lags[::2])]
 
 
-def _searched(data: _Blocks, answers: Sequence[Answer], longest: float) -> list[tuple[Noise, Answer]]:
-    """The answers and noises that make PV most likely, without a dead band and with some."""
-    slow = FOREVER * longest
-    level = float(np.sqrt(0.5 * slow / data.interval))
-    noises = [Noise(w * level, slow, s * data.interval) for w in WANDERS for s in SMOOTH]
-    kept: list[tuple[Noise, Answer]] = []
-    stems = [data.stems(d, 0.0) for d in (0.0, *(data.span * np.array(SCOUTS)))]
-    first = _most_likely(data, stems, noises, answers)
-    for stem, found in zip(stems, first, strict=True):
-        for factor in NEARER:
-            noise, answer = found[0]
-            likely = [Noise(noise.ratio * f, slow, noise.fast) for f in (factor ** -2.0, 1.0, factor**2)]
-            found = [*_most_likely(data, [stem], likely, answer.near(factor, data.interval))[0], *found]
-        kept += found[:KEPT]
-    return list(dict.fromkeys(kept))
+def _refined(data: _Blocks, d: float, models: Sequence[tuple[Noise, Answer]], K: float | None
+             ) -> list[tuple[Noise, Answer]]:
+    """Models about the best one for a dead band, ever nearer."""
+    fits = _fitted(data, [d], models, K, rounds=0)
+    k, start = np.unravel_index(fits.normal.argmax(), fits.normal.shape)
+    stems, found = [data.stems(d, STARTS[start] if d else 0.0)], [models[int(k)]]
+    for factor in NEARER:
+        noise, answer = found[0]
+        noises = [Noise(noise.ratio * f, noise.slow, noise.fast) for f in (factor**-2.0, 1.0, factor**2)]
+        found = _most_likely(data, stems, noises, answer.near(factor, data.interval))[0]
+    return found
 
 
 def _most_likely(data: _Blocks, stems: Sequence[Sequence[FloatArray]], noises: Sequence[Noise],
                  answers: Sequence[Answer]) -> list[list[tuple[Noise, Answer]]]:
     """For each of the stems the KEPT models that make PV most likely, the best first."""
-    likely = []
+    likely, columns = [], data.columns(stems, answers)
     for noise in noises:
-        whiteners = data.whiteners(noise)
-        y, X = data.whitened(whiteners, stems, answers)
-        normal = _likelihoods(X, y, rounds=0)[0].normal.reshape(len(stems), -1)
-        likely.append(normal - 0.5 * sum(w.log_det for w in whiteners))
+        y, X, weights = data.whitened(noise, columns)
+        likely.append(_likelihoods(X, y, weights, rounds=0)[0].normal.reshape(len(stems), -1))
     best = np.argsort(-np.concatenate(likely, axis=1), axis=1, kind="stable")[:, :KEPT]
     return [[(noises[k // len(answers)], answers[k % len(answers)]) for k in row] for row in best.tolist()]
 
 
 def _fitted(data: _Blocks, widths: Sequence[float] | FloatArray, models: Sequence[tuple[Noise, Answer]],
-            K: float | None) -> _Fits:
+            K: float | None, rounds: int = ROUNDS) -> _Fits:
     """All models with every dead band and start: fields (models, widths * starts, ..). With K, answers of the wrong
     sign count for nothing."""
     starts = STARTS if len(widths) > 1 or widths[0] > 0.0 else (0.0,)
     stems = [data.stems(float(d), s) for d in widths for s in starts]
     fits = []
     for noise, answer in models:
-        whiteners = data.whiteners(noise)
-        y, X = data.whitened(whiteners, stems, [answer])
-        one, _ = _likelihoods(X, y)
-        fixed = -0.5 * sum(w.log_det for w in whiteners)
+        y, X, weights = data.whitened(noise, data.columns(stems, [answer]))
+        one, _ = _likelihoods(X, y, weights, rounds)
         wrong = np.where(one.coefficients[:, 0] * K < 0.0, -1e9, 0.0) if K else 0.0
-        fits.append((one.normal + fixed + wrong, one.student + fixed + wrong, one.coefficients, one.variance,
-                     one.deviation))
+        fits.append((one.normal + wrong, one.student + wrong, one.coefficients, one.variance, one.deviation))
     return _Fits(*(np.array(part) for part in zip(*fits, strict=True)))
 
 
-def _likelihoods(X: FloatArray, y: FloatArray, rounds: int = ROUNDS) -> tuple[_Fits, FloatArray]:
+def _likelihoods(X: FloatArray, y: FloatArray, weights: FloatArray, rounds: int = ROUNDS) -> tuple[_Fits, FloatArray]:
     """Fits of y (rows,) on each of X (models, columns, rows), and the logarithm of each row's likelihood if errors are
-    Student's t (models, rows)."""
+    Student's t (models, rows); weights: of the whitening (rows,)."""
     n = len(y)
     weight = np.ones((len(X), 1, n))
     normal = np.empty(len(X))
@@ -258,21 +267,25 @@ def _likelihoods(X: FloatArray, y: FloatArray, rounds: int = ROUNDS) -> tuple[_F
         error = y - np.einsum("mc,mcr->mr", b, X)
         square = np.maximum(np.mean(weight[:, 0] * error**2, axis=1), 1e-12)
         if not again:
-            normal, variance, first = -0.5 * n * np.log(square), square, b
+            normal, variance, first = float(np.log(weights).sum()) - 0.5 * n * np.log(square), square, b
             deviation = np.asarray(np.sqrt(square * np.linalg.inv(gram)[:, 0, 0]), dtype=np.float64)
             square = np.minimum(square, (1.4 * np.median(np.abs(error), axis=1)) ** 2 + 1e-12)
         weight = ((FREEDOM + 1.0) / (FREEDOM + error**2 / square[:, None]))[:, None]
     by_row = -0.5 * ((FREEDOM + 1.0) * np.log1p(error**2 / (FREEDOM * square[:, None])) + np.log(square)[:, None])
+    by_row += np.log(weights)
     return _Fits(normal, by_row.sum(1), np.asarray(first, dtype=np.float64), variance, deviation), by_row
 
 
 def _gains(none: _Fits, some: _Fits) -> FloatArray:
     """Evidence (widths,) of each dead band: what it gains whichever way errors are distributed."""
-    def best(likely: FloatArray) -> FloatArray:
-        return likely.reshape(len(likely), -1, len(STARTS)).max(axis=(0, 2))
-
-    gain: FloatArray = np.minimum(best(some.normal) - none.normal.max(), best(some.student) - none.student.max())
+    gain: FloatArray = np.minimum(_best(some.normal) - none.normal.max(), _best(some.student) - none.student.max())
     return gain
+
+
+def _best(likely: FloatArray) -> FloatArray:
+    """Of each dead band (widths,) the most likely of all models and starts (models, widths * starts)."""
+    found: FloatArray = likely.reshape(len(likely), -1, len(STARTS)).max(axis=(0, 2))
+    return found
 
 
 def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, answers: Sequence[Answer],
@@ -280,13 +293,14 @@ def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, 
     """Say so where PV does not answer at all, although the process that this controller controls would have."""
     if not K or not Ti or longest < LONG_ENOUGH * Ti:
         return None
-    whiteners = data.whiteners(models[int(none.normal[:, 0].argmax())][0])
     stems = data.stems(0.0, 0.0)
     quick = [a for a in answers if not a.integrating and any(
         np.ptp(a.of(stem, data.interval)[used]) > 0.5 * data.span for stem, used in zip(stems, data.used, strict=True))]
-    y, X = data.whitened(whiteners, [stems], quick)
-    fits, _ = _likelihoods(X, y, rounds=0)
-    if not quick or float(np.max(np.abs(fits.coefficients[:, 0]) + 2.0 * fits.deviation)) > NO_ANSWER / abs(K):
+    if not quick:
+        return None
+    y, X, weights = data.whitened(models[int(none.normal[:, 0].argmax())][0], data.columns([stems], quick))
+    fits, _ = _likelihoods(X, y, weights, rounds=0)
+    if float(np.max(np.abs(fits.coefficients[:, 0]) + 2.0 * fits.deviation)) > NO_ANSWER / abs(K):
         return None
     return Note("manual_no_answer", f"OP was moved over {data.span:.2g} % of its span in manual, and PV did not "
                 "answer: the dead band is at least as wide, or something else keeps the valve or the transmitter from "
@@ -298,35 +312,27 @@ def _confirmation(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _
     d, at = peak_of(widths, gains), int(gains.argmax())
     best = _fitted(data, [widths[at]], models, K)
     model, start = (int(i) for i in np.unravel_index(best.student.argmax(), best.student.shape))
-    b, other = best.coefficients[model, start], int(none.student.argmax())
-    gained = (_by_row(data, models[model], float(widths[at]), STARTS[start]) - _by_row(data, models[other], 0.0, 0.0))
+    by_row = []
+    for d_tried, place, (noise, answer) in ((float(widths[at]), STARTS[start], models[model]),
+                                            (0.0, 0.0, models[int(none.student.argmax())])):
+        y, X, weights = data.whitened(noise, data.columns([data.stems(d_tried, place)], [answer]))
+        by_row.append(_likelihoods(X, y, weights)[1][0])
+    gained = by_row[0] - by_row[1]
     most = float(np.bincount(data.events(TURNED * d), gained).max())
     low, high = width_interval(widths, gains, d, LEAST_INTERVAL)
     limit = _limit(data, models, none, widths, gains)
-    crossings = data.crossings(d)
     evidence = float(gains[at])
     details: dict[str, float | str] = {
-        "source": "manual_test", "evidence": evidence, "gain": evidence, "raw": evidence,
-        "elsewhere": evidence - most,
+        "source": "manual_test", "evidence": evidence, "elsewhere": evidence - most,
         "edge": float(at in (0, len(widths) - 1)), "rows": float(len(gained)), "block_s": data.interval,
-        "output_range": data.span / 100.0, "crossings": float(crossings), "recordings": float(tests),
-        "trace": float(evidence >= TRACE), "sign_known": float(K is not None), "answer": float(b[0]),
-        "lag_s": models[model][1].lag, "output": "recorded",
+        "output_range": data.span / 100.0, "crossings": float(data.crossings(d)), "recordings": float(tests),
+        "trace": float(evidence >= TRACE), "sign_known": float(K is not None), "output": "recorded",
     }
     reduction = 1.0 - float(best.variance[model, start] / none.variance[model, 0])
     profile = tuple((float(w) / 100.0, float(v)) for w, v in zip(widths, gains, strict=True))
     return Confirmation(d / 100.0, (low / 100.0, high / 100.0), max(reduction, 0.0),
                         2.0 * evidence - float(np.log(len(gained))), None if limit is None else limit / 100.0,
                         details, profile)
-
-
-def _by_row(data: _Blocks, model: tuple[Noise, Answer], d: float, start: float) -> FloatArray:
-    """Log likelihood (rows,) of one model, errors Student's t."""
-    whiteners = data.whiteners(model[0])
-    y, X = data.whitened(whiteners, [data.stems(d, start)], [model[1]])
-    weights = np.concatenate([w.weight[used] for w, used in zip(whiteners, data.used, strict=True)])
-    found: FloatArray = _likelihoods(X, y)[1][0] + np.log(weights)
-    return found
 
 
 def _limit(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, widths: FloatArray,
@@ -339,18 +345,18 @@ def _limit(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, w
     """
     k = int(none.normal[:, 0].argmax())
     noise, answer = models[k]
-    whiteners, b, n = data.whiteners(noise), none.coefficients[k, 0], 0
+    b = none.coefficients[k, 0]
     answers = list(dict.fromkeys(a for _, a in models))
-    _, straight = data.whitened(whiteners, [data.stems(0.0, 0.0)], answers)
+    y, straight, _ = data.whitened(noise, data.columns([data.stems(0.0, 0.0)], answers))
+    n, even = len(y), np.ones(len(y))
     tried = LIMITS[data.span > MOTION * LIMITS]
     limit = None
     for d in tried[::-1]:
-        _, X = data.whitened(whiteners, [data.stems(float(d), s) for s in STARTS], [answer])
-        n = X.shape[2]
-        left = min(float(np.exp(-2.0 / n * _likelihoods(straight, b @ x, rounds=0)[0].normal.max())) for x in X) * n
+        _, X, _ = data.whitened(noise, data.columns([data.stems(float(d), s) for s in STARTS], [answer]))
+        left = n * min(float(_likelihoods(straight, b @ x, even, rounds=0)[0].variance.min()) for x in X)
         expected = 0.5 * n * np.log1p(left / (n * none.variance[k, 0]))
-        seen = expected - SURE * np.sqrt(2.0 * expected) >= TRACE and data.crossings(float(d)) >= FEWEST_CROSSINGS
-        if not seen or float(np.interp(d, widths, gains)) > -DROP:
+        if expected - SURE * np.sqrt(2.0 * expected) < TRACE or float(np.interp(d, widths, gains)) > -DROP:
             break
-        limit = float(d)
+        if data.crossings(float(d)) >= FEWEST_CROSSINGS:  # a wider gap is one that OP crosses less, and hides more
+            limit = float(d)
     return limit

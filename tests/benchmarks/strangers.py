@@ -10,6 +10,8 @@ Percent of span everywhere inside; engineering units in what `loop` hands out.
     controller: PI and PID, lambda tuning with spread, anti-windup, limits, feed-forward, gap control, manual stretches
     truth:      what was put in, and what the valve did: `crossings` counts how often the stem crossed its whole gap
 
+With `--kind manual` an operator tests each valve in manual, at a more or less quiet time (`manual_moves`).
+
 `main` scans the loops through the public functions of the program and prints how the verdicts fared, by family;
 with --write DIR the exports stay. The laws are in `strange_plant`.
 """

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.manual_stretches import LEAD, MOST_TESTS, ManualScanner
+from backlash_cli.estimator.manual_stretches import MOST_TESTS, ManualScanner
 from backlash_cli.estimator.predictor import Recording
 from backlash_cli.record import Record, SampleState, record_from_arrays
 
@@ -37,9 +37,9 @@ def found_in(whole: Record, edges: Sequence[int] | None = None) -> list[Recordin
 def test_any_cut_of_the_record_gives_the_same_tests(edges):
     whole = record((3000, [0.5, 0.53, 0.5, 0.53]), (6000, [0.5, 0.48, 0.5]))
     found = found_in(whole)
-    assert [int(np.argmax(r.usable)) for r in found] == [LEAD, LEAD]
+    assert [int(np.argmax(r.usable)) for r in found] == [4 * HOLD, 3 * HOLD]
     assert [int(np.count_nonzero(r.usable)) for r in found] == [4 * HOLD, 3 * HOLD]
-    np.testing.assert_allclose(found[0].output, 100.0 * whole.output[3000 - LEAD : 3400])
+    np.testing.assert_allclose(found[0].output, 100.0 * whole.output[3000 - 4 * HOLD : 3400])
     np.testing.assert_allclose(found[0].measurement[found[0].usable], 100.0 * whole.measurement[3000:3400])
     for one, other in zip(found, found_in(whole, edges), strict=True):
         assert one.begin == other.begin

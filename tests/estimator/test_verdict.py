@@ -145,3 +145,66 @@ def test_an_oscillation_gets_no_size_that_is_not_called():
     decision = decide(findings(confirmation=weak, oscillation=SWINGING))
     assert decision.verdict is Verdict.OSCILLATING
     assert decision.cluster is None
+
+
+BY_HAND = {"source": "manual_test", "evidence": 20.0, "elsewhere": 9.0, "crossings": 3.0, "output_range": 0.06,
+           "edge": 0.0, "trace": 1.0, "sign_known": 1.0, "recordings": 1.0}
+TESTED = Confirmation(0.02, (0.017, 0.023), 0.4, 30.0, None, BY_HAND)
+CLEARED = Confirmation(0.004, (0.0, 0.008), 0.0, -6.0, 0.015, {**BY_HAND, "evidence": 0.5, "trace": 0.0})
+ONE_TURN = replace(TESTED, details={**BY_HAND, "crossings": 1.0})
+WEAK = replace(FOUND, d=0.021, ci95=(0.012, 0.03), details={**DETAILS, "evidence": 7.0})
+SHORT = Note("short_record", "too short")
+NO_ANSWER = Note("manual_no_answer", "PV did not answer", {"at_least": 0.03})
+VAGUE = replace(CLEARED, limit_of_detection=None)
+
+
+@pytest.mark.parametrize(("automatic", "manual", "verdict", "d", "first"), [
+    (SHORT, TESTED, Verdict.BACKLASH, 0.02, "manual_test"),
+    (SHORT, CLEARED, Verdict.NO_BACKLASH, 0.0, "manual_test"),
+    (SHORT, ONE_TURN, Verdict.SUSPECTED, 0.02, "manual_test"),
+    (SHORT, VAGUE, Verdict.INSUFFICIENT_DATA, None, "short_record"),
+    (SHORT, NO_ANSWER, Verdict.SUSPECTED, None, "manual_no_answer"),
+    (FOUND, NO_ANSWER, Verdict.BACKLASH, 0.03, "play_fits"),
+    (FOUND, TESTED, Verdict.BACKLASH, 0.02, "manual_test"),  # the narrower of two intervals
+    (FOUND, replace(TESTED, ci95=(0.01, 0.04)), Verdict.BACKLASH, 0.03, "manual_test"),
+    (FOUND, CLEARED, Verdict.NO_BACKLASH, 0.0, "manual_test"),
+    (FOUND, replace(CLEARED, limit_of_detection=0.04), Verdict.BACKLASH, 0.03, "manual_test"),
+    (WEAK, replace(CLEARED, limit_of_detection=0.03), Verdict.SUSPECTED, 0.021, "manual_test"),
+    (FOUND, VAGUE, Verdict.BACKLASH, 0.03, "play_fits"),
+    (NOTHING, TESTED, Verdict.BACKLASH, 0.02, "manual_test"),
+    (NOTHING, CLEARED, Verdict.NO_BACKLASH, 0.0, "manual_test"),
+    (WEAK, ONE_TURN, Verdict.BACKLASH, 0.02, "manual_test"),  # the same size twice
+    (WEAK, replace(ONE_TURN, d=0.04, ci95=(0.035, 0.045)), Verdict.SUSPECTED, 0.021, "play_fits"),
+])
+def test_a_test_in_manual_and_normal_operation_together(automatic, manual, verdict, d, first):
+    decision = decide(findings(cluster=None, detections=0, confirmation=automatic, manual=manual))
+    assert (decision.verdict, decision.cluster and decision.cluster.d) == (verdict, d)
+    found = codes(decision.reasons)
+    assert found[0] == first and any(code.startswith("manual_") for code in found)
+    clash = (automatic, manual) in ((FOUND, CLEARED), (NOTHING, TESTED))
+    assert ("tests_differ" in found) == clash
+    if clash:
+        assert decision.confidence <= 0.6
+
+
+def test_what_a_test_in_manual_lacks_is_said():
+    decision = decide(findings(manual=ONE_TURN))
+    assert decision.verdict is Verdict.BACKLASH and "once in this record" in decision.reasons[-1].message
+    assert decision.confirmation is FOUND
+
+
+def test_a_loop_that_swings_with_a_sound_valve_still_swings():
+    sound, worn = (decide(findings(confirmation=NOTHING, oscillation=SWINGING, manual=m)) for m in (CLEARED, TESTED))
+    assert sound.verdict is Verdict.OSCILLATING and "manual_test" in codes(sound.reasons)
+    assert worn.verdict is Verdict.BACKLASH and codes(worn.reasons)[-1] == "oscillation"
+
+
+def test_a_compressed_pv_limits_a_test_in_manual_as_well():
+    held = Note("compressed_held", "stored by exception", {"effect": "blocks"})
+    decision = decide(findings(quality=(held,), manual=TESTED))
+    assert decision.verdict is Verdict.SUSPECTED and "compressed_held" in codes(decision.reasons)
+
+
+def test_records_all_in_manual_are_judged_by_their_test():
+    nothing = Note("no_usable_data", "no usable sample", {"effect": "blocks"})
+    assert decide(findings(quality=(nothing,), confirmation=None, manual=TESTED)).verdict is Verdict.BACKLASH

@@ -99,6 +99,13 @@ def test_a_healthy_level_is_not_called(integ):
         assert not read(found).some
 
 
+def test_each_test_of_a_level_may_drift_in_its_own_way():
+    parts = [Plant(gain=0.0, integ=0.004, lags=(3.0,), seed=i, load=load).recording(moves("udu"))
+             for i, load in enumerate((0.0, 2.0, -3.0))]
+    found = manual_test(parts, 1.0, 0.5)
+    assert isinstance(found, Confirmation) and not read(found).some
+
+
 def test_a_curved_valve_is_no_dead_band():
     curved = PERCENT**1.8 / 50.0**0.8 / 1.8
     for seed in range(4):
