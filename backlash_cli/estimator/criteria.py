@@ -14,7 +14,7 @@ import numpy as np
 from ..record import Note
 from ..results import Confirmation
 
-CALLED = 6.5  # nats
+CALLED, CALLED_TESTED = 6.5, 9.0  # nats, in automatic and in a test in manual
 SOME = 4.0  # nats: worth a look
 ELSEWHERE = 2.0  # nats that a test in manual must bring besides the turn of OP that brings the most
 UNKNOWN_SIGN = 3.0  # times as much where K is not known: nothing tells then which answers a process can give
@@ -58,7 +58,7 @@ def read(c: Confirmation, *, output_step: float = 0.0) -> Reading:
     """Judge the evidence in a confirmation; the notes say which rule does not hold. output_step: rounding [span]."""
     gain, span, crossings = (float(c.details[name]) for name in ("evidence", "output_range", "crossings"))
     times_more = 1.0 if by_hand(c) or c.details["sign_known"] else UNKNOWN_SIGN
-    needed = times_more * CALLED
+    needed = CALLED_TESTED if by_hand(c) else times_more * CALLED
     against = []
     if gain <= needed:
         against.append(Note("weak_evidence", f"evidence for it is {gain:.2g} nats, {needed:g} are asked for",
