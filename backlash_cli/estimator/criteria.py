@@ -24,7 +24,7 @@ SMALLEST = 0.005  # span: nobody opens a valve for less, and errors of the predi
 MOTION, LEAST_MOTION = 1.5, 1.2  # range of OP over a dead band that it can show; the least, with evidence for three
 FEWEST_CROSSINGS = 2  # of the gap, back after forth; from one upset any curve looks like a gap
 STEADY = 2.5  # deviations from zero of the share with which PV answers the gap, over stretches of the record
-CLEARED = 0.02  # span: "no backlash, below" is said up to here; larger ones would be no news
+CLEARED, CLEARED_TESTED = 0.02, 0.05  # span: "no backlash, below" is said up to here, of a test in manual up to there
 KNOWN = 0.75  # half interval over d; beyond, nobody can act on the size
 OUTPUT_STEPS = 2.5  # a dead band below this many rounding steps of OP is not seen in OP
 

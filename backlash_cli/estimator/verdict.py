@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from ..record import Note
 from ..results import Cluster, Confirmation, Verdict
-from .criteria import CALLED, CLEARED, by_hand, confidence, read, times
+from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, read, times
 from .oscillation import Oscillation
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
@@ -67,8 +67,10 @@ def decide(f: Findings) -> Decision:
         return _with_test(f, f.manual, automatic)
     if f.manual is None:
         return automatic
-    if f.manual.code == "manual_no_answer" and automatic.verdict in UNDECIDED:
-        return replace(automatic, verdict=Verdict.SUSPECTED, reasons=(f.manual, *automatic.reasons), confidence=0.5)
+    if f.manual.code == "manual_no_answer" and automatic.verdict in (*UNDECIDED, Verdict.SUSPECTED):
+        known = automatic.cluster if automatic.cluster and automatic.cluster.d >= float(f.manual.values["at_least"]) else None
+        return replace(automatic, verdict=Verdict.SUSPECTED, reasons=(f.manual, *automatic.reasons), confidence=0.5,
+                       cluster=known)
     return replace(automatic, reasons=(*automatic.reasons, f.manual))
 
 
@@ -184,7 +186,7 @@ def _nothing_found(f: Findings, c: Confirmation, limits: tuple[Note, ...]) -> De
                      "load or a curved valve would leave as well: a longer record, or a test of the valve, would tell",
                      {"d": c.d, "evidence": float(c.details["evidence"])})
         return Decision(Verdict.CANNOT_TELL, (trace, *limits), 0.0, None)
-    if limit is None or limit > CLEARED:
+    if limit is None or limit > (CLEARED_TESTED if by_hand(c) else CLEARED):
         size = "no size" if limit is None else f"only {100 * limit:.2g} % and more"
         few = Note("little_information", f"no sign of a dead band, but {size} would surely have shown in this record: "
                    f"OP moves over {100 * span:.2g} % of its span, and PV answers with little against its noise and "

@@ -152,7 +152,7 @@ BY_HAND = {"source": "manual_test", "evidence": 20.0, "elsewhere": 9.0, "crossin
 TESTED = Confirmation(0.02, (0.017, 0.023), 0.4, 30.0, None, BY_HAND)
 CLEARED = Confirmation(0.004, (0.0, 0.008), 0.0, -6.0, 0.015, {**BY_HAND, "evidence": 0.5, "trace": 0.0})
 ONE_TURN = replace(TESTED, details={**BY_HAND, "crossings": 1.0})
-WEAK = replace(FOUND, d=0.021, ci95=(0.012, 0.03), details={**DETAILS, "evidence": 7.0})
+WEAK = replace(FOUND, d=0.021, ci95=(0.012, 0.03), details={**DETAILS, "evidence": 5.5})
 SHORT = Note("short_record", "too short")
 NO_ANSWER = Note("manual_no_answer", "PV did not answer", {"at_least": 0.03})
 VAGUE = replace(CLEARED, limit_of_detection=None)
