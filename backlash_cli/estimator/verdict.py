@@ -68,9 +68,9 @@ def decide(f: Findings) -> Decision:
     if f.manual is None:
         return automatic
     if f.manual.code == "manual_no_answer" and automatic.verdict in (*UNDECIDED, Verdict.SUSPECTED):
-        known = automatic.cluster if automatic.cluster and automatic.cluster.d >= float(f.manual.values["at_least"]) else None
+        wide = automatic.cluster and automatic.cluster.d >= float(f.manual.values["at_least"])
         return replace(automatic, verdict=Verdict.SUSPECTED, reasons=(f.manual, *automatic.reasons), confidence=0.5,
-                       cluster=known)
+                       cluster=automatic.cluster if wide else None)
     return replace(automatic, reasons=(*automatic.reasons, f.manual))
 
 
