@@ -177,11 +177,9 @@ class ConfirmationScanner:
     def _confirmation(self, recordings: list[Recording], asked: list[Asked], span: float) -> Confirmation:
         from ..kernels import gap_crossings
 
-        shown = _shown(asked)
-        evidence, j = float(shown.max()), int(shown.argmax())
-        best = max(asked, key=lambda a: float(a.net[j]))
-        widths = best.test.widths
-        j = _top(best.test.fit, j)
+        evidence = _evidence(asked)
+        best, *others = sorted(asked, key=lambda a: float(a.net.max()), reverse=True)
+        widths, j = best.test.widths, int(best.test.fit.argmax())
         fine = np.geomspace(widths[max(j - 1, 0)], widths[min(j + 1, len(widths) - 1)], FINE + 2)[1:-1]
         fine = fine[np.abs(fine / widths[j] - 1.0) > 1e-3]
         closer = self._test(best.predictions, fine)
@@ -189,14 +187,11 @@ class ConfirmationScanner:
         grid, answer, deviation, share, reduction = (np.append(a, b)[order] for a, b in (
             (widths, fine), (best.test.fit, closer.fit), (best.test.deviation, closer.deviation),
             (best.test.share, closer.share), (best.test.error_reduction, closer.error_reduction)))
-        at = _top(answer, int(np.searchsorted(grid, widths[j])))
-        d = peak_of(grid, answer, at)
+        d, at = peak_of(grid, answer), int(answer.argmax())
         imperfection = min(best.imitation / max(float(answer[at]), 1e-9), 1.0)
-        low, high = width_interval(grid, answer, at, d, LEAST_INTERVAL + IMPERFECTION * imperfection)
-        others = [a for a in asked if a is not best and a.fitting[j] > 0.0]
-        if others:  # a size that another block length does not share is known less well
-            second = max(others, key=lambda a: float(a.fitting[j])).test
-            other = peak_of(widths, second.fit, _top(second.fit, j))
+        low, high = width_interval(grid, answer, d, LEAST_INTERVAL + IMPERFECTION * imperfection)
+        if others and others[0].net.max() > 0.0:  # a size that another block length does not share is known less well
+            other = peak_of(widths, others[0].test.fit)
             low, high = min(low, other), max(high, other)
         self.tests, self.span = [(a.test, a.imitation) for a in asked], span
         self.length = sum(np.count_nonzero(r.usable) for r in recordings) * self.interval / self._Ti
@@ -234,26 +229,17 @@ def memory(values: FloatArray) -> float:
     return float(below[0]) if len(below) else float(len(v))
 
 
-def _shown(asked: Sequence[Asked]) -> FloatArray:
-    """Evidence (widths,) [nats]: the mean of the two block lengths that show a width best. In one of them the answer
-    must be a possible one; slow parts of it are known too badly to ask that of both."""
+def _evidence(asked: Sequence[Asked]) -> float:
+    """Evidence [nats] for the best width: the mean of the two block lengths that show it best. In one of them the
+    answer must be a possible one; slow parts of it are known too badly to ask that of both."""
     possible = np.max([a.net for a in asked], axis=0)
     second = np.sort([a.fitting for a in asked], axis=0)[-2] if len(asked) > 1 else 0.0
-    shown: FloatArray = np.where(possible > 0.0, 0.5 * (possible + second), np.minimum(possible, 0.0))
-    return shown
+    return float(np.max(np.where(possible > 0.0, 0.5 * (possible + second), np.minimum(possible, 0.0))))
 
 
-def _top(answer: FloatArray, j: int) -> int:
-    """Where one arrives that climbs from number j to the next summit."""
-    while True:
-        up = max((k for k in (j - 1, j, j + 1) if 0 <= k < len(answer)), key=lambda k: float(answer[k]))
-        if answer[up] <= answer[j]:
-            return j
-        j = up
-
-
-def peak_of(widths: FloatArray, answer: FloatArray, j: int) -> float:
-    """Width at the top of the parabola in log width through number j and its neighbours."""
+def peak_of(widths: FloatArray, answer: FloatArray) -> float:
+    """Width at the top of the parabola in log width through the best one and its neighbours."""
+    j = int(answer.argmax())
     if 0 < j < len(widths) - 1 and min(answer[j - 1], answer[j + 1]) > 0.0:
         at = np.log(widths[j - 1 : j + 2])
         a, b, _ = np.polyfit(at - at[1], answer[j - 1 : j + 2], 2)
@@ -262,8 +248,9 @@ def peak_of(widths: FloatArray, answer: FloatArray, j: int) -> float:
     return float(widths[j])
 
 
-def width_interval(widths: FloatArray, answer: FloatArray, j: int, d: float, least: float) -> tuple[float, float]:
-    """Ends of the widths whose answer is within DROP nats of number j, at least the share `least` of d each way."""
+def width_interval(widths: FloatArray, answer: FloatArray, d: float, least: float) -> tuple[float, float]:
+    """Ends of the widths whose answer is within DROP nats of the best, at least the share `least` of d each way."""
+    j = int(answer.argmax())
     level = float(answer[j]) - DROP
     ends = []
     for way in (-1, 1):

@@ -310,8 +310,7 @@ def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, 
 
 def _confirmation(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, widths: FloatArray,
                   gains: FloatArray, K: float | None, tests: int) -> Confirmation:
-    at = int(gains.argmax())
-    d = peak_of(widths, gains, at)
+    d, at = peak_of(widths, gains), int(gains.argmax())
     best = _fitted(data, [widths[at]], models, K)
     model, start = (int(i) for i in np.unravel_index(best.student.argmax(), best.student.shape))
     by_row = []
@@ -321,7 +320,7 @@ def _confirmation(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _
         by_row.append(_likelihoods(X, y, weights)[1][0])
     gained = by_row[0] - by_row[1]
     most = float(np.bincount(data.events(TURNED * d), gained).max())
-    low, high = width_interval(widths, gains, at, d, LEAST_INTERVAL)
+    low, high = width_interval(widths, gains, d, LEAST_INTERVAL)
     limit = _limit(data, models, none, widths, gains)
     evidence = float(gains[at])
     details: dict[str, float | str] = {
