@@ -188,7 +188,7 @@ def _nothing_found(f: Findings, c: Confirmation, limits: tuple[Note, ...]) -> De
         return Decision(Verdict.CANNOT_TELL, (trace, *limits), 0.0, None)
     if limit is None or limit > (CLEARED_TESTED if by_hand(c) else CLEARED):
         size = "no size" if limit is None else f"only {100 * limit:.2g} % and more"
-        few = Note("little_information", f"no sign of a dead band, but {size} would surely have shown in this record: "
+        few = Note("little_information", f"no sign of a dead band, but {size} can be excluded by this record: "
                    f"OP moves over {100 * span:.2g} % of its span, and PV answers with little against its noise and "
                    "load; a longer record, or a setpoint bump of twice the suspected dead band, would tell",
                    {"output_range": span, **({} if limit is None else {"limit": limit})})
