@@ -10,6 +10,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -187,6 +188,7 @@ def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Ca
 
 
 def _begin() -> None:
+    warnings.simplefilter("ignore")  # as in the first process: remarks of libraries to programmers
     # Ctrl-C reaches every process of the terminal; only the first one answers it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_the_first, daemon=True).start()
