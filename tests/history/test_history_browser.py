@@ -8,7 +8,7 @@ from backlash_cli.history.store import History
 from backlash_cli.reporter.history_page import write_report
 from backlash_cli.results import Verdict
 from tests.history.nights import growing, made, result
-from tests.reporter.chromium import quiet_page  # noqa: F401  it acts on every test here
+from tests.reporter.chromium import quiet_page, settled  # noqa: F401  the first acts on every test here
 
 HOSTILE = "</script><img src=x onerror=alert(1)>"
 CELLS = "Array.from(document.querySelector('tbody').rows).filter(r => !r.hidden).map(r => r.cells[%d].textContent)"
@@ -35,7 +35,7 @@ def folder(tmp_path_factory):
 @pytest.mark.parametrize("dark", [False, True])
 def test_opens_at_every_width_without_sideways_scrolling(browser, folder, width, dark):
     assert browser.open(folder / "wear.html", width=width, dark=dark) < 3.0
-    assert browser.evaluate(WIDE) == 0
+    assert settled(browser, WIDE, 0) == 0
 
 
 def test_sorting_filter_and_hostile_names(browser, folder):

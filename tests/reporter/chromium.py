@@ -139,3 +139,12 @@ class Browser:
         os.close(self._send)
         os.close(self._receive)
         self._profile.cleanup()
+
+
+def settled(browser: Any, expression: str, wanted: object, seconds: float = 5.0) -> object:
+    """Value of an expression as soon as it is as wanted, else what it is after some seconds: figures fit themselves to
+    the window after they have been drawn."""
+    end = time.monotonic() + seconds
+    while (found := browser.evaluate(expression)) != wanted and time.monotonic() < end:
+        time.sleep(0.05)
+    return found

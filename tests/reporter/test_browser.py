@@ -7,7 +7,7 @@ import pytest
 from backlash_cli.reporter.files import write_text
 from backlash_cli.reporter.html import single_page, write_folder
 from backlash_cli.results import Verdict
-from tests.reporter.chromium import quiet_page  # noqa: F401  it acts on every test here
+from tests.reporter.chromium import quiet_page, settled  # noqa: F401  the first acts on every test here
 from tests.reporter.reports import HOSTILE, record, report, result
 
 ROWS = "Array.from(document.querySelector('tbody').rows).filter(r => !r.hidden)"
@@ -32,7 +32,7 @@ def page(tmp_path_factory):
 @pytest.mark.parametrize("dark", [False, True])
 def test_opens_quickly_at_every_width_without_sideways_scrolling(browser, page, width, dark):
     assert browser.open(page, width=width, dark=dark) < 3.0
-    assert browser.evaluate(WIDE) == []
+    assert settled(browser, WIDE, []) == []
     assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
 
 

@@ -17,7 +17,7 @@ from backlash_cli.reporter.explain_summary import COLUMNS, counts, to_csv, to_js
 from backlash_cli.reporter.files import write_text
 from backlash_cli.reporter.residual_causes import binned, causes, since_reversal, spectrum
 from backlash_cli.results import PlantExplanation
-from tests.reporter.chromium import Browser
+from tests.reporter.chromium import Browser, settled
 from tests.reporter.explanations import SETTINGS, comparison, explanation, nothing, regions, series, signals
 from tests.reporter.reports import HOSTILE
 
@@ -132,7 +132,7 @@ def test_pages_open_without_errors_and_the_buttons_work(tmp_path):
             for width in (360, 1200):
                 browser.open(path, width=width)
                 browser.wait("document.querySelectorAll('.main-svg').length > 0")
-                assert browser.evaluate(WIDE) == []
+                assert settled(browser, WIDE, []) == []
         browser.open(tmp_path / "e.html")
         plots = "Array.from(document.querySelectorAll('.plot'))"
         browser.evaluate(f"{plots}[1].scrollIntoView()")
