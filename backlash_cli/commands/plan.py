@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from .options import inputs_argument, loops_option, reading_options
+from .options import inputs_argument, loops_option, only_loops_option, reading_options
 from .terminal import emit, progress, say, say_if_first_run
 
 if TYPE_CHECKING:
@@ -24,11 +23,10 @@ FORMATS = {".json": "json", ".csv": "csv", ".html": "html", ".htm": "html"}
                "  backlash plan sample_data/plant.csv --target 2% --max-pv-move 5% --format html --output sheets.html")
 @inputs_argument
 @loops_option
-@click.option("--loop", "only", metavar="NAME", multiple=True,
-              help="Only this loop; may be repeated, with wildcards such as 'FIC*'.")
+@only_loops_option
 @click.option("--target", metavar="SIZE",
               help="Dead band that matters, in spans of the output (0.02 or 2%). Default: what this record could have "
-              "shown (its limit of detection, 5 % at most), else 2 %.")
+              "shown (its limit of detection, 2 % at most), else 2 %.")
 @click.option("--max-pv-move", metavar="X", default="10%",
               help="How far a test may move PV: units of the loop, or a share of its span (5%). Default: 10%.")
 @click.option("--max-op-move", metavar="X", default="10%", help="The same for OP. Default: 10%.")
@@ -42,7 +40,7 @@ FORMATS = {".json": "json", ".csv": "csv", ".html": "html", ".htm": "html"}
 @click.option("--jobs", metavar="N", type=click.IntRange(min=1), help="Processes. Default: one per core.")
 @click.option("--no-cache", is_flag=True, help="Make the plans anew, also where the same were made before.")
 @reading_options
-def plan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], target: str | None, max_pv_move: str,
+def plan(inputs: tuple[Path, ...], loops: Path | None, target: str | None, max_pv_move: str,
          max_op_move: str, form: str | None, output: Path | None, repeats: int, seed: int, jobs: int | None,
          no_cache: bool, reading: ReadOptions) -> int:
     """Work out the least that would decide each undecided loop, by simulating the loop with a worn and a healthy valve.
@@ -63,7 +61,7 @@ def plan(inputs: tuple[Path, ...], loops: Path | None, only: tuple[str, ...], ta
     form = form or FORMATS.get(output.suffix.lower() if output else "", "text")
     say_if_first_run()
     with progress("reading", None, shown=True):
-        plant = read(list(inputs), loops=loops, options=replace(reading, only_loops=only))
+        plant = read(inputs, loops=loops, options=reading)
     plans: list[LoopPlan] = []
     failures = [note.message for note in plant.failures]
     with progress("planning", len(plant.records), shown=True) as step:

@@ -149,6 +149,36 @@ def failed(loop: Loop, reason: Note) -> LoopReport:
                       interval_s=loop.interval, settings=loop.settings, warnings=loop.notes)
 
 
+def answers(records: Sequence[Record], work: Callable[[Record], Result], *, jobs: int | None = None,
+            client: Client | None = None) -> Iterator[Result | Note]:
+    """Yield for every record, in order, what `work` makes of it, or a note that names the loop and says why not.
+
+    work: can be pickled. jobs: processes; None is one per core, 1 stays in this process. client: of a cluster that
+    does the work. Closing the iterator stops the work.
+    """
+    guarded = partial(_answer, work=work)
+    if client is not None:
+        return on_cluster(client, records, guarded, _no_answer)
+    count = max(1, min(len(records), cores() if jobs is None else jobs))
+    if count == 1:
+        return (guarded(record) for record in records)
+    return in_processes(records, guarded, _no_answer, count)
+
+
+def _answer(record: Record, work: Callable[[Record], Result]) -> Result | Note:
+    try:
+        return work(record)
+    except BacklashError as error:
+        where = "" if error.where.startswith(record.loop) else f"{record.loop}: "
+        return Note(error.code, f"{where}{error}", {"loop": record.loop})
+    except Exception as error:  # one loop's failure must not cost the others their answer
+        return _no_answer(record, Note("internal_error", f"failed: {type(error).__name__}: {error}"))
+
+
+def _no_answer(record: Record, reason: Note) -> Note:
+    return Note(reason.code, f"{record.loop}: {reason.message}", {**reason.values, "loop": record.loop})
+
+
 def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Callable[[Item, Note], Result], count: int
                  ) -> Iterator[Result]:
     """Yield the result of `work` for every item, in order, worked out in `count` processes.

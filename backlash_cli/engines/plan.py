@@ -17,8 +17,7 @@ from ..plan import PlanOptions, plan
 from ..record import Note, Record
 from ..reporter.files import make_folder, write_text
 from ..results.plan import LoopPlan
-from .explain_all import unexplained
-from .local import cores, in_processes
+from .local import answers
 
 
 def plan_all(records: Sequence[Record], options: PlanOptions, *, jobs: int | None = None,
@@ -27,25 +26,16 @@ def plan_all(records: Sequence[Record], options: PlanOptions, *, jobs: int | Non
 
     jobs: processes; None is one per core. cache: folder of plans made before, None for none.
     """
-    work = partial(plan_loop, options=options, cache=cache)
-    count = max(1, min(len(records), cores() if jobs is None else jobs))
-    if count == 1:
-        return (work(record) for record in records)
-    return in_processes(records, work, _died, count)
+    return answers(records, partial(_planned, options=options, cache=cache), jobs=jobs)
 
 
-def plan_loop(record: Record, options: PlanOptions, cache: Path | None = None) -> LoopPlan | Note | None:
-    """Return the plan of one loop; whatever goes wrong becomes the note's message."""
+def _planned(record: Record, options: PlanOptions, cache: Path | None) -> LoopPlan | None:
+    """The plan of one loop, from the folder where it is kept there."""
     kept = None if cache is None else cache / f"{key_of(record, options)}.json"
     if kept is not None:
         with contextlib.suppress(OSError, msgspec.DecodeError):  # none there, or from another version
             return msgspec.json.decode(kept.read_bytes(), type=LoopPlan | None)
-    try:
-        found = plan(record, options)
-    except BacklashError as error:
-        return unexplained(record.loop, Note(error.code, str(error)))
-    except Exception as error:  # one loop's failure must not cost the others their answer
-        return unexplained(record.loop, Note("internal_error", f"failed: {type(error).__name__}: {error}"))
+    found = plan(record, options)
     if kept is not None:
         with contextlib.suppress(OSError, BacklashError):  # a plan that cannot be kept is made again next time
             make_folder(kept.parent)
@@ -60,7 +50,3 @@ def key_of(record: Record, options: PlanOptions) -> str:
     for values in (record.index, record.setpoint, record.measurement, record.output, record.state):
         total.update(b"" if values is None else np.ascontiguousarray(values).data)
     return total.hexdigest()[:32]
-
-
-def _died(record: Record, reason: Note) -> Note:
-    return unexplained(record.loop, reason)

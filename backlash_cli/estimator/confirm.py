@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 from ..record import FloatArray, LoopSettings, Note, Record
 from ..results import Confirmation
 from .exclusion import excluded
-from .gap_test import GapTest, gaps_tested, imitations, together
-from .predictor import Predictor, Recording, predictor
+from .gap_test import IMITATED, GapTest, gaps_tested, imitations, together
+from .predictor import Predictor, Recording, predictor, recording_of
 from .rebuild import OutputRebuilder
+from .width_profile import NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
 
 PARTS_OF_TI = (1, 2, 4, 8, 16)  # block lengths as parts of Ti
 SHORT = 6000  # blocks; the shortest blocks are tried only in records of fewer
@@ -35,12 +36,8 @@ APART = 3600.0  # seconds; process and load may have changed between recordings 
 LONG_ENOUGH = 100.0  # itself, if it is so many integral times long, and the evidence added up
 SHORTEST = 10.0  # integral times: a shorter record holds no loop's behaviour
 FEWEST_BLOCKS = 60  # of Ti/8: no prediction can be fitted to fewer
-NARROWEST, WIDEST = 0.4, 20.0  # % of span: the widths tried
+WIDEST = 20.0  # % of span: the widest width tried
 WIDTHS, FINE = 16, 9  # how many of them, and how many between the neighbours of the best
-TURN = 0.9  # of the range of OP: wider gaps were never crossed in both directions
-IMITATED = 0.5  # of what the imitations gain is taken off
-TRACE = 3.0  # nats of evidence that are a trace of a gap
-DROP = 1.92  # nats: 95 % of a likelihood
 LEAST_INTERVAL, IMPERFECTION = 0.08, 0.6  # of d, each way: floor, and what imitations gain as a share of the gap's gain
 GAP = 20  # samples; a hole as long ends a recording
 MOST_SAMPLES = 1 << 22  # kept of one loop; of a longer record the last ones
@@ -119,7 +116,8 @@ class ConfirmationScanner:
         if not asked:
             return Note("short_record", f"the record holds {_in_words(seconds)} that can be used in one piece; at "
                         f"least {_in_words(SHORTEST * self._Ti)} are needed, ten times Ti", {"usable_s": seconds})
-        return self._confirmation(recordings, asked, span)
+        self.tests, self.length, self.span = [(a.test, a.imitation) for a in asked], seconds / self._Ti, span
+        return self._confirmation(recordings, asked)
 
     def _recordings(self) -> list[Recording] | Note:
         """The samples on grids without gaps, in % of span, OP and PV less their means."""
@@ -138,14 +136,9 @@ class ConfirmationScanner:
             if np.count_nonzero(ok) < FEWEST_BLOCKS:
                 continue
             first, last = part[ok][0], part[ok][-1] + 1
-            at = index[first:last] - index[first]
-            u, y = np.full(at[-1] + 1, np.nan), np.full(at[-1] + 1, np.nan)
-            good = np.zeros(len(u), dtype=bool)
-            u[at], y[at], good[at] = 100.0 * output[first:last], 100.0 * measured[first:last], usable[first:last]
-            grid = np.arange(len(u))
-            held = np.maximum.accumulate(np.where(np.isfinite(u), grid, 0))
-            y = np.interp(grid, grid[good], y[good])
-            found.append(Recording(u[held] - mean, y - y.mean(), good, int(index[first])))
+            r = recording_of(index[first:last], 100.0 * output[first:last], 100.0 * measured[first:last],
+                             usable[first:last])
+            found.append(replace(r, output=r.output - mean, measurement=r.measurement - r.measurement.mean()))
         return found or Note("short_record", "no stretch of the record is long enough")
 
     def _asked(self, recordings: list[Recording], span: float) -> list[Asked]:
@@ -174,14 +167,13 @@ class ConfirmationScanner:
     def _test(self, predictions: Sequence[Predictor], widths: FloatArray) -> GapTest:
         return together([gaps_tested(p, widths, self.settings.K, self._Ti, self.interval) for p in predictions])
 
-    def _confirmation(self, recordings: list[Recording], asked: list[Asked], span: float) -> Confirmation:
+    def _confirmation(self, recordings: list[Recording], asked: list[Asked]) -> Confirmation:
         from ..kernels import gap_crossings
 
         evidence = _evidence(asked)
         best, *others = sorted(asked, key=lambda a: float(a.net.max()), reverse=True)
         widths, j = best.test.widths, int(best.test.fit.argmax())
-        fine = np.geomspace(widths[max(j - 1, 0)], widths[min(j + 1, len(widths) - 1)], FINE + 2)[1:-1]
-        fine = fine[np.abs(fine / widths[j] - 1.0) > 1e-3]
+        fine = about(widths, j, FINE)
         closer = self._test(best.predictions, fine)
         order = np.argsort(np.append(widths, fine))
         grid, answer, deviation, share, reduction = (np.append(a, b)[order] for a, b in (
@@ -193,24 +185,19 @@ class ConfirmationScanner:
         if others and others[0].net.max() > 0.0:  # a size that another block length does not share is known less well
             other = peak_of(widths, others[0].test.fit)
             low, high = min(low, other), max(high, other)
-        self.tests, self.span = [(a.test, a.imitation) for a in asked], span
-        self.length = sum(np.count_nonzero(r.usable) for r in recordings) * self.interval / self._Ti
-        limit = excluded(self.tests, self.length, span)
+        limit = excluded(self.tests, self.length, self.span)
         crossings = sum(gap_crossings(r.output, d) for r in recordings)
         details: dict[str, float | str] = {
             "evidence": evidence, "gain": float(answer[at]), "imitation": best.imitation, "share": float(share[at]),
             "share_deviation": float(deviation[at]),
             "edge": float(at in (0, len(grid) - 1)), "rows": float(sum(p.rows for p in best.predictions)),
-            "block_s": best.predictions[0].size * self.interval, "output_range": span / 100.0,
+            "block_s": best.predictions[0].size * self.interval, "output_range": self.span / 100.0,
             "crossings": float(crossings), "recordings": float(len(recordings)),
             "trace": float(evidence >= TRACE),
             "left_out": float(self._left_out), "sign_known": float(self.settings.K is not None),
             "output": "rebuilt" if self._rebuilder else "recorded",
         }
-        profile = tuple((float(w) / 100.0, float(v)) for w, v in zip(grid, answer, strict=True))
-        return Confirmation(d / 100.0, (low / 100.0, high / 100.0), float(reduction[at]),
-                            2.0 * evidence - float(np.log(sum(p.rows for p in best.predictions))),
-                            None if limit is None else limit / 100.0, details, profile)
+        return confirmation(d, (low, high), float(reduction[at]), limit, details, grid, answer)
 
 
 def confirm(record: Record, settings: LoopSettings | None = None) -> Confirmation | Note:
@@ -235,35 +222,6 @@ def _evidence(asked: Sequence[Asked]) -> float:
     possible = np.max([a.net for a in asked], axis=0)
     second = np.sort([a.fitting for a in asked], axis=0)[-2] if len(asked) > 1 else 0.0
     return float(np.max(np.where(possible > 0.0, 0.5 * (possible + second), np.minimum(possible, 0.0))))
-
-
-def peak_of(widths: FloatArray, answer: FloatArray) -> float:
-    """Width at the top of the parabola in log width through the best one and its neighbours."""
-    j = int(answer.argmax())
-    if 0 < j < len(widths) - 1 and min(answer[j - 1], answer[j + 1]) > 0.0:
-        at = np.log(widths[j - 1 : j + 2])
-        a, b, _ = np.polyfit(at - at[1], answer[j - 1 : j + 2], 2)
-        if a < 0.0:
-            return float(np.exp(np.clip(at[1] - 0.5 * b / a, at[0], at[2])))
-    return float(widths[j])
-
-
-def width_interval(widths: FloatArray, answer: FloatArray, d: float, least: float) -> tuple[float, float]:
-    """Ends of the widths whose answer is within DROP nats of the best, at least the share `least` of d each way."""
-    j = int(answer.argmax())
-    level = float(answer[j]) - DROP
-    ends = []
-    for way in (-1, 1):
-        k = j
-        while 0 <= k + way < len(widths) and answer[k + way] >= level:
-            k += way
-        beyond = k + way
-        if 0 <= beyond < len(widths):
-            above, below = answer[k] - level, level - answer[beyond]
-            ends.append(float(widths[k] + (widths[beyond] - widths[k]) * above / max(above + below, 1e-12)))
-        else:
-            ends.append(float(widths[k]))
-    return max(min(ends[0], d * (1.0 - least)), 0.0), max(ends[1], d * (1.0 + least))
 
 
 def _in_words(seconds: float) -> str:

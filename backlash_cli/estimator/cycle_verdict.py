@@ -11,12 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..record import Note, Record
-from ..results import LoopReport, Verdict
+from ..results import NOTHING_SAID, LoopReport, Verdict
 from .assumed_setpoint import at_mean
 from .diagnosis import diagnose
 
 NOT_TESTED = {"missing_settings", "no_setpoint", "sampling_too_coarse", "short_record"}
-UNDECIDED = (Verdict.CANNOT_TELL, Verdict.INSUFFICIENT_DATA)
 # kinds of oscillation that put the valve under suspicion, with the confidence that it is right to do so: simulated
 # cycles called stiction come from a valve in all of 165 loops; of the other only one recording is known
 VALVE = {"stiction": 0.9, "tight_nonlinear": 0.5}
@@ -40,7 +39,7 @@ def with_oscillation(report: LoopReport, record: Record) -> LoopReport:
     if untested and found.kind == "none":
         return report
     note = _without_setpoint(found.note) if blind else found.note
-    if report.verdict not in (Verdict.OSCILLATING, *UNDECIDED):
+    if report.verdict not in (Verdict.OSCILLATING, *NOTHING_SAID):
         return replace(report, reasons=(*report.reasons, note))
     repeats = () if seen else (_repeats(found.period or 0.0),)
     if found.kind in VALVE and not blind:
@@ -61,7 +60,7 @@ def _seen(report: LoopReport) -> bool:
 
 
 def _untested(report: LoopReport) -> bool:
-    return report.verdict in UNDECIDED and any(reason.code in NOT_TESTED for reason in report.reasons)
+    return report.verdict in NOTHING_SAID and any(reason.code in NOT_TESTED for reason in report.reasons)
 
 
 def _repeats(period: float) -> Note:

@@ -13,12 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..record import FloatArray
-from .gap_test import GapTest
+from .gap_test import IMITATED, GapTest
 
 LIMITS = (0.8, 1.1, 1.5, 2.0, 2.8, 4.0, 5.6)  # % of span: the limits of detection that are told apart
 SMALLER, BEYOND = 0.85, 1.2  # widths from this share of L on, up to the range of OP over this
 FULL, SHORT_OF = 0.8, 1.0  # share of a gap that is there, less what the test loses; deviations it is short of
-BEST, IMITATED = 2, 0.5  # block lengths that count for the gain; what of an imitation's gain is taken off
+BEST = 2  # block lengths that count for the gain
 WEIGHTS, CONSTANT = (0.377, -0.781, 0.069, -0.32, 0.79, -0.317, -1.544), -4.413  # of the signs, by logistic regression
 HIDDEN = 0.025  # chance that is left when a dead band is said to be excluded
 

@@ -31,6 +31,7 @@ LEAST_SHARE, MOST_SHARE = 0.6, 1.6  # a share outside is no gap, whatever it gai
 LEAST_ANSWER, MOST_ANSWER = 0.02, 20.0  # of PV to OP within 6 Ti, times K: a loop so far off would not have been tuned
 FREE_LAGS = 4  # of an imitation
 TIED_COUNTS = 0.1  # of what the tied fit loses; loads that swing lose hundreds of nats there, valves few
+IMITATED = 0.5  # of what imitations gain is taken off
 SCALES = (0.5, 2.0, 8.0)  # memory of the imitations, in integral times
 
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import Record, SampleState
-from .confirm import GAP, MOST_SAMPLES, NARROWEST
-from .predictor import Recording
+from .confirm import GAP, MOST_SAMPLES
+from .predictor import Recording, recording_of
+from .width_profile import NARROWEST
 
 LEAD = 2000  # samples before a test, at most as many as in it: where the stem stood, and what PV still answers to
 LIMIT = 1e-3  # of the span: at its limits a valve does not follow OP
@@ -69,15 +70,7 @@ class ManualScanner:
                 continue
             lead = min(part[-1] + 1 - part[0], LEAD)
             first = max(part[0] - lead, holes[np.searchsorted(holes, part[0], side="right") - 1])
-            at = index[first : part[-1] + 1] - index[first]
-            grid = np.arange(at[-1] + 1)
-            known = np.isfinite(output[first : part[-1] + 1])
-            moved = np.full(len(grid), np.nan)
-            moved[at[known]] = 100.0 * output[first : part[-1] + 1][known]
-            held = np.maximum.accumulate(np.where(np.isfinite(moved), grid, int(at[known][0])))
-            usable = np.zeros(len(grid), dtype=bool)
-            usable[index[part] - index[first]] = np.isfinite(measured[part])
-            there = np.flatnonzero(usable)
-            values = 100.0 * measured[np.searchsorted(index, index[first] + there)]
-            found.append(Recording(moved[held], np.interp(grid, there, values), usable, int(index[first])))
+            cut, usable = slice(first, part[-1] + 1), np.zeros(len(index), dtype=bool)
+            usable[part] = np.isfinite(measured[part])
+            found.append(recording_of(index[cut], 100.0 * output[cut], 100.0 * measured[cut], usable[cut]))
         return found[-MOST_TESTS:]

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray
+from ..record import FloatArray, IntArray
 
 LEAST_ROWS, FEWEST_ROWS = 25, 60  # rows beyond the number of columns, and at least
 COMPLETE = 0.6  # share of a block's samples that must be usable
@@ -46,6 +46,18 @@ class Recording:
     measurement: FloatArray
     usable: NDArray[np.bool_]
     begin: int = 0
+
+
+def recording_of(index: IntArray, output: FloatArray, measurement: FloatArray, usable: NDArray[np.bool_]) -> Recording:
+    """Samples (samples,) put on the grid from the first to the last of them: OP held, NaN where not known, PV straight
+    between the usable ones. index: strictly increasing places on the grid."""
+    at = index - index[0]
+    grid = np.arange(at[-1] + 1)
+    held, good = np.full(len(grid), np.nan), np.zeros(len(grid), dtype=bool)
+    held[at], good[at] = output, usable
+    known = np.isfinite(held)
+    held = held[np.maximum.accumulate(np.where(known, grid, np.argmax(known)))]
+    return Recording(held, np.interp(grid, at[usable], measurement[usable]), good, int(index[0]))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from ..record import Note
-from ..results import Cluster, Confirmation, Verdict
+from ..results import NOTHING_SAID, Cluster, Confirmation, Verdict
 from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, read, times
 from .oscillation import Oscillation
 
@@ -19,7 +19,6 @@ AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement
 HARMLESS = 0.015  # span: a reconstructed PV imitates dead bands of this size, which half periods cannot confirm
 HEALTHY = 0.92  # of the strange loops that were cleared
 BLOCKED, LIMITED = "blocks", "limits"
-UNDECIDED = (Verdict.CANNOT_TELL, Verdict.INSUFFICIENT_DATA)
 STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # hold for tests in manual as well
 DECIDED, SEEN = (Verdict.BACKLASH, Verdict.NO_BACKLASH), (Verdict.BACKLASH, Verdict.SUSPECTED)
 TOO_FEW = {"weak_evidence", "few_reversals", "single_event", "size_unknown"}  # what a second test makes good
@@ -67,7 +66,7 @@ def decide(f: Findings) -> Decision:
         return _with_test(f, f.manual, automatic)
     if f.manual is None:
         return automatic
-    if f.manual.code == "manual_no_answer" and automatic.verdict in (*UNDECIDED, Verdict.SUSPECTED):
+    if f.manual.code == "manual_no_answer" and automatic.verdict in (*NOTHING_SAID, Verdict.SUSPECTED):
         wide = automatic.cluster and automatic.cluster.d >= float(f.manual.values["at_least"])
         return replace(automatic, verdict=Verdict.SUSPECTED, reasons=(f.manual, *automatic.reasons), confidence=0.5,
                        cluster=automatic.cluster if wide else None)
@@ -90,7 +89,7 @@ def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
         says = note("neither this nor normal operation is proof alone, but both see the same dead band")
         return replace(tested if _sharper(tested, automatic) else automatic, verdict=Verdict.BACKLASH,
                        reasons=(says, _explained(c), _explained(f.confirmation), LOOK_ALIKE), confidence=JOINT)
-    at_least = (*DECIDED, Verdict.SUSPECTED) if automatic.verdict in UNDECIDED else DECIDED
+    at_least = (*DECIDED, Verdict.SUSPECTED) if automatic.verdict in NOTHING_SAID else DECIDED
     if tested.verdict not in at_least:
         says = note("it does not decide: " + _missing(c, tested, f.output_step))
         return replace(automatic, reasons=(*automatic.reasons, says))

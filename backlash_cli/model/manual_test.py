@@ -27,9 +27,9 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimator.confirm import DROP, NARROWEST, TRACE, TURN, peak_of, width_interval
 from ..estimator.criteria import FEWEST_CROSSINGS, MOTION
 from ..estimator.predictor import COMPLETE, FREEDOM, Recording, block_means
+from ..estimator.width_profile import DROP, NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
 from ..kernels import gap_crossings, play
 from ..record import FloatArray, Note
 from ..results import Confirmation
@@ -187,8 +187,7 @@ def manual_test(recordings: Sequence[Recording], interval: float, K: float | Non
         none = _fitted(data, [0.0], models, None)
     gains = _gains(none, _fitted(data, widths, models, K))
     j = int(gains.argmax())
-    fine = np.geomspace(widths[max(j - 1, 0)], widths[min(j + 1, WIDTHS - 1)], FINE + 2)[1:-1]
-    fine = fine[np.abs(fine / widths[j] - 1.0) > 1e-3]
+    fine = about(widths, j, FINE)
     grid = np.append(widths, fine)
     gains = np.append(gains, _gains(none, _fitted(data, fine, models, K)))
     order = np.argsort(grid)
@@ -330,10 +329,7 @@ def _confirmation(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _
         "trace": float(evidence >= TRACE), "sign_known": float(K is not None), "output": "recorded",
     }
     reduction = 1.0 - float(best.variance[model, start] / none.variance[model, 0])
-    profile = tuple((float(w) / 100.0, float(v)) for w, v in zip(widths, gains, strict=True))
-    return Confirmation(d / 100.0, (low / 100.0, high / 100.0), max(reduction, 0.0),
-                        2.0 * evidence - float(np.log(len(gained))), None if limit is None else limit / 100.0,
-                        details, profile)
+    return confirmation(d, (low, high), max(reduction, 0.0), limit, details, widths, gains)
 
 
 def _limit(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, widths: FloatArray,

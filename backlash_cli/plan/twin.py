@@ -16,6 +16,7 @@ from ..compensate import model_of
 from ..effects.loads import MEASURED_DISTURBANCE as ADDED
 from ..effects.shape import Stage
 from ..errors import LoopError
+from ..estimator.predictor import recording_of
 from ..kernels import play
 from ..record import FloatArray, LoopSettings, Record
 from ..results.compensation import ProcessModel
@@ -156,16 +157,14 @@ def twin_of(record: Record, d: float, rounding: tuple[float, float] = (0.0, 0.0)
                             high=max(1.0, float(np.nanmax(record.output))))
     process, source = _process(record, controller, d)
     stretch = longest_stretch(record)
-    grid = np.arange(stretch.index[-1] - stretch.index[0] + 1)
-    good = stretch.usable & np.isfinite(stretch.measurement)
-    at = stretch.index - stretch.index[0]
     assert stretch.output is not None
-    known = np.isfinite(stretch.output)
-    output = stretch.output[known][np.searchsorted(at[known], grid, "right").clip(1) - 1]
-    pv = np.interp(grid, at[good], stretch.measurement[good])
+    good = stretch.usable & np.isfinite(stretch.measurement)
+    on_grid = recording_of(stretch.index, stretch.output, stretch.measurement, good)
+    output, pv = on_grid.output, on_grid.measurement
+    grid, at = np.arange(len(pv)), stretch.index - stretch.index[0]
     sp = np.interp(grid, at[good], np.nan_to_num(stretch.setpoint[good], nan=float(pv.mean())))
     mean = float(output.mean())
-    stem = play(np.ascontiguousarray(output), d, float(output[0])) - mean
+    stem = play(output, d, float(output[0])) - mean
     upset = pv - response(process, stem, record.interval)
     return Twin(record, d, controller, process, source, SPREAD if source == "fitted" else ASSUMED_SPREAD,
                 float(sp[-1]), mean, sp - sp[-1], upset - upset.mean(), rounding)

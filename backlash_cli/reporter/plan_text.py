@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
-import json
 import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-from .._version import __version__
 from ..results import Verdict
 from ..results.plan import LoopPlan, PlanOption
-from .json_report import SCHEMA_VERSION
+from .json_report import fields_of, header, json_text
 from .safe import spreadsheet, terminal
 from .words import VERDICTS
 
@@ -51,9 +48,7 @@ def _filled(text: str, before: str) -> list[str]:
 
 def to_json(plans: Sequence[LoopPlan]) -> str:
     """Return the plans as a JSON document; moves are shares of the spans, times in seconds."""
-    document = {"schema_version": SCHEMA_VERSION, "tool": {"name": "backlash", "version": __version__},
-                "loops": [_loop(p) for p in plans], "advice": ADVICE}
-    return json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    return json_text({**header(), "loops": [_loop(p) for p in plans], "advice": ADVICE})
 
 
 def _loop(plan: LoopPlan) -> dict[str, Any]:
@@ -62,8 +57,7 @@ def _loop(plan: LoopPlan) -> dict[str, Any]:
 
 
 def _option(option: PlanOption) -> dict[str, Any]:
-    told = {f.name: getattr(option, f.name) for f in dataclasses.fields(option) if f.name not in ("worn", "healthy")}
-    return {**told, "levels": list(option.levels), "decides": option.decides}
+    return {**fields_of(option, "worn", "healthy"), "decides": option.decides}
 
 
 def to_csv(plans: Sequence[LoopPlan]) -> str:

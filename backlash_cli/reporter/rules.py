@@ -10,9 +10,6 @@ from ..results import LoopReport, Verdict
 from .words import size
 
 Rule = Callable[[LoopReport], bool]
-GRAMMAR = """A rule is one of: backlash, suspected (or worse), oscillating, cannot_tell, insufficient_data, error,
-any (backlash, suspected or oscillating), or a size: d>0.03, d>3%, d>=0.02 (loops with backlash or suspicion).
-Several rules, separated by commas or given again, are met when one of them is."""
 
 _SIZE = re.compile(r"d\s*(>=|>)\s*(\d+(?:\.\d*)?|\.\d+)\s*(%?)")
 _NAMED: dict[str, frozenset[Verdict]] = {

@@ -25,7 +25,8 @@ class Verdict(StrEnum):
     ERROR = "error"
 
 
-UNDECIDED = (Verdict.SUSPECTED, Verdict.OSCILLATING, Verdict.INSUFFICIENT_DATA, Verdict.CANNOT_TELL)  # a plan may tell
+NOTHING_SAID = (Verdict.CANNOT_TELL, Verdict.INSUFFICIENT_DATA)
+UNDECIDED = (Verdict.SUSPECTED, Verdict.OSCILLATING, *NOTHING_SAID)  # a plan may tell
 
 @dataclass(frozen=True)
 class Estimate:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from backlash_cli.estimator.gap_test import gaps_tested, imitations
-from backlash_cli.estimator.predictor import Lags, Recording, lags_for, predictor
+from backlash_cli.estimator.predictor import Lags, Recording, lags_for, predictor, recording_of
 from backlash_cli.kernels import forgetting_gap_means, gap_crossings, gap_means, play
 
 SIZE = 4
@@ -132,3 +132,12 @@ def test_recordings_of_one_loop_are_pooled_each_at_its_own_level():
 
 def test_too_few_blocks_are_no_prediction():
     assert predictor([recording(200)], SIZE, 10.0, 10**6) is None
+
+
+def test_a_recording_holds_op_and_draws_pv_straight_between_usable_samples():
+    index = np.array([7, 8, 10, 12])
+    found = recording_of(index, np.array([np.nan, 2.0, 3.0, np.nan]), np.array([1.0, 99.0, 4.0, 8.0]),
+                         np.array([True, False, True, True]))
+    assert found.begin == 7 and found.usable.tolist() == [True, False, False, True, False, True]
+    assert found.output.tolist() == [2.0, 2.0, 2.0, 3.0, 3.0, 3.0]  # before the first known one, that one
+    assert found.measurement.tolist() == pytest.approx([1.0, 2.0, 3.0, 4.0, 6.0, 8.0])
