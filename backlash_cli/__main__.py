@@ -84,7 +84,7 @@ PATIENCE = 8.0  # seconds that an orderly end may take after a stop
 
 
 class Stopped(KeyboardInterrupt):
-    """The process was asked to end (SIGTERM, or its terminal was closed); handled like Ctrl-C."""
+    """The process was asked to end (Ctrl-C, SIGTERM, or its terminal was closed)."""
 
     def __init__(self, number: int) -> None:
         super().__init__()
@@ -93,9 +93,10 @@ class Stopped(KeyboardInterrupt):
 
 def main() -> None:
     """Run the command line; every failure becomes one message and an exit status of the contract."""
-    for name in ("SIGTERM", "SIGHUP"):
-        if hasattr(signal, name) and signal.getsignal(getattr(signal, name)) is signal.SIG_DFL:
-            signal.signal(getattr(signal, name), _stop)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, _stop)
     _see_to_the_end()
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # remarks of libraries to programmers; ours are in the report
@@ -167,6 +168,10 @@ def _run(arguments: list[str]) -> int:
             code = cli.invoke(context)
     except click.exceptions.Exit as done:
         return done.exit_code
+    except Exception as error:
+        if _asked_to_end:  # a library, in the middle of its import for one, answered the stop with an error of its own
+            raise Stopped(_asked_to_end[0]) from error
+        raise
     return code if isinstance(code, int) else 0
 
 
@@ -176,7 +181,11 @@ def _say(text: str) -> None:
     click.echo(f"backlash: {terminal(text)}", err=True)
 
 
+_asked_to_end: list[int] = []
+
+
 def _stop(number: int, frame: object) -> None:
+    _asked_to_end.append(number)
     raise Stopped(number)
 
 

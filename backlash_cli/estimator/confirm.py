@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -136,9 +136,10 @@ class ConfirmationScanner:
             if np.count_nonzero(ok) < FEWEST_BLOCKS:
                 continue
             first, last = part[ok][0], part[ok][-1] + 1
-            r = recording_of(index[first:last], 100.0 * output[first:last], 100.0 * measured[first:last],
-                             usable[first:last])
-            found.append(replace(r, output=r.output - mean, measurement=r.measurement - r.measurement.mean()))
+            cut = slice(first, last)
+            found.append(recording_of(index[cut], output[cut], measured[cut], usable[cut], scale=100.0))
+            for values, level in ((found[-1].output, mean), (found[-1].measurement, found[-1].measurement.mean())):
+                values -= level  # in place: long records
         return found or Note("short_record", "no stretch of the record is long enough")
 
     def _asked(self, recordings: list[Recording], span: float) -> list[Asked]:

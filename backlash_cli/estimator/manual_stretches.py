@@ -72,5 +72,5 @@ class ManualScanner:
             first = max(part[0] - lead, holes[np.searchsorted(holes, part[0], side="right") - 1])
             cut, usable = slice(first, part[-1] + 1), np.zeros(len(index), dtype=bool)
             usable[part] = np.isfinite(measured[part])
-            found.append(recording_of(index[cut], 100.0 * output[cut], 100.0 * measured[cut], usable[cut]))
+            found.append(recording_of(index[cut], output[cut], measured[cut], usable[cut], scale=100.0))
         return found[-MOST_TESTS:]

@@ -48,16 +48,19 @@ class Recording:
     begin: int = 0
 
 
-def recording_of(index: IntArray, output: FloatArray, measurement: FloatArray, usable: NDArray[np.bool_]) -> Recording:
+def recording_of(index: IntArray, output: FloatArray, measurement: FloatArray, usable: NDArray[np.bool_],
+                 scale: float = 1.0) -> Recording:
     """Samples (samples,) put on the grid from the first to the last of them: OP held, NaN where not known, PV straight
-    between the usable ones. index: strictly increasing places on the grid."""
+    between the usable ones, both times `scale`. index: strictly increasing places on the grid."""
     at = index - index[0]
     grid = np.arange(at[-1] + 1)
     held, good = np.full(len(grid), np.nan), np.zeros(len(grid), dtype=bool)
-    held[at], good[at] = output, usable
+    held[at], good[at] = scale * output, usable
     known = np.isfinite(held)
-    held = held[np.maximum.accumulate(np.where(known, grid, np.argmax(known)))]
-    return Recording(held, np.interp(grid, at[usable], measurement[usable]), good, int(index[0]))
+    last = np.where(known, grid, np.argmax(known))
+    held = held[np.maximum.accumulate(last, out=last)]
+    del last  # a long record's arrays are as large as what is made of them
+    return Recording(held, np.interp(grid, at[usable], scale * measurement[usable]), good, int(index[0]))
 
 
 @dataclass(frozen=True)

@@ -80,9 +80,11 @@ def test_a_stop_ends_the_other_processes_too(plant, tmp_path):
                 time.sleep(0.05)
 
 
-def test_a_stop_that_is_lost_on_its_way_ends_the_process_all_the_same(plant):
-    """An exception that lands in a library's callback or import is swallowed there, or leaves a lock closed."""
-    deaf = "        try:\n            time.sleep(60)\n        except BaseException:\n            time.sleep(60)\n"
+@pytest.mark.parametrize("answer", ["time.sleep(60)", "raise AttributeError('half an import')"])
+def test_a_stop_that_is_lost_on_its_way_ends_the_process_all_the_same(plant, answer):
+    """An exception that lands in a library's callback or import is swallowed there, becomes another, or leaves a lock
+    closed."""
+    deaf = f"        try:\n            time.sleep(60)\n        except BaseException:\n            {answer}\n"
     code = SLOW.replace("        time.sleep(60)\n", deaf).replace("main()\n", "import backlash_cli.__main__\n"
         "backlash_cli.__main__.PATIENCE = 0.5\nmain()\n")
     running = subprocess.Popen([sys.executable, "-c", code, "scan", str(plant), "--no-confirm"], stdout=subprocess.PIPE,
