@@ -22,9 +22,9 @@ from .layouts import Head
 from .numbers import BLANK, is_number, is_text, stored
 from .opening import Text
 from .options import ReadOptions
-from .remote import Remote, open_place
 from .signals import Cells, Lexicon
 from .sniff import find_dialect
+from .sources import Remote, open_place
 from .times import StampReader
 
 BLOCK = 16 << 20  # bytes of text that are read at once
@@ -93,7 +93,8 @@ class TextTable:
             return None if pa.types.is_null(kind) else kind
         return pa.float64() if is_number(kind) or pa.types.is_null(kind) else pa.string()
 
-    def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True) -> pa.Table:
+    def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
+                ) -> pa.Table:
         """Read a block; types: of the columns that are read, None for all, as they look."""
         names = [f"c{i}" for i in range(len(self.dialect.names))]  # two columns of the file may be called the same
 

@@ -22,7 +22,7 @@ import pyarrow as pa
 from ..errors import InputError
 from ..record import Note
 from .options import ReadOptions
-from .remote import Remote, open_place
+from .sources import Remote, open_place
 
 CHUNK = 1 << 20  # bytes that are read at once
 HEAD = 4 << 20  # bytes of text that tell how it is written
@@ -38,8 +38,7 @@ _FOREIGN = {b"PK\x03\x04": ("a zip archive", "unpack it"),
             b"\x89HDF": ("an HDF5 file", "export the data as CSV or Parquet"),
             b"ORC": ("an ORC file", "export the data as CSV or Parquet")}
 _DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, pa.ArrowException)
-_MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe\x00\x00", "utf-32-le"), (b"\xff\xfe", "utf-16-le"),
-          (b"\xfe\xff", "utf-16-be"))  # fmt: skip
+_MARKS = {"utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}
 _ANNOTATION = re.compile(rb"^#(?:datatype|group|default)\b", re.MULTILINE)
 
 
@@ -136,14 +135,14 @@ class Text:
         if head[:4] == b"PAR1":
             raise InputError("compressed Parquet file", where=str(self.path), remedy="decompress it first")
         _refuse_foreign(head[:16], self.path)
-        encoding, mark = guess_encoding(head, self.path, self.options)
+        encoding = guess_encoding(head, self.path, self.options)
         errors = "strict" if encoding == "utf-8" else "replace"
         try:
             decoder = codecs.getincrementaldecoder(encoding)(errors)
             decoder.decode(b"")
         except (LookupError, ValueError) as error:
             raise InputError(f"cannot decode the text as {encoding}: {error}", where=str(self.path)) from None
-        for piece in chain([head[mark:]], pieces, [b""]):
+        for piece in chain([head.removeprefix(codecs.BOM_UTF8)], pieces, [b""]):
             if encoding == "utf-8" and piece.isascii() and not decoder.getstate()[0]:
                 yield piece
                 continue
@@ -232,25 +231,24 @@ def _without_annotations(blocks: Iterable[bytearray]) -> Iterator[bytes]:
             yield b"\n".join(out) + b"\n"
 
 
-def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> tuple[str, int]:
-    """Return (encoding, length of the byte-order mark) of text that begins with `head`. Raises InputError for binary
-    data."""
-    for mark, name in _MARKS:
-        if head.startswith(mark):
-            return (options.encoding if options.encoding and name == "utf-8" else name), len(mark)
+def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> str:
+    """Return the encoding of text that begins with `head`. Raises InputError for binary data."""
+    for encoding in ("utf-32", "utf-16"):  # a mark of utf-16 begins one of utf-32
+        if head.startswith(_MARKS[encoding]):
+            return encoding
     if options.encoding:
-        return options.encoding.lower().replace("utf8", "utf-8"), 0
+        return options.encoding.lower().replace("utf8", "utf-8")
     sample = head[: 64 << 10]
     even, odd = sample[0::2].count(0), sample[1::2].count(0)
     if odd > 0.4 * len(sample) / 2 and even < odd / 8:
-        return "utf-16-le", 0
+        return "utf-16-le"
     if even > 0.4 * len(sample) / 2 and odd < even / 8:
-        return "utf-16-be", 0
+        return "utf-16-be"
     control = sum(sample.count(c) for c in range(32) if c not in (9, 10, 11, 12, 13, 26, 27))
     if control > 0.02 * len(sample):
         raise InputError("not text: binary data that is neither CSV nor Parquet", where=str(path),
                          remedy="export it again as CSV")
-    return "utf-8", 0
+    return "utf-8"
 
 
 def sheets(path: Path | Remote) -> list[tuple[str, bytes]]:
