@@ -10,7 +10,7 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
@@ -68,30 +68,28 @@ def find_dialect(text: bytes, complete: bool, options: ReadOptions, where: str) 
     """
     head = text.decode()
     lines = lines_of(head)
-    end = len(head)
-    if len(lines) > 1 and not complete:
-        end = lines.pop()[1]
+    end = len(head) if complete or len(lines) < 2 else lines.pop()[1]
     declared = re.match(r"^sep=(.)$", lines[0][2].strip()) if lines else None
     lines = [row for row in lines[1 if declared else 0 : HEAD_LINES] if row[2].strip(" \t,;|")]
     if not lines:
         raise InputError("file holds no data", where=where, remedy="export it again")
-    last = [text for _, _, text in lines[-min(24, max(1, len(lines) // 2)) :]]
-    delimiter = options.delimiter or (declared[1] if declared else _delimiter(last, [row[2] for row in lines[:30]]))
-    tail = [split_line(text, delimiter) for text in last]
-    width = Counter(map(len, tail)).most_common(1)[0][0]
+    last = range(len(lines) - min(24, max(1, len(lines) // 2)), len(lines))
+    delimiter = options.delimiter or (declared[1] if declared else _delimiter(
+        [lines[i][2] for i in last], [row[2] for row in lines[:30]]))
+    cells = cache(lambda i: split_line(lines[i][2], delimiter))
+    width = Counter(len(cells(i)) for i in last).most_common(1)[0][0]
     enough = 6 if width > 300 else 24
-    tail = [cells for cells in tail if len(cells) == width][-enough:]
+    tail = [cells(i) for i in last if len(cells(i)) == width][-enough:]
     kinds = _column_kinds(tail, width)
-    first = _first_data_row(lines, delimiter, kinds, options.header_row or 0)
+    first = next(_data_rows(lines, cells, kinds, options.header_row or 0), None)
     if first is None or all(k == "text" for k in kinds if k != "empty"):
-        raise _without_data(lines, delimiter, width, options, where)
-    before = [(number, split_line(text, delimiter)) for number, _, text in lines[:first][-HEAD_LINES // 10 :]]
-    data = [split_line(text, delimiter) for _, _, text in lines[first : first + enough]]
+        raise _without_data([cells(i) for i in range(min(10, len(lines)))], width, options, where)
+    before = [(lines[i][0], cells(i)) for i in range(max(first - HEAD_LINES // 10, 0), first)]
+    data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
-    begun = _column_kinds([cells for cells in data if len(cells) == width], width)
-    number, at, _ = lines[first]
-    return Dialect(delimiter, column_names(before, width, options, where), len(head[:at].encode()),
-                   None if complete else len(head[:end].encode()), number,
+    begun = _column_kinds([row for row in data if len(row) == width], width)
+    return Dialect(delimiter, column_names(before, width, options, where), len(head[: lines[first][1]].encode()),
+                   None if complete else len(head[:end].encode()), lines[first][0],
                    options.decimal or _decimal([*data, *tail], delimiter),
                    tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True)))
 
@@ -111,15 +109,12 @@ def _delimiter(lines: list[str], first: list[str]) -> str:
         known = sum(k != "text" for k in kinds)
         filled = sum(k != "empty" for k in kinds)
         score = count / len(rows) * (known + 0.3 * (len(kinds) - known)) / len(kinds) * (filled / len(kinds)) ** 0.1
-        if any(len(row) == width and _is_names(row) for row in (split_line(line, candidate) for line in first)):
+        begun = [{*map(kind, row[:40])} for row in (split_line(line, candidate) for line in first) if len(row) == width]
+        if {"text"} in begun or {"text", "empty"} in begun:
             score *= 1.3
         if score > best:
             best, chosen = score, candidate
     return chosen
-
-
-def _is_names(cells: list[str]) -> bool:
-    return "text" in (kinds := {kind(cell) for cell in cells[:40]}) and kinds <= {"text", "empty"}
 
 
 def _column_kinds(rows: list[list[str]], width: int) -> tuple[str, ...]:
@@ -128,26 +123,26 @@ def _column_kinds(rows: list[list[str]], width: int) -> tuple[str, ...]:
     return tuple(found.most_common(1)[0][0] if found else "empty" for found in counted)
 
 
-def _first_data_row(lines: list[Line], delimiter: str, kinds: tuple[str, ...], header: int) -> int | None:
-    """The first row of data below the header that is followed by another.
+def _data_rows(lines: list[Line], cells: Callable[[int], list[str]], kinds: tuple[str, ...], header: int
+               ) -> Iterator[int]:
+    """The rows of data below the header that are followed by another.
 
-    It has its stamps where the last rows have them, or numbers in half of their number columns.
+    They have stamps where the last rows have them, or numbers in half of their number columns.
     """
     times = [i for i, k in enumerate(kinds) if k in ("time", "clock")]
     wanted = times or [i for i, k in enumerate(kinds) if k == "number"][:50]
 
     @cache
     def is_data(row: int) -> bool:
-        cells = split_line(lines[row][2], delimiter)
-        if COMMENT.match(cells[0]) and kind(cells[0]) == "text":
+        if COMMENT.match(cells(row)[0]) and kind(cells(row)[0]) == "text":
             return False
-        found = [kind(cells[i]) if i < len(cells) else "empty" for i in wanted]
+        found = [kind(cells(row)[i]) if i < len(cells(row)) else "empty" for i in wanted]
         hits = [f == kinds[i] for f, i in zip(found, wanted, strict=True)]
         return any(hits) and sum(hits) + (found.count("empty") if times else 0) >= len(wanted) / 2
 
     count = len(lines)
-    return next((i for i, (number, _, _) in enumerate(lines) if number > header and is_data(i) and (
-        i + 1 == count or any(map(is_data, range(i + 1, min(i + 4, count)))))), None)
+    return (i for i in range(count) if lines[i][0] > header and is_data(i)
+            and (i + 1 == count or any(map(is_data, range(i + 1, min(i + 4, count))))))
 
 
 def _decimal(rows: list[list[str]], delimiter: str) -> str:
@@ -162,11 +157,11 @@ def _decimal(rows: list[list[str]], delimiter: str) -> str:
     return "," if comma > sum(bool(_DECIMAL_POINT.match(cell)) for cell in with_mark) else "."
 
 
-def _without_data(lines: list[Line], delimiter: str, width: int, options: ReadOptions, where: str) -> InputError:
+def _without_data(begun: list[list[str]], width: int, options: ReadOptions, where: str) -> InputError:
     if width < 2 and options.delimiter:
         return InputError(f"the lines are not divided by {options.delimiter!r}", where=where,
                           remedy="leave --delimiter out to have it found, or name another")
-    if all(score_names(split_line(text, delimiter)) > 0 for _, _, text in lines[:10]):
+    if all(score_names(cells) > 0 for cells in begun):
         return InputError("only a header: no rows of data", where=where, remedy="export it again with samples")
     if width < 2:
         return InputError("no columns found: the lines have no common delimiter", where=where,
@@ -178,13 +173,11 @@ def _without_data(lines: list[Line], delimiter: str, width: int, options: ReadOp
 
 def column_names(before: Sequence[Row], width: int, options: ReadOptions, where: str) -> tuple[str, ...]:
     """Return the names from the lines above the data; a two-line header is put together."""
-    if options.columns:
-        return _fit(list(options.columns), width)
-    if options.header_row is not None:
-        chosen = [cells for number, cells in before if number == options.header_row]
-        if not chosen:
+    if options.columns or options.header_row is not None:
+        given = list(options.columns) or next((cells for number, cells in before if number == options.header_row), [])
+        if not given:
             raise InputError(f"line {options.header_row} cannot be the header", where=where)
-        return _fit(chosen[0], width)
+        return tuple(_fit(given, width))
     rows = [cells for _, cells in before if not COMMENT.match(cells[0]) and _spans(cells, width)]
     if not rows:  # a header behind a comment sign
         commented = [cells for _, cells in before if COMMENT.match(cells[0]) and _spans(cells, width)]
@@ -193,7 +186,7 @@ def column_names(before: Sequence[Row], width: int, options: ReadOptions, where:
     if not rows:
         raise InputError("no header line found: nothing says which column is the time, the setpoint or the measurement",
                          where=where, remedy="add a header line, or name the columns with --columns time,SP,PV,OP")
-    rows = [list(_fit(row, width)) for row in rows[-8:]]
+    rows = [_fit(row, width) for row in rows[-8:]]
     best = max(range(len(rows)), key=lambda i: (score_names(rows[i]), i))
     names = rows[best]
     words = [plain(name) for name in names if name]
@@ -214,10 +207,9 @@ def _spans(cells: list[str], width: int) -> bool:
 
 
 def score_names(cells: list[str]) -> float:
+    """How much a line looks like a header: points for names that are known, off for numbers and times."""
     points = 0.0
     for i, cell in enumerate(cells):
-        if not cell.strip():
-            continue
         word = plain(cell)
         if split_tag(cell).role or signal_role(cell):
             points += 1.0
@@ -238,9 +230,9 @@ def _joined(names: list[str], other: list[str]) -> list[str]:
     return result
 
 
-def _fit(cells: list[str], width: int) -> tuple[str, ...]:
+def _fit(cells: Sequence[str], width: int) -> list[str]:
     names = [cell.strip().lstrip("\ufeff") for cell in cells[:width]]
-    return tuple(names + [""] * (width - len(names)))
+    return names + [""] * (width - len(names))
 
 
 def kind(cell: str) -> str:

@@ -39,40 +39,37 @@ class Reading:
     room: Room = field(default_factory=Room)
 
 
-def tables_of(source: Source, reading: Reading) -> Iterator[Table]:
+def tables_of(source: Source, reading: Reading) -> Iterator[tuple[Table, Layout]]:
     """Open the tables of a file: one, or the sheets of a workbook; a sheet of remarks beside one is passed over.
 
     Raises InputError.
     """
-    path, options, partition = source.path, reading.options, source.partition
-    kind, stem = kind_of(path), stem_of(path)
+    path, options, stem = source.path, reading.options, stem_of(source.path)
+    kind = kind_of(path)
     if kind == "parquet":
         if reading.taken is not None:
             reading.taken(path.stat().st_size)
-        yield ParquetTable(path, stem, options, partition)
-    elif kind == "text":
-        yield TextTable(Text(path, options, reading.taken), stem, partition)
-    else:
-        found, good, problems = sheets(path), 0, []
-        for name, data in found:
-            try:
-                table = TextTable(Text(path, options, data=data), stem if len(found) == 1 else name, partition)
-                layout_of(table.head, options)
-            except InputError as error:
-                problems.append(error)
-                continue
-            good += 1
-            yield table
-        if not good:
-            raise problems[0]
+        in_place = ParquetTable(path, stem, options, source.partition)
+        yield in_place, layout_of(in_place.head, options)
+        return
+    parts = sheets(path) if kind == "workbook" else [(stem, None)]
+    problems = []
+    for name, data in parts:
+        try:
+            text = Text(path, options, reading.taken, data)
+            table = TextTable(text, stem if len(parts) == 1 else name, source.partition)
+            yield table, layout_of(table.head, options)
+        except InputError as error:
+            problems.append(error)
+    if len(problems) == len(parts):
+        raise problems[0]
 
 
 def signals_of_file(source: Source, reading: Reading) -> tuple[list[Series], list[Note]]:
     """Return the signals of a file, and what was noticed. Raises InputError when it cannot be read."""
     found: list[Series] = []
     notes: list[Note] = []
-    for table in tables_of(source, reading):
-        layout = layout_of(table.head, reading.options)
+    for table, layout in tables_of(source, reading):
         found += (_grouped if layout.naming else _wide)(table, layout, reading)
         notes += table.notes
     return found, notes
@@ -112,13 +109,16 @@ class _Stored:
 
 
 def _wide(table: Table, layout: Layout, reading: Reading) -> list[Series]:
-    """A column per signal."""
+    """A column per signal; of Parquet it stays in the file until it is needed, and so do stamps that are UTC."""
     head = table.head
     needed = reading.needed(signals_of(head, layout))
     needed |= {layout.quality[i] for i in needed if i in layout.quality}
     empty = {i for i in layout.stored if pa.types.is_null(head.columns[i].type)}
-    used, rows, axes = needed | empty, _in_place(table), []  # what is still empty may be a tag of the loops file
-    if rows is not None and all(_needs_no_reading(head, pair, reading.options) for pair in layout.stamps):
+    used = needed | empty  # what is still empty may be a tag of the loops file
+    rows: Rows | None = table if isinstance(table, ParquetTable) else None
+    kinds = [head.columns[i].type for pair in layout.stamps for i in pair]
+    if rows is not None and len(kinds) == len(layout.stamps) and all(pa.types.is_timestamp(kind) and (
+            kind.tz is not None or not reading.options.timezone) for kind in kinds):
         axes = [Axis(rows, f"t{pair[0]}", where=head.where) for pair in layout.stamps]
     else:
         columns = [] if rows is not None else sorted(used.intersection(layout.stored))
@@ -130,33 +130,19 @@ def _wide(table: Table, layout: Layout, reading: Reading) -> list[Series]:
     found = []
     for one in signals_of(head, layout, empty):
         series = _series(one, head, layout, axes[one.stamps], rows if one.column in used else None)
-        found.append(_where_stamped(series) if layout.kind == "pairs" else series)
+        if layout.kind == "pairs":  # shorter ones are padded with rows without a stamp
+            known = series.axis.micros != NAT
+            count = int(known.sum())
+            chosen = slice(0, count) if known[:count].all() else np.flatnonzero(known)
+            series = series.part(series.axis.part(chosen), chosen)
+        found.append(series)
     return found
-
-
-def _in_place(table: Table) -> Rows | None:
-    """The rows of a file whose columns are read when they are needed, None where all have to be stored before."""
-    return table if isinstance(table, ParquetTable) else None
-
-
-def _needs_no_reading(head: Head, stamps: tuple[int, ...], options: ReadOptions) -> bool:
-    """Say whether stamps stand in UTC as they are."""
-    kind = head.columns[stamps[0]].type
-    return len(stamps) == 1 and pa.types.is_timestamp(kind) and (kind.tz is not None or not options.timezone)
 
 
 def _series(one: Named, head: Head, layout: Layout, axis: Axis, rows: Rows | None) -> Series:
     mark = layout.quality.get(one.column)
     quality, name = ("", "") if mark is None else (f"v{mark}", head.names[mark])
     return Series(one.tag, one.loop, one.role, one.signal, axis, rows, f"v{one.column}", quality, head.where, name)
-
-
-def _where_stamped(series: Series) -> Series:
-    """Leave out the rows of a pair of columns that have no stamp: shorter ones are padded with empty cells."""
-    known = series.axis.micros != NAT
-    count = int(known.sum())
-    chosen = slice(0, count) if known[:count].all() else np.flatnonzero(known)
-    return series.part(series.axis.part(chosen), chosen)
 
 
 class _Tags:
