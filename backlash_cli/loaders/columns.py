@@ -32,7 +32,7 @@ BATCH_ROWS = 1 << 19  # rows of Parquet that are read at once
 HEAD_ROWS = 4000
 MAX_COLUMNS = 100_000
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
-_TWO_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # column names of two levels as pandas writes them
+_TWO_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # a name of two levels as pandas writes it
 _WORDS = pa.dictionary(pa.int32(), pa.string())
 Batch = dict[int, pa.ChunkedArray]
 
@@ -134,15 +134,6 @@ def _damaged(problem: str, path: Any) -> InputError:
                       remedy="export or copy it again")
 
 
-def column_name(name: str) -> str:
-    """The name of a Parquet column; two levels as pandas writes them become one.
-
-    >>> column_name("('FIC101', 'PV')")
-    'FIC101.PV'
-    """
-    return _TWO_LEVELS.sub(r"\1.\2", name)
-
-
 class ParquetTable:
     """A Parquet file as a table: its first rows, all of it in batches, and rows of a column when they are asked for.
 
@@ -174,7 +165,8 @@ class ParquetTable:
         tell = pa.schema([f for k, f in enumerate(fields) if k == 0 or not pa.types.is_floating(f.type)])
         begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_ROWS, columns=tell.names), 1), tell)
         first = [begun[f.name] if f.name in tell.names else pa.chunked_array([], f.type) for f in fields]
-        self.head = Head(self.where, stem, tuple(map(column_name, self._names)), tuple(first), partition=partition)
+        names = tuple(_TWO_LEVELS.sub(r"\1.\2", name) for name in self._names)
+        self.head = Head(self.where, stem, names, tuple(first), partition=partition)
         self.notes: list[Note] = []
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:

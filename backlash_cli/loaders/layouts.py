@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 import pyarrow as pa
@@ -55,7 +55,8 @@ class Head:
     def times(self) -> list[int]:
         """Columns that hold stamps, numeric ones only when their header says so."""
         found = [i for i, name in enumerate(self.names) if self.plain[i] not in _BOUNDS and not pa.types.is_null(
-            kind := self.columns[i].type) and (self.is_time(i) or (is_number(kind) and _of_time(name)))]
+            kind := self.columns[i].type) and (self.is_time(i) or (is_number(kind) and (
+                is_time_name(name) or self.tags[i].role == "time")))]
         if not found:
             found = [i for i, name in enumerate(self.names) if is_time_name(name)][:1]
         if not found and self.columns and is_number(self.columns[0].type) and not self.tags[0].role:
@@ -89,11 +90,6 @@ class Head:
             return False
         values = self.columns[column].slice(0, 4000).drop_null().to_numpy()
         return len(values) > 0 and set(np.unique(values).tolist()) <= _OPC and bool(np.mean(values >= 192) > 0.5)
-
-
-@lru_cache(1 << 16)
-def _of_time(name: str) -> bool:
-    return is_time_name(name) or split_tag(name).role == "time"
 
 
 @dataclass(frozen=True)

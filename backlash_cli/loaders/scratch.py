@@ -11,9 +11,8 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
-from weakref import WeakValueDictionary
+from weakref import WeakValueDictionary, finalize
 
 import numpy as np
 import pyarrow as pa
@@ -30,7 +29,7 @@ class ScratchFile:
     """One file to which Arrow tables are appended; other processes of this machine can read it."""
 
     def __init__(self, path: str = "") -> None:
-        self.path, self._own, self._end = path, not path, 0
+        self.path, self._end = path, 0
         self._file: io.FileIO | None = None
 
     def append(self, arrays: Arrays) -> dict[str, Spilled]:
@@ -65,25 +64,20 @@ class ScratchFile:
         return out
 
     def _opened(self) -> io.FileIO:
-        if self._file is None and not self._own:
+        if self._file is None and self.path:
             self._file = io.FileIO(self.path, "rb")
         elif self._file is None:
-            number, self.path = tempfile.mkstemp(prefix="backlash-", suffix=".arrow")
-            self._file = io.FileIO(number, "r+b")
-            shared = f"/proc/{os.getpid()}/fd/{number}"
-            if Path(shared).exists():
-                os.unlink(self.path)
-                self.path = shared
+            number, name = tempfile.mkstemp(prefix="backlash-", suffix=".arrow")
+            self._file, self.path = io.FileIO(number, "r+b"), f"/proc/{os.getpid()}/fd/{number}"
+            if os.path.exists(self.path):
+                os.unlink(name)
+            else:
+                self.path = name
+                finalize(self, os.unlink, name)
         return self._file
 
     def __reduce__(self) -> tuple[Callable[[str], ScratchFile], tuple[str]]:
         return _of_another_process, (self.path,)
-
-    def __del__(self) -> None:
-        if self._file is not None:
-            self._file.close()
-            if self._own and not self.path.startswith("/proc/"):
-                Path(self.path).unlink(missing_ok=True)
 
 
 _sent: WeakValueDictionary[str, ScratchFile] = WeakValueDictionary()

@@ -89,10 +89,6 @@ class Remote(PathLike[str]):
         return self._parts[1].name
 
     @property
-    def suffix(self) -> str:
-        return self._parts[1].suffix
-
-    @property
     def parent(self) -> Remote:
         head, key = self._parts
         return Remote(head if len(key.parts) < 2 else f"{head}{key.parent}")
@@ -344,7 +340,7 @@ def read_metadata(path: str | PathLike[str]) -> Metadata:
     except UnicodeDecodeError as error:
         raise MetadataError(f"loops file is not UTF-8 text (byte {error.start})", where=str(path),
                             remedy="save it as UTF-8") from None
-    parse = parse_table if path.suffix.lower() in (".csv", ".txt", ".tsv") else parse_toml
+    parse = parse_table if Path(path.name).suffix.lower() in (".csv", ".txt", ".tsv") else parse_toml
     return parse(text, str(path))
 
 

@@ -175,7 +175,7 @@ def test_what_is_an_address():
 
 def test_addresses_have_parts_like_paths():
     key = Remote("s3://bucket/year/plant.csv.gz")
-    assert (key.name, key.suffix, str(key.parent)) == ("plant.csv.gz", ".gz", "s3://bucket/year")
+    assert (key.name, str(key.parent)) == ("plant.csv.gz", "s3://bucket/year")
     assert str(key.parent / "loops.toml") == "s3://bucket/year/loops.toml"
     assert Remote("memory://x.csv").parent / "loops.toml" == Remote("memory://loops.toml")
     assert pickle.loads(pickle.dumps(key)) == key
