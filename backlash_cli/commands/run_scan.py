@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..history.unfinished import Unfinished
     from ..loaders import ReadOptions
     from ..loaders.plant import OpenPlant
-    from ..loaders.remote import Remote
+    from ..loaders.sources import Remote
     from ..record import Record
     from ..results import LoopReport, ScanResult
     from ..scanning import ScanOptions
