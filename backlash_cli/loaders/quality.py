@@ -40,7 +40,7 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
     notes: list[Note] = []
     known = {} if known is None else known
     if not cells.is_text:
-        return _good_numbers(cells.numbers().values, further, name, notes, known), notes
+        return _good_numbers(cells.values, further, name, notes, known), notes
     codes, words = cells.texts()
     values, _, _ = parse_words(words)
     if words and np.isfinite(values).all():
@@ -91,7 +91,7 @@ def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[
     notes: list[Note] = []
     extra = {word.strip().lower() for word in further}
     if not cells.is_text:
-        values = cells.numbers().values
+        values = cells.values
         return _auto_numbers(values, extra, notes), notes
     codes, words = cells.texts()
     values, bad, _ = parse_words(words)
