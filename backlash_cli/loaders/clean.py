@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..errors import LoopError
 from ..record import FloatArray, IntArray, LoopSettings, Note, Record
 from ..settings import LoopValues, Settings, settings_of
-from .grid import GAP_FACTOR, MAX_HOLE, SPARSE_SHARE, Grid, Steps, held, linear
+from .grid import GAP_FACTOR, MAX_HOLE, SPARSE_SHARE, Grid, Steps, Times, held, linear
 from .join import Faults, Joiner, LoopSeries, Signal, add_faults
 from .options import ReadOptions
 from .order import NAT
@@ -54,7 +54,7 @@ class Recipe:
 
     def is_long(self) -> bool:
         """Say whether the record is better made in chunks: it is long, and all its stamps rise."""
-        return self.rows > CHUNK and all(_one_after_the_other(_in_turn(item.axis for item in items if item.count))
+        return self.rows > CHUNK and all(_one_after_the_other(_in_turn(items))
                                          for items in self.series.roles.values())
 
     def chunks(self) -> Iterator[Record]:
@@ -65,7 +65,7 @@ class Recipe:
         settings, going = settings_of(self.values), Going()
         refuse_missing(self.series)
         joiner = Joiner(self.options.good_quality)
-        axes = _in_turn(item.axis for item in self.series.roles["pv"])
+        axes = _in_turn(self.series.roles["pv"])
         begins = [int(axis.read(row, row + 1)[0]) for axis in axes for row in range(0, len(axis), CHUNK)]
         ends = [*begins[1:], (axes[-1].last() or 0) + 1]
         for begin, end in zip(begins, ends, strict=True):
@@ -130,7 +130,7 @@ class Going:
         first = int(np.searchsorted(grid.index, self.until, side="right"))
         if grid.kind == "regular":
             at = grid.index if grid.rows is None else grid.index[grid.rows >= 0]
-            stamps = pv.axis.order(pv.values).stamps[-len(at) :]
+            stamps = pv.times.order(pv.values).stamps[-len(at) :]
             row = int(np.searchsorted(stamps, end)) - 1
             near = max(row - MARGIN, 0)
             self.place, self.until = (int(stamps[near]), int(at[near])), int(at[row])
@@ -140,9 +140,8 @@ class Going:
 
     def said_of_grid(self, pv: Signal, grid: Grid, end: int, first: int, last: int) -> list[Note]:
         """What is to be said of the stamps of all chunks so far."""
-        stamps = pv.axis.order(pv.values).stamps
-        before = int(np.searchsorted(stamps, self.begin)) - 1 if self.steps else 0
-        own = stamps[max(before, 0) : int(np.searchsorted(stamps, end))]
+        stamps = pv.times.order(pv.values).stamps
+        own = stamps[max(int(np.searchsorted(stamps, self.begin)) - 1, 0) : int(np.searchsorted(stamps, end))]
         self.steps += [Steps.of(own)] if len(own) > 1 else []
         self.recorded += last - first if grid.recorded is None else int(grid.recorded[first:last].sum())
         share = self.recorded / max(self.samples + last - first, 1)
@@ -156,16 +155,16 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
     later = going.grid is not None
     pv = _where_recorded(joiner.signal(loop.roles["pv"], "pv", loop.name))
     if going.grid is None:
-        grid = pv.axis.grid(pv.values)
+        grid = pv.times.grid(pv.values)
         going.grid = replace(grid, index=grid.index[:0], rows=None, recorded=None)
     else:
-        grid = going.grid.laid(pv.axis.order(pv.values), going.place)
+        grid = going.grid.laid(pv.times.order(pv.values), going.place)
     first, last, on_grid = 0, len(grid.index), list(grid.notes)
     if going.end is not None:
         first, last = going.own_samples(pv, grid, going.end)
         on_grid = going.said_of_grid(pv, grid, going.end, first, last)
-    notes: list[Note] = [*settings.notes, *pv.axis.notes, *on_grid]
-    frame = _Frame(loop, joiner, options, pv.axis, grid, fill_limit(settings.loop.Ti, grid.interval), notes, going)
+    notes: list[Note] = [*settings.notes, *pv.times.notes, *on_grid]
+    frame = _Frame(loop, joiner, options, pv.times, grid, fill_limit(settings.loop.Ti, grid.interval), notes, going)
     frame.say(pv)
     measured, interpolated = frame.measurement(pv)
     if not later and not np.isfinite(measured).any():
@@ -189,11 +188,8 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
     going.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in samples.marks.items()})
     going.samples += last - first
     going.output = output is not None
-    if sp is None:
-        missing = [Note("no_setpoint", "no setpoint (SP) column: what needs the control error cannot be done",
-                        {"loop": loop.name})]
-    else:
-        missing = []
+    missing = [] if sp is not None else [Note(
+        "no_setpoint", "no setpoint (SP) column: what needs the control error cannot be done", {"loop": loop.name})]
     said = [state_notes(going.counts, going.samples, *kinds) for kinds in (
         ("wild", "filled", "frozen", "saturated", "missing"), ("setpoint", "output"), ("manual",))]
     extra = {name: frame.disturbance(items) for name, items in loop.extra.items()}
@@ -211,11 +207,11 @@ def _where_recorded(pv: Signal) -> Signal:
     blank = np.isnan(pv.values) if pv.bad is None else np.isnan(pv.values) & ~pv.bad
     count = int(blank.sum())
     if 0 < count < len(blank):
-        edges = int(np.count_nonzero(blank[1:] & ~blank[:-1] & (pv.axis.micros[1:] != NAT)))
+        edges = int(np.count_nonzero(blank[1:] & ~blank[:-1] & (pv.times.micros[1:] != NAT)))
         if edges > SPARSE_SHARE * (len(blank) - count) or count > 0.9 * len(blank):
             rows = np.flatnonzero(~blank)
             bad = None if pv.bad is None else pv.bad[rows]
-            return replace(pv, axis=pv.axis.part(rows), values=pv.values[rows], bad=bad)
+            return replace(pv, times=Times(pv.times.micros[rows], pv.times.notes), values=pv.values[rows], bad=bad)
     return pv
 
 
@@ -229,7 +225,7 @@ def fill_limit(Ti: float | None, interval: float) -> int:
 
 @dataclass
 class _Frame:
-    """The signals of one loop on its grid. axis: that of the measurement. bridge: longest hole in samples that is
+    """The signals of one loop on its grid. times: of the measurement. bridge: longest hole in samples that is
     filled.
 
     Every method returns (samples,) values on the grid, nan where there are none, and adds to `notes` what it assumed.
@@ -238,7 +234,7 @@ class _Frame:
     loop: LoopSeries
     joiner: Joiner
     options: ReadOptions
-    axis: Axis
+    times: Times
     grid: Grid
     bridge: int
     notes: list[Note]
@@ -269,7 +265,7 @@ class _Frame:
             return None
         signal = self.joiner.signal(self.loop.roles[role], role, self.loop.name)
         self.say(signal)
-        if signal.axis is not self.axis:
+        if signal.times is not self.times:
             how = "interpolated on straight lines" if self.options.interpolation == "linear" else (
                 "held until the next record")
             self.notes.append(Note("expanded", f"{role.upper()} is recorded at its own times; it is {how}"))
@@ -277,8 +273,9 @@ class _Frame:
 
     def disturbance(self, items: list[Series]) -> FloatArray | None:
         """A further measured column in its own units; None when it holds no numbers or cannot be joined."""
+        first_of_each = {id(item.axis): item for item in reversed(items)}
         try:
-            signal = self.joiner.signal(items[:1] if items[0].axis is self.axis else items, "", "")
+            signal = self.joiner.signal(list(first_of_each.values()), "", "")
         except LoopError:
             return None
         return self._expanded(signal, "dv") if np.isfinite(signal.values).any() else None
@@ -290,7 +287,7 @@ class _Frame:
         notes = [note for _, more in found for note in more]
         if not items:
             return None, notes
-        signal = Signal(self.joiner.axis([item.axis for item in items]), np.concatenate([auto for auto, _ in found]),
+        signal = Signal(self.joiner.times([item.axis for item in items]), np.concatenate([auto for auto, _ in found]),
                         None)
         if not np.isfinite(signal.values).any() and "mode" not in self.going.carried:
             return None, [*notes, Note("mode_empty", "the MODE column is empty; the loop is taken to be in automatic")]
@@ -317,7 +314,7 @@ class _Frame:
         return values
 
     def _on_grid(self, signal: Signal, role: str) -> FloatArray:
-        if signal.axis is self.axis and self.grid.recorded is None:
+        if signal.times is self.times and self.grid.recorded is None:
             found = _in_rows(signal.values, self.grid)
             if not np.isnan(found).any():
                 return found
@@ -329,7 +326,7 @@ class _Frame:
         if self.options.interpolation == "linear" and role != "mode":
             return linear(self.grid.times, stamps[known], values[known], limit)
         # rows stamped now early, now late are still one scan each: PV and OP of a row belong together
-        late = self.grid.step // 2 if self.grid.kind == "jitter" and signal.axis is self.axis else 0
+        late = self.grid.step // 2 if self.grid.kind == "jitter" and signal.times is self.times else 0
         return held(self.grid.times + late, stamps, values, limit, few)
 
 
@@ -352,7 +349,7 @@ def _hold_limit(stamps: IntArray) -> float:
 
 def _records(signal: Signal) -> tuple[IntArray, FloatArray]:
     """Return (stamps, values) of all records in time order, nan in bad ones; blank cells are no records."""
-    order = signal.axis.order(signal.values)
+    order = signal.times.order(signal.values)
     rows = slice(None) if order.rows is None else order.rows
     values, bad = signal.values[rows], None if signal.bad is None else signal.bad[rows]
     values = np.where(np.isfinite(values), values, np.nan)
@@ -360,19 +357,18 @@ def _records(signal: Signal) -> tuple[IntArray, FloatArray]:
     return (order.stamps, values) if record.all() else (order.stamps[record], values[record])
 
 
-def _in_turn(axes: Iterable[Axis]) -> list[Axis]:
-    """Each axis once, by its first stamp."""
-    return sorted({id(axis): axis for axis in axes}.values(), key=lambda axis: int(axis.read(0, 1)[0]))
+def _in_turn(items: Iterable[Series]) -> list[Axis]:
+    """The axes of some series, each once, by their first stamps."""
+    return sorted({id(item.axis): item.axis for item in items if item.count}.values(), key=Axis.first)
 
 
 def _one_after_the_other(axes: list[Axis]) -> bool:
     """Say whether all stamps rise from row to row and from file to file, and none is unreadable."""
     last = NAT
-    for axis in axes:
-        for piece in axis.pieces():
-            if piece[0] <= last or np.any(np.diff(piece) <= 0):
-                return False
-            last = int(piece[-1])
+    for piece in (piece for axis in axes for piece in axis.pieces()):
+        if piece[0] <= last or np.any(np.diff(piece) <= 0):
+            return False
+        last = int(piece[-1])
     return True
 
 
@@ -480,8 +476,5 @@ def _bounds(values: FloatArray) -> tuple[float, float]:
 
 
 def _round_up(value: float) -> float:
-    power = 10.0 ** np.floor(np.log10(value))
-    for factor in (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0):
-        if factor * power >= value * (1 - 1e-12):
-            return float(factor * power)
-    return float(10.0 * power)
+    steps = 10.0 ** np.floor(np.log10(value)) * np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
+    return float(steps[np.argmax(steps >= value * (1 - 1e-12))])

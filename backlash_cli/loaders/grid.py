@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..record import FloatArray, IntArray, Note
-from .order import SECOND, Ordered, utc_text
+from .order import SECOND, Ordered, ordered, utc_text
 
 MAX_HOLE = 5  # absent samples that may be bridged when nothing else is known
 ABSENT_ROWS = 60  # absent samples that get rows of their own; more is a gap
@@ -184,6 +184,32 @@ class Grid:
             found.append(Note("missing_rows", f"{absent:.0f} samples are missing in {short} short gaps",
                               {"samples": absent}))
         return found
+
+
+@dataclass(eq=False)
+class Times:
+    """Stamps of rows in memory, with what is found out about them once for all signals of these rows.
+
+    micros: (rows,) microseconds since 1970 UTC, NAT where unreadable. parts: first rows of further files. line: of row
+    0 in its file, for messages.
+    """
+
+    micros: IntArray
+    notes: tuple[Note, ...] = ()
+    parts: tuple[int, ...] = ()
+    line: int = 0
+    _order: Ordered | None = field(default=None, init=False)
+    _grid: Grid | None = field(default=None, init=False)
+
+    def order(self, probe: FloatArray | None = None) -> Ordered:
+        """Return the stamps in time order; `probe` is a measured signal of these rows, used the first time."""
+        self._order = self._order or ordered(self.micros, probe, self.parts, self.line)
+        return self._order
+
+    def grid(self, probe: FloatArray | None = None) -> Grid:
+        """Return the uniform grid of these stamps. Raises LoopError when there is none."""
+        self._grid = self._grid or make_grid(self.order(probe))
+        return self._grid
 
 
 def make_grid(order: Ordered) -> Grid:

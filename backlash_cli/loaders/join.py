@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from ..errors import BacklashError, LoopError
 from ..record import FloatArray, Note
 from ..settings import ROLE_KEYS, Metadata
+from .grid import Times
 from .names import SIGNALS, plain
-from .order import NAT
 from .quality import good_samples
-from .signals import Axis, Series, in_scratch
+from .signals import Axis, Series, packed
 from .states import inside, runs
 
-MOST_JOINED = 8  # axes kept: more than one loop has, and few enough for plants of many files
+MOST_TIMES = 8  # kept: more than one loop has, and few enough for plants of many files
 
 
 def failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:
@@ -50,9 +50,9 @@ class LoopSeries:
 
         def own(item: Series) -> Series:
             axis = item.axis
-            if in_scratch(axis.rows):
-                axis = axes.setdefault(id(axis), replace(axis, rows=None, given=axis.micros))
-            return item.packed(axis)
+            if id(axis) not in axes:
+                axes[id(axis)] = replace(axis, rows=packed(axis.rows, (), axis.column))
+            return replace(item, axis=axes[id(axis)], rows=packed(item.rows, (item.column, item.quality)))
 
         return self.changed(own)
 
@@ -62,7 +62,7 @@ class Signal:
     """One signal over all files. values: (rows,) nan where blank or bad; bad: (rows,) True where something stood
     that is no good measurement, None if nowhere. faults: what stood there, counted, by what is wrong and by tag."""
 
-    axis: Axis
+    times: Times
     values: FloatArray
     bad: NDArray[np.bool_] | None
     notes: tuple[Note, ...] = ()
@@ -125,23 +125,24 @@ def renamed_loops(known: Iterable[str], metadata: Metadata) -> dict[str, str]:
 
 
 class Joiner:
-    """Joins the parts of signals; parts that share their axes share the joined axis."""
+    """Joins the parts of signals; signals whose parts lie in the same rows share their times."""
 
     def __init__(self, good_quality: tuple[str, ...] = ()) -> None:
         self.good_quality = good_quality
         self.only: tuple[int, int] | None = None  # stamps between which faults are counted, in the chunks of a loop
         self._marks: dict[tuple[str, str], dict[str, float]] = {}  # what earlier chunks tell of a quality's numbers
-        self._axes: OrderedDict[tuple[int, ...], tuple[Axis, list[Axis]]] = OrderedDict()
+        self._times: OrderedDict[tuple[int, ...], tuple[Times, list[Axis]]] = OrderedDict()
 
     def next_chunk(self, begin: int, end: int) -> None:
         """Go on with the chunk of a loop between two stamps."""
         self.only = begin, end
-        self._axes.clear()
+        self._times.clear()
 
     def signal(self, series: list[Series], role: str, loop: str) -> Signal:
         """Return one signal from its series. Raises LoopError when two different columns carry one name."""
         chosen, notes = _one_per_file(series, role, loop)
-        parts = sorted(map(self._part, chosen), key=lambda part: _first_stamp(part.axis) if len(chosen) > 1 else 0)
+        chosen = sorted(chosen, key=lambda item: item.axis.first()) if len(chosen) > 1 else chosen
+        parts = [self._part(item) for item in chosen]
         if len(parts) == 1:
             return replace(parts[0], notes=(*parts[0].notes, *notes))
         bad = None
@@ -151,29 +152,31 @@ class Joiner:
         for part in parts:
             add_faults(faults, part.faults)
         said = {(note.code, note.message): note for part in parts for note in part.notes}
-        return Signal(self.axis([part.axis for part in parts]), np.concatenate([part.values for part in parts]), bad,
+        return Signal(self.times([item.axis for item in chosen]), np.concatenate([part.values for part in parts]), bad,
                       (*said.values(), *notes), faults)
 
-    def axis(self, axes: list[Axis]) -> Axis:
-        """Return the axis of all rows of several axes, the same one for the same axes."""
-        if len(axes) == 1:
-            return axes[0]
+    def times(self, axes: list[Axis]) -> Times:
+        """Return the stamps of all rows of some axes, the same ones for the same axes."""
         key = tuple(map(id, axes))
-        if key not in self._axes:
-            notes = tuple(note for axis in axes for note in axis.notes)
-            first = tuple(np.cumsum([len(axis) for axis in axes])[:-1].tolist())
-            joined = Axis(given=np.concatenate([axis.micros for axis in axes]), notes=notes, where=axes[0].where,
-                          absolute=all(axis.absolute for axis in axes), parts=first)
-            if len(self._axes) >= MOST_JOINED:
-                self._axes.popitem(last=False)
-            self._axes[key] = joined, axes  # ids stay unique while they live
-        return self._axes[key][0]
+        if key not in self._times:
+            micros = [axis.read() for axis in axes]
+            if len(axes) == 1:
+                times = Times(micros[0], axes[0].notes, line=axes[0].first_line)
+            else:
+                times = Times(np.concatenate(micros), tuple(note for axis in axes for note in axis.notes),
+                              tuple(np.cumsum([len(axis) for axis in axes])[:-1].tolist()))
+            while len(self._times) >= MOST_TIMES:
+                self._times.popitem(last=False)
+            self._times[key] = times, axes  # ids stay unique while they live
+        self._times.move_to_end(key)
+        return self._times[key][0]
 
     def _part(self, item: Series) -> Signal:
         cells, good = item.cells(), None
         values, bad = cells.numbers()
         notes: list[Note] = []
-        own = slice(None) if self.only is None else slice(*np.searchsorted(item.axis.micros, self.only).tolist())
+        times = self.times([item.axis])
+        own = slice(None) if self.only is None else slice(*np.searchsorted(times.micros, self.only).tolist())
         faults: Faults = {("not_numbers", item.tag): Counter() if bad is None else cells.words(bad, own)}
         if (marks := item.marks()) is not None:
             known = {} if self.only is None else self._marks.setdefault((item.where, item.tag), {})
@@ -184,7 +187,7 @@ class Joiner:
             if wrong is not None:
                 faults[code, item.tag][code] = int(np.count_nonzero(wrong[own]))
                 bad, values = wrong if bad is None else bad | wrong, np.where(wrong, np.nan, values)
-        return Signal(item.axis, values, bad, tuple(notes), faults)
+        return Signal(times, values, bad, tuple(notes), faults)
 
 
 def add_faults(total: Faults, found: Faults) -> list[Note]:
@@ -226,11 +229,6 @@ def lone_zeros(values: FloatArray) -> NDArray[np.bool_] | None:
     starts, ends = runs(zero)
     few = (ends - starts <= LONE) & (starts > 0) & (ends < len(values))
     return inside(starts[few], ends[few], len(values)) if few.any() else None
-
-
-def _first_stamp(axis: Axis) -> int:
-    known = axis.micros[axis.micros != NAT]
-    return int(known[0]) if len(known) else 0
 
 
 def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Series], list[Note]]:

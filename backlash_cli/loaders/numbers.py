@@ -21,10 +21,9 @@ _GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([,'’ \u00a0\u202f])\d{3})(?:\1\d{3})*
 _SEPARATED = re.compile(r"[,'’ \u00a0\u202f]")
 _BLANKS = re.compile(r"[\s'’\u00a0\u202f]")
 _SWAP = str.maketrans(",.", ".,")
-_NOT_FINITE = re.compile(r"^[+-]?(?:inf(?:inity)?|nan|1\.#\w+|∞)$", re.IGNORECASE)
-_FLAG = re.compile(r"\b(bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b", re.IGNORECASE)
+_FLAG = re.compile(r"\b(?:bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b|^[?#*]+$"
+                   r"|^\.?#(?:INF|\w*NAN|IND)", re.IGNORECASE)  # behind a number: it is none (1.#QNAN)
 _CLOCK = re.compile(r"^\d+[:/-]\d")  # a time or a date is no measurement
-_SUBSTITUTED = re.compile(r"^[?#*]+$")
 
 
 def is_number(kind: pa.DataType) -> bool:
@@ -116,43 +115,32 @@ def plain_numbers(words: list[str], decimal: str = ".") -> FloatArray:
 def parse_words(words: list[str], decimal: str = ".") -> tuple[FloatArray, NDArray[np.bool_], list[str]]:
     """Return (values, bad, units) of distinct texts. Blank text gives nan and is not bad."""
     values = plain_numbers(words) if decimal == "." else np.full(len(words), np.nan)
-    bad, units = np.zeros(len(words), bool), [""] * len(words)
-    rest = np.flatnonzero(np.isnan(values))
-    mark = _thousands_mark([words[i] for i in rest[:5000]], decimal)
-    for i in rest.tolist():
-        values[i], bad[i], units[i] = _parse_word(words[i].strip(), decimal, mark)
-    return values, bad, units
+    units = [""] * len(words)
+    rest = np.flatnonzero(np.isnan(values)).tolist()
+    comma = "," in (decimal, _decimal_sign([words[i] for i in rest[:5000]], decimal))
+    for i in rest:
+        values[i], units[i] = _with_unit(words[i].strip(), comma)
+    return values, np.isnan(values) & np.array([bool(word.strip()) for word in words], bool), units
 
 
-def number_texts(values: FloatArray) -> list[str]:
-    """Return numbers as texts, whole ones without a point."""
-    return [f"{v:.0f}" if v == np.rint(v) and abs(v) < 1e15 else repr(v) for v in values.tolist()]
-
-
-def _parse_word(text: str, decimal: str, mark: str) -> tuple[float, bool, str]:
-    if not text:
-        return np.nan, False, ""
-    nothing = np.nan, True, ""
-    match = None if len(text) > 60 or _NOT_FINITE.match(text) else _UNITED.match(text)
-    if match is None or _CLOCK.match(text):
-        return nothing
-    unit = (match[2] or "").strip()
-    if unit and (_FLAG.search(unit) or _SUBSTITUTED.match(unit)):
-        return nothing
-    digits = match[1].translate(_SWAP) if decimal == "," or mark == "," else match[1]
-    if _SEPARATED.search(digits):
-        if not _GROUPED.match(digits):
-            return nothing
+def _with_unit(text: str, comma: bool) -> tuple[float, str]:
+    """The number and the unit of a text, nan for one that is no good number. comma: is its decimal sign."""
+    match = None if len(text) > 60 or _CLOCK.match(text) else _UNITED.match(text)
+    unit = (match[2] or "").strip() if match else ""
+    if match is None or _FLAG.search(unit):
+        return np.nan, ""
+    digits = match[1].translate(_SWAP) if comma else match[1]
+    if _GROUPED.match(digits):
         digits = _SEPARATED.sub("", digits)
     try:
         value = float(digits)
     except ValueError:
-        return nothing
-    return (value, False, unit) if np.isfinite(value) else nothing
+        value = np.nan
+    return (value, unit) if np.isfinite(value) else (np.nan, "")
 
 
-def _thousands_mark(words: list[str], decimal: str) -> str:
-    """Return the decimal sign that the texts themselves show: "," only when a comma cannot be a thousands separator."""
+def _decimal_sign(words: list[str], decimal: str) -> str:
+    """The decimal sign that the texts themselves show: "," only when a comma cannot be a thousands separator."""
     words = [_BLANKS.sub("", w) for w in words]
     for digits in words:
         if "." in digits and "," in digits:

@@ -164,7 +164,7 @@ def _spread_evenly(stamps: IntArray) -> IntArray | None:
     inner, steps = counts[1:-1], np.diff(unique)
     usual, width = int(np.median(inner)), int(np.median(steps))
     steady = np.mean(np.abs(inner - usual) <= 1) >= 0.95 and np.mean(steps == width) >= 0.9
-    if usual < 2 or not steady or counts.max() > usual + 1:
+    if not 2 <= usual <= width or not steady or counts.max() > usual + 1:
         return None
     starts = np.cumsum(counts) - counts
     rank = np.arange(len(stamps)) - np.repeat(starts, counts)

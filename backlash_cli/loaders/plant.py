@@ -122,10 +122,11 @@ class RecordsByName(Mapping[str, Record]):
 
     def __init__(self, recipes: Iterable[Recipe]) -> None:
         self._recipes = {recipe.loop: recipe for recipe in recipes}
+        self._joiner = next((Joiner(recipe.options.good_quality) for recipe in self._recipes.values()), None)
 
     def __getitem__(self, loop: str) -> Record:
         try:
-            return self._recipes[loop].record()
+            return self._recipes[loop].record(self._joiner)
         except BacklashError as error:
             raise KeyError(str(error)) from None
 

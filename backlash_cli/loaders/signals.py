@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
-from weakref import ref
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray, Note
-from .grid import Grid, make_grid
 from .numbers import foreign_units, parse_words
-from .order import NAT, Ordered, ordered
+from .order import NAT
 from .scratch import Arrays, Room, Store
 
 PIECE = 1 << 20  # rows that are looked at together
-MOST_AXES = 6  # whose stamps are kept in memory
 
 
 class Lexicon:
@@ -166,96 +163,72 @@ def part_of(rows: Rows, chosen: slice | IntArray) -> Rows:
     return SomeRows(rows, range(rows.count)[chosen] if isinstance(chosen, slice) else chosen)
 
 
-def in_scratch(rows: Rows | None) -> bool:
-    """Say whether rows lie in the scratch file of this machine."""
-    while isinstance(rows, SomeRows):
-        rows = rows.base
-    return isinstance(rows, StoredRows)
+def packed(rows: Rows | None, columns: Iterable[str], stamps: str = "") -> Rows | None:
+    """Return rows that lie in the scratch file of this machine with some columns of cells, or with their stamps, in
+    memory; all others as they are."""
+    base = rows
+    while isinstance(base, SomeRows):
+        base = base.base
+    if rows is None or not isinstance(base, StoredRows):
+        return rows
+    arrays: Arrays = {stamps: rows.stamps(stamps, 0, rows.count)} if stamps else {}
+    for column in filter(None, columns):
+        cells = rows.cells(column, 0, rows.count)
+        arrays |= {column: cells.values} if cells.codes is None else {column: cells.values, f"{column}w": cells.codes}
+    store = Store(Room(1 << 62), stays=True)
+    store.add(arrays)
+    return StoredRows(store.close(), rows.count, base.lexicons)
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Axis:
-    """The stamps of a set of rows, shared by all signals recorded in these rows.
+    """Where the stamps of a set of rows lie, which all signals recorded in these rows share.
 
-    rows, column: where they lie; or given: (rows,) microseconds since 1970 UTC, NAT where unreadable. where: file.
-    first_line: line of row 0. absolute: False for stamps that count from an unknown start. parts: first rows of
-    further files. end: the last stamp where it is known. What is found out about them is kept for the axes used last.
+    rows, column: where they are read. absolute: False for stamps that count from an unknown start. where: file.
+    first_line: line of row 0. end: the last stamp where it is known.
     """
 
     rows: Rows | None = None
     column: str = ""
-    given: IntArray | None = None
     absolute: bool = True
     notes: tuple[Note, ...] = ()
     where: str = ""
     first_line: int = 0
-    parts: tuple[int, ...] = ()
     end: int | None = None
-    _micros: IntArray | None = field(default=None, init=False)
-    _order: Ordered | None = field(default=None, init=False)
-    _grid: Grid | None = field(default=None, init=False)
-    _recent: ClassVar[list[ref[Axis]]] = []
 
     def __len__(self) -> int:
-        return len(self.given) if self.given is not None else 0 if self.rows is None else self.rows.count
+        return 0 if self.rows is None else self.rows.count
+
+    def read(self, first: int = 0, last: int | None = None) -> IntArray:
+        """Return the stamps of all rows, or of rows first..last-1: microseconds since 1970 UTC, NAT where unreadable.
+        """
+        if self.rows is None:
+            return np.zeros(0, np.int64)
+        return self.rows.stamps(self.column, first, self.rows.count if last is None else last)
 
     @property
     def micros(self) -> IntArray:
         """(rows,) All stamps."""
-        if self.given is not None:
-            return self.given
-        if self._micros is None:
-            self._micros = self.read(0, len(self))
-            self._used()
-        return self._micros
-
-    def read(self, first: int, last: int) -> IntArray:
-        """Return the stamps of rows first..last-1."""
-        if self.given is not None or self._micros is not None:
-            return self.micros[first:last]
-        return np.zeros(0, np.int64) if self.rows is None else self.rows.stamps(self.column, first, last)
+        return self.read()
 
     def pieces(self) -> Iterator[IntArray]:
         """Yield all stamps, some rows at a time."""
         for first in range(0, len(self), PIECE):
             yield self.read(first, min(first + PIECE, len(self)))
 
+    def first(self) -> int:
+        """Return the first stamp that was read, 0 if there is none."""
+        return next((int(piece[known][0]) for piece in self.pieces() if (known := piece != NAT).any()), 0)
+
     def last(self) -> int | None:
         """Return the last stamp, None if there is none."""
         last = self.end if self.end is not None else max((int(p.max()) for p in self.pieces()), default=NAT)
         return None if last == NAT else last
 
-    def order(self, probe: FloatArray | None = None) -> Ordered:
-        """Return the stamps in time order; `probe` is a measured signal of these rows, used the first time."""
-        if self._order is None:
-            self._order = ordered(self.micros, probe, self.parts, self.first_line)
-            self._used()
-        return self._order
-
-    def grid(self, probe: FloatArray | None = None) -> Grid:
-        """Return the uniform grid of these stamps. Raises LoopError when there is none."""
-        if self._grid is None:
-            self._grid = make_grid(self.order(probe))
-        return self._grid
-
     def part(self, chosen: slice | IntArray) -> Axis:
         """Return the stamps of some rows."""
-        if self.given is not None or self.rows is None:
-            return replace(self, given=self.micros[chosen], first_line=0, parts=(), end=None)
         line = self.first_line + int(chosen.start or 0) if isinstance(chosen, slice) and self.first_line else 0
-        return replace(self, rows=part_of(self.rows, chosen), first_line=line, parts=(), end=None)
-
-    def _used(self) -> None:
-        """Forget what was found out of the axes that were not used for long; it can be found out again."""
-        own = ref(self)
-        Axis._recent[:] = [*(other for other in Axis._recent if other != own and other() is not None), own]
-        while len(Axis._recent) > MOST_AXES:
-            oldest = Axis._recent.pop(0)()
-            if oldest is not None:
-                oldest._micros = oldest._order = oldest._grid = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_micros": None, "_order": None, "_grid": None}
+        return replace(self, rows=None if self.rows is None else part_of(self.rows, chosen), first_line=line, end=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,17 +267,3 @@ class Series:
     def part(self, axis: Axis, chosen: slice | IntArray) -> Series:
         """Return some rows of it; axis: their stamps."""
         return replace(self, axis=axis, rows=None if self.rows is None else part_of(self.rows, chosen))
-
-    def packed(self, axis: Axis) -> Series:
-        """Return it with its samples in memory where they lie in the scratch file; axis: its stamps, as well."""
-        if not in_scratch(self.rows):
-            return replace(self, axis=axis)
-        store, lexicons = Store(Room(1 << 62), stays=True), {}
-        arrays: Arrays = {}
-        for column in filter(None, (self.column, self.quality)):
-            cells = self._read(column, 0, None)
-            arrays[column], lexicons[column] = cells.values, cells.lexicon
-            if cells.codes is not None:
-                arrays[f"{column}w"] = cells.codes
-        store.add(arrays)
-        return replace(self, axis=axis, rows=StoredRows(store.close(), self.count, lexicons))
