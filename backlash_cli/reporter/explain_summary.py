@@ -9,15 +9,15 @@ from typing import Any
 
 from ..record import Note
 from ..results import Candidate, Explanation, FittedEffect, PlantExplanation, gap_size
-from .console import WIDTH, Screen
+from .console import WIDTH, screen
 from .explain_json import explanation
-from .explain_words import NOT_EXPLAINED, NOT_TRIED, WHY, error_size, plain_name, share, verdict
+from .explain_words import NOT_EXPLAINED, NOT_TRIED, WHY, plain_name, verdict
+from .figures import axis
 from .json_report import header, json_text, strict
-from .loop_page import note_table
-from .page import Cell, Section, Table, page
+from .page import page
 from .parameter_words import said_numbers, several
-from .safe import shorten, terminal
 from .tables import csv_text
+from .words import counted
 
 NOTHING = "nothing"
 SILENT = ("too_little_motion", NOT_EXPLAINED)
@@ -108,9 +108,9 @@ def counts(plant: PlantExplanation) -> dict[str, int]:
 
 def summary_line(plant: PlantExplanation) -> str:
     """Return the counts in one sentence."""
-    n = len(plant.loops)
     said = ", ".join(f"{plain_name(name)} in {k}" for name, k in counts(plant).items())
-    return f"{n} loop{'s' * (n != 1)} explained; missing: {said or NOTHING}. Hold-out errors in % of the PV span."
+    loops = counted(len(plant.loops), "loop")
+    return f"{loops} explained; missing: {said or NOTHING}. Hold-out errors in % of the PV span."
 
 
 def rows(plant: PlantExplanation) -> list[dict[str, Any]]:
@@ -155,53 +155,22 @@ def to_json(plant: PlantExplanation) -> str:
 
 def to_text(plant: PlantExplanation, *, colour: bool = False, width: int = WIDTH) -> str:
     """Return the summary for a terminal, why each effect is not in the other loops, and which gaps are small."""
-    screen = Screen(colour=colour, width=width)
-    screen.table(("Loop", ">Baseline", ">Final", ">Noise", "Missing effects"), [
-        [terminal(x.loop, 40), *map(error_size, (x.baseline.rmse_holdout, x.rmse_holdout, x.noise_floor)),
-         terminal(_numbers(x) or "nothing is missing", 300)] for x in plant.loops], most=20)
-    screen.say("\n" + summary_line(plant))
-    if found := tallies(plant):
-        said = silent_words(plant)
-        screen.say(said and "\n" + said)
-        screen.table(("Effect", ">Loops", "Why not in the others"),
-                     [[t.name, str(len(t.loops)), t.words] for t in found])
-    if small := [x for x in plant.loops if gap_notes(x)]:
-        screen.say("\nFound, but small:")
-        for x in small:
-            screen.say(f"{terminal(x.loop, 40)}: {gap_notes(x)}", indent=2)
-    screen.notes("Could not be explained:", plant.failures)
-    return screen.text()
+    return screen("effects.txt", colour=colour, width=width, **_content(plant))
 
 
 def to_page(plant: PlantExplanation, links: Mapping[str, str] | None = None, plotly_file: str = "") -> str:
     """Return the summary as a page; links: addresses of the loops' own pages."""
-    links, found, told = links or {}, counts(plant), tallies(plant)
+    found = counts(plant)
     bars = {"data": [{"type": "bar", "orientation": "h", "x": list(found.values())[::-1],
                       "y": [plain_name(k) for k in found][::-1], "hovertemplate": "%{y}: %{x} loops<extra></extra>"}],
-            "layout": {"xaxis": {"title": {"text": "loops"}}, "height": 140 + 32 * len(found)}}
-    why = Section(
-        "Why found, why not", text=[*filter(None, [silent_words(plant)])], anchor="why",
-        table=Table(["Effect", "Loops", "Small", "Why not in the others"],
-                    [[t.name, len(t.loops), len(t.small) or None, t.words or None] for t in told]),
-        note="Small: less than 1 % of span, as a good valve may have; or crossed by OP within a few samples; or moving "
-             "PV hardly more than its noise. The page of the loop tells which.")
-    table = Table(
-        ["Loop", "Missing effects", "Baseline", "Final", "Noise", "Unexplained", "Looks like", "Numbers"],
-        [[Cell(x.loop, text=shorten(x.loop, 80), href=links.get(x.loop, "")),
-          " + ".join(plain_name(e.effect) for e in x.effects) or NOTHING,
-          *(Cell(v, text=error_size(v)) for v in (x.baseline.rmse_holdout, x.rmse_holdout, x.noise_floor)),
-          Cell(x.unexplained, text=share(x.unexplained)),
-          "; ".join(plain_name(other) for _, other in x.look_alikes) or None, shorten(_numbers(x), 300) or None]
-         for x in plant.loops],
-        filterable=True, choices="Missing effects",
-    )
-    sections = [
-        Section("Missing in how many loops", text=[summary_line(plant)], figure=bars if found else None),
-        *([why] if told else []),
-        Section("Loops", table=table, note="Hold-out errors: root mean square, in % of the PV span, on samples the fit "
-                                           "did not see. Looks like: explains the record about equally well, so that "
-                                           "it cannot be told apart from what was taken."),
-    ]
-    if plant.failures:
-        sections.append(Section("Could not be explained", table=note_table(plant.failures)))
-    return page("Missing effects", sections, subtitle=f"{len(plant.loops)} loops", plotly_file=plotly_file)
+            "layout": {"xaxis": axis("loops"), "height": 140 + 32 * len(found)}}
+    return page("effects.html", "Missing effects", subtitle=f"{len(plant.loops)} loops", plotly_file=plotly_file,
+                links=links or {}, bars=bars if found else None, **_content(plant))
+
+
+def _content(plant: PlantExplanation) -> dict[str, Any]:
+    missing = {x.loop: " + ".join(plain_name(e.effect) for e in x.effects) or NOTHING for x in plant.loops}
+    twins = {x.loop: "; ".join(plain_name(other) for _, other in x.look_alikes) for x in plant.loops}
+    return {"plant": plant, "missing": missing, "twins": twins, "told": tallies(plant),
+            "silent": silent_words(plant), "summary": summary_line(plant),
+            "gap_notes": gap_notes, "said": {x.loop: _numbers(x) for x in plant.loops}}

@@ -53,17 +53,19 @@ def plain_name(effect: str) -> str:
     return terminal(effect.replace("_", " "), 60)
 
 
+def rung(step: Step) -> str:
+    """What a step of the ladder added: 'baseline', '+ dead time'."""
+    return "baseline" if step.added is None else f"+ {plain_name(step.added)}"
+
+
 def ladder(steps: Sequence[Step], noise_floor: float) -> str:
     """The ladder in one line.
 
     >>> ladder([Step(None, 0.032), Step("dead_time", 0.021), Step("backlash", 0.008)], 0.0075)
     'baseline 3.2 % -> + dead time 2.1 % -> + backlash 0.8 % (noise floor 0.75 %)'
     """
-    rungs = [
-        f"{'baseline' if step.added is None else '+ ' + plain_name(step.added)} {error_size(step.rmse_holdout)}"
-        for step in steps
-    ]
-    return f"{' -> '.join(rungs)} (noise floor {error_size(noise_floor)})"
+    rungs = " -> ".join(f"{rung(step)} {error_size(step.rmse_holdout)}" for step in steps)
+    return f"{rungs} (noise floor {error_size(noise_floor)})"
 
 
 def listed(names: Sequence[str]) -> str:
@@ -75,6 +77,7 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
+FIRST_ORDER = {"Kp": "static gain", "tau": "time constant", "theta": "dead time", "offset": "offset"}
 KIN = {frozenset(("backlash", "stiction"))}  # one valve has one of them: said in one breath
 
 
@@ -235,6 +238,11 @@ def predicted_name(found: Comparison | Explanation) -> str:
 def inside_name(name: str) -> str:
     """A signal within the model in words: where the stem is as the model sees it."""
     return "stem (model)" if name == "valve" else plain_name(name)
+
+
+def start_of(found: Comparison | Explanation) -> float | None:
+    """Epoch seconds of the first sample, None where the samples were not kept."""
+    return None if found.series is None else float(found.series.time[0])
 
 
 def span_words(found: Comparison | Explanation) -> str:

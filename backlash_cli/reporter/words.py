@@ -1,8 +1,8 @@
-"""How verdicts, sizes and times are said to a person, the same in the terminal and on a page."""
+"""How verdicts, sizes, times and shares are said to a person, the same in the terminal and on a page."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from ..results import Compensator, LoopReport, Verdict
 from .json_report import iso_time
@@ -38,14 +38,29 @@ def excluded(report: LoopReport) -> float | None:
     return report.limit_of_detection if report.verdict is Verdict.NO_BACKLASH else None
 
 
+def in_percent(value: float, digits: int = 2) -> str:
+    """A number in per cent, for a column that says so, e.g. '3.02'."""
+    return f"{100 * value:.{digits}f}"
+
+
 def percent(value: float | None, digits: int = 2) -> str:
     """A share of the span in per cent, e.g. '3.02 %'."""
-    return "–" if value is None else f"{100 * value:.{digits}f} %"
+    return "–" if value is None else f"{in_percent(value, digits)} %"
 
 
 def interval(ci95: tuple[float, float]) -> str:
     """An interval in per cent, e.g. '2.85 to 3.20 %'."""
     return f"{100 * ci95[0]:.2f} to {100 * ci95[1]:.2f} %"
+
+
+def counted(number: int, what: str) -> str:
+    """A number of things, e.g. '1 loop', '2 loops'."""
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
+def joined(texts: Iterable[object], between: str = ", ") -> str:
+    """Texts or days one after the other."""
+    return between.join(map(str, texts))
 
 
 def moment(epoch: float | None) -> str:
@@ -60,6 +75,11 @@ def duration(seconds: float) -> str:
         if seconds >= 2 * length:
             return f"{seconds / length:.3g} {unit}"
     return f"{seconds:.3g} s"
+
+
+def refused(report: LoopReport) -> str:
+    """Why half periods were not used, and how many for each reason."""
+    return ", ".join(f"{n} {code}" for code, n in report.rejected.items())
 
 
 def advice(report: LoopReport) -> str:

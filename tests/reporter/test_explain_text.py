@@ -9,7 +9,7 @@ import pytest
 from backlash_cli.effects import EFFECTS
 from backlash_cli.record import LoopSettings
 from backlash_cli.reporter.explain_json import to_json
-from backlash_cli.reporter.explain_text import comparison_text, explanation_text
+from backlash_cli.reporter.explain_report import comparison_text, explanation_text
 from backlash_cli.reporter.explain_words import error_size, ladder, share, verdict
 from backlash_cli.reporter.parameter_words import fill, meaning, quantity
 from backlash_cli.results import FittedEffect, FittedParameter, Rest, Step
