@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from ..record import FloatArray
-from ..results.compensation import CompensationStudy, Glimpse, ProcessModel, Trial
+from ..results.compensation import CompensationStudy, Glimpse, Trial
 from .console import screen
 from .figures import EVIDENCE, GREEN, MEASUREMENT, OUTPUT, QUIET, Figure, across, axis, trace, written
 from .json_report import SCHEMA_VERSION, fields_of, json_text
 from .page import page
 from .safe import shorten
+from .words import change
 
 ADVICE = ("This is advice to a person. Nothing was written to the control system; whether and how to try it is a "
           "decision of the people who run the plant.")
@@ -32,43 +33,8 @@ def compensation_page(study: CompensationStudy) -> str:
 
 
 def _content(study: CompensationStudy) -> dict[str, Any]:
-    return {"study": study, "headline": headline(study), "assumptions": assumptions(study), "advice": ADVICE,
+    return {"study": study, "advice": ADVICE,
             "trials": [(trial, cells(study, trial)) for trial in study.trials]}
-
-
-def headline(study: CompensationStudy) -> str:
-    """Return the recommendation in a sentence."""
-    if study.recommended is None:
-        return f"no compensator is recommended: {study.reason}."
-    trial = study.trial(study.recommended)
-    fall = 100.0 * (1.0 - trial.iae / study.base.iae)
-    more = percent(trial.travel, study.base.travel)
-    travel = "leave the valve's travel as it is" if more == "0 %" else f"change the valve's travel by {more}"
-    return (f"a compensator gain of {100 * study.recommended:.2f} % of the output span, sign of the control error "
-            f"(eq. 9), would lower the mean error by {fall:.0f} % and {travel}. "
-            f"Why this gain: {study.reason}.")
-
-
-def assumptions(study: CompensationStudy) -> list[str]:
-    """Return what the simulation started from, line by line."""
-    low, high = (100.0 * end for end in study.interval)
-    s = study.settings
-    size = f"{100 * study.d:.2f} %" + (f" ({low:.2f} to {high:.2f} %)" if high > low else "")
-    return [
-        f"Dead band  {size} of the output span, {'from the scan' if study.d_source == 'scan' else 'as given'}",
-        f"Controller K {s['K']:.4g}, Ti {s['Ti']:.4g} s, Td {s['Td']:.4g} s, filter {s['Tf']:.3g} s",
-        f"Process    {process_words(study.process)}",
-        f"Noise      {100 * study.output_noise:.2g} % on the output ({100 * study.output_noise / study.d:.0f} % of the "
-        f"dead band); loads up and down, about {100 * study.load:.2g} %",
-        f"Compensator: sign changes when the error is {100 * study.hysteresis:.2g} % beyond zero",
-    ]
-
-
-def process_words(model: ProcessModel) -> str:
-    """Return the process in a line."""
-    lags = " and ".join(f"{lag:.3g} s" for lag in model.lags) or "none"
-    kind = "integrating, " if model.integrating else ""
-    return f"{kind}gain {model.gain:.3g}, lag {lags}, dead time {model.dead_time:.3g} s ({model.source})"
 
 
 def cells(study: CompensationStudy, trial: Trial) -> list[str]:
@@ -78,22 +44,10 @@ def cells(study: CompensationStudy, trial: Trial) -> list[str]:
     if trial.gain == 0.0:
         return ["none", "", f"{100 * base.iae:.3f} %", f"{100 * base.peak:.2f} %", f"{100 * base.travel:.3g} %/h",
                 f"{100 * base.output_travel:.3g} %/h", f"{base.reversals:.3g} /h", "yes" if base.limit_cycle else "no"]
-    return [f"{100 * trial.gain:.2f} {mark}".strip(), f"{trial.gain / study.d:.2f}", percent(trial.iae, base.iae),
-            percent(trial.peak, base.peak), percent(trial.travel, base.travel),
-            percent(trial.output_travel, base.output_travel), percent(trial.reversals, base.reversals),
+    return [f"{100 * trial.gain:.2f} {mark}".strip(), f"{trial.gain / study.d:.2f}", change(trial.iae, base.iae),
+            change(trial.peak, base.peak), change(trial.travel, base.travel),
+            change(trial.output_travel, base.output_travel), change(trial.reversals, base.reversals),
             "yes" if trial.limit_cycle else "no"]
-
-
-def percent(value: float, base: float) -> str:
-    """Return the change from the base.
-
-    >>> percent(0.8, 1.0), percent(3.0, 1.0), percent(0.999, 1.0)
-    ('-20 %', '+200 %', '0 %')
-    """
-    if not base > 0.0:
-        return "–"
-    change = round(100.0 * (value / base - 1.0))
-    return f"{change:+d} %" if change else "0 %"
 
 
 def to_json(study: CompensationStudy) -> str:

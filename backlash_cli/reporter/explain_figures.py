@@ -9,7 +9,6 @@ import numpy as np
 
 from ..record import FloatArray, LoopSettings
 from ..results import Region, Series, Step
-from .explain_words import error_size, fails, inside_name, rung
 from .figures import (
     EVIDENCE,
     GREEN,
@@ -29,6 +28,7 @@ from .figures import (
 )
 from .residual_causes import Cause
 from .safe import picture
+from .words import error_size, fails, inside_name, rung
 
 PREDICTED, RESIDUAL = EVIDENCE, "#7a5bc7"
 STEP_COLOURS = (QUIET, EVIDENCE, GREEN, "#7a5bc7", "#b8578f", "#5a6b00")

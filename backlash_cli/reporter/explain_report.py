@@ -14,11 +14,12 @@ from ..record import FloatArray
 from ..results import Comparison, Explanation, Series
 from . import explain_figures as figures
 from .console import WIDTH, screen
-from .explain_words import error_size, predicted_name, span_words
 from .figures import Figure
 from .page import page
 from .residual_causes import Cause, causes
 from .still import still, write_still
+from .templates import sentence
+from .words import error_size
 
 DPI = 80
 
@@ -37,10 +38,10 @@ def compare_page(c: Comparison) -> str:
     """Return the page of a comparison."""
     drawn: dict[str, Any] = dict.fromkeys(("overlay", "plane", "drawn"))
     if c.series is not None:
-        drawn = {"overlay": figures.overlay(c.series, c.settings, c.where, c.noise_floor, predicted_name(c)),
+        drawn = {"overlay": figures.overlay(c.series, c.settings, c.where, c.noise_floor, sentence("predicted", c)),
                  "plane": figures.plane(c.series, c.settings),
                  "drawn": _causes(c.series, {"this model": c.series.predicted}, c.noise_floor)}
-    return page("compare.html", f"{c.loop}: model against measurement", subtitle=span_words(c), c=c, **drawn)
+    return page("compare.html", f"{c.loop}: model against measurement", subtitle=sentence("span", c), c=c, **drawn)
 
 
 def explain_page(e: Explanation, *, plotly_file: str = "", back: tuple[str, str] | None = None) -> str:
@@ -53,8 +54,9 @@ def explain_page(e: Explanation, *, plotly_file: str = "", back: tuple[str, str]
         both = {"plain model": first, "final model": e.series.predicted}
         drawn = _causes(e.series, both if first is not None and e.effects else {"model": e.series.predicted},
                         e.noise_floor)
-    return page("explain.html", f"{e.loop}: which effect is missing?", subtitle=span_words(e), plotly_file=plotly_file,
-                back=back, e=e, bars=figures.ladder_bars(e.steps, e.noise_floor), overlay=overlay, drawn=drawn)
+    return page("explain.html", f"{e.loop}: which effect is missing?", subtitle=sentence("span", e), back=back,
+                plotly_file=plotly_file, e=e, overlay=overlay, drawn=drawn,
+                bars=figures.ladder_bars(e.steps, e.noise_floor))
 
 
 def _causes(series: Series, predictions: Mapping[str, FloatArray | None], floor: float) -> list[tuple[Cause, Figure]]:
@@ -79,7 +81,7 @@ def write_picture(found: Comparison | Explanation, path: Path) -> None:
     predictions: dict[str, FloatArray | None]
     if isinstance(found, Comparison):
         title = f"{found.loop}: model against measurement, hold-out error {error_size(found.fitness.rmse_holdout)}"
-        lines = figures.overlay(series, found.settings, found.where, floor, predicted_name(found))
+        lines = figures.overlay(series, found.settings, found.where, floor, sentence("predicted", found))
         beside = ("PV against OP", figures.plane(series, found.settings))
         predictions = {"this model": series.predicted}
     else:

@@ -11,13 +11,13 @@ from ..record import Note
 from ..results import Candidate, Explanation, FittedEffect, PlantExplanation, gap_size
 from .console import WIDTH, screen
 from .explain_json import explanation
-from .explain_words import NOT_EXPLAINED, NOT_TRIED, WHY, plain_name, verdict
 from .figures import axis
 from .json_report import header, json_text, strict
 from .page import page
 from .parameter_words import said_numbers, several
 from .tables import csv_text
-from .words import counted
+from .templates import sentence
+from .words import NOT_EXPLAINED, NOT_TRIED, WHY, counted, plain_name
 
 NOTHING = "nothing"
 SILENT = ("too_little_motion", NOT_EXPLAINED)
@@ -40,7 +40,7 @@ class Tally:
 
     @property
     def words(self) -> str:
-        """The reasons, the most frequent first; those of whole loops are told once (`silent_words`)."""
+        """The reasons, the most frequent first; those of whole loops are told once (`silent` of the sentences)."""
         return "; ".join(f"{k} {WHY.get(code, code)}" for code, k in self.why.items() if code not in SILENT)
 
 
@@ -90,15 +90,6 @@ def gap_notes(x: Explanation) -> str:
     return "; ".join(note.message for e in x.effects for note in e.notes)
 
 
-def silent_words(plant: PlantExplanation) -> str:
-    """How many loops tell nothing about any effect; empty when all do."""
-    still = sum(any(n.code in SILENT for n in x.reasons) for x in plant.loops)
-    said = [f"in {still} PV moves too little to tell"] if still else []
-    said += [f"{len(plant.failures)} could not be explained"] if plant.failures else []
-    total, rest = len(plant.loops) + len(plant.failures), len(plant.loops) - still
-    return f"Of {total} loops, {' and '.join(said)}. In the other {rest}:" if said else ""
-
-
 def counts(plant: PlantExplanation) -> dict[str, int]:
     """Return in how many loops each effect is missing, most first; "nothing" counts the loops that lack none."""
     found = Counter(e.effect for x in plant.loops for e in x.effects)
@@ -125,7 +116,7 @@ def _row(x: Explanation) -> dict[str, Any]:
         "loop": x.loop, "missing_effect": x.missing_effect, "effects": "; ".join(e.effect for e in x.effects),
         "numbers": _numbers(x, brief=False), "rmse_baseline": before, "rmse_final": after, "noise_floor": x.noise_floor,
         "error_reduction": 1.0 - (after / before) ** 2 if before > 0 else None, "unexplained": x.unexplained,
-        "look_alikes": "; ".join(" = ".join(pair) for pair in x.look_alikes), "verdict": verdict(x),
+        "look_alikes": "; ".join(" = ".join(pair) for pair in x.look_alikes), "verdict": sentence("verdict", x),
         "gap_small": gap_notes(x),
         **dict(zip(("no_gap", "no_gap_because"), valve_reason(x) or ("", ""), strict=True)),
         "warnings": "; ".join(n.code for n in x.warnings),
@@ -169,8 +160,9 @@ def to_page(plant: PlantExplanation, links: Mapping[str, str] | None = None, plo
 
 
 def _content(plant: PlantExplanation) -> dict[str, Any]:
+    still = sum(any(n.code in SILENT for n in x.reasons) for x in plant.loops)
     missing = {x.loop: " + ".join(plain_name(e.effect) for e in x.effects) or NOTHING for x in plant.loops}
     twins = {x.loop: "; ".join(plain_name(other) for _, other in x.look_alikes) for x in plant.loops}
     return {"plant": plant, "missing": missing, "twins": twins, "told": tallies(plant),
-            "silent": silent_words(plant), "summary": summary_line(plant),
+            "silent": sentence("silent", plant, still), "summary": summary_line(plant),
             "gap_notes": gap_notes, "said": {x.loop: _numbers(x) for x in plant.loops}}

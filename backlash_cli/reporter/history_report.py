@@ -44,7 +44,7 @@ def runs_text(runs: Sequence[Run]) -> str:
 def trend_text(wears: Mapping[str, Wear], places: Sequence[Place], *, verbose: bool = False) -> str:
     """Return wear and ranking as a table for the terminal; `verbose` adds why every loop has its place."""
     return screen("trend.txt", width=WIDTH, wears=wears, places=places, verbose=verbose, day_text=day_text,
-                  growth=growth, no_date=no_date, remarks=remarks, to_do=TO_DO)
+                  growth=growth, no_date=no_date, to_do=TO_DO)
 
 
 def trend_json(wears: Mapping[str, Wear], places: Sequence[Place]) -> str:
@@ -92,38 +92,6 @@ def no_date(wear: Wear) -> str:
 def growth(now: Segment | None) -> float | None:
     """Growth in a month [span] where it is sure."""
     return 30 * now.slope if now is not None and now.growing and now.slope is not None else None
-
-
-def model_words(wear: Wear) -> list[str]:
-    """Say which trend was used, how it and a straight line foresaw the last nights, and where the line failed."""
-    if not wear.model:
-        return []
-    used = {"line": "The trend is a straight line.", "local": "The trend is one that may bend."}[wear.model]
-    h = wear.held_out
-    if h is None:
-        return [f"{used} There are too few nights to try both on nights that they have not seen."]
-    tried = (f"Of the last {h.nights} nights, hidden from it, a straight line was off by {100 * h.line:.2g} % of span, "
-             f"a trend that may bend by {100 * h.local:.2g} % (medians).")
-    if wear.model == "line":
-        return [f"{used} {tried}"]
-    if h.line_holds:
-        return [f"{used} {tried} The straight line does not fit the nights before: they bend or go in steps."]
-    side = "low" if h.bias > 0 else "high"
-    return [f"{used} {tried} The straight line fails from {day_text(h.since)} on: it is {100 * abs(h.bias):.2g} % "
-            f"of span too {side}."]
-
-
-def remarks(wear: Wear) -> list[str]:
-    """Name repairs, the model of the trend, nights without an answer, and days without an export."""
-    out = [f"Repair {r.date.isoformat()}{', ' + r.note if r.note else ''}." for r in wear.repairs]
-    out += model_words(wear)
-    if wear.gaps:
-        codes = sorted({code for _, code in wear.gaps})
-        out.append(f"{len(wear.gaps)} of {wear.nights} nights without a size ({', '.join(codes)}).")
-    if wear.missing:
-        shown = ", ".join(wear.missing[:5]) + (", ..." if len(wear.missing) > 5 else "")
-        out.append(f"{len(wear.missing)} days without an export: {shown}.")
-    return out
 
 
 def write_report(output: Path, places: Sequence[Place], wears: Mapping[str, Wear],
@@ -177,7 +145,7 @@ def _loop(place: Place, wear: Wear, nights: Sequence[Night], half_periods: Calla
     halves = half_periods(place.loop) if drawn else ()
     advice = [n.details["compensator"] for n in nights if isinstance(n.details.get("compensator"), Mapping)]
     wanted = advice and place.action in ("pull", "room", "watch")
-    return {"place": place, "wear": wear, "nights": nights, "drawn": drawn, "remarks": remarks(wear),
+    return {"place": place, "wear": wear, "nights": nights, "drawn": drawn,
             "figure": wear_figure(nights, wear) if drawn and nights else None,
             "half_periods": half_period_figure(halves) if any(h.accepted for h in halves) else None,
             "advice": Compensator(**advice[-1]) if wanted else None,  # type: ignore[arg-type]

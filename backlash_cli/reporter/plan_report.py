@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..record import duration
 from ..results import Verdict
 from ..results.plan import Course, LoopPlan, PlanOption
 from .console import screen
@@ -14,7 +15,7 @@ from .figures import EVIDENCE, MEASUREMENT, SETPOINT, Figure, axis, trace, units
 from .json_report import fields_of, header, json_text, strict
 from .page import page
 from .tables import csv_text
-from .words import VERDICTS, counted, duration
+from .words import VERDICTS, counted
 
 ADVICE = ("This is advice to a person. Nothing is written to the control system; whether and when to test a valve is a "
           "decision of the people who run the plant.")
