@@ -40,8 +40,7 @@ def compare(inputs: tuple[Path, ...], loop: str | None, model_file: Path | None,
     error is given for the fit, for samples the fit did not see, and beside the measurement noise.
     """
     from ..model import compare as compare_with
-    from ..reporter.explain_page import check_picture, compare_page
-    from ..reporter.explain_text import comparison_text
+    from ..reporter.explain_report import check_picture, compare_page, comparison_text
     from .one_loop import check_places, deliver, model_for, one_loop
 
     check_picture(picture)

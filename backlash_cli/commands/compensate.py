@@ -39,13 +39,12 @@ def compensate(inputs: tuple[Path, ...], loops: Path | None, loop: str, process_
     Uses the loop's controller settings, the dead band that the scan finds, and a process fitted to the record. The
     result is advice to a person; nothing is written to the control system.
     """
-    import json
     import sys
 
     from ..compensate import compensate as study_of
     from ..engines.cluster import on_cluster
     from ..loaders import read
-    from ..reporter.compensation import compensation_page, to_document, to_text
+    from ..reporter.compensation import compensation_page, to_json, to_text
     from ..simulator.process_text import parse_dead_band, parse_process
 
     process = parse_process(process_text) if process_text else None
@@ -57,7 +56,7 @@ def compensate(inputs: tuple[Path, ...], loops: Path | None, loop: str, process_
         work = partial(study_of, process=process, dead_band=size)
         study = work(record) if client is None else next(on_cluster(client, [record], work, _lost))
     if json_file is not None:
-        put(json_file, json.dumps(to_document(study), indent=2, allow_nan=False) + "\n", "numbers")
+        put(json_file, to_json(study), "numbers")
     if html is not None:
         put(html, compensation_page(study), "page")
     if str(json_file) != "-":

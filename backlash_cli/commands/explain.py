@@ -75,8 +75,7 @@ def explain(inputs: tuple[Path, ...], loop: str | None, add: tuple[str, ...], ou
         return explain_plant(inputs, loops, reading, outside, output, jobs, engine, scheduler)
     from ..api import save_model as keep
     from ..model import explain as explain_record
-    from ..reporter.explain_page import check_picture, explain_page
-    from ..reporter.explain_text import explanation_text
+    from ..reporter.explain_report import check_picture, explain_page, explanation_text
 
     check_picture(picture)
     record = one_loop(inputs, loop, loops, reading, None if other_loop else model_file)

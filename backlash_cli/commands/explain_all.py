@@ -67,17 +67,14 @@ def explain_plant(inputs: tuple[Path, ...], loops: Path | None, reading: ReadOpt
 def _write_folder(folder: Path, loops: Sequence[str], found: Iterator[Explanation], kept: list[Explanation],
                   summary: Callable[[], PlantExplanation], told: str) -> None:
     """Write a page per loop as it comes, then the index, the table and the numbers. told: what the report is about."""
-    import hashlib
-
     from ..reporter.explain_json import to_json
-    from ..reporter.explain_page import explain_page
+    from ..reporter.explain_report import explain_page
     from ..reporter.explain_summary import to_page
     from ..reporter.files import write_text
-    from ..reporter.folder import links_to, write_pages
+    from ..reporter.page import links_to, write_pages
     from ..reporter.safe import file_names
 
     names = file_names(loops)
-    mark = hashlib.sha256(told.encode("utf-8", "backslashreplace")).hexdigest()[:12]
     back = ("../index.html", "All loops")
     pages = ((names[x.loop], explain_page(x, plotly_file="plotly.js", back=back)) for x in found)
 
@@ -87,7 +84,7 @@ def _write_folder(folder: Path, loops: Sequence[str], found: Iterator[Explanatio
         links = links_to({x.loop: names[x.loop] for x in kept}, subfolder)
         return to_page(summary(), links, plotly_file=f"{subfolder}/plotly.js")
 
-    write_pages(folder, mark, pages, index)
+    write_pages(folder, told, pages, index)
 
 
 def _deliver(plant: PlantExplanation, output: Path | None, folder: bool) -> None:

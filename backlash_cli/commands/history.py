@@ -54,7 +54,7 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
             write_rows(rows, target)
             say(f"{len(rows)} rows of {table} written to {target}")
         if repair is None and remove_repair is None and target is None:
-            from ..reporter.history_text import loops_text, runs_text
+            from ..reporter.history_report import loops_text, runs_text
 
             emit(runs_text(store.runs()) if runs else loops_text(
                 {name: store.nights(name) for name in names}, {name: store.repairs(name) for name in names},

@@ -77,7 +77,7 @@ def deliver(found: Found, page: Callable[[Found], str], text: Callable[..., str]
             html: Path | None, json_file: Path | None, verbose: bool) -> None:
     """Write what was asked for, and show the text unless the numbers go to standard output."""
     if picture is not None:
-        from ..reporter.explain_page import write_picture
+        from ..reporter.explain_report import write_picture
 
         write_picture(found, picture)
         say(f"picture written to {picture}")

@@ -17,17 +17,16 @@ def paper(html: Path | None, json_file: Path | None) -> int:
     Shows what the method can do and where the paper's own figures cannot be reproduced. Takes a few seconds and needs
     no input.
     """
-    import json
     import sys
 
     from ..estimator.haegglund import published_estimates
-    from ..reporter.paper import paper_page, to_document, to_text
+    from ..reporter.paper import paper_page, to_json, to_text
     from ..simulator.paper import reproduce
     from .terminal import emit, put
 
     report = reproduce(published_estimates)
     if json_file is not None:
-        put(json_file, json.dumps(to_document(report), indent=2) + "\n", "rows")
+        put(json_file, to_json(report), "rows")
     if html is not None:
         put(html, paper_page(report), "page")
     if str(json_file) != "-":

@@ -52,7 +52,7 @@ def plan(inputs: tuple[Path, ...], loops: Path | None, target: str | None, max_p
     from ..loaders import read
     from ..plan import PlanOptions
     from ..record import Note
-    from ..reporter import plan_text
+    from ..reporter import plan_report
     from ..reporter.files import write_text
     from ..simulator.process_text import parse_dead_band
 
@@ -72,13 +72,11 @@ def plan(inputs: tuple[Path, ...], loops: Path | None, target: str | None, max_p
                 plans.append(found)
             step()
     if form == "html":
-        from ..reporter.plan_page import plan_page
-
-        text = plan_page(plans, len(plant.records))
+        text = plan_report.plan_page(plans, len(plant.records))
     elif form == "text":
-        text = plan_text.to_text(plans, len(plant.records))
+        text = plan_report.to_text(plans, len(plant.records))
     else:
-        text = {"json": plan_text.to_json, "csv": plan_text.to_csv}[form](plans)
+        text = {"json": plan_report.to_json, "csv": plan_report.to_csv}[form](plans)
     if output is None:
         emit(text)
     else:

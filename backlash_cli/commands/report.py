@@ -29,7 +29,7 @@ def report(history: Path, output: Path, limits: Path | None, settings: Path | No
     """
     from ..history.plant import plant_history
     from ..history.store import History
-    from ..reporter.history_page import write_report
+    from ..reporter.history_report import write_report
 
     profile = read_profile(limits, settings)
     with History(history, say=say) as store:

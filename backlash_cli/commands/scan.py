@@ -71,8 +71,8 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output:
     Exit status: 0 done; 1 a --fail-on rule was met; 2 wrong use, or nothing could be read; 3 done, but some file or
     loop could not be analysed. When both 1 and 3 apply it is 1.
     """
-    from ..reporter.delivery import check_delivery, draw
     from ..reporter.rules import met, parse_rules
+    from ..reporter.scan_report import check_delivery, draw
     from ..scanning import ScanOptions
     from .run_scan import Job, kept, remember
 
@@ -109,7 +109,7 @@ def _wrong(result: ScanResult) -> list[str]:
 
 
 def _deliver(result: ScanResult, job: Job, form: str, output: Path | None, table: str, *, verbose: bool) -> None:
-    from ..reporter.delivery import render, write
+    from ..reporter.scan_report import render, write
 
     records = job.records if form == "html" else {}
     if output is None:

@@ -30,7 +30,7 @@ def trend(history: Path, limits: Path | None, settings: Path | None, horizon: fl
     may bend; single bad nights do not pull it. --verbose says whether a straight line would do.
     """
     from ..reporter.files import write_text
-    from ..reporter.history_text import trend_json, trend_text
+    from ..reporter.history_report import trend_json, trend_text
 
     plant = open_plant(history, limits, settings, loop, horizon)
     if form == "json":
