@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from backlash_cli.commands.paper import paper as command
+from backlash_cli.commands.simulate import paper as command
 from backlash_cli.estimator.haegglund import published_estimates
 from backlash_cli.reporter.paper import paper_page, to_document, to_text
 from backlash_cli.simulator import simulate
