@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 
 from ..errors import LoopError
+from . import options
 from .options import Export, Workers, engine_options, export_options, json_option, path_option
 from .terminal import put
 
@@ -37,10 +38,10 @@ def compensate(export: Export, loop: str, process_text: str | None, dead_band: s
     from ..engines.local import answers
     from ..record import Note
     from ..reporter.compensation import compensation_page, to_document, to_text
-    from ..simulator.process_text import parse_dead_band, parse_process
+    from ..simulator.scenario_file import parse_process
 
     work = partial(study_of, process=parse_process(process_text) if process_text else None,
-                   dead_band=parse_dead_band(dead_band) if dead_band else None)
+                   dead_band=options.dead_band(dead_band))
     with workers.client() as client:
         record = export.read()[loop]
         study = work(record) if client is None else next(answers([record], work, client=client))

@@ -73,6 +73,34 @@ class Workers:
             yield client
 
 
+def size_option(text: str, where: str, what: str, remedy: str) -> tuple[float, bool]:
+    """Read a size as a person writes it, `0.03` or `3%`: the number, parts of one for percent, and whether it was that.
+
+    Raises UsageError, naming the option `where`, for what is no number or not above 0.
+    """
+    try:
+        value = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+    except ValueError:
+        raise UsageError(f"'{text}' is not a {what}", where=where, remedy=remedy) from None
+    if not 0.0 < value < float("inf"):
+        raise UsageError(f"a {what} of {text} allows nothing", where=where, remedy=f"more than 0: {remedy}")
+    return value, text.endswith("%")
+
+
+def dead_band(text: str | None, where: str = "--dead-band") -> float | None:
+    """Read a dead band in spans of the output, None for none. Raises UsageError for one above half of the span.
+
+    >>> dead_band("0.03"), dead_band("3 %")
+    (0.03, 0.03)
+    """
+    if text is None:
+        return None
+    size, _ = size_option(text, where, "size", remedy := "0.03 or 3% is 3 % of the output span")
+    if size > 0.5:
+        raise UsageError(f"{text} is not possible", where=where, remedy=f"at most 0.5; {remedy}")
+    return size
+
+
 class Place(click.ParamType):
     """A path, or an address such as s3://bucket/plant.parquet."""
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..errors import UsageError
-from .options import ONLY_LOOPS, Export, export_options, jobs_option, output_option
+from .options import ONLY_LOOPS, Export, dead_band, export_options, jobs_option, output_option, size_option
 from .terminal import progress, put, say_failures, several
 
 if TYPE_CHECKING:
@@ -50,10 +49,9 @@ def plan(export: Export, target: str | None, max_pv_move: str, max_op_move: str,
     from ..record import Note
     from ..reporter import plan_text
     from ..reporter.plan_page import plan_page
-    from ..simulator.process_text import parse_dead_band
 
-    size = None if target is None else parse_dead_band(target, "--target")
-    options = PlanOptions(size, _move(max_pv_move, "--max-pv-move"), _move(max_op_move, "--max-op-move"), repeats, seed)
+    moves = _move(max_pv_move, "--max-pv-move"), _move(max_op_move, "--max-op-move")
+    options = PlanOptions(dead_band(target, "--target"), *moves, repeats, seed)
     form = form or FORMATS.get(output.suffix.lower() if output else "", "text")
     plant = export.read()
     plans: list[LoopPlan] = []
@@ -74,15 +72,10 @@ def plan(export: Export, target: str | None, max_pv_move: str, max_op_move: str,
     return say_failures("not planned", failures)
 
 
+
 def _move(text: str, where: str) -> Move:
     """Read a limit on a move, `12.5` in units of the loop or `5%` of its span."""
     from ..plan import Move
 
-    remedy = "a number in units of the loop such as 12.5, or a share of its span such as 5%"
-    try:
-        value = float(text.removesuffix("%"))
-    except ValueError:
-        raise UsageError(f"'{text}' is not a move", where=where, remedy=remedy) from None
-    if not 0.0 < value < float("inf"):
-        raise UsageError(f"a move of {text} allows nothing", where=where, remedy=f"more than 0: {remedy}")
-    return Move(value / 100.0) if text.endswith("%") else Move(value, of_span=False)
+    return Move(*size_option(text, where, "move",
+                             "a number in units of the loop such as 12.5, or a share of its span such as 5%"))
