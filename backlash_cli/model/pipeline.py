@@ -9,7 +9,7 @@ import numpy as np
 
 from ..effects import EFFECTS, Effect, Stage
 from ..effects.fitting import Values
-from ..effects.lags import late
+from ..effects.process import late
 from ..record import FloatArray
 from .problem import Hole, Problem
 from .response import delayed_lag, forgotten
