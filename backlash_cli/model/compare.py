@@ -11,7 +11,7 @@ from .fit import BENT_ROUNDS
 from .holdout import better, folds, predicted_by, with_load
 from .intervals import process_parameters
 from .locate import regions
-from .pipeline import Part, Shape, as_tuple, moved_output, regressors, sensed, sensed_slopes
+from .pipeline import Part, Shape, as_tuple, moved_output, regressors, sensed_slopes, through
 from .problem import FEWEST_SAMPLES, Problem, finer, problem_from_record
 from .reasons import why_not
 from .recorder import distance
@@ -124,11 +124,11 @@ def matched(
         own = np.column_stack([X[:, 1 : 3 + len(problem.holes)], X[:, len(c) :]])
         small = 1e-6 * np.eye(own.shape[1])
         for _ in range(BENT_ROUNDS if s.sensors else 1):
-            rest = problem.measurement - sensed(problem, s, process)
+            rest = problem.measurement - through(problem, s.sensors, process)
             slopes = sensed_slopes(problem, s, process, own)
             A = slopes[problem.used]
             process = process + own @ np.linalg.solve(A.T @ A + small, A.T @ rest[problem.used])
-        predicted = sensed(problem, s, process)
+        predicted = through(problem, s.sensors, process)
         return predicted, float(np.sum((problem.measurement - predicted)[problem.used] ** 2))
 
     def best(place: int, name: str, values: FloatArray) -> Shape:

@@ -19,9 +19,9 @@ from .pipeline import (
     moved_process,
     predict,
     regressors,
-    sensed,
     sensed_slopes,
     spreads,
+    through,
 )
 from .problem import Problem
 from .response import delayed_lag
@@ -56,38 +56,28 @@ def free_numbers(problem: Problem, shape: Shape) -> list[Free]:
         for q in part.effect.parameters:
             if q.name in solved or q.choices or q.name not in part.values:
                 continue
-            for item, value in enumerate(as_tuple(part.values[q.name])):
-                if np.isfinite(value):
-                    low, high = _range(q, shape, problem)
-                    out.append(Free(place, q.name, item, low, high, _move(q, value, shape, h), q.nuisance))
+            out += [_free(place, q, item, value, problem)
+                    for item, value in enumerate(as_tuple(part.values[q.name])) if np.isfinite(value)]
     return out
 
 
-def _range(q: Parameter, shape: Shape, problem: Problem) -> tuple[float, float]:
-    longest = 0.5 * problem.duration
-    return q.low, min(q.high, longest) if q.unit == "s" else q.high
-
-
-def _move(q: Parameter, value: float, shape: Shape, h: float) -> float:
+def _free(place: int, q: Parameter, item: int, value: float, problem: Problem) -> Free:
+    high, step = q.high, 0.02 if q.nuisance or not value else 0.02 * abs(value)
     if q.unit == "s":
-        return max(1e-4 * abs(value), 0.05 * h)
-    if q.unit in ("span", "OP span"):
-        return 2e-4
-    return 0.02 if q.nuisance or not value else 0.02 * abs(value)
+        high, step = min(high, 0.5 * problem.duration), max(1e-4 * abs(value), 0.05 * problem.interval)
+    elif q.unit in ("span", "OP span"):
+        step = 2e-4
+    return Free(place, q.name, item, q.low, high, step, q.nuisance)
 
 
-def get(shape: Shape, free: list[Free]) -> np.ndarray:
+def get(shape: Shape, free: list[Free]) -> FloatArray:
     """Return the searched numbers of a shape, (numbers,)."""
-    values = []
-    for f in free:
-        if f.place < 0:
-            values.append(shape.lag if f.name == "lag" else shape.delay)
-        else:
-            values.append(as_tuple(shape.parts[f.place].values[f.name])[f.item])
-    return np.array(values, dtype=np.float64)
+    process = {"lag": shape.lag, "delay": shape.delay}
+    return np.array([process[f.name] if f.place < 0 else as_tuple(shape.parts[f.place].values[f.name])[f.item]
+                     for f in free], dtype=np.float64)
 
 
-def put(shape: Shape, free: list[Free], numbers: np.ndarray) -> Shape:
+def put(shape: Shape, free: list[Free], numbers: FloatArray) -> Shape:
     """Return the shape with the searched numbers (numbers,) replaced, each held within its range."""
     parts = list(shape.parts)
     lag, delay = shape.lag, shape.delay
@@ -97,11 +87,9 @@ def put(shape: Shape, free: list[Free], numbers: np.ndarray) -> Shape:
             lag, delay = (value, delay) if f.name == "lag" else (lag, value)
             continue
         old = parts[f.place].values[f.name]
-        if isinstance(old, tuple):
-            parts[f.place] = parts[f.place].with_values(**{f.name: (*old[: f.item], value, *old[f.item + 1 :])})
-        else:
-            parts[f.place] = parts[f.place].with_values(**{f.name: value})
-    return replace(shape, lag=lag, delay=delay, parts=tuple(parts))
+        new = (*old[: f.item], value, *old[f.item + 1 :]) if isinstance(old, tuple) else value
+        parts[f.place] = replace(parts[f.place], values={**parts[f.place].values, f.name: new})
+    return Shape(lag, delay, tuple(parts))
 
 
 # moved outputs held in memory at once
@@ -192,7 +180,7 @@ class Solver:
         best = np.inf
         for _ in range(COLD_ROUNDS if cold else BENT_ROUNDS):
             process = raw @ c
-            off = white.one(problem.measurement - sensed(problem, shape, process))
+            off = white.one(problem.measurement - through(problem, shape.sensors, process))
             rss = float(off @ off)
             if found is not None and rss >= best:
                 c = 0.5 * (c + found[0])
@@ -365,23 +353,18 @@ def raw_error(problem: Problem, shape: Shape, coefficients: FloatArray) -> Float
 def linear_values(problem: Problem, fitted: Fit) -> list[dict[str, float | tuple[float, ...]]]:
     """Return for each part all its values, those that were solved for included, in the effect's own units."""
     out = []
-    column = 2 + len(problem.holes) + 1
+    solved = iter((fitted.coefficients[3 + len(problem.holes) :] / fitted.gain).tolist())
     for part in fitted.shape.parts:
-        values = dict(part.values)
-        if part.is_linear:
-            for name in part.effect.fitting.linear:
-                several = isinstance(values.get(name), tuple)
-                count = len(as_tuple(values[name])) if several else 1
-                found = []
-                for _ in range(count):
-                    if part.effect.fitting.phase:
-                        inphase, quadrature = fitted.coefficients[column : column + 2] / fitted.gain
-                        found.append(float(np.hypot(inphase, quadrature)))
-                        values[part.effect.fitting.phase] = float(np.arctan2(quadrature, inphase))
-                        column += 2
-                    else:
-                        found.append(float(fitted.coefficients[column] / fitted.gain))
-                        column += 1
-                values[name] = tuple(found) if several else found[0]
+        values, phase = dict(part.values), part.effect.fitting.phase
+        for name in part.effect.fitting.linear:
+            found = []
+            for _ in as_tuple(values[name]):
+                number = next(solved)
+                if phase:
+                    quadrature = next(solved)
+                    values[phase] = float(np.arctan2(quadrature, number))
+                    number = float(np.hypot(number, quadrature))
+                found.append(number)
+            values[name] = tuple(found) if isinstance(values[name], tuple) else found[0]
         out.append(values)
     return out

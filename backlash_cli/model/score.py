@@ -9,9 +9,8 @@ import numpy as np
 
 from ..effects import Effect
 from .fit import Fit
-from .output import trust
 from .pipeline import Part, Shape, as_tuple
-from .problem import Problem
+from .problem import Problem, trust
 
 # a load behind the process forgets within about three lags, so that six lags hold one independent error
 LAGS_PER_STRETCH = 6.0
@@ -37,7 +36,7 @@ class Judge:
     The deviance knows how well each sample follows from those before it. A random load that may wander without
     limit explains a drift or a step as well as the real cause does; it does not predict PV from OP. The error of
     that prediction, over as many stretches as are independent, decides where the deviance cannot. It tells nothing
-    where OP only answers to the load, so that it counts for less the more it does (see `output`).
+    where OP only answers to the load, so that it counts for less the more it does (see `problem`).
     """
 
     log_samples: float
