@@ -16,7 +16,6 @@ from scipy.special import chdtrc
 from ..kernels import play
 from ..record import FloatArray
 from .fit import Fit, Solver, free_numbers, slopes
-from .noise import whitener
 from .pipeline import into_process
 from .problem import Problem
 from .response import delayed_lag
@@ -36,11 +35,10 @@ WIDTHS = (0.03, 0.1)
 class Left:
     """What a model leaves.
 
-    times_noise: how many times the measurement noise it is. goes_with: what it goes with, most telling first. score:
-    of the most telling, in units of deviance, 0 when it goes with nothing. share: of the rest that this explains.
+    goes_with: what it goes with, most telling first. score: of the most telling, in units of deviance, 0 when it goes
+    with nothing. share: of the rest that this explains.
     """
 
-    times_noise: float
     goes_with: tuple[str, ...] = ()
     score: float = 0.0
     share: float = 0.0
@@ -53,9 +51,9 @@ class Left:
         return self.share < VISIBLE or (bool(least := [*gains]) and self.score < MATTERS * min(least))
 
 
-def left_by(problem: Problem, fitted: Fit, error: float) -> Left:
-    """Return what a fit leaves; error: its root mean square on samples that it did not see [span]."""
-    solver = Solver(problem, whitener(fitted.noise, problem.used, problem.interval))
+def left_by(problem: Problem, fitted: Fit) -> Left:
+    """Return what a fit leaves."""
+    solver = Solver(problem, fitted.noise)
     _, _, rest = solver.rest(fitted.shape)
     own = np.column_stack([solver.columns(fitted.shape), slopes(solver, fitted.shape, free_numbers(
         problem, fitted.shape))])
@@ -78,7 +76,7 @@ def left_by(problem: Problem, fitted: Fit, error: float) -> Left:
     if before - after > LINEAR * before:
         said.append("the moves of OP: the process answers with another shape than the model's lags")
     score = -min((s for _, s, _ in found), default=0.0)
-    return Left(error / problem.floor, tuple(said), score, score / solver.white.samples)
+    return Left(tuple(said), score, score / solver.white.samples)
 
 
 def signals(problem: Problem, fitted: Fit) -> tuple[list[FloatArray], dict[str, list[FloatArray]]]:

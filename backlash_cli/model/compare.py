@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, Note, Record
 from ..results import Comparison, Fitness, FittedEffect, FittedParameter, Model, Region, Series
-from .fit import BENT_ROUNDS
-from .holdout import better, folds, predicted_by, with_load
+from .fit import BENT_ROUNDS, predicted_by, with_load
+from .holdout import better, folds
 from .intervals import process_parameters
 from .locate import regions
 from .pipeline import Part, Shape, as_tuple, moved_output, regressors, sensed_slopes, through
@@ -49,7 +49,7 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
     recorders = tuple(p for p in parts if p.is_recorder)
     elsewhere = apart(model, problem, float(record.time[0]))
     shape, predicted = matched(problem, model, shape_of(model, parts), elsewhere)
-    predicted = with_load(problem, problem.measurement, problem.used, predicted, None)
+    predicted = with_load(problem, predicted, None)
     error = distance(problem, recorders, predicted)
     rmse = float(np.sqrt(np.mean(error[problem.used] ** 2)))
     known = seen_by(model, problem, float(record.time[0]))
@@ -93,7 +93,7 @@ def error_unseen(
     squares, count = 0.0, 0
     for left_out in folds(problem, problem.settings.Ti or model.tau):
         predicted = matched(problem.masked(~left_out), model, shape, other_day)[1]
-        predicted = with_load(problem, problem.measurement, problem.used, predicted, None)
+        predicted = with_load(problem, predicted, None)
         error = distance(problem, recorders, predicted)[left_out & problem.used & ~known]
         squares, count = squares + float(error @ error), count + error.size
     return float(np.sqrt(squares / count)) if count else None

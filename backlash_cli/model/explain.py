@@ -15,14 +15,21 @@ from ..record import Note, Record
 from ..results import Candidate, Explanation, Fitness, Model, Rest, Step
 from .candidates import candidate
 from .compare import notes, series_of, unexplained, where_it_fails
-from .fit import Fit, fit, linear_values
-from .holdout import Tested, better, least_squares, predicted_by, tested
+from .fit import Fit, fit, linear_values, predicted_by
+from .holdout import Tested, better, least_squares, tested
 from .intervals import fitted_effects, moved_to, process_parameters
 from .pipeline import Part, moved_process
 from .problem import Problem, finer, problem_from_record
 from .reasons import marked, with_reasons
-from .recorder import distance, fitted_problem, only_reports, recorded_floor, recorders
-from .rounding import rounded, through_rounding
+from .recorder import (
+    distance,
+    fitted_problem,
+    only_reports,
+    recorded_floor,
+    recorders,
+    rounded,
+    through_rounding,
+)
 from .saved_model import in_ranges_of, kept_model, parts_of, shape_of
 from .score import ENOUGH, judge_for
 from .search import WEAK, Found, baseline, families, search
@@ -48,7 +55,7 @@ def explain(
     Raises LoopError when there is nothing to fit, UsageError for an effect that cannot be fitted.
     """
     record = record if model is None else in_ranges_of(record, model)
-    problem = problem_from_record(record)
+    problem = problem_from_record(record, seed)
     known = {effect.name: effect for effect in (*all_effects(), *map(as_effect, effects), *map(as_effect, add))}
     chosen = [as_effect(effect) for effect in add]
     for effect in chosen:
@@ -56,11 +63,11 @@ def explain(
             why = "needs a measured column, and this record has none" if effect.fitted else "cannot be fitted"
             remedy = "backlash effects lists what can be added"
             raise UsageError(f"{effect.name} {why}", where=record.loop, remedy=remedy)
-    tries = [looked(record, problem, model, known, chosen, seed)]
+    tries = [looked(record, problem, model, known, chosen)]
     between = finer(problem)
     # rounding blurs how large an effect of the valve is and of which kind, it does not make one
     if between is not None and valve_effects(tries[0].found.final):
-        tries.append(looked(record, between, model, known, chosen, seed))
+        tries.append(looked(record, between, model, known, chosen))
     # OP as recorded, unless PV says clearly that the valve got what OP was before it was rounded
     first, last = tries[0], tries[-1]
     same = valve_effects(first.found.final) == valve_effects(last.found.final)
@@ -98,7 +105,6 @@ class Looked:
 
 def looked(
     record: Record, problem: Problem, model: Model | None, known: Mapping[str, Effect], chosen: Sequence[Effect],
-    seed: int,
 ) -> Looked:
     """Return what a search comes to on one reading of the record."""
     base = baseline(problem)
@@ -115,10 +121,10 @@ def looked(
         judge = judge_for(seen, base.shape.lag)
         for effect in chosen:
             if effect.fitting.bounds is None and effect.name not in start.shape.names:
-                start = candidate(seen, judge, start, effect, seed=seed, must=True) or start
+                start = candidate(judge, start, effect, must=True) or start
                 by_user.append(effect.name)
     tries = [e for e in known.values() if not (e.fitting.seldom and only_reports(problem, held))]
-    found = search(seen, () if chosen else tries, start, seed=seed)
+    found = search(seen, () if chosen else tries, start)
     found = replace(found, final=through_rounding(seen, held, found.final))
     return Looked(problem, seen, base, found, held, by_user)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..effects import Parameter
 from ..record import FloatArray
-from .noise import Noise, Whitener, fit_noise, whitener
+from .noise import Noise, fit_noise, fitted_noise, known_load, whitener
 from .pipeline import (
     Shape,
     as_tuple,
@@ -122,8 +122,9 @@ class Fit:
 class Solver:
     """Solves the linear numbers of many shapes under one noise, remembering the columns that stay the same."""
 
-    def __init__(self, problem: Problem, white: Whitener) -> None:
-        self.problem, self.white = problem, white
+    def __init__(self, problem: Problem, noise: Noise) -> None:
+        self.problem, self.white = problem, whitener(noise, problem.used, problem.interval)
+        white = self.white
         self._measured = self._y = white.one(problem.measurement)
         self._yy = float(self._y @ self._y)
         self._raw: FloatArray | None = None
@@ -319,7 +320,7 @@ def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3) -> Fit
     now: Fit | None = None
     for _ in range(rounds):
         before = np.inf if now is None else now.deviance
-        solver = Solver(problem, whitener(noise, problem.used, problem.interval))
+        solver = Solver(problem, noise)
         shape = descend(solver, shape)
         noise = refit_noise(solver, shape, noise)
         now = finished(problem, shape, noise)
@@ -336,18 +337,35 @@ def refit_noise(solver: Solver, shape: Shape, first: Noise) -> Noise:
 
 def finished(problem: Problem, shape: Shape, noise: Noise) -> Fit:
     """Return the fit of a shape whose searched numbers stand."""
-    white = whitener(noise, problem.used, problem.interval)
-    coefficients, rss, _ = Solver(problem, white).solve(shape)
-    raw = raw_error(problem, shape, coefficients)
-    used = problem.used
+    solver = Solver(problem, noise)
+    coefficients, rss, _ = solver.solve(shape)
+    raw, used = raw_error(problem, shape, coefficients), problem.used
     rmse = float(np.sqrt(np.mean(raw[used] ** 2)))
-    return Fit(shape, coefficients, noise, white.deviance(rss), np.where(used, raw, np.nan), rmse)
+    return Fit(shape, coefficients, noise, solver.white.deviance(rss), np.where(used, raw, np.nan), rmse)
 
 
 def raw_error(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatArray:
     """Return measured minus predicted PV (samples,), 0 where nothing was measured."""
     error: FloatArray = np.where(problem.used, problem.measurement - predict(problem, shape, coefficients), 0.0)
     return error
+
+
+def predicted_by(problem: Problem, fitted: Fit, seen: Problem | None = None) -> FloatArray:
+    """Return PV predicted by a fit on the whole grid, (samples,); seen: the problem as the fit sees it, all by default:
+    the load is read from those samples only."""
+    predicted = predict(problem, fitted.shape, fitted.coefficients)
+    return with_load(problem if seen is None else seen, predicted, fitted.noise)
+
+
+def with_load(seen: Problem, predicted: FloatArray, noise: Noise | None) -> FloatArray:
+    """Return a prediction from OP (samples,), with the load as known some time before where the loop is driven by it.
+
+    noise: of the model; None: fitted to what the prediction misses.
+    """
+    if not seen.by_load:
+        return predicted
+    error, h = seen.measurement - predicted, seen.interval
+    return predicted + known_load(error, seen.used, h, noise or fitted_noise(error, seen.used, h), seen.ahead)
 
 
 def linear_values(problem: Problem, fitted: Fit) -> list[dict[str, float | tuple[float, ...]]]:

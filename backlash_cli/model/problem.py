@@ -75,8 +75,9 @@ class Problem:
     delay: dead time [s] known from the settings, None when the settings give none. holes: where OP is not known.
     floor: standard deviation of the measurement noise [span], from third differences. driven: share of OP's motion that
     comes from the setpoint or the operator. ahead: samples that a loop driven by its load is predicted ahead.
-    output_step: in which OP was recorded [span], 0 when it hardly matters. loads, moved, others: load columns, moved
-    outputs and the columns of the last shape, shared by problems that differ in their mask only.
+    output_step: in which OP was recorded [span], 0 when it hardly matters. seed: of the random trials of a search.
+    loads, moved, others: load columns, moved outputs and the columns of the last shape, shared by problems that differ
+    in their mask only.
     """
 
     loop: str
@@ -94,6 +95,7 @@ class Problem:
     driven: float = 1.0
     ahead: int = 1
     output_step: float = 0.0
+    seed: int = 0
     loads: Memory = field(default_factory=lambda: Memory(60), repr=False)
     moved: Memory = field(default_factory=lambda: Memory(16), repr=False)
     others: Memory = field(default_factory=lambda: Memory(1), repr=False)
@@ -120,8 +122,8 @@ class Problem:
         return replace(self, measurement=np.where(used, measurement, 0.0), used=used)
 
 
-def problem_from_record(record: Record) -> Problem:
-    """Lay a record on its grid for a model.
+def problem_from_record(record: Record, seed: int = 0) -> Problem:
+    """Lay a record on its grid for a model; seed: of the random trials of a search.
 
     Raises LoopError when OP is absent or constant, PV is constant, or too few samples can be used.
     """
@@ -173,7 +175,7 @@ def problem_from_record(record: Record) -> Problem:
     return Problem(
         record.loop, record.interval, moved, np.where(used, measurement, 0.0), recorded, setpoint, used, columns,
         record.settings.theta or None, record.settings, _holes(output), floor, driven,
-        horizon(recorded, floor, record.interval, record.settings.Ti), step_of(moved),
+        horizon(recorded, floor, record.interval, record.settings.Ti), step_of(moved), seed,
     )
 
 

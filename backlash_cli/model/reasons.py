@@ -16,7 +16,6 @@ from ..results import Candidate, FittedEffect, FittedParameter, Model, gap_size
 from .fit import Solver, finished, fit
 from .holdout import Tested, better, tested
 from .locate import turning_points
-from .noise import whitener
 from .pipeline import Part, Shape, moved_output, moved_process
 from .problem import Problem, usual_output
 from .recorder import fitted_problem
@@ -197,7 +196,7 @@ def _process(
 ) -> list[Note]:
     """Whether the effects hold with a gain and a time constant of this record, or else with other numbers of theirs."""
     noise = plain.fit.noise
-    solver = Solver(problem, whitener(noise, problem.used, problem.interval))
+    solver = Solver(problem, noise)
     seen = fitted_problem(problem, recorders)
 
     def best(lags: Sequence[float]) -> Shape:
