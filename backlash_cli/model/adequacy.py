@@ -7,11 +7,11 @@ answer to OP can explain, and compared with the whitened rest. Noise alone gives
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc
 
 from ..kernels import play
 from ..record import FloatArray
@@ -69,7 +69,7 @@ def left_by(problem: Problem, fitted: Fit) -> Left:
         Z = solver.white.columns(np.column_stack(columns))
         q = _basis(Z - more @ (more.T @ Z))
         score = float(np.sum((q.T @ rest) ** 2)) * solver.white.samples / max(after, 1e-300)
-        chance = float(chdtrc(q.shape[1], score)) if q.shape[1] else 1.0
+        chance = chance_above(score, q.shape[1])
         if chance < CHANCE:
             found.append((chance, -score, words))
     said = [words for _, _, words in sorted(found)]
@@ -77,6 +77,19 @@ def left_by(problem: Problem, fitted: Fit) -> Left:
         said.append("the moves of OP: the process answers with another shape than the model's lags")
     score = -min((s for _, s, _ in found), default=0.0)
     return Left(tuple(said), score, score / solver.white.samples)
+
+
+def chance_above(score: float, columns: int) -> float:
+    """Return the chance that chi-squared of so many degrees of freedom exceeds `score` (Abramowitz and Stegun 26.4)."""
+    if columns % 2:
+        chance, term, degrees = math.erfc(math.sqrt(0.5 * score)), math.sqrt(2.0 * score / math.pi), 1
+    else:
+        chance, term, degrees = (math.exp(-0.5 * score), 0.5 * score, 2) if columns else (1.0, 0.0, 0)
+    while degrees < columns:
+        chance += term * math.exp(-0.5 * score)
+        degrees += 2
+        term *= score / degrees
+    return chance
 
 
 def signals(problem: Problem, fitted: Fit) -> tuple[list[FloatArray], dict[str, list[FloatArray]]]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..effects import Parameter
 from ..record import FloatArray
+from .levenberg import downhill
 from .noise import Noise, fit_noise, fitted_noise, known_load, whitener
 from .pipeline import (
     Shape,
@@ -260,32 +261,15 @@ class Solver:
 def descend(
     solver: Solver, shape: Shape, *, rounds: int = 8, tolerance: float = 0.05, hold: Free | None = None
 ) -> Shape:
-    """Refine the searched numbers by Levenberg-Marquardt steps until the deviance gains less than `tolerance`.
-
-    hold: a number that stays as it is.
-    """
+    """Refine the searched numbers until the deviance gains less than `tolerance`; hold: a number that stays."""
     held = None if hold is None else (hold.place, hold.name, hold.item)
-    rss = solver.rss(shape)
-    damping = 1e-2
-    for _ in range(rounds):
+
+    def local(shape: Shape) -> tuple[FloatArray, FloatArray, Callable[[FloatArray], Shape]]:
         free = [f for f in free_numbers(solver.problem, shape) if (f.place, f.name, f.item) != held]
-        A, g = curvature(solver, shape, free)
-        diagonal = np.maximum(np.diag(A), 1e-12 * max(float(np.max(np.diag(A))), 1e-300))
         numbers = get(shape, free)
-        gained = 0.0
-        for _try in range(4):
-            move = -np.linalg.solve(A + np.diag(damping * diagonal), g)
-            trial = put(shape, free, numbers + move)
-            trial_rss = solver.rss(trial)
-            if trial_rss < rss:
-                gained = solver.white.samples * float(np.log(rss / trial_rss))
-                shape, damping = trial, max(damping * 0.2, 1e-6)
-                break
-            damping = min(damping * 8.0, 1e6)
-        if gained < tolerance:
-            break
-        rss = trial_rss
-    return shape
+        return *curvature(solver, shape, free), lambda move: put(shape, free, numbers + move)
+
+    return downhill(shape, solver.rss, local, solver.white.samples, rounds, tolerance)
 
 
 def curvature(solver: Solver, shape: Shape, free: list[Free]) -> tuple[FloatArray, FloatArray]:

@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from ..effects import Effect
 from ..record import FloatArray
@@ -88,6 +87,8 @@ def expected(mean: FloatArray, sd: float, low: FloatArray, high: FloatArray) -> 
     mean + sd (p(a) - p(b)) / (P(b) - P(a)) with a, b = the limits less the mean, over sd (Johnson, Kotz and
     Balakrishnan, Continuous Univariate Distributions 1, section 13.10.1); far out the nearer limit.
     """
+    from scipy.special import ndtr  # few recordings were rounded
+
     a, b = (low - mean) / sd, (high - mean) / sd
     inside = ndtr(b) - ndtr(a)
     away = (np.exp(-0.5 * a * a) - np.exp(-0.5 * b * b)) / (ROOT_2_PI * np.maximum(inside, 1e-9))

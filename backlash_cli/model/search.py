@@ -259,12 +259,12 @@ def best_known(judge: Judge, fitted: Fit, known: Sequence[Fit]) -> Fit:
 
     Slopes alone may end in a poorer valley, and an effect taken out may leave the other look-alike the better one.
     """
-    return judge.best([fitted, *(k for k in known if families(k.shape) == families(fitted.shape))])
+    return judge.best([fitted, *(k for k in known if families(k.shape.parts) == families(fitted.shape.parts))])
 
 
-def families(shape: Shape) -> list[str]:
-    """Return for each effect of a model the first name among it and its look-alikes."""
-    return sorted(min(part.effect.name, *part.effect.fitting.siblings, "~") for part in shape.parts)
+def families(parts: Sequence[Part]) -> list[str]:
+    """Return for each effect the first name among it and its look-alikes."""
+    return sorted(min(part.effect.name, *part.effect.fitting.siblings, "~") for part in parts)
 
 
 def taken_out(judge: Judge, now: Fit, name: str) -> Fit:

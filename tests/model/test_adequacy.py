@@ -11,7 +11,7 @@ from backlash_cli.model.adequacy import left_by
 from backlash_cli.model.candidates import candidate
 from backlash_cli.model.explain import recorders
 from backlash_cli.model.intervals import unseen_travel
-from backlash_cli.model.problem import problem_from_record
+from backlash_cli.model.problem import Memory, problem_from_record
 from backlash_cli.model.recorder import only_reports, recorded_floor
 from backlash_cli.model.score import judge_for
 from backlash_cli.model.search import baseline
@@ -91,7 +91,7 @@ def test_a_gap_may_be_wider_where_op_turned_between_the_stored_samples() -> None
 def problem_with(problem, output):  # type: ignore[no-untyped-def]
     from dataclasses import replace
 
-    return replace(problem, output=output, memory={}, moved={})
+    return replace(problem, output=output, moved=Memory(16))
 
 
 def test_repeated_values_are_an_exception_test_or_rounding_with_their_own_floor() -> None:
