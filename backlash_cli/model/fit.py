@@ -125,25 +125,10 @@ class Solver:
 
     def __init__(self, problem: Problem, noise: Noise) -> None:
         self.problem, self.white = problem, whitener(noise, problem.used, problem.interval)
-        white = self.white
-        self._measured = self._y = white.one(problem.measurement)
-        self._yy = float(self._y @ self._y)
+        self._measured = self.white.one(problem.measurement)
         self._raw: FloatArray | None = None
         self._last: tuple[Shape, tuple[FloatArray, float, FloatArray]] | None = None
         self._bent: FloatArray | None = None
-        self._others = np.empty((0, 0))
-        self._gram = np.empty((0, 0))
-        self._cross = np.empty(0)
-        self._x = np.empty(0)
-        self._G = np.empty((0, 0))
-
-    def _use(self, shape: Shape) -> None:
-        raw = load_regressors(self.problem, shape)
-        if raw is not self._raw:
-            self._raw, self._others = raw, self.white.columns(raw)
-            self._gram = self._others.T @ self._others
-            self._gram.flat[:: len(self._gram) + 1] += (self.problem.floor / spreads(self.problem, raw)) ** 2
-            self._cross = self._others.T @ self._y
 
     def solve(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened moved process of a shape."""
@@ -152,10 +137,24 @@ class Solver:
         return self._last[1]
 
     def _solve(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
-        if self._y is not self._measured:
-            self._y, self._yy = self._measured, float(self._measured @ self._measured)
         self._use(shape)
         return self._solved(self.white.one(moved_process(self.problem, shape)))
+
+    def _use(self, shape: Shape) -> None:
+        """Take the other columns than the moved process as those of a shape, where they are not yet."""
+        raw = load_regressors(self.problem, shape)
+        if raw is not self._raw:
+            self._take(self.white.columns(raw), self._measured, self._ridge(raw))
+            self._raw = raw
+
+    def _ridge(self, raw: FloatArray) -> FloatArray:
+        return (self.problem.floor / spreads(self.problem, raw)) ** 2
+
+    def _take(self, others: FloatArray, measured: FloatArray, ridge: FloatArray) -> None:
+        """Take whitened columns (samples, columns) and measurement (samples,) as the ones to solve."""
+        self._raw, self._others, self._y, self._yy = None, others, measured, float(measured @ measured)
+        self._cross, self._gram = others.T @ measured, others.T @ others
+        self._gram.flat[:: len(self._gram) + 1] += ridge
 
     def _solved(self, x: FloatArray) -> tuple[FloatArray, float, FloatArray]:
         m = len(self._cross) + 1
@@ -172,41 +171,29 @@ class Solver:
         """As `solve`, where a transmitter that is not linear shows the sum of the columns: Gauss-Newton steps."""
         problem, white = self.problem, self.white
         raw = regressors(problem, shape)
-        ridge = (problem.floor / spreads(problem, raw[:, 1:])) ** 2
-        known = self._bent
-        cold = known is None or len(known) != raw.shape[1]
-        if known is None or cold:
-            known = self._solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
-        c = known
-        found: tuple[FloatArray, FloatArray, FloatArray] | None = None
-        best = np.inf
-        for _ in range(COLD_ROUNDS if cold else BENT_ROUNDS):
+        ridge, c, rounds = self._ridge(raw[:, 1:]), self._bent, BENT_ROUNDS
+        if c is None or len(c) != raw.shape[1]:
+            c = self._solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
+            rounds = COLD_ROUNDS
+        best, found = np.inf, c
+        for _ in range(rounds):
             process = raw @ c
             off = white.one(problem.measurement - through(problem, shape.sensors, process))
             rss = float(off @ off)
-            if found is not None and rss >= best:
-                c = 0.5 * (c + found[0])
+            if rss >= best:
+                c = 0.5 * (c + found)
                 continue
-            gained, best = best - rss, rss
+            gained, best, found = best - rss, rss, c
             columns = white.columns(sensed_slopes(problem, shape, process, raw))
-            found = (c, columns, off)
-            c = self._take(columns, off + columns @ c, ridge)
+            at_best = columns[:, 1:], off + columns @ c, ridge
+            self._take(*at_best)
+            c = self._solved(columns[:, 0])[0]
             if gained < BENT_ENOUGH * best:
                 break
-        assert found is not None
-        c, columns, off = found
-        self._bent = c
-        self._take(columns, off + columns @ c, ridge)
-        return c, max(best, 1e-300), columns[:, 0]
-
-    def _take(self, columns: FloatArray, measured: FloatArray, ridge: FloatArray) -> FloatArray:
-        """Take whitened columns (samples, columns) and measurement (samples,) as the ones to solve; return their c."""
-        self._raw, self._y, self._yy = None, measured, float(measured @ measured)
-        self._others = columns[:, 1:]
-        self._cross = self._others.T @ measured
-        self._gram = self._others.T @ self._others
-        self._gram.flat[:: len(self._gram) + 1] += ridge
-        return self._solved(columns[:, 0])[0]
+        self._bent = found
+        self._take(*at_best)
+        self._solved(columns[:, 0])
+        return found, max(best, 1e-300), columns[:, 0]
 
     def cross(self, Z: FloatArray) -> FloatArray:
         """Return the columns of the shape solved last times those of Z (samples, numbers), (columns, numbers)."""
@@ -223,8 +210,7 @@ class Solver:
 
     def columns(self, shape: Shape) -> FloatArray:
         """Return the whitened columns of a shape, the moved process first, (samples, columns)."""
-        x = self.solve(shape)[2]
-        return np.column_stack([x, self._others])
+        return np.column_stack([self.solve(shape)[2], self._others])
 
     def rss(self, shape: Shape) -> float:
         """Return the whitened sum of squares of a shape."""
@@ -291,26 +277,24 @@ def slopes(solver: Solver, shape: Shape, free: list[Free]) -> FloatArray:
     here = predict(solver.problem, shape, c)
     numbers = get(shape, free)
     D = []
-    for j, f in enumerate(free):
-        step = f.step if numbers[j] + f.step <= f.high else -f.step
-        moved = numbers.copy()
-        moved[j] += step
-        D.append((predict(solver.problem, put(shape, free, moved), c) - here) / step)
+    for f, number in zip(free, numbers, strict=True):
+        step = f.step if number + f.step <= f.high else -f.step
+        D.append((predict(solver.problem, put(shape, [f], np.array([number + step])), c) - here) / step)
     return solver.white.columns(np.column_stack(D))
 
 
 def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3) -> Fit:
     """Fit a shape from start values: searched numbers and noise in turn until the likelihood stands still."""
-    now: Fit | None = None
+    before = np.inf
     for _ in range(rounds):
-        before = np.inf if now is None else now.deviance
         solver = Solver(problem, noise)
         shape = descend(solver, shape)
         noise = refit_noise(solver, shape, noise)
         now = finished(problem, shape, noise)
         if now.deviance > before - 0.5:
             break
-    return now or finished(problem, shape, noise)
+        before = now.deviance
+    return now
 
 
 def refit_noise(solver: Solver, shape: Shape, first: Noise) -> Noise:
