@@ -50,19 +50,20 @@ class TextTable:
         if first.num_rows == 0:
             raise InputError("no rows of data below the header", where=self.where,
                              remedy="export it again with samples")
-        self.head = Head(self.where, stem, dialect.names, tuple(first.columns), dialect.decimal, dialect.line,
-                         partition, dialect.kinds)
-        self._whole = first if dialect.end is None else None
+        self.head = Head(self.where, stem, dialect.names, tuple(first.columns), dialect.kinds, partition,
+                         dialect.decimal, dialect.line)
+        self._first = first
         self._first_bad = self._bad[0][0] if self._bad else None  # rows are numbered where one thread reads them
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
         """Yield the columns that are asked for, some rows at a time; to be called once. stamps: columns of stamps."""
-        if self._whole is not None:
-            yield {i: self._whole.column(i) for i in {*columns, *stamps}}
-            return
-        self._bad = []
         types = {i: self._type(i, i in stamps) for i in {*columns, *stamps}}
-        for block in self.text.blocks(self.dialect.offset, BLOCK):
+        begin = self.dialect.end
+        if "%" in (self.text.options.time_format or ""):  # stamps are read as text from the beginning
+            begin, self._bad = self.dialect.offset, []
+        else:
+            yield {i: self._first.column(i) for i in types}
+        for block in self.text.blocks(begin, BLOCK):
             if block.isspace():
                 continue
             before = len(self._bad)
@@ -166,7 +167,7 @@ class ParquetTable:
         begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_ROWS, columns=tell.names), 1), tell)
         first = [begun[f.name] if f.name in tell.names else pa.chunked_array([], f.type) for f in fields]
         names = tuple(_TWO_LEVELS.sub(r"\1.\2", name) for name in self._names)
-        self.head = Head(self.where, stem, names, tuple(first), partition=partition)
+        self.head = Head(self.where, stem, names, tuple(first), ("",) * len(names), partition)
         self.notes: list[Note] = []
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
