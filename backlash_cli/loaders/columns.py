@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator
 from functools import lru_cache
-from itertools import islice
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,6 @@ from .sniff import find_dialect
 from .sources import Remote, open_place
 from .times import StampReader
 
-BLOCK = 16 << 20  # bytes of text that are read at once
 BATCH_ROWS = 1 << 19  # rows of Parquet that are read at once
 HEAD_ROWS = 4000
 MAX_COLUMNS = 100_000
@@ -42,7 +41,7 @@ class TextTable:
 
     def __init__(self, text: Text, stem: str, partition: dict[str, str]) -> None:
         self.text, self.where = text, str(text.path)
-        self.dialect = dialect = find_dialect(text.head, text.complete, text.options, self.where)
+        self.dialect = dialect = find_dialect(text.head, text.options, self.where)
         if len(dialect.names) > MAX_COLUMNS:
             raise InputError(f"{len(dialect.names)} columns are too many", where=self.where)
         self._bad: list[tuple[int | None, int, int]] = []
@@ -63,8 +62,8 @@ class TextTable:
             begin, self._bad = self.dialect.offset, []
         else:
             yield {i: self._first.column(i) for i in types}
-        for block in self.text.blocks(begin, BLOCK):
-            if block.isspace():
+        for block in chain([self.text.head[begin:]], self.text.rest):
+            if not block or block.isspace():
                 continue
             before = len(self._bad)
             try:

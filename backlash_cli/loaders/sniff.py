@@ -59,14 +59,14 @@ class Dialect:
     kinds: tuple[str, ...]
 
 
-def find_dialect(text: bytes, complete: bool, options: ReadOptions, where: str) -> Dialect:
-    """Find how a text is written from its first lines; complete: it is all of the file.
+def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> Dialect:
+    """Find how a text is written from its first lines.
 
     Raises InputError when there is no header line, no data, or nothing that looks like columns.
     """
     head = text.decode()
     lines = lines_of(head)
-    end = len(head) if complete or len(lines) < 2 else lines.pop()[1]
+    end = lines[HEAD_LINES][1] if len(lines) > HEAD_LINES else len(head)
     declared = re.match(r"^sep=(.)$", lines[0][2].strip()) if lines else None
     lines = [row for row in lines[1 if declared else 0 : HEAD_LINES] if row[2].strip(" \t,;|")]
     if not lines:
