@@ -12,7 +12,8 @@ import re
 import stat
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache, cached_property, reduce
+from operator import truediv
 from os import PathLike
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
@@ -252,9 +253,7 @@ def _below(folder: Path | Remote) -> list[Source]:
         # the nearest folder that is called after something: no key=value, no date
         home = next((part for part in reversed(way) if "=" not in part and not _DATE.fullmatch(part)), "")
         named = any(plain(key) in LOOP | TAG for key in partition)
-        here, beside = folder, frozenset(names)
-        for part in parts:
-            here = here / part
+        here, beside = reduce(truediv, parts, folder), frozenset(names)
         for name in sorted(filter(is_export, names)):
             own = {**partition, "loop": home} if home and not named and _PART.match(name) else partition
             found.append(Source(here / name, own, beside))
