@@ -143,7 +143,7 @@ class ParquetTable:
     def __init__(self, path: Any, stem: str, options: ReadOptions, partition: dict[str, str]) -> None:
         self.path, self.where, self.options = path.absolute(), str(path), options
         open_parquet.cache_clear()  # the file may have changed
-        file = open_parquet(self.path)
+        file = open_parquet(path)
         about, schema, size = file.metadata, file.schema_arrow, path.stat().st_size
         self.count, decoded = about.num_rows, about.num_rows * about.num_columns * 8
         if about.num_columns > MAX_COLUMNS:
@@ -164,7 +164,8 @@ class ParquetTable:
         # cells tell about the layout only where they are no plain measurements
         tell = pa.schema([f for k, f in enumerate(fields) if k == 0 or not pa.types.is_floating(f.type)])
         begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_ROWS, columns=tell.names), 1), tell)
-        first = [begun[f.name] if f.name in tell.names else pa.chunked_array([], f.type) for f in fields]
+        told = dict(zip(tell.names, begun.columns, strict=True))
+        first = [told.get(f.name, pa.chunked_array([], f.type)) for f in fields]
         names = tuple(_TWO_LEVELS.sub(r"\1.\2", name) for name in self._names)
         self.head = Head(self.where, stem, names, tuple(first), ("",) * len(names), partition)
         self.notes: list[Note] = []

@@ -25,7 +25,7 @@ from .options import ReadOptions
 from .sources import Remote, open_place
 
 CHUNK = 1 << 20  # bytes that are read at once
-BLOCK = 16 << 20  # bytes of text that are handed on at once
+BLOCK = 8 << 20  # bytes of text that are handed on at once
 SAMPLE = 64 << 10  # bytes that tell how a text is encoded
 # Text of measurements never shrinks to a 200th; beyond this a small file is a trap, not an export.
 BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20
@@ -56,18 +56,16 @@ def kind_of(path: Path | Remote) -> str:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
     if not magic:
         raise InputError("file is empty (0 bytes)", where=str(path), remedy="export it again")
-    if magic[:4] == b"PAR1":
-        return "parquet"
+    return _kind(magic, path)
+
+
+def _kind(magic: bytes, path: Path | Remote) -> str:
     if magic.startswith(b"PK\x03\x04") and path.name.lower().endswith((".xlsx", ".xlsm")):
         return "workbook"
-    _refuse_foreign(magic, path)
-    return "text"
-
-
-def _refuse_foreign(magic: bytes, path: Path | Remote) -> None:
     for mark, (what, remedy) in _FOREIGN.items():
         if magic.startswith(mark):
             raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
+    return "parquet" if magic.startswith(b"PAR1") else "text"
 
 
 class Text:
@@ -129,13 +127,11 @@ class Text:
             head += piece
         if not head:
             raise InputError("file holds no data", where=str(self.path), remedy="export it again")
-        if head[:4] == b"PAR1":
+        if _kind(head, self.path) == "parquet":
             raise InputError("compressed Parquet file", where=str(self.path), remedy="decompress it first")
-        _refuse_foreign(head[:16], self.path)
         encoding = guess_encoding(head, self.path, self.options)
-        errors = "strict" if encoding == "utf-8" else "replace"
         try:
-            decoder = codecs.getincrementaldecoder(encoding)(errors)
+            decoder = codecs.getincrementaldecoder(encoding)("strict" if encoding == "utf-8" else "replace")
             decoder.decode(b"")
         except (LookupError, ValueError) as error:
             raise InputError(f"cannot decode the text as {encoding}: {error}", where=str(self.path)) from None

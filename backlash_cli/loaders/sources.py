@@ -193,18 +193,13 @@ class Remote(PathLike[str]):
 
 
 @dataclass(frozen=True)
-class Source(PathLike[str]):
-    """One file to read. partition: names and values of folders like loop=FIC101 on the way to it.
-
-    beside: names of all files in the same folder, None where they were not listed.
-    """
+class Source:
+    """One file to read. partition: names and values of folders like loop=FIC101 on the way to it. beside: names of all
+    files in the same folder, None where they were not listed."""
 
     path: Path | Remote
     partition: dict[str, str] = field(default_factory=dict)
     beside: frozenset[str] | None = field(default=None, repr=False)
-
-    def __fspath__(self) -> str:
-        return str(self.path)
 
     def mark(self) -> str:
         """Return what changes when the content of the file does, "" where that cannot be known."""
@@ -217,16 +212,12 @@ class Source(PathLike[str]):
             return ""
 
 
-def find_sources(inputs: str | PathLike[str] | Sequence[str | PathLike[str]]) -> list[Source]:
+def find_sources(inputs: Sequence[str | PathLike[str]]) -> list[Source]:
     """Return the files behind the inputs, each once, in order. Raises InputError for what does not exist."""
-    given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
-    if not given:
+    if not inputs:
         raise InputError("no input given", remedy="name an export file or a folder of exports")
     found: list[Source] = []
-    for item in given:
-        if isinstance(item, Source):
-            found.append(item)
-            continue
+    for item in inputs:
         if "\x00" in os.fspath(item):
             raise InputError("a file name holds a zero byte", remedy="check the name")
         path = place(item)
@@ -346,6 +337,6 @@ def read_metadata(path: str | PathLike[str]) -> Metadata:
 def size_of(inputs: Sequence[str | PathLike[str]]) -> int | None:
     """Return the bytes of all files behind the inputs on this machine, None where that cannot be known quickly."""
     try:
-        return sum(source.path.stat().st_size for source in find_sources(list(inputs)) if isinstance(source.path, Path))
+        return sum(source.path.stat().st_size for source in find_sources(inputs) if isinstance(source.path, Path))
     except (BacklashError, OSError):
         return None
