@@ -23,12 +23,11 @@ from .numbers import BLANK, is_number, is_text, stored
 from .opening import Text
 from .options import ReadOptions
 from .signals import Cells, Lexicon
-from .sniff import find_dialect
+from .sniff import HEAD_LINES, find_dialect
 from .sources import Remote, open_place
 from .times import StampReader
 
 BATCH_ROWS = 1 << 19  # rows of Parquet that are read at once
-HEAD_ROWS = 4000
 MAX_COLUMNS = 100_000
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
 _TWO_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # a name of two levels as pandas writes it
@@ -163,7 +162,7 @@ class ParquetTable:
             raise InputError("two columns have the same name", where=self.where, remedy="export it with unique names")
         # cells tell about the layout only where they are no plain measurements
         tell = pa.schema([f for k, f in enumerate(fields) if k == 0 or not pa.types.is_floating(f.type)])
-        begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_ROWS, columns=tell.names), 1), tell)
+        begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_LINES, columns=tell.names), 1), tell)
         told = dict(zip(tell.names, begun.columns, strict=True))
         first = [told.get(f.name, pa.chunked_array([], f.type)) for f in fields]
         names = tuple(_TWO_LEVELS.sub(r"\1.\2", name) for name in self._names)

@@ -144,16 +144,12 @@ class Text:
             except UnicodeDecodeError:
                 piece, encoding = decoder.getstate()[0] + piece, "cp1252"
                 decoder = codecs.getincrementaldecoder("cp1252")("replace")
-                self._say("text is not UTF-8; read with the encoding cp1252 (Western European)")
                 text = decoder.decode(piece)
-            else:
-                if "\ufffd" in text and encoding != "utf-8":
-                    self._say(f"some bytes are not valid {encoding} text; they were replaced")
+                self.notes.append(Note("encoding", "text is not UTF-8; read with the encoding cp1252 (Western "
+                                       "European)"))
+            if "\ufffd" in text and encoding != "utf-8" and not self.notes:
+                self.notes.append(Note("encoding", f"some bytes are not valid {encoding} text; they were replaced"))
             yield text.encode("utf-8", errors="replace")
-
-    def _say(self, text: str) -> None:
-        if not any(note.message == text for note in self.notes):
-            self.notes.append(Note("encoding", text))
 
 
 def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:

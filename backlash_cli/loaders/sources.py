@@ -10,7 +10,7 @@ import contextlib
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property, reduce
 from operator import truediv
@@ -235,10 +235,17 @@ def find_sources(inputs: Sequence[str | PathLike[str]]) -> list[Source]:
 
 
 def _below(folder: Path | Remote) -> list[Source]:
+    listed: dict[tuple[str, ...], list[str]] = {}  # of every folder in and below it, its parts below: its files
+    if isinstance(folder, Remote):
+        for parts in folder.files_below():
+            if not any(part.startswith((".", "_")) for part in parts[:-1]):
+                listed.setdefault(parts[:-1], []).append(parts[-1])
+    else:
+        for root, folders, names in os.walk(folder):
+            folders[:] = [name for name in folders if not name.startswith((".", "_"))]
+            listed[Path(root).relative_to(folder).parts] = names
     found: list[Source] = []
-    seen: list[str] = []
-    for parts, names in _folders_of(folder):
-        seen += names
+    for parts, names in sorted(listed.items()):
         way = (folder.name, *parts)
         partition = {key: unquote(value) for key, equals, value in (part.partition("=") for part in way) if equals}
         # the nearest folder that is called after something: no key=value, no date
@@ -251,25 +258,11 @@ def _below(folder: Path | Remote) -> list[Source]:
         if len(found) > MAX_FILES:
             raise InputError(f"more than {MAX_FILES} files", where=str(folder), remedy="scan it in parts")
     if not found:
-        other = sorted({Path(name).suffix or name for name in seen})
+        other = sorted({Path(name).suffix or name for names in listed.values() for name in names})
         there = f"; found there: {', '.join(other[:8])}" + ", ..." * (len(other) > 8) if other else "; it is empty"
         raise InputError(f"folder holds no exports (no CSV, Parquet or Excel files){there}", where=str(folder),
                          remedy="name the folder with the exports, or a file")
     return found
-
-
-def _folders_of(folder: Path | Remote) -> Iterable[tuple[tuple[str, ...], list[str]]]:
-    """Every folder in and below a folder, as its parts below it and the names of its files, in order."""
-    listed: dict[tuple[str, ...], list[str]] = {}
-    if isinstance(folder, Remote):
-        for parts in folder.files_below():
-            if not any(part.startswith((".", "_")) for part in parts[:-1]):
-                listed.setdefault(parts[:-1], []).append(parts[-1])
-    else:
-        for root, folders, names in os.walk(folder):
-            folders[:] = [name for name in folders if not name.startswith((".", "_"))]
-            listed[Path(root).relative_to(folder).parts] = names
-    return sorted(listed.items())
 
 
 def is_export(name: str) -> bool:
