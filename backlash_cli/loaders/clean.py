@@ -184,8 +184,9 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
     manual, on_mode = frame.manual((*options.auto_modes, *settings.auto_modes))
     sp, op = (None if values is None else normalised(values, span)
               for values, span in ((setpoint, scaled.pv_range), (output, scaled.op_range)))
-    samples = judged(grid.index, sp, normalised(measured, scaled.pv_range), op, interpolated, manual, frame.bridge)
-    going.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in samples.marks.items()})
+    y, state, marks = judged(grid.index, sp, normalised(measured, scaled.pv_range), op, interpolated, manual,
+                             frame.bridge)
+    going.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()})
     going.samples += last - first
     going.output = output is not None
     missing = [] if sp is not None else [Note(
@@ -194,9 +195,8 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
         ("wild", "filled", "frozen", "saturated", "missing"), ("setpoint", "output"), ("manual",))]
     extra = {name: frame.disturbance(items) for name, items in loop.extra.items()}
     record = Record(
-        loop.name, grid.start / 1e6, grid.interval, grid.index, np.full(len(measured), np.nan) if sp is None else sp,
-        samples.measurement, op, samples.state, scaled,
-        {name: values for name, values in extra.items() if values is not None},
+        loop.name, grid.start / 1e6, grid.interval, grid.index, np.full(len(y), np.nan) if sp is None else sp, y, op,
+        state, scaled, {name: values for name, values in extra.items() if values is not None},
         (*notes, *said[0], *missing, *said[1], *on_mode, *said[2]),
     )  # fmt: skip
     return record if going.end is None else record.slice(first, last)

@@ -91,11 +91,12 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
     return Plant(tuple(records), opened.warnings, (*opened.failures, *lost), opened.inputs)
 
 
-@dataclass(frozen=True)
-class OpenPlant:
+@dataclass(frozen=True, eq=False)
+class OpenPlant(Mapping[str, Record]):
     """One or several exports whose loops are known and not yet read: one recipe per loop, by name.
 
-    failures: files that could not be read. lost: loops that cannot be. The rest as in Plant.
+    failures: files that could not be read. lost: loops that cannot be. The rest as in Plant. As a mapping it makes the
+    record of a loop each time it is asked for; a loop that cannot be read is not there.
     """
 
     recipes: tuple[Recipe, ...]
@@ -103,6 +104,29 @@ class OpenPlant:
     failures: tuple[Note, ...] = ()
     inputs: tuple[str, ...] = ()
     lost: tuple[Note, ...] = ()
+
+    @cached_property
+    def _by_name(self) -> dict[str, Recipe]:
+        return {recipe.loop: recipe for recipe in self.recipes}
+
+    @cached_property
+    def _joiner(self) -> Joiner:
+        return Joiner(self.recipes[0].options.good_quality)
+
+    def __getitem__(self, loop: str) -> Record:
+        try:
+            return self._by_name[loop].record(self._joiner)
+        except BacklashError as error:
+            raise KeyError(str(error)) from None
+
+    def __contains__(self, loop: object) -> bool:
+        return loop in self._by_name
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._by_name)
+
+    def __len__(self) -> int:
+        return len(self.recipes)
 
     def all_lost(self, more: Sequence[Note], *, read: int) -> tuple[Note, ...]:
         """Return the loops that could not be read, with those found out when they were read, by name.
@@ -115,29 +139,6 @@ class OpenPlant:
             raise LoopError(f"no loop could be read; {first.message}" if len(lost) > 1 else first.message,
                             code=first.code)
         return lost
-
-
-class RecordsByName(Mapping[str, Record]):
-    """The records of recipes by the name of the loop, made anew each time; a loop that cannot be read is not there."""
-
-    def __init__(self, recipes: Iterable[Recipe]) -> None:
-        self._recipes = {recipe.loop: recipe for recipe in recipes}
-        self._joiner = next((Joiner(recipe.options.good_quality) for recipe in self._recipes.values()), None)
-
-    def __getitem__(self, loop: str) -> Record:
-        try:
-            return self._recipes[loop].record(self._joiner)
-        except BacklashError as error:
-            raise KeyError(str(error)) from None
-
-    def __contains__(self, loop: object) -> bool:
-        return loop in self._recipes
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._recipes)
-
-    def __len__(self) -> int:
-        return len(self._recipes)
 
 
 def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,

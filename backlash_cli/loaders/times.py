@@ -86,11 +86,6 @@ class Dates:
     am_pm: bool = False
     short: bool = True
 
-    @property
-    def open(self) -> IntArray:
-        """Places of the open dates."""
-        return np.flatnonzero(_is_open(self.micros))
-
 
 def read_dates(words: list[str]) -> Dates:
     """Read texts as dates with or without a time of day, or as times of day."""
@@ -136,11 +131,19 @@ def _stamps(fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
     year_first, month_first = a >= 1000, a < 0
     year = full_year(np.where(year_first, a, c))
     days = days_of(year, np.abs(np.where(month_first, a, b)), np.where(year_first, c, np.where(month_first, b, a)))
-    out = np.where(bad | (days == NAT), NAT, np.where(days == NAT, 0, days) * DAY + clock)
     unclear = (a >= 0) & ~year_first & (b >= 0)
+    bad |= unclear & ((a >= 100) | (year < _FIRST_YEAR) | (year >= _FIRST_YEAR + _YEARS))
     packed = _OPEN + ((((year - _FIRST_YEAR) * 100 + b) * 100 + a) << _SHIFT) + clock + DAY
-    possible = ~bad & (a < 100) & (year >= _FIRST_YEAR) & (year < _FIRST_YEAR + _YEARS)
-    return np.where(unclear, np.where(possible, packed, NAT), out), zoned
+    return np.where(bad, NAT, np.where(unclear, packed, _at(days, clock))), zoned
+
+
+def _unpacked(stamps: IntArray) -> tuple[IntArray, IntArray]:
+    """(number of the date, time of day) of open stamps."""
+    return (stamps - _OPEN) >> _SHIFT, ((stamps - _OPEN) & ((1 << _SHIFT) - 1)) - DAY
+
+
+def _at(days: IntArray, clock: IntArray) -> IntArray:
+    return np.where(days == NAT, NAT, np.where(days == NAT, 0, days) * DAY + clock)
 
 
 def _looked_up(texts: pa.Array, value: Callable[[str], int]) -> IntArray:
@@ -190,13 +193,13 @@ class DateOrder:
 
     def take(self, found: Dates) -> None:
         """Count the open dates of some texts, in the order in which these stand in the file."""
-        stamps = found.micros[found.open]
+        stamps = found.micros[_is_open(found.micros)]
         if not len(stamps):
             return
         self.first, self.short = self.first if self.seen else found, self.short and found.short
-        dates, begins, counts = np.unique((stamps - _OPEN) >> _SHIFT, return_index=True, return_counts=True)
-        ends = len(stamps) - 1 - np.unique((stamps[::-1] - _OPEN) >> _SHIFT, return_index=True)[1]
-        clocks = (stamps - _OPEN) & ((1 << _SHIFT) - 1)
+        numbers, clocks = _unpacked(stamps)
+        dates, begins, counts = np.unique(numbers, return_index=True, return_counts=True)
+        ends = len(numbers) - 1 - np.unique(numbers[::-1], return_index=True)[1]
         for k in np.argsort(begins).tolist():
             seen = self.seen.setdefault(int(dates[k]), [int(clocks[begins[k]]), 0, 0])
             seen[1:] = int(clocks[ends[k]]), seen[2] + int(counts[k])
@@ -206,23 +209,17 @@ class DateOrder:
         if not self.seen or order not in ("dmy", "mdy", "ymd"):
             order = self._decided(where, name, notes) if self.seen else "dmy"
 
-        def unpacked(stamps: IntArray) -> IntArray:
-            days = days_of(*_readings((stamps - _OPEN) >> _SHIFT)[order])
-            clock = ((stamps - _OPEN) & ((1 << _SHIFT) - 1)) - DAY
-            return np.where(days == NAT, NAT, np.where(days == NAT, 0, days) * DAY + clock)
+        def read(stamps: IntArray) -> IntArray:
+            numbers, clock = _unpacked(stamps)
+            return _at(days_of(*_readings(numbers)[order]), clock)
 
-        return unpacked
+        return read
 
     def _decided(self, where: str, name: str, notes: list[Note]) -> str:
         readings = _readings(np.array(list(self.seen), np.int64))
         counts = [count for _, _, count in self.seen.values()]
         fitting = [kind for kind, (_, month, day) in readings.items() if (kind != "ymd" or self.short) and np.average(
             (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31), weights=counts) > 0.99]
-        year, month, day = readings["ymd"]
-        if len(fitting) > 1 and "ymd" in fitting:
-            # two-digit years: only dates of this century are read, so a part above 31 decides
-            decided = [kind for kind in fitting if kind != "ymd" and (day > 31).any()]
-            fitting = decided or (["ymd"] if (year > 2031).any() else fitting)
         if len(fitting) < 2:
             return fitting[0] if fitting else "dmy"
         even = self._even({kind: readings[kind] for kind in fitting})
@@ -232,10 +229,10 @@ class DateOrder:
         if self.first.am_pm and separator in ("/", "-") and "mdy" in fitting:
             notes.append(Note("time_format", "dates with AM/PM are read as month/day/year; --time-format dmy if not"))
             return "mdy"
+        year, b, a = (int(part[0]) for part in readings["dmy"])
         raise InputError(
-            f"dates like {year[0] % 100:02d}{separator}{month[0]:02d}{separator}"
-            f"{day[0] if self.short else readings['dmy'][0][0]:02d} in {name!r} are ambiguous: is the day first?",
-            where=where, code="ambiguous_dates",
+            f"dates like {a:02d}{separator}{b:02d}{separator}{year % 100 if self.short else year:02d} in {name!r} are "
+            "ambiguous: is the day first?", where=where, code="ambiguous_dates",
             remedy="say it with --time-format dmy, mdy or a pattern such as '%d/%m/%Y %H:%M:%S'")
 
     def _even(self, readings: dict[str, tuple[IntArray, ...]]) -> str:
@@ -253,9 +250,9 @@ class DateOrder:
         return best if jumps[best][1] < 3.0 and min(others) > 5.0 * jumps[best][0] else ""
 
 
-def _readings(dates: IntArray) -> dict[str, tuple[IntArray, ...]]:
-    """(year, month, day) of the packed numbers of dates in each order in which they may stand."""
-    rest, a = np.divmod(dates, 100)
+def _readings(numbers: IntArray) -> dict[str, tuple[IntArray, ...]]:
+    """(year, month, day) of the numbers of dates in each order in which they may stand."""
+    rest, a = np.divmod(numbers, 100)
     c, b = np.divmod(rest, 100)
     year = c + _FIRST_YEAR
     return {"dmy": (year, b, a), "mdy": (year, a, b), "ymd": (full_year(a), b, year % 100)}
@@ -309,13 +306,10 @@ class StampReader:
         """Return what gives the stamps in UTC, to be called for all rows in file order. `notes` are complete after
         that. Raises InputError when there were no stamps, or when day and month cannot be told apart."""
         if not self._known:
-            if self._unit or not self._shown:
-                raise InputError(f"time column {self.name!r} holds no time stamps", where=self.where,
-                                 remedy="name it with --time-format")
-            raise InputError(f"time column {self.name!r} holds no readable time stamps (for example {self._shown!r})",
-                             where=self.where,
+            what = f"readable time stamps (for example {self._shown!r})" if self._shown else "time stamps"
+            raise InputError(f"time column {self.name!r} holds no {what}", where=self.where,
                              remedy="describe them with --time-format, for example --time-format '%d/%m/%Y %H:%M:%S'")
-        unpacked = self._order.chosen(self.options.time_format, self.where, self.name, self.notes)
+        read_open = self._order.chosen(self.options.time_format, self.where, self.name, self.notes)
         if self._zoned and self._bare:
             self.notes.append(Note(
                 "mixed_zones", "some time stamps carry an offset and some do not; the others count as UTC"))
@@ -327,7 +321,7 @@ class StampReader:
             is_open = _is_open(stamps)
             if is_open.any():
                 stamps = stamps.copy()
-                stamps[is_open] = unpacked(stamps[is_open])
+                stamps[is_open] = read_open(stamps[is_open])
             return stamps if self._clock is None else self._clock.utc(stamps)
 
         return resolved
@@ -491,12 +485,9 @@ class WallClock:
     def _gone_back(self, local: IntArray, doubled: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """After the clock went back (a step of more than half an hour in the doubled hour) the second offset holds."""
         back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
-        within = np.concatenate([[self._within], doubled])
-        before = np.cumsum(back)
-        begins = np.flatnonzero(~within[:-1] & within[1:])
-        # steps back before the rows that lie in the hour now came there; less than none: there were some already
-        earlier = np.concatenate([[-self._back], before[begins] - back[begins]])
-        since = before - earlier[np.cumsum(~within[:-1] & within[1:])]
+        count = self._back + np.cumsum(back)
+        begins = doubled & ~np.concatenate([[self._within], doubled[:-1]])
+        since = count - np.maximum.accumulate(np.where(begins, count - back, 0))
         self._rows += int(np.count_nonzero(doubled))
         self._last, self._within, self._back = int(local[-1]), bool(doubled[-1]), int(since[-1])
         return doubled & (since > 0)
