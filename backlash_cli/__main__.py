@@ -1,11 +1,9 @@
-"""Entry point: a group of commands, each loaded only when it is called, so that `--help` answers at once."""
+"""Entry point: the commands as one group; every failure becomes one message and an exit status of the contract."""
 
 from __future__ import annotations
 
 import errno
-import importlib
 import os
-import pkgutil
 import signal
 import sys
 import threading
@@ -15,59 +13,38 @@ from typing import Any
 
 import click
 
-from . import commands
 from ._version import __version__
-from .errors import BacklashError
+from .commands.check import check
+from .commands.compensate import compensate
+from .commands.history import history, report, trend
+from .commands.nightly import nightly
+from .commands.plan import plan
+from .commands.scan import scan
+from .commands.simulate import effects, paper, simulate
+from .commands.workbench import compare, explain
+from .errors import BacklashError, nearest
 
 # matrices here are tall and narrow: threads of the linear algebra library cost more than they gain
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-SUMMARIES = {
-    "scan": "Find dead band in every loop of an export.",
-    "plan": "Work out the least that would decide each undecided loop.",
-    "check": "Check data quality and controller settings of every loop.",
-    "compare": "Compare a model of a loop with its measurements and see where it fails.",
-    "explain": "Find the physical effects that are missing in a loop's model.",
-    "effects": "List the physical effects, each in a sentence.",
-    "simulate": "Write a record from the closed-loop simulator.",
-    "compensate": "Simulate a loop with and without backlash compensation.",
-    "paper": "Recompute the numbers of Haegglund (2007), paper against ours.",
-    "history": "List, export and mark repairs in the history of nightly scans.",
-    "trend": "Show how dead bands grow from night to night.",
-    "report": "Write the report page of a history.",
-    "nightly": "Run the nightly job of a configuration file.",
-}
 
-
-class LazyGroup(click.Group):
-    """Finds commands by file name and imports one only when it runs."""
+class Commands(click.Group):
+    """The commands in the order in which a user meets them; a wrong name brings up the nearest."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        found = {m.name for m in pkgutil.iter_modules(commands.__path__)}
-        return [name for name in SUMMARIES if name in found]
-
-    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        if name not in self.list_commands(ctx):
-            return None
-        return getattr(importlib.import_module(f"backlash_cli.commands.{name}"), name)
+        return list(self.commands)
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        from .errors import nearest
-
-        if args and not args[0].startswith("-") and args[0] not in self.list_commands(ctx):
-            raise click.UsageError(f"no command '{args[0]}': {nearest(args[0], self.list_commands(ctx))}", ctx)
+        if args and not args[0].startswith("-") and args[0] not in self.commands:
+            raise click.UsageError(f"no command '{args[0]}': {nearest(args[0], self.commands)}", ctx)
         return super().resolve_command(ctx, args)
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        rows = [(name, SUMMARIES[name]) for name in self.list_commands(ctx)]
-        if rows:
-            with formatter.section("Commands"):
-                formatter.write_dl(rows)
 
 
 @click.group(
-    cls=LazyGroup,
+    cls=Commands,
+    commands=[scan, plan, check, compare, explain, effects, simulate, compensate, paper, history, trend, report,
+              nightly],
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Example: backlash scan sample_data/plant.csv",
 )

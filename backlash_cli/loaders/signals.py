@@ -111,12 +111,10 @@ class StoredRows:
     store: Store
     count: int
     lexicons: dict[str, Lexicon] = field(default_factory=dict)
-    group: int = -1
+    group: int = 0
 
     def _read(self, names: list[str], first: int, last: int) -> dict[str, NDArray[Any]]:
-        if self.group < 0:
-            return self.store.read(names, first, last)
-        return self.store.read_group(self.group, names, first, last)
+        return self.store.read(names, first, last, self.group)
 
     def cells(self, column: str, first: int, last: int) -> Cells:
         lexicon = self.lexicons.get(column)
@@ -177,7 +175,7 @@ def packed(rows: Rows | None, columns: Iterable[str], stamps: str = "") -> Rows 
         arrays |= {column: cells.values} if cells.codes is None else {column: cells.values, f"{column}w": cells.codes}
     store = Store(Room(1 << 62), stays=True)
     store.add(arrays)
-    return StoredRows(store.close(), rows.count, base.lexicons)
+    return StoredRows(store, rows.count, base.lexicons)
 
 
 @dataclass(frozen=True, eq=False)
