@@ -16,7 +16,7 @@ from ..settings import ROLE_KEYS, Metadata
 from .grid import Times
 from .names import SIGNALS, plain
 from .quality import good_samples
-from .signals import Axis, Series, packed
+from .signals import Axis, Series
 from .states import inside, runs
 
 MOST_TIMES = 8  # kept: more than one loop has, and few enough for plants of many files
@@ -42,19 +42,6 @@ class LoopSeries:
         roles, extra = ({name: list(map(change, items)) for name, items in parts.items()}
                         for parts in (self.roles, self.extra))
         return replace(self, roles=roles, extra=extra)
-
-    def packed(self) -> LoopSeries:
-        """Return it with its samples in memory, to be sent to another machine; columns of Parquet files are read there.
-        """
-        axes: dict[int, Axis] = {}
-
-        def own(item: Series) -> Series:
-            axis = item.axis
-            if id(axis) not in axes:
-                axes[id(axis)] = replace(axis, rows=packed(axis.rows, (), axis.column))
-            return replace(item, axis=axes[id(axis)], rows=packed(item.rows, (item.column, item.quality)))
-
-        return self.changed(own)
 
 
 @dataclass(frozen=True, eq=False)

@@ -69,7 +69,6 @@ _SIZES = ((1.2e17, 1.5e17, "filetime"), (1e17, 1e19, "epoch_ns"), (1e14, 1e17, "
           (3.4e9, 4.2e9, "labview"), (1e8, 3.4e9, "epoch_s"))  # fmt: skip
 _NAMED = (("millis", ("ms",), ("ms", "msec")), ("minutes", ("min", "minutes"), ("min",)),
           ("hours", ("hours", "timeh"), ("h", "hours")))  # unit: ends of a column's name, words in brackets behind it
-_PER_SECOND = {"s": 1, "ms": 1000, "us": SECOND}
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,13 +285,11 @@ class StampReader:
             column = column.cast(column.type.value_type)
         kind = column.type
         if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
-            if pa.types.is_date(kind):
-                column = column.cast(pa.timestamp("s"))
-            micros = _micros(column, column.type.unit)
-            self._seen(micros, np.full(len(micros), column.type.tz is not None))
+            micros = _micros(column, pa.timestamp("us", getattr(kind, "tz", None)))
+            self._seen(micros, np.full(len(micros), getattr(kind, "tz", None) is not None))
             return micros
         if pa.types.is_time(kind):
-            return self._past_midnight(_micros(column.cast(pa.time64("us"), safe=False), "us"))
+            return self._past_midnight(_micros(column, pa.time64("us")))
         if pa.types.is_null(kind):
             return np.full(len(column), NAT)
         if is_text(kind):
@@ -447,15 +444,10 @@ def _unit_of(known: FloatArray, name: str) -> str:
     return next((unit for unit, ends, words in _NAMED if plain(name).endswith(ends) or bracket in words), "seconds")
 
 
-def _micros(column: pa.ChunkedArray | pa.Array, unit: str) -> IntArray:
+def _micros(column: pa.ChunkedArray | pa.Array, kind: pa.DataType) -> IntArray:
     """Stamps or times of day as microseconds, NAT where they are empty or too far off."""
-    numbers = column.cast(pa.int64())
-    integers = to_array(pc.fill_null(numbers, NAT) if numbers.null_count else numbers)
-    if unit == "ns":
-        return np.where(integers == NAT, NAT, integers // 1000)
-    factor = SECOND // _PER_SECOND[unit]
-    far = np.abs(integers.astype(np.float64)) > LIMIT / factor
-    return np.where(far, NAT, np.where(far, 0, integers) * factor) if far.any() else integers * factor
+    micros = to_array(pc.fill_null(column.cast(kind, safe=False).cast(pa.int64()), NAT))
+    return np.where(np.abs(micros) < LIMIT, micros, NAT)
 
 
 class WallClock:
