@@ -29,7 +29,7 @@ from .signals import Axis, Series
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import Reading, signals_of_file
 
-READING_ERRORS = (BacklashError, ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
+READING_ERRORS = (ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
 SHOWN = 12  # names written out in a message; all of them stand in its values
 FEW_LOOPS = 3  # loops of the loops file without data that are named one by one
 
@@ -155,25 +155,24 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     sources = find_sources(given)
     marks = {} if salt is None else {str(source.path): source.mark() for source in sources}  # before they are read
     metadata, warnings = _metadata(given, sources, loops)
-    series, failures, problems = [], [], []
+    series: list[Series] = []
+    problems: dict[str, BacklashError] = {}
     reading = Reading(options, _needed(metadata, options), taken, room or Room())
     for source in sources:
         try:
             found, notes = signals_of_file(source, reading)
+            series += found
+            warnings += notes
+        except BacklashError as error:
+            problems[str(source.path)] = error
         except READING_ERRORS as error:
-            if not isinstance(error, BacklashError):
-                text = str(error).strip().split("\n")[0][:300] or type(error).__name__
-                error = InputError(f"cannot be read: damaged or not understood: {text}", where=str(source.path),
-                                   remedy="export the file again")
-            problems.append(error)
-            failures.append(failure(error, file=str(source.path)))
-            continue
-        series += found
-        warnings += notes
+            text = str(error).strip().split("\n")[0][:300] or type(error).__name__
+            problems[str(source.path)] = InputError(f"cannot be read: damaged or not understood: {text}",
+                                                    where=str(source.path), remedy="export the file again")
     if not series:
-        raise problems[0] if len(sources) == 1 and problems else InputError(
-            f"none of {len(sources)} files could be read; the first: {[*problems, None][0]}",
-            remedy="export them again")
+        first = next(iter(problems.values()), None)
+        raise first if first is not None and len(sources) == 1 else InputError(
+            f"none of {len(sources)} files could be read; the first: {first}", remedy="export them again")
     all_loops = by_loop(series, metadata)
     wanted, notes = _chosen(series, all_loops, metadata, options, str(sources[0].path))
     warnings += notes
@@ -185,7 +184,8 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     warnings += _unmatched(all_loops, metadata)
     recipes = (_recipe(name, wanted[name], metadata, options) for name in sorted(wanted))
     return OpenPlant(tuple(recipe.keyed(marks, (salt, moment)) for recipe in recipes), tuple(warnings),
-                     tuple(failures), tuple(str(item) for item in given), tuple(lost))
+                     tuple(failure(error, file=path) for path, error in problems.items()),
+                     tuple(str(item) for item in given), tuple(lost))
 
 
 def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],

@@ -11,7 +11,6 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
-from typing import Any
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -94,7 +93,7 @@ def read_dates(words: list[str]) -> Dates:
         for written, usual in rewritten:
             text = pc.replace_substring_regex(text, written, usual)
         fields = pc.extract_regex(text, form)
-        valid = _numpy(fields.is_valid())
+        valid = to_array(fields.is_valid())
         if form is _OF_DAY:
             found = replace(found, of_day=len(rest) == len(words) and valid.sum() > len(rest) / 2)
         if valid.any() and (form is not _OF_DAY or found.of_day):
@@ -122,8 +121,9 @@ def _stamps(fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
     fraction = pc.utf8_slice_codeunits(pc.utf8_rpad(pc.fill_null(fields.field("f"), ""), 6, "0"), 0, 6)
     offset = _looked_up(fields.field("z"), _minutes_east)
     bad = (hour > 24) | (minute > 59) | (second > 60) | (offset == NAT)
-    clock = ((hour * 60 + minute - np.where(bad, 0, offset)) * 60 + second) * SECOND + _numpy(fraction.cast(pa.int64()))
-    zoned = _numpy(pc.not_equal(pc.fill_null(fields.field("z"), ""), ""))
+    minutes = hour * 60 + minute - np.where(bad, 0, offset)
+    clock = (minutes * 60 + second) * SECOND + to_array(fraction.cast(pa.int64()))
+    zoned = to_array(pc.not_equal(pc.fill_null(fields.field("z"), ""), ""))
     if fields.type.get_field_index("a") < 0:
         return np.where(bad, NAT, clock), zoned
     a, b, c = (_looked_up(fields.field(name), _whole_or_month) for name in "abc")
@@ -148,7 +148,7 @@ def _at(days: IntArray, clock: IntArray) -> IntArray:
 def _looked_up(texts: pa.Array, value: Callable[[str], int]) -> IntArray:
     """(texts,) What few different texts mean, each looked up once."""
     coded = pc.fill_null(texts, "").dictionary_encode()
-    return np.array([value(text) for text in coded.dictionary.to_pylist()], np.int64)[_numpy(coded.indices)]
+    return np.array([value(text) for text in coded.dictionary.to_pylist()], np.int64)[to_array(coded.indices)]
 
 
 def _whole_or_month(text: str) -> int:
@@ -176,10 +176,6 @@ def days_of(year: IntArray, month: IntArray, day: IntArray) -> IntArray:
     months = (12 * (np.where(bad, 1970, year) - 1970) + np.where(bad, 1, month) - 1).astype("datetime64[M]")
     days = months.astype("datetime64[D]") + (np.where(bad, 1, day) - 1)
     return np.where(bad | (days.astype("datetime64[M]") != months), NAT, days.astype(np.int64))
-
-
-def _numpy(cells: pa.Array) -> NDArray[Any]:
-    return cells.to_numpy(zero_copy_only=False)
 
 
 class DateOrder:
