@@ -19,6 +19,7 @@ from .quality import good_samples
 from .signals import Axis, Series
 from .states import inside, runs
 
+Faults = dict[tuple[str, str], Counter[str]]  # (what is wrong, tag) -> what stood there, counted
 MOST_TIMES = 8  # kept: more than one loop has, and few enough for plants of many files
 
 
@@ -54,9 +55,6 @@ class Signal:
     bad: NDArray[np.bool_] | None
     notes: tuple[Note, ...] = ()
     faults: Faults = field(default_factory=dict)
-
-
-Faults = dict[tuple[str, str], Counter[str]]
 
 
 def by_loop(found: Iterable[Any], metadata: Metadata) -> dict[str, LoopSeries]:
