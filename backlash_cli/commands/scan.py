@@ -170,12 +170,10 @@ class Job:
     def plant(self) -> OpenPlant:
         return self._open(self.export.inputs)
 
-    @cached_property
+    @property
     def records(self) -> Mapping[str, Record]:
         """The loops by name, each read again when it is asked for: pictures need the samples."""
-        from ..loaders.plant import RecordsByName
-
-        return RecordsByName(self.plant.recipes)
+        return self.plant
 
     def scan(self, inputs: Sequence[Path | Remote] | None = None) -> ScanResult:
         """Return the result of all inputs, or of these."""
