@@ -61,7 +61,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     target = Path(os.path.realpath(path))
     try:
-        mode = _mode(target)
+        mode = target.stat().st_mode if target.exists() else None
         if mode is not None and not stat.S_ISREG(mode):
             if stat.S_ISDIR(mode):
                 raise IsADirectoryError(errno.EISDIR, "is a folder")
@@ -105,22 +105,12 @@ def make_folder(path: str | os.PathLike[str]) -> None:
 @functools.cache
 def _sweep(folder: Path) -> None:
     """Remove, once per run and folder, the temporary files that runs left there which were killed outright."""
-    with contextlib.suppress(OSError):
-        for name in os.listdir(folder):
-            if _TEMPORARY.fullmatch(name):
-                path = folder / name
-                with contextlib.suppress(OSError):
-                    about = path.lstat()
-                    if stat.S_ISREG(about.st_mode) and about.st_mtime < time.time() - LEFT_BEHIND:
-                        path.unlink()
-
-
-def _mode(target: Path) -> int | None:
-    """Type and rights of `target`, None where there is nothing yet."""
-    try:
-        return target.stat().st_mode
-    except FileNotFoundError:
-        return None
+    for path in folder.glob(".backlash-*.tmp"):
+        with contextlib.suppress(OSError):
+            about = path.lstat()
+            old = stat.S_ISREG(about.st_mode) and about.st_mtime < time.time() - LEFT_BEHIND
+            if old and _TEMPORARY.fullmatch(path.name):
+                path.unlink()
 
 
 def _flush(path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import re
 from collections.abc import Callable, Iterable, Sequence
 
@@ -12,14 +13,11 @@ from .words import size
 Rule = Callable[[LoopReport], bool]
 
 _SIZE = re.compile(r"d\s*(>=|>)\s*(\d+(?:\.\d*)?|\.\d+)\s*(%?)")
-_NAMED: dict[str, frozenset[Verdict]] = {
-    "backlash": frozenset({Verdict.BACKLASH}),
-    "suspected": frozenset({Verdict.BACKLASH, Verdict.SUSPECTED}),
-    "oscillating": frozenset({Verdict.OSCILLATING}),
-    "cannot_tell": frozenset({Verdict.CANNOT_TELL}),
-    "insufficient_data": frozenset({Verdict.INSUFFICIENT_DATA}),
-    "error": frozenset({Verdict.ERROR}),
-    "any": frozenset({Verdict.BACKLASH, Verdict.SUSPECTED, Verdict.OSCILLATING}),
+_NAMED: dict[str, tuple[Verdict, ...]] = {
+    **{str(v): (v,) for v in (Verdict.BACKLASH, Verdict.OSCILLATING, Verdict.CANNOT_TELL, Verdict.INSUFFICIENT_DATA,
+                              Verdict.ERROR)},
+    "suspected": (Verdict.BACKLASH, Verdict.SUSPECTED),
+    "any": (Verdict.BACKLASH, Verdict.SUSPECTED, Verdict.OSCILLATING),
 }
 
 
@@ -47,10 +45,7 @@ def _rule(text: str, where: str) -> Rule:
     sign, number, per_cent = found.groups()
     limit = float(number) / (100.0 if per_cent else 1.0)
     if limit > 1.0:
-        raise UsageError(
-            f"a dead band of {limit:g} spans cannot be", where=f"{where} {text}",
-            remedy=f"d is a part of the span (0.03 is 3 %); did you mean d{sign}{number}% ?",
-        )
-    if sign == ">":
-        return lambda report: (size(report) or 0.0) > limit
-    return lambda report: size(report) is not None and (size(report) or 0.0) >= limit
+        raise UsageError(f"a dead band of {limit:g} spans cannot be", where=f"{where} {text}",
+                         remedy=f"d is a part of the span (0.03 is 3 %); did you mean d{sign}{number}% ?")
+    compare = operator.gt if sign == ">" else operator.ge
+    return lambda report: (d := size(report)) is not None and compare(d, limit)

@@ -20,7 +20,7 @@ from .json_report import json_parts
 from .page import LoopPart, one_page, write_folder_of
 from .plant_figures import PlantRow, plant_figure
 from .safe import file_names
-from .tables import TABLES, csv_parts, write_parquet
+from .tables import columns_of, csv_parts, write_parquet
 from .words import MARKS, VERDICTS, by_size, counted, excluded, interval, moment, percent, size
 
 DRAWN = 40  # loops in the picture of the plant, and with figures of their own in a single file; a folder has no limit
@@ -35,8 +35,7 @@ def check_delivery(form: str | None, output: Path | None, table: str) -> str | N
 
     Raises UsageError for what cannot be, before any work is done.
     """
-    if table not in TABLES:
-        raise UsageError(f"no table {table!r}", where="--table", remedy=f"one of: {', '.join(TABLES)}")
+    columns_of(table)
     if form is None and output is not None:
         form = _SUFFIXES.get(output.suffix.lower(), "table")
     if form == "parquet" and output is None:

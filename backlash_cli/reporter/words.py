@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from ..results import Candidate, Comparison, Compensator, Explanation, FittedEffect, LoopReport, Region, Step, Verdict
+from ..results import Candidate, Comparison, Explanation, FittedEffect, LoopReport, Region, Step, Verdict
 from .json_report import iso_time
 from .safe import terminal
 
@@ -22,23 +22,7 @@ _SAID = {
 VERDICTS, MARKS = ({verdict: said[k] for verdict, said in _SAID.items()} for k in (0, 1))
 _ORDER = {v: i for i, v in enumerate(VERDICTS)}
 WORSE = 1.15  # share of the error over share of the time, from which a region is worth a line
-NOT_TRIED, NOT_EXPLAINED = "not_tried", "not_explained"
-# why an effect that was tried is not in the model, by code
-WHY = {
-    "no_better_prediction": "unseen samples predicted no better",
-    "little_evidence": "better, but no more than chance may give",
-    "other_explains": "another effect explains the same error better",
-    "look_alike": "a look-alike was taken, cannot be told apart",
-    "look_alike_better": "a look-alike fits better",
-    "below_resolution": "smaller than the recording shows",
-    "fits_nothing": "fits best where it does nothing",
-    "op_never_turns": "OP never turns back",
-    "too_little_motion": "too little motion to tell",
-    NOT_TRIED: "nothing pointed to it",
-    NOT_EXPLAINED: "loop could not be explained",
-}
 KIN = {frozenset(("backlash", "stiction"))}  # one valve has one of them: said in one breath
-
 
 
 def by_size(reports: Sequence[LoopReport]) -> list[LoopReport]:
@@ -116,12 +100,6 @@ def advice(report: LoopReport) -> str:
     if report.compensator is not None:
         return f"compensate {percent(report.compensator.gain)}, {report.compensator.scheme}"
     return report.reasons[0].message if report.reasons else ""
-
-
-def compensator_words(found: Compensator) -> list[str]:
-    """The advice in full, and whose decision it is."""
-    return [f"Compensator gain {percent(found.gain)} of the output span, scheme {found.scheme}. {found.reason}",
-            "This is advice to a person; nothing is written to the control system."]
 
 
 def error_size(value: float | None) -> str:
