@@ -67,10 +67,10 @@ def explain_plant(inputs: tuple[Path, ...], loops: Path | None, reading: ReadOpt
 def _write_folder(folder: Path, loops: Sequence[str], found: Iterator[Explanation], kept: list[Explanation],
                   summary: Callable[[], PlantExplanation], told: str) -> None:
     """Write a page per loop as it comes, then the index, the table and the numbers. told: what the report is about."""
-    from ..reporter.explain_json import to_json
     from ..reporter.explain_report import explain_page
     from ..reporter.explain_summary import to_page
     from ..reporter.files import write_text
+    from ..reporter.json_report import model_json
     from ..reporter.page import links_to, write_pages
     from ..reporter.safe import file_names
 
@@ -80,7 +80,7 @@ def _write_folder(folder: Path, loops: Sequence[str], found: Iterator[Explanatio
 
     def index(subfolder: str) -> str:
         for x in kept:
-            write_text(folder / subfolder / f"{names[x.loop]}.json", to_json(x))
+            write_text(folder / subfolder / f"{names[x.loop]}.json", model_json(x))
         links = links_to({x.loop: names[x.loop] for x in kept}, subfolder)
         return to_page(summary(), links, plotly_file=f"{subfolder}/plotly.js")
 

@@ -92,7 +92,7 @@ def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
 
     Raises BacklashError when nothing can be done: wrong configuration, another job, no export that can be read.
     """
-    from ..reporter.rules import met, parse_rules
+    from ..reporter.scan_report import met, parse_rules
 
     limits = read_profile(config.limits, config.loops)
     rules = parse_rules((rule for rule in config.fail_on if rule != PULL), f"{config.path}, fail_on")

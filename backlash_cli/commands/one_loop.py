@@ -84,9 +84,9 @@ def deliver(found: Found, page: Callable[[Found], str], text: Callable[..., str]
     if html is not None:
         put(html, page(found), "page")
     if json_file is not None:
-        from ..reporter.explain_json import to_json
+        from ..reporter.json_report import model_json
 
-        put(json_file, to_json(found), "numbers")
+        put(json_file, model_json(found), "numbers")
     if str(json_file) != "-":
         put(Path("-"), text(found, verbose=verbose, colour=sys.stdout.isatty()))
 

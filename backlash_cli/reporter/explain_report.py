@@ -16,7 +16,6 @@ from . import explain_figures as figures
 from .console import WIDTH, screen
 from .figures import Figure
 from .page import page
-from .residual_causes import Cause, causes
 from .still import still, write_still
 from .templates import sentence
 from .words import error_size
@@ -59,11 +58,13 @@ def explain_page(e: Explanation, *, plotly_file: str = "", back: tuple[str, str]
                 bars=figures.ladder_bars(e.steps, e.noise_floor))
 
 
-def _causes(series: Series, predictions: Mapping[str, FloatArray | None], floor: float) -> list[tuple[Cause, Figure]]:
+def _causes(
+    series: Series, predictions: Mapping[str, FloatArray | None], floor: float
+) -> list[tuple[figures.Cause, Figure]]:
     """The residual against each of its candidate causes."""
     rests = {name: np.where(series.used, series.measured - p, np.nan) for name, p in predictions.items()
              if p is not None}
-    return [(cause, figures.cause_figure(cause, floor)) for cause in causes(series, rests)] if rests else []
+    return [(cause, figures.cause_figure(cause, floor)) for cause in figures.causes(series, rests)] if rests else []
 
 
 def check_picture(path: Path | None) -> None:

@@ -10,9 +10,8 @@ from typing import Any
 from ..record import Note
 from ..results import Candidate, Explanation, FittedEffect, PlantExplanation, gap_size
 from .console import WIDTH, screen
-from .explain_json import explanation
 from .figures import axis
-from .json_report import header, json_text, strict
+from .json_report import explanation, header, json_text, strict
 from .page import page
 from .parameter_words import said_numbers, several
 from .tables import csv_text

@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 
 from ..record import duration
-from ..results import Verdict
 from ..results.plan import Course, LoopPlan, PlanOption
 from .console import screen
 from .figures import EVIDENCE, MEASUREMENT, SETPOINT, Figure, axis, trace, units
 from .json_report import fields_of, header, json_text, strict
 from .page import page
 from .tables import csv_text
-from .words import VERDICTS, counted
 
 ADVICE = ("This is advice to a person. Nothing is written to the control system; whether and when to test a valve is a "
           "decision of the people who run the plant.")
@@ -31,13 +29,7 @@ def to_text(plans: Sequence[LoopPlan], loops: int) -> str:
 
 def _content(plans: Sequence[LoopPlan], loops: int) -> dict[str, Any]:
     told = sum(any(o.decides for o in p.options) for p in plans)
-    said = f"{len(plans)} of {counted(loops, 'loop')} undecided; for {told} of them a test would tell."
-    return {"plans": plans, "counted_plans": said, "advice": ADVICE, "headline": headline, "kinds": KINDS}
-
-
-def headline(plan: LoopPlan) -> str:
-    """The loop, its verdict and the size that matters."""
-    return f"{plan.loop}: {VERDICTS[Verdict(plan.verdict)]}; the dead band that matters is {100 * plan.target:.2g} %"
+    return {"plans": plans, "told": told, "loops": loops, "advice": ADVICE, "kinds": KINDS}
 
 
 def to_json(plans: Sequence[LoopPlan]) -> str:

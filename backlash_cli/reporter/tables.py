@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 # the same columns in every report, also an empty one
 LOOP_COLUMNS = {
     "loop": "text", "verdict": "text", "confidence": "number", "d": "number cluster.d",
-    "d_low": "number cluster.ci95.0", "d_high": "number cluster.ci95.1", "spread": "number cluster.spread", "cluster_share": "number cluster.share",
+    "d_low": "number cluster.ci95.0", "d_high": "number cluster.ci95.1", "spread": "number cluster.spread",
+    "cluster_share": "number cluster.share",
     "limit_of_detection": "number cluster.limit_of_detection", "confirmed_d": "number confirmation.d",
     "error_reduction": "number confirmation.error_reduction", "delta_bic": "number confirmation.delta_bic",
     "compensator_gain": "number compensator.gain", "compensator_scheme": "text compensator.scheme",
