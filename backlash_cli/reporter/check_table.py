@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from ..check import CheckResult, LoopCheck
     from ..estimator.identify import Identification
 
-WORDS = {"none": "good", "limits": "limited", "blocks": "no verdict", "failed": "failed"}
-_COLOURS = {"none": "green", "limits": "yellow", "blocks": "bold red", "failed": "bold red"}
-_ORDER = ("failed", "blocks", "limits", "none")
+# what the data mean for a verdict, the worst first: word and colour
+_EFFECTS = {"failed": ("failed", "bold red"), "blocks": ("no verdict", "bold red"), "limits": ("limited", "yellow"),
+            "none": ("good", "green")}
 
 
 def check_json(result: CheckResult) -> str:
@@ -29,12 +29,13 @@ def check_json(result: CheckResult) -> str:
 
 def check_text(result: CheckResult, *, verbose: bool = False, colour: bool = False, width: int = WIDTH) -> str:
     """Return the check as text, the worst loops first; `verbose` adds every finding and number of every loop."""
-    loops = sorted(result.loops, key=lambda loop: (_ORDER.index(loop.effect), loop.loop))
+    loops = sorted(result.loops, key=lambda loop: ([*_EFFECTS].index(loop.effect), loop.loop))
     counts = Counter(loop.effect for loop in loops)
     return screen(
-        "check.txt", colour=colour, width=min(width, WIDTH), result=result, loops=loops, verbose=verbose, words=WORDS,
-        counts=", ".join(f"{counts[e]} {WORDS[e]}" for e in _ORDER if counts[e]), colours=_COLOURS, found_in=_found,
-        findings=_findings, untold=lambda loop: [note for note in _findings(loop) if note.message not in loop.meaning])
+        "check.txt", colour=colour, width=min(width, WIDTH), result=result, loops=loops, verbose=verbose,
+        effects=_EFFECTS, found_in=_found, findings=_findings,
+        counts=", ".join(f"{counts[e]} {word}" for e, (word, _) in _EFFECTS.items() if counts[e]),
+        untold=lambda loop: [note for note in _findings(loop) if note.message not in loop.meaning])
 
 
 def _found(loop: LoopCheck) -> Identification | None:

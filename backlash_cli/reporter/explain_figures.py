@@ -18,7 +18,7 @@ from ..results import Region, Series, Step
 from . import figures as fig
 from .figures import Figure
 from .safe import picture
-from .words import error_size, fails, inside_name, rung
+from .words import error_size, fails, plain_name, rung
 
 PREDICTED, RESIDUAL = fig.EVIDENCE, "#7a5bc7"
 STEP_COLOURS = (fig.QUIET, fig.EVIDENCE, fig.GREEN, "#7a5bc7", "#b8578f", "#5a6b00")
@@ -50,7 +50,8 @@ def _recorded(series: Series, settings: LoopSettings) -> list[Figure]:
     return [_line(series, series.setpoint, settings.pv_range, "SP", fig.SETPOINT, width=1.2, dash="dot"),
             _line(series, series.measured, settings.pv_range, "PV measured", fig.MEASUREMENT),
             _line(series, series.output, settings.op_range, "OP", fig.OUTPUT, yaxis="y3"),
-            *(_line(series, values, settings.op_range, inside_name(name), fig.STEM, yaxis="y3", dash="dash")
+            *(_line(series, values, settings.op_range, "stem (model)" if name == "valve" else plain_name(name),
+                    fig.STEM, yaxis="y3", dash="dash")
               for name, values in series.moved.items())]
 
 
@@ -120,7 +121,7 @@ def cause_figure(cause: Cause, noise_floor: float) -> Figure:
     lines = []
     for curve in cause.curves:
         y, kind = curve.mean if cause.show == "mean" else curve.rms, kinds.index(curve.part) % 2
-        lines.append(fig.trace(_digits(curve.x), _digits(100 * y),
+        lines.append(fig.trace(fig.digits(curve.x), fig.digits(100 * y),
                            f"{curve.model}, {curve.part}" if curve.part else curve.model,
                            colours[models.index(curve.model) % 2], mode="lines+markers", width=1.6,
                            dash=("solid", "dash")[kind], size=6, symbol=("circle", "circle-open")[kind],
@@ -166,10 +167,6 @@ def _layout(settings: LoopSettings, noise_floor: float, rests: Sequence[FloatArr
 def _width(span: tuple[float, float]) -> tuple[float, float]:
     """The span of a difference: it has the scale of the range, not its zero."""
     return 0.0, span[1] - span[0]
-
-
-def _digits(values: FloatArray) -> list[float]:
-    return [float(f"{v:.5g}") for v in values.tolist()]
 
 
 @dataclass(frozen=True, eq=False)

@@ -332,6 +332,11 @@ def units(values: FloatArray, span: tuple[float, float], digits: int = 4) -> lis
     return [v if math.isfinite(v) else None for v in np.round(low + (high - low) * values, places).tolist()]
 
 
+def digits(values: FloatArray) -> list[float]:
+    """Five digits of each number: what a plot can show, and a page a third of the size."""
+    return [float(f"{v:.5g}") for v in values.tolist()]
+
+
 def scale(span: tuple[float, float]) -> tuple[float, float]:
     """The span that is shown: per cent where no engineering range is known."""
     return (0.0, 100.0) if span == (0.0, 1.0) else span

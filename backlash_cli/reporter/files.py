@@ -25,6 +25,7 @@ _MENDED = {
     errno.EROFS: ("the disk is read-only", "choose another place"),
     errno.ENOENT: ("the folder does not exist", "make the folder first, or choose another folder"),
     errno.ENOTDIR: ("a part of the path is a file, not a folder", "choose another place"),
+    errno.EEXIST: ("there is a file of that name, not a folder", "choose another place"),
     errno.EISDIR: ("this is a folder, not a file", "give the name of a file"),
     errno.ENAMETOOLONG: ("the name is too long", "choose a shorter name"),
 }
@@ -60,7 +61,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     (/dev/stdout, /dev/null) is written straight, since it must not be replaced by a file.
     """
     target = Path(os.path.realpath(path))
-    try:
+    with _told(path):
         mode = target.stat().st_mode if target.exists() else None
         if mode is not None and not stat.S_ISREG(mode):
             if stat.S_ISDIR(mode):
@@ -83,23 +84,25 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
             raise
         with contextlib.suppress(OSError):
             _flush(target.parent)
+
+
+def make_folder(path: str | os.PathLike[str]) -> None:
+    """Make a folder, and those above it, where they do not exist. Raises BacklashError when that is not possible."""
+    with _told(path):
+        Path(path).mkdir(parents=True, exist_ok=True)
+
+
+@contextlib.contextmanager
+def _told(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Say what is wrong with a place that cannot be written, and how to mend it."""
+    try:
+        yield
     except BrokenPipeError:
         raise
     except OSError as error:
         known = _MENDED.get(error.errno or 0)
         what, remedy = known or (error.strerror or str(error), "choose another place")
         raise BacklashError(f"cannot write: {what}", where=str(path), remedy=remedy, code="cannot_write") from error
-
-
-def make_folder(path: str | os.PathLike[str]) -> None:
-    """Make a folder, and those above it, where they do not exist. Raises BacklashError when that is not possible."""
-    try:
-        Path(path).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BacklashError(
-            f"cannot make the folder: {error.strerror}", where=str(path), remedy="choose another place",
-            code="cannot_write",
-        ) from error
 
 
 @functools.cache

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from ..record import FloatArray
 from ..results.paper import Line, PaperFigure, PaperReport
 from .console import screen
-from .figures import GREEN, QUIET, Figure, axis, trace, written
+from .figures import GREEN, QUIET, Figure, axis, digits, trace, written
 from .json_report import json_text
 from .page import page
 
@@ -76,12 +73,6 @@ def plot(figure: PaperFigure) -> Figure:
 
 
 def _line(line: Line, colour: str, mark: str, *, first: bool) -> Figure:
-    return trace(_digits(line.x), _digits(line.y), line.name, colour, mode="markers" if len(line.x) == 1 else "lines",
+    return trace(digits(line.x), digits(line.y), line.name, colour, mode="markers" if len(line.x) == 1 else "lines",
                  width=1.2 if line.quiet else 1.6, dash=line.dash, size=10, symbol="diamond", hover="",
                  showlegend=first, legendgroup=line.name, xaxis=f"x{mark}", yaxis=f"y{mark}")
-
-
-def _digits(values: FloatArray) -> list[float]:
-    """Five digits of the range: what a plot can show, and a page a third of the size."""
-    reach = float(np.max(np.abs(values))) or 1.0
-    return np.round(values, max(0, 5 - int(np.floor(np.log10(reach))))).tolist()

@@ -137,14 +137,13 @@ def write_folder(folder: Path, result: ScanResult, records: Mapping[str, Record]
 
 
 def _loops(reports: Sequence[LoopReport], records: Mapping[str, Record], points: int = POINTS) -> list[LoopPart]:
-    def content(r: LoopReport) -> dict[str, Any]:
-        return _evidence(r, records.get(r.loop), points)  # one record at a time is in memory
-
-    return [LoopPart(r.loop, MARKS[r.verdict], sentence("brief", r), "loop.html", partial(content, r)) for r in reports]
+    return [LoopPart(r.loop, MARKS[r.verdict], sentence("brief", r), "loop.html",
+                     partial(_evidence, r, records, points)) for r in reports]
 
 
-def _evidence(r: LoopReport, record: Record | None, points: int) -> dict[str, Any]:
+def _evidence(r: LoopReport, records: Mapping[str, Record], points: int) -> dict[str, Any]:
     """What can be seen with bare eyes first; points: of each line over time."""
+    record = records.get(r.loop)  # one at a time is in memory
     found = {"report": r, "undecided": r.verdict in UNDECIDED}
     if record is None or not len(record):
         return {**found, "drawn": {}}

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
 from ..results import LoopReport, ScanResult
-from .files import write_bytes
+from .files import replacing
 from .json_report import half_periods, loop, strict
 from .safe import spreadsheet
 
@@ -121,11 +121,10 @@ def write_rows(rows: Sequence[Mapping[str, object]], path: Path) -> None:
     frame = pd.DataFrame(rows, columns=None if rows else ["loop"])
     for name in {"start", "end", "time"} & {*frame}:
         frame[name] = pd.to_datetime(frame[name], unit="s", utc=True).dt.round("s")
-    out = io.BytesIO()
-    if suffix == ".parquet":
-        frame.to_parquet(out, index=False)
-    else:
-        text = frame.select_dtypes(exclude=["number", "bool", "datetimetz"]).columns
-        frame[text] = frame[text].map(spreadsheet)
-        frame.to_csv(out, index=False, date_format="%Y-%m-%dT%H:%M:%SZ", encoding="utf-8")
-    write_bytes(path, out.getvalue())
+    with replacing(path) as temporary:
+        if suffix == ".parquet":
+            frame.to_parquet(temporary, index=False)
+        else:
+            text = frame.select_dtypes(exclude=["number", "bool", "datetimetz"]).columns
+            frame[text] = frame[text].map(spreadsheet)
+            frame.to_csv(temporary, index=False, date_format="%Y-%m-%dT%H:%M:%SZ", encoding="utf-8")
