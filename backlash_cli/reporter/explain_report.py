@@ -45,8 +45,7 @@ def explain_page(e: Explanation, *, plotly_file: str = "", back: tuple[str, str]
 
 
 def _drawn(found: Comparison | Explanation) -> dict[str, Any]:
-    """The figures: model over measurement, what is beside it, and what the residual depends on; None without a record.
-    """
+    """Model over measurement, what is beside it, and what the residual depends on; None without a record."""
     series, floor = found.series, found.noise_floor
     if isinstance(found, Comparison):
         if series is None:

@@ -83,11 +83,6 @@ def valve_reason(x: Explanation) -> tuple[str, str] | None:
     return reason(x, [c.effect for c in x.candidates if gap_size(c) is not None])
 
 
-def gap_notes(x: Explanation) -> str:
-    """What makes an accepted gap of a loop doubtful or harmless."""
-    return "; ".join(note.message for e in x.effects for note in e.notes)
-
-
 def counts(plant: PlantExplanation) -> dict[str, int]:
     """Return in how many loops each effect is missing, most first; "nothing" counts the loops that lack none."""
     found = Counter(e.effect for x in plant.loops for e in x.effects)
@@ -107,7 +102,7 @@ def _row(x: Explanation) -> dict[str, Any]:
         "numbers": _numbers(x, brief=False), "rmse_baseline": before, "rmse_final": after, "noise_floor": x.noise_floor,
         "error_reduction": 1.0 - (after / before) ** 2 if before > 0 else None, "unexplained": x.unexplained,
         "look_alikes": "; ".join(" = ".join(pair) for pair in x.look_alikes), "verdict": sentence("verdict", x),
-        "gap_small": gap_notes(x),
+        "gap_small": "; ".join(n.message for e in x.effects for n in e.notes),
         **dict(zip(("no_gap", "no_gap_because"), valve_reason(x) or ("", ""), strict=True)),
         "warnings": "; ".join(n.code for n in x.warnings),
     }
@@ -153,5 +148,5 @@ def to_page(plant: PlantExplanation, links: Mapping[str, str] | None = None, plo
 
 def _content(plant: PlantExplanation) -> dict[str, Any]:
     still = sum(any(n.code in SILENT for n in x.reasons) for x in plant.loops)
-    return {"plant": plant, "told": tallies(plant), "still": still, "counts": counts(plant), "gap_notes": gap_notes,
+    return {"plant": plant, "told": tallies(plant), "still": still, "counts": counts(plant),
             "said": {x.loop: _numbers(x) for x in plant.loops}}

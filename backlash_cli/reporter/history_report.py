@@ -49,10 +49,10 @@ def trend_text(wears: Mapping[str, Wear], places: Sequence[Place], *, verbose: b
 
 def trend_json(wears: Mapping[str, Wear], places: Sequence[Place]) -> str:
     """Return wear and ranking of all loops as strict JSON text, in the order of repair."""
-    return json_text({**header(), "loops": [loop_document(wears[place.loop], place) for place in places]})
+    return json_text({**header(), "loops": [_wear(wears[place.loop], place) for place in places]})
 
 
-def loop_document(wear: Wear, place: Place) -> dict[str, Any]:
+def _wear(wear: Wear, place: Place) -> dict[str, Any]:
     """Return one loop's wear with the names of the contract; dead bands are shares of the output span."""
     now, h, date = wear.now, wear.held_out, wear.limit_date
     return {

@@ -31,12 +31,11 @@ def environment(kind: str) -> jinja2.Environment:
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         finalize=shown if kind == "txt" else None,
     )
-    for module in (words, parameter_words, safe):
+    for module in (words, parameter_words, safe, record):
         own = {name: value for name, value in vars(module).items() if name.isupper() or (
             callable(value) and value.__module__.startswith("backlash_cli"))}
         made.globals |= own
         made.filters |= {name: value for name, value in own.items() if callable(value)}
-    made.globals["duration"] = record.duration
     if kind != "words":
         own = vars(environment("words").get_template("sentences.txt").module)
         made.globals |= {name: partial(sentence, name) for name in own if not name.startswith("_")}
