@@ -54,7 +54,7 @@ def screen(template: str, *, colour: bool = False, width: int = WIDTH, **content
 
 def _styled(text: str) -> tuple[Text, Text]:
     """What stands in front of a paragraph, and the paragraph."""
-    found = _STYLED.fullmatch(text.replace("\x1f", "|"))
+    found = _STYLED.fullmatch(text.replace("\ue000", "|"))
     assert found is not None
     return Text(found[1].replace("\t", "")), Text(found[3], style=found[2] or "")
 

@@ -23,8 +23,8 @@ def environment(kind: str) -> jinja2.Environment:
     from markupsafe import Markup
 
     def shown(value: Any) -> Any:
-        # | parts the cells of a table on a terminal
-        return value if isinstance(value, Markup) else Markup(safe.terminal(value).replace("|", "\x1f"))
+        # | parts the cells of a table on a terminal; terminal() lets nothing through that stands for it here
+        return value if isinstance(value, Markup) else Markup(safe.terminal(value).replace("|", "\ue000"))
 
     made = jinja2.Environment(
         loader=jinja2.PackageLoader("backlash_cli.reporter"), autoescape=kind != "words",
