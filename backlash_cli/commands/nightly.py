@@ -121,7 +121,7 @@ def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
     from ..history.lock import lock
     from ..history.plant import plant_history
     from ..history.store import History
-    from ..reporter.rules import met, parse_rules
+    from ..reporter.scan_report import met, parse_rules
 
     limits = read_profile(config.limits, config.loops)
     rules = parse_rules((rule for rule in config.fail_on if rule != PULL), f"{config.path}, fail_on")
