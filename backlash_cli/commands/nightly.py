@@ -23,14 +23,14 @@ def nightly(config: Path, check: bool) -> int:
     Exit status: 0 done; 1 a fail_on rule was met; 2 wrong use, another job works, or nothing could be read; 3 done,
     but some export or loop could not be analysed.
     """
-    from ..history.nightly_config import read_config
+    from ..history.nightly import read_config
     from .nightly_run import list_exports, open_log, run
 
     settings = read_config(config)
     if check:
         emit(list_exports(settings))
         return 0
-    with open_log(settings.log_file, settings.log_format, say) as log:
+    with open_log(settings.log.file, settings.log.format, say) as log:
         summary, status = run(settings, log)
     emit(summary + "\n")
     return status

@@ -12,9 +12,7 @@ from pathlib import Path
 
 from .. import __version__
 from ..errors import BacklashError, InputError
-from ..history.exports import Export, expand, find_exports, matches, missing_dates
-from ..history.lock import lock
-from ..history.nightly_config import NightlyConfig
+from ..history.nightly import Export, NightlyConfig, expand, find_exports, lock, matches, missing_dates
 from ..history.plant import PlantHistory, plant_history
 from ..history.store import History
 from ..record import Record
@@ -171,8 +169,8 @@ def _scan_all(config: NightlyConfig, exports: Sequence[Export], store: History, 
             late=export.name in night.late)
         for note in scan.failures:
             log("not analysed", "warning", night=export.name, reason=note.message)
-        if config.scan is not None:
-            _write_scan(config.scan, config.keep, export.name, scan, job.records, log)
+        if config.outputs.scan is not None:
+            _write_scan(config.outputs.scan, config.outputs.keep, export.name, scan, job.records, log)
 
 
 def _key(config: NightlyConfig, export: Export) -> str:
@@ -207,13 +205,13 @@ def _write_reports(config: NightlyConfig, plant: PlantHistory, store: History, l
     from ..reporter.history_page import write_report
     from ..reporter.history_text import trend_json
 
-    if config.report is not None:
-        config.report.parent.mkdir(parents=True, exist_ok=True)
-        write_report(config.report, plant.places, plant.wears, plant.nights, store.recent_half_periods)
-        log("report", path=str(config.report))
-    if config.trend is not None:
-        config.trend.parent.mkdir(parents=True, exist_ok=True)
-        write_text(config.trend, trend_json(plant.wears, plant.places))
+    if config.outputs.report is not None:
+        config.outputs.report.parent.mkdir(parents=True, exist_ok=True)
+        write_report(config.outputs.report, plant.places, plant.wears, plant.nights, store.recent_half_periods)
+        log("report", path=str(config.outputs.report))
+    if config.outputs.trend is not None:
+        config.outputs.trend.parent.mkdir(parents=True, exist_ok=True)
+        write_text(config.outputs.trend, trend_json(plant.wears, plant.places))
 
 
 def _summary(config: NightlyConfig, night: Night, plant: PlantHistory, hits: Sequence[str]) -> str:
@@ -231,8 +229,8 @@ def _summary(config: NightlyConfig, night: Night, plant: PlantHistory, hits: Seq
     for words, names in (("late", night.late), ("missing", night.missing), ("failed", night.failed), ("alarm", hits)):
         if names:
             parts.append(f"{words} {_names(names)}")
-    if config.report is not None:
-        parts.append(f"report {config.report}")
+    if config.outputs.report is not None:
+        parts.append(f"report {config.outputs.report}")
     return terminal("; ".join(parts))
 
 
