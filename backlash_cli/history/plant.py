@@ -84,7 +84,7 @@ def rows_of(history: History, table: str, loops: list[str]) -> list[dict[str, An
         return [{"loop": loop, "time": r.time, "date": r.date.isoformat(), "note": r.note}
                 for loop in loops for r in history.repairs(loop)]
     if table == "half_periods":
-        return [asdict(p) for loop in loops for p in history.half_periods(loop)]
+        return [{"loop": loop, **asdict(p)} for loop in loops for p in history.half_periods(loop)]
     return [night for loop in loops for night in map(_night_values, history.nights(loop))]
 
 

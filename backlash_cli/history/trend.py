@@ -232,7 +232,7 @@ def _outlook(out: Wear, part: _Part) -> Wear:
     """Return the wear with its state, sentence, model and the date of the limit in epoch seconds."""
     limit, since, trend = out.limit.value, " since the last repair" if out.repairs else "", part.trend
     segment = out.current
-    if not part.nights or segment is None or segment.level is None or segment.level_ci95 is None:
+    if not part.nights or segment is None:
         return replace(out, message=f"no night{since} gives a size of the dead band")
     over = segment.level > limit
     now = f"now {percent(segment.level)}, {'above' if over else 'below'} the limit of {percent(limit)}"
