@@ -27,7 +27,6 @@ _DATE = re.compile(r"\{date(?::([^{}]*))?\}")
 _TOKENS = {"%Y": r"\d{4}", "%y": r"\d{2}", "%m": r"\d{2}", "%d": r"\d{2}", "%j": r"\d{3}", "%H": r"\d{2}",
            "%M": r"\d{2}", "%S": r"\d{2}", "%b": r"[A-Za-z]{3}", "%%": "%"}
 Count = Annotated[int, msgspec.Meta(gt=0, lt=1_000_000)]
-Texts = str | tuple[str, ...]
 
 
 class Outputs(Page, frozen=True):

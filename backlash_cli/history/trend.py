@@ -251,7 +251,7 @@ def _outlook(out: Wear, part: _Part) -> Wear:
     used = fit(part.measured, trend.shocks, (LINE,)) if line else trend
     low, high = segment.slope_ci95
     rate = f"{100 * segment.slope:.2g} % of span per day (95 %: {100 * low:.2g} to {100 * high:.2g})"
-    if low <= 0 and not (trend.shocks.steps and trend.risen):
+    if low <= 0 and not (trend.shocks.steps and trend.low[trend.nights - 1] > trend.high[0]):
         word = "falls" if high < 0 else "shows no trend"
         return replace(out, state="no_trend", message=f"the dead band {word}, {rate}; {now}")
     grows = f"the dead band grows by {rate}" if low > 0 else f"the dead band grows in steps, of late by {rate}"
