@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,7 +45,8 @@ def plan(export: Export, target: str | None, max_pv_move: str, max_op_move: str,
     Candidates are waiting, setpoint steps in automatic, steps of the output in manual, and better logging; each comes
     with its chance. A plan is advice to a person; nothing is written to the control system.
     """
-    from ..engines.plan import plan_all
+    from ..engines.local import answers
+    from ..engines.plan import kept_plan
     from ..plan import PlanOptions
     from ..record import Note
     from ..reporter import plan_text
@@ -58,7 +60,8 @@ def plan(export: Export, target: str | None, max_pv_move: str, max_op_move: str,
     failures = [note.message for note in plant.failures]
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "backlash" / "plans"
     with progress("planning", len(plant), stopped="loops were planned; no plan was written") as step:
-        for found in plan_all(plant.records, options, jobs=jobs, cache=None if no_cache else folder):
+        work = partial(kept_plan, options=options, folder=None if no_cache else folder)
+        for found in answers(plant.records, work, jobs=jobs):
             if isinstance(found, Note):
                 failures.append(found.message)
             elif found is not None:
