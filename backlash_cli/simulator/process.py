@@ -91,7 +91,7 @@ class Process:
 
         numerator, denominator = np.trim_zeros(np.array(self.numerator), "f"), np.array(self.denominator)
         poles = [*((lag, 1.0) for lag in self.lags), *([(1.0, 0.0)] if self.integrating else [])]
-        while len(numerator) > len(denominator):  # lags in the same fraction: no block may answer before its input
+        while len(numerator) > len(self.denominator) and poles:  # no block may answer before its input
             denominator = np.polymul(denominator, poles.pop(0))
         fraction = len(denominator) > 1
         scale = 1.0 if fraction else numerator[-1] / denominator[0]
