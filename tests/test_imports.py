@@ -53,7 +53,6 @@ HOMES = {
     "matplotlib": {"reporter"},
     "jinja2": {"reporter"},
     "sqlite3": {"history"},
-    "statsmodels": {"history"},
     "fsspec": {"loaders"},
     "dask": {"engines"},
     "distributed": {"engines"},
@@ -136,8 +135,7 @@ def loaded_by(code: str) -> set[str]:
 
 def test_the_package_and_its_help_load_nothing_heavy():
     code = "from backlash_cli.__main__ import cli\ncli.main(['--help'], standalone_mode=False)"
-    heavy = {"numpy", "pandas", "pyarrow", "scipy", "numba", "plotly", "matplotlib", "jinja2", "rich",
-             "statsmodels"}
+    heavy = {"numpy", "pandas", "pyarrow", "scipy", "numba", "plotly", "matplotlib", "jinja2", "rich"}
     assert not heavy & loaded_by(code)
     assert not heavy & loaded_by("import backlash_cli")
 

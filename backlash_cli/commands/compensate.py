@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from functools import partial
 from pathlib import Path
@@ -37,7 +36,7 @@ def compensate(export: Export, loop: str, process_text: str | None, dead_band: s
     from ..compensate import compensate as study_of
     from ..engines.local import answers
     from ..record import Note
-    from ..reporter.compensation import compensation_page, to_document, to_text
+    from ..reporter.compensation import compensation_page, to_json, to_text
     from ..simulator.scenario_file import parse_process
 
     work = partial(study_of, process=parse_process(process_text) if process_text else None,
@@ -48,7 +47,7 @@ def compensate(export: Export, loop: str, process_text: str | None, dead_band: s
     if isinstance(study, Note):
         raise LoopError(study.message, code=study.code)
     if json_file is not None:
-        put(json_file, json.dumps(to_document(study), indent=2, allow_nan=False) + "\n", "numbers")
+        put(json_file, to_json(study), "numbers")
     if html is not None:
         put(html, compensation_page(study), "page")
     if str(json_file) != "-":

@@ -73,7 +73,7 @@ def trend(form: str, output: Path | None, verbose: bool, **wear: Any) -> None:
     A night is one scanned export of a loop. Wear is a trend through the nights since the last repair that
     may bend; single bad nights do not pull it. --verbose says whether a straight line would do.
     """
-    from ..reporter.history_text import trend_json, trend_text
+    from ..reporter.history_report import trend_json, trend_text
 
     with worn_plant(**wear) as (plant, _):
         put(output, trend_json(plant.wears, plant.places) if form == "json" else
@@ -91,7 +91,7 @@ def report(output: Path, **wear: Any) -> None:
 
     It opens from disk in any browser, without a network.
     """
-    from ..reporter.history_page import write_report
+    from ..reporter.history_report import write_report
 
     with worn_plant(**wear) as (plant, store):
         write_report(output, plant.places, plant.wears, plant.nights, store.recent_half_periods)
@@ -139,7 +139,7 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
             write_rows(rows, target)
             say(f"{len(rows)} rows of {table} written to {target}")
         if repair is None and remove_repair is None and target is None:
-            from ..reporter.history_text import loops_text, runs_text
+            from ..reporter.history_report import loops_text, runs_text
 
             put(None, runs_text(store.runs()) if runs else loops_text(
                 {name: store.nights(name) for name in names}, {name: store.repairs(name) for name in names},

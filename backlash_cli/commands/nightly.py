@@ -210,7 +210,7 @@ def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records:
                 log: Log) -> None:
     """Write the report of one night and remove the oldest ones beyond `keep`."""
     from ..history.exports import expand, matches
-    from ..reporter.delivery import check_delivery, write
+    from ..reporter.scan_report import check_delivery, write
 
     target = Path(expand(pattern, name))
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -223,8 +223,7 @@ def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records:
 
 def _write_reports(config: NightlyConfig, plant: PlantHistory, store: History, log: Log) -> None:
     from ..reporter.files import write_text
-    from ..reporter.history_page import write_report
-    from ..reporter.history_text import trend_json
+    from ..reporter.history_report import trend_json, write_report
 
     if config.report is not None:
         config.report.parent.mkdir(parents=True, exist_ok=True)

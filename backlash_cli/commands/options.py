@@ -104,7 +104,7 @@ class Place(click.ParamType):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return a Path, or a Remote for an address."""
         if isinstance(value, str) and ("://" in value or "::" in value):
-            from ..loaders.remote import place
+            from ..loaders.sources import place
 
             return place(value)
         return Path(value)

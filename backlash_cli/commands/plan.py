@@ -50,8 +50,7 @@ def plan(export: Export, target: str | None, max_pv_move: str, max_op_move: str,
     from ..engines.plan import kept_plan
     from ..plan import PlanOptions
     from ..record import Note
-    from ..reporter import plan_text
-    from ..reporter.plan_page import plan_page
+    from ..reporter import plan_report
 
     moves = _move(max_pv_move, "--max-pv-move"), _move(max_op_move, "--max-op-move")
     wanted = PlanOptions(options.dead_band(target, "--target"), *moves, repeats, seed)
@@ -69,9 +68,9 @@ def plan(export: Export, target: str | None, max_pv_move: str, max_op_move: str,
                 plans.append(found)
             step()
     if form in ("html", "text"):
-        text = (plan_page if form == "html" else plan_text.to_text)(plans, len(plant))
+        text = (plan_report.plan_page if form == "html" else plan_report.to_text)(plans, len(plant))
     else:
-        text = {"json": plan_text.to_json, "csv": plan_text.to_csv}[form](plans)
+        text = {"json": plan_report.to_json, "csv": plan_report.to_csv}[form](plans)
     put(output, text, several(len(plans), "plan"))
     return say_failures("not planned", failures)
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from ..history.unfinished import Unfinished
     from ..loaders.plant import OpenPlant
-    from ..loaders.remote import Remote
+    from ..loaders.sources import Remote
     from ..record import Record
     from ..results import ScanResult
     from ..scanning import ScanOptions
@@ -74,8 +74,8 @@ def scan(export: Export, demo: bool, form: str | None, output: Path | None, tabl
     Exit status: 0 done; 1 a --fail-on rule was met; 2 wrong use, or nothing could be read; 3 done, but some file or
     loop could not be analysed. When both 1 and 3 apply it is 1.
     """
-    from ..reporter.delivery import check_delivery, draw
     from ..reporter.rules import met, parse_rules
+    from ..reporter.scan_report import check_delivery, draw
     from ..scanning import ScanOptions
 
     if demo == bool(export.inputs):
@@ -130,7 +130,7 @@ def sample_plant(export: Export, *, shown: bool) -> Iterator[Export]:
 
 
 def _deliver(result: ScanResult, job: Job, form: str, output: Path | None, table: str, *, verbose: bool) -> None:
-    from ..reporter.delivery import render, write
+    from ..reporter.scan_report import render, write
 
     records = job.records if form == "html" else {}
     if output is None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from textwrap import fill
@@ -97,12 +96,12 @@ def paper(html: Path | None, json_file: Path | None) -> int:
     no input.
     """
     from ..estimator.haegglund import published_estimates
-    from ..reporter.paper import paper_page, to_document, to_text
+    from ..reporter.paper import paper_page, to_json, to_text
     from ..simulator.paper import reproduce
 
     report = reproduce(published_estimates)
     if json_file is not None:
-        put(json_file, json.dumps(to_document(report), indent=2) + "\n", "rows")
+        put(json_file, to_json(report), "rows")
     if html is not None:
         put(html, paper_page(report), "page")
     if str(json_file) != "-":

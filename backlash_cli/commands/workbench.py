@@ -51,8 +51,7 @@ def compare(export: Export, loop: str | None, model_file: Path | None, other_loo
     error is given for the fit, for samples the fit did not see, and beside the measurement noise.
     """
     from ..model import compare as compare_with
-    from ..reporter.explain_page import compare_page
-    from ..reporter.explain_text import comparison_text
+    from ..reporter.explain_report import compare_page, comparison_text
 
     check_places(export, picture, json_file, html)
     found = compare_with(*record_and_model(export, loop, model_file, other_loop=other_loop))
@@ -97,8 +96,7 @@ def explain(export: Export, loop: str | None, add: tuple[str, ...], outside: tup
     from ..api import save_model as keep
     from ..effects.registry import load_effect
     from ..model import explain as explain_record
-    from ..reporter.explain_page import explain_page
-    from ..reporter.explain_text import explanation_text
+    from ..reporter.explain_report import explain_page, explanation_text
 
     engine = None if workers.engine == "local" else workers.engine
     of_one = {"--loop": loop, "--add": add, "--model": model_file, "--save-model": save_model, "--json": json_file,
@@ -127,7 +125,7 @@ def explain(export: Export, loop: str | None, add: tuple[str, ...], outside: tup
 
 def check_places(export: Export, picture: Path | None, *outputs: Path | None) -> None:
     """Refuse a name that no picture can have, and to write a result over the export it comes from."""
-    from ..reporter.explain_page import check_picture
+    from ..reporter.explain_report import check_picture
 
     check_picture(picture)
     for output in (picture, *outputs):
@@ -194,7 +192,7 @@ def _deliver(found: Found, page: Callable[[Found], str], text: Callable[..., str
              html: Path | None, json_file: Path | None, *, verbose: bool) -> None:
     """Write what was asked for, and show the text unless the numbers go to standard output."""
     if picture is not None:
-        from ..reporter.explain_page import write_picture
+        from ..reporter.explain_report import write_picture
 
         write_picture(found, picture)
         say(f"picture written to {picture}")
@@ -263,17 +261,14 @@ def explain_plant(export: Export, effects: tuple[str, ...], output: Path | None,
 def _write_folder(folder: Path, loops: Sequence[str], found: Iterator[Explanation], kept: list[Explanation],
                   summary: Callable[[], PlantExplanation], told: str) -> None:
     """Write a page per loop as it comes, then the index, the table and the numbers. told: what the report is about."""
-    import hashlib
-
     from ..reporter.explain_json import to_json
-    from ..reporter.explain_page import explain_page
+    from ..reporter.explain_report import explain_page
     from ..reporter.explain_summary import to_page
     from ..reporter.files import write_text
-    from ..reporter.folder import links_to, write_pages
+    from ..reporter.page import links_to, write_pages
     from ..reporter.safe import file_names
 
     names = file_names(loops)
-    mark = hashlib.sha256(told.encode("utf-8", "backslashreplace")).hexdigest()[:12]
     back = ("../index.html", "All loops")
     pages = ((names[x.loop], explain_page(x, plotly_file="plotly.js", back=back)) for x in found)
 
@@ -283,4 +278,4 @@ def _write_folder(folder: Path, loops: Sequence[str], found: Iterator[Explanatio
         links = links_to({x.loop: names[x.loop] for x in kept}, subfolder)
         return to_page(summary(), links, plotly_file=f"{subfolder}/plotly.js")
 
-    write_pages(folder, mark, pages, index)
+    write_pages(folder, told, pages, index)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray, LoopSettings, Note, Record
+from ..record import FloatArray, LoopSettings, Note, Record, duration
 from ..results import Confirmation
 from .exclusion import excluded
 from .gap_test import IMITATED, GapTest, gaps_tested, imitations, together
@@ -114,8 +114,8 @@ class ConfirmationScanner:
         seconds = len(usable) * self.interval
         asked = self._asked(recordings, span) if seconds >= SHORTEST * self._Ti else []
         if not asked:
-            return Note("short_record", f"the record holds {_in_words(seconds)} that can be used in one piece; at "
-                        f"least {_in_words(SHORTEST * self._Ti)} are needed, ten times Ti", {"usable_s": seconds})
+            return Note("short_record", f"the record holds {duration(seconds)} that can be used in one piece; at "
+                        f"least {duration(SHORTEST * self._Ti)} are needed, ten times Ti", {"usable_s": seconds})
         self.tests, self.length, self.span = [(a.test, a.imitation) for a in asked], seconds / self._Ti, span
         return self._confirmation(recordings, asked)
 
@@ -223,7 +223,3 @@ def _evidence(asked: Sequence[Asked]) -> float:
     possible = np.max([a.net for a in asked], axis=0)
     second = np.sort([a.fitting for a in asked], axis=0)[-2] if len(asked) > 1 else 0.0
     return float(np.max(np.where(possible > 0.0, 0.5 * (possible + second), np.minimum(possible, 0.0))))
-
-
-def _in_words(seconds: float) -> str:
-    return f"{seconds:.3g} s" if seconds < 120.0 else f"{seconds / 60.0:.3g} min"

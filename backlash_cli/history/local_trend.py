@@ -1,20 +1,24 @@
-"""Wear that may bend: the level of the dead band and its slope, both free to change, seen through noisy nights.
+"""Wear that may bend: the level of the dead band and its growth, both free to change, seen through noisy nights.
 
-A state-space local trend (A. C. Harvey, Forecasting, structural time series models and the Kalman filter, 1989,
-section 2.3): level and slope go on from night to night, the slope or its change wanders, and each night measures the
-level with the error of its own interval. Filter and smoother are those of statsmodels. How fast wear may bend is not
-known: every way from a straight line to a trend that bends within a few nights is tried, and weighs as much as the
-nights speak for it. Single nights that lie apart and lasting steps are told by the smoother's residuals (P. de Jong,
-J. Penzer, Diagnosing shocks in time series, JASA 93 (1998) 796-806).
+A structural time series (A. C. Harvey, Forecasting, structural time series models and the Kalman filter, 1989, section
+2.3) written as what it is, a Gaussian process (C. E. Rasmussen, C. K. I. Williams, Gaussian processes for machine
+learning, 2006, equations 2.25-2.30): a straight line or a curve, a walk of the level, of the slope or of its change,
+and lasting steps, each of unknown size; a night measures the level with the error of its own interval. How wear bends
+is not known: every way of BELIEF is tried, and weighs as much as the nights speak for it. Single nights that lie apart
+and steps are told by the residuals (P. de Jong, J. Penzer, Diagnosing shocks in time series, JASA 93 (1998) 796-806).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import lru_cache
+from math import factorial, inf
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.special import expit, ndtr
 
 from ..record import FloatArray
 
@@ -24,27 +28,60 @@ MONTH = 30.0  # days over which the slope is told
 TRUST = 30.0  # nights that the noise of the nights is sure of; it is known from neighbouring nights
 WIDE = 10.0  # times its own error, that a night which lies apart may be off
 APART = 0.03  # share of nights that lie apart, and of nights after which the level steps, before they are looked at
-STEPS = 0.02
+STEPS = 0.01
 JUMP = 0.5  # usual size of a step, in usual levels
 MAYBE = 2.0  # standard errors of a step that may have come; OPEN of these are kept in mind
 OPEN = 4
+REFUSED = 6  # shocks that a bend explains as well, after which no more are looked for
 PIECE = 240  # nights that are searched for shocks at a time
-WIDER = 1.3  # of all intervals, because real wear follows none of these trends; from tests/benchmarks/wear.py
+WIDER = 1.5  # of all intervals, because real wear follows none of these trends; from tests/benchmarks/wear.py
 FAR = 3.0  # the same for the level, and its growth, before the first night
+LATER = np.concatenate([np.arange(0.0, 61.0), np.geomspace(64.0, 1e6, 100)])  # days after the last night
 
 
 class Way(NamedTuple):
-    """How a trend may bend: level (0), slope (1) or the change of the slope (2) wanders, within so many nights."""
+    """How a trend may bend. A walk: level (0), slope (1) or the change of the slope (2) wanders within so many nights.
 
-    order: int
-    within: float
+    rate: of the growth, times by which it multiplies from the first night to the last (e-folds; negative where it
+    slows down). at: where an S-shaped growth is fastest, in parts of the same time.
+    """
+
+    order: int = 1
+    within: float = inf
+    rate: float = 0.0
+    at: float = inf
+
+    def shapes(self, u: FloatArray) -> FloatArray:
+        """Return the growth at times u since the first night (1 at the last), (points,), and beside it what it changes
+        by where the curve is a little sharper or later: (points, 1 to 3)."""
+        r, c = self.rate, self.at
+        beside = []
+        if self.order == 2:
+            beside = [2.0 * u**2]
+        elif r and c == inf:
+            beside = [_growth(u, r + 0.75, c) - _growth(u, r - 0.75, c)]
+        elif r:
+            beside = [_growth(u, 1.4 * r, c) - _growth(u, r / 1.4, c), _growth(u, r, c + 0.1) - _growth(u, r, c - 0.1)]
+        return np.column_stack([_growth(u, r, c), *beside])
 
 
-LINE = Way(1, np.inf)
-BELIEF = {LINE: 0.1, **dict.fromkeys((Way(0, b) for b in (16.0, 8.0, 4.0, 2.0)), 0.09),
-          **dict.fromkeys((Way(1, b) for b in (64.0, 45.0, 32.0, 23.0, 16.0, 11.0, 8.0, 5.7, 4.0)), 0.02),
-          Way(2, np.inf): 0.11, Way(2, 16.0): 0.10, Way(2, 8.0): 0.10, Way(2, 5.0): 0.05}  # before a look at the nights
-STIFF = (LINE, Way(1, 32.0), Way(1, 16.0), Way(1, 11.0), Way(2, np.inf), Way(2, 16.0))
+def _growth(u: FloatArray, rate: float, at: float) -> FloatArray:
+    """Return a growth from 0 at u = 0 to 1 at u = 1: straight, exponential or S-shaped (logistic)."""
+    if rate == 0.0:
+        return u
+    if at == inf:
+        return np.asarray(np.expm1(np.minimum(rate * u, 200.0)) / np.expm1(rate))
+    first, last, now = (expit(rate * (x - at)) for x in (0.0, 1.0, u))
+    return np.asarray((now - first) / (last - first))
+
+
+LINE = Way()
+CURVES = (*(Way(1, 32.0, r) for r in (-4.5, -3.0, -1.5, 1.5, 3.0)),
+          *(Way(1, 32.0, r, c) for c in (0.2, 0.5, 0.8) for r in (6.0, 12.0)))
+BELIEF = {LINE: 0.1, **dict.fromkeys(CURVES, 0.03), **dict.fromkeys((Way(0, b) for b in (16.0, 8.0, 4.0, 2.0)), 0.07),
+          **dict.fromkeys((Way(1, b) for b in (64.0, 32.0, 16.0, 8.0, 4.0, 2.5)), 0.025),
+          **dict.fromkeys((Way(2, b) for b in (inf, 16.0, 8.0, 5.0, 3.2)), 0.05)}  # before a look at the nights
+STIFF = (LINE, Way(1, 32.0), Way(1, 16.0), Way(1, 11.0), Way(2), Way(2, 16.0), *CURVES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,202 +106,190 @@ class Shocks:
     apart: tuple[int, ...] = ()
     steps: tuple[int, ...] = ()
 
-    def with_apart(self, k: int) -> Shocks:
-        return Shocks(tuple(sorted({*self.apart, k})), self.steps)
-
-    def with_step(self, k: int) -> Shocks:
-        """A step may explain nights that seemed to lie apart: they are looked at again."""
-        return Shocks((), tuple(sorted({*self.steps, k})))
-
     def belief(self) -> float:
         """Logarithm of the chance of such shocks, against that of none."""
         return len(self.apart) * float(np.log(APART)) + len(self.steps) * float(np.log(STEPS))
 
 
+def unknowns(nights: Nights, way: Way, days: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what a unit of each unknown does to the level at `days` (days, unknowns), and their variance beforehand.
+
+    Unknowns: level and growth of the curve, how sharp it is, and the walk from night to night and day to day.
+    """
+    k, usual = way.order, float(np.median(nights.size))
+    shapes = way.shapes((days - nights.days[0]) / max(float(np.ptp(nights.days)), 1.0))
+    columns = np.column_stack([np.ones(len(days)), shapes])
+    prior = np.full(columns.shape[1], (FAR * usual) ** 2)
+    if way.within == inf:
+        return columns, prior
+    edges = np.append(nights.days, np.unique(days[days > nights.days[-1]]))
+    since = days[:, None] - 0.5 * (edges[1:] + edges[:-1])
+    walk = np.where(since > 0.0, since, 0.0) ** k / factorial(k) * (since > 0.0)
+    step = max(float(np.median(np.diff(nights.days))), 1e-3)
+    # within so many nights it moves the level by as much as one night's error
+    gain = np.interp(edges[:-1], nights.days, nights.error) ** 2 / (way.within ** (2 * k + 2) * step ** (2 * k + 1))
+    return np.column_stack([columns, walk]), np.append(prior, gain * np.diff(edges))
+
+
+@lru_cache(maxsize=64)
+def covariance(nights: Nights, way: Way) -> FloatArray:
+    """Return the covariance of the true levels at the nights, (nights, nights), before any is measured."""
+    columns, prior = unknowns(nights, way, nights.days)
+    return np.asarray((columns * prior) @ columns.T)
+
+
+class Fit:
+    """One way to bend through the nights, with the shocks given.
+
+    evidence: log likelihood with the scale of the noise integrated out (inverse gamma about 1); scale: mean of that.
+    """
+
+    def __init__(self, nights: Nights, way: Way, shocks: Shocks) -> None:
+        self.nights, self.way, self.jumps = nights, way, nights.days[list(shocks.steps)]
+        self.usual, stepped = float(np.median(nights.size)), (nights.days[:, None] >= self.jumps).astype(float)
+        error = nights.error.copy()
+        error[list(shocks.apart)] *= WIDE
+        whole = covariance(nights, way) + (JUMP * self.usual) ** 2 * (stepped @ stepped.T) + np.diag(error**2)
+        self.root = cho_factor(whole, lower=True, check_finite=False)
+        off = nights.size - self.usual
+        self.pull = cho_solve(self.root, off, check_finite=False)
+        total, n = TRUST + float(off @ self.pull), TRUST + len(nights)
+        logdet = 2.0 * float(np.log(np.diag(self.root[0])).sum())
+        self.evidence, self.scale = -0.5 * logdet - 0.5 * n * float(np.log(total / TRUST)), total / n
+
+    def foreseen(self, days: FloatArray, month: float) -> tuple[FloatArray, FloatArray]:
+        """Return mean and standard error of the level at `days`, the nights' and later ones, and, last, of the slope
+        over the `month` before the last night: (days + 1,) each."""
+        n, last = len(days), self.nights.days[-1]
+        asked = np.concatenate([days, [last, last - month], self.nights.days])
+        columns, prior = unknowns(self.nights, self.way, asked)
+        columns = np.column_stack([columns, asked[:, None] >= self.jumps])
+        prior = np.append(prior, np.full(len(self.jumps), (JUMP * self.usual) ** 2))
+        known = columns[n + 2 :]
+        columns = np.vstack([columns[:n], (columns[n] - columns[n + 1]) / month])
+        cross = (columns * prior) @ known.T
+        told = solve_triangular(self.root[0], cross.T, lower=True)
+        mean, variance = cross @ self.pull, columns**2 @ prior - (told**2).sum(axis=0)
+        mean[:-1] += self.usual
+        return mean, np.sqrt(self.scale * np.maximum(variance, 0.0))
+
+    def shocks(self) -> tuple[FloatArray, FloatArray]:
+        """Return how far each night lies apart, and the step before each, in standard errors, as if the only shock."""
+        inverse = cho_solve(self.root, np.eye(len(self.nights)))
+        after = inverse[::-1, ::-1].cumsum(0).cumsum(1)[::-1, ::-1]
+        step = np.abs(self.pull[::-1].cumsum()[::-1]) / np.sqrt(np.maximum(np.diag(after), 1e-300))
+        return np.abs(self.pull) / np.sqrt(np.diag(inverse)), np.append(0.0, step[1:])
+
+
 @dataclass(frozen=True, eq=False)
 class Trend:
-    """A dead band over the days of its nights and beyond; `reach` standard errors on both sides hold 95 %.
-
-    days, level, error: at each night (nights,). slope, slope_error: mean over the last month [span/day]. end, spread:
-    level, slope and curvature at the last night for each way to bend, (ways, 3), (ways, 3, 3); wander: variance that
-    these gain per day (ways, 3); weight (ways,). steps: mean and mean square of steps per day. straight: how much the
-    nights speak for a line.
-    """
+    """A dead band over the days of its nights and beyond, (points,) each: days, level, low and high end of its 95 %
+    interval. nights: so many of the points. slope: mean over the last month [span/day], and its interval. straight: how
+    much the nights speak for a line."""
 
     days: FloatArray
     level: FloatArray
-    error: FloatArray
-    slope: float
-    slope_error: float
-    end: FloatArray
-    spread: FloatArray
-    wander: FloatArray
-    weight: FloatArray
-    reach: float
+    low: FloatArray
+    high: FloatArray
+    nights: int
+    slope: tuple[float, float, float]
     shocks: Shocks
-    steps: tuple[float, float] = (0.0, 0.0)
-    straight: float = 1.0
+    straight: float
 
     @property
     def risen(self) -> bool:
         """Whether the dead band is larger than at the first night for sure."""
-        return bool(self.level[-1] - self.level[0] > self.reach * np.hypot(self.error[-1], self.error[0]))
+        return bool(self.low[self.nights - 1] > self.high[0])
 
-    def ahead(self, days: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return level and standard error at days after the last night, (points,) each; steps go on as they came."""
-        s = np.asarray(days, float)[:, None]
-        h = np.concatenate([np.ones_like(s), s, 0.5 * s**2], axis=1)
-        ways = h @ self.end.T
-        variance = np.einsum("pi,wij,pj->pw", h, self.spread, h)
-        variance += np.concatenate([s, s**3 / 3, s**5 / 20], axis=1) @ self.wander.T
-        mean = ways @ self.weight
-        error = np.sqrt((variance + (ways - mean[:, None]) ** 2) @ self.weight + self.steps[1] * s[:, 0])
-        return mean + self.steps[0] * s[:, 0], error
+    def at(self, days: FloatArray | float) -> FloatArray:
+        """Return level and both ends of its interval at days, (3, points)."""
+        return np.array([np.interp(days, self.days, y) for y in (self.level, self.low, self.high)])
 
     def reaches(self, limit: float) -> tuple[float, float, float]:
         """Return the day on which the level reaches `limit`, and the interval of that day; inf where it never does."""
-        later = np.concatenate([np.arange(1.0, 61.0), np.geomspace(61.0, 1e6, 160)])
-        mean, error = self.ahead(later)
-        days = np.append(self.days, self.days[-1] + later)
-        level, error = np.append(self.level, mean), np.append(self.error, error)
-        k = len(self.days) - 1
-        if level[k] >= limit:  # passed: back to the last night below
-            while k > 0 and level[k - 1] >= limit:
-                k -= 1
-        else:
-            k += _position(level[k:] >= limit)
-        high, low = level + self.reach * error, level - self.reach * error
-        below = np.flatnonzero(high[:k] < limit)
-        first, last = int(below[-1]) + 1 if len(below) else 0, k + _position(low[k:] >= limit)
-        early, value, late = (_crossing(days, y, i, limit) for y, i in ((high, first), (level, k), (low, last)))
-        if first in self.shocks.steps or k in self.shocks.steps:  # the step itself may have come a night earlier
-            early = min(early, float(days[first - 2]))
-        if last in self.shocks.steps or k in self.shocks.steps:
-            late = max(late, float(days[min(last + 1, len(days) - 1)]))
+        found = []
+        for y, other in ((self.level, 0), (self.high, -2), (self.low, 1)):
+            k = self._crossing(y, limit)
+            if k in self.shocks.steps and other:  # the step itself may have come a night earlier or later
+                day = float(self.days[min(max(k + other, 0), self.nights - 1)])
+            elif 0 < k < len(y) and y[k] > y[k - 1]:
+                day = float(np.interp(limit, y[k - 1 : k + 1], self.days[k - 1 : k + 1]))
+            else:
+                day = float(self.days[k]) if k < len(y) else inf
+            found.append(day)
+        value, early, late = found
         return value, min(early, value), max(late, value)
 
-
-def _position(found: Any) -> int:
-    """Return the first position that is True, or the length."""
-    return int(np.argmax(found)) if np.any(found) else len(found)
-
-
-def _crossing(days: FloatArray, y: FloatArray, k: int, limit: float) -> float:
-    """Return when y reaches `limit` between points k - 1 and k."""
-    if k >= len(days):
-        return np.inf
-    if k == 0 or y[k] == y[k - 1]:
-        return float(days[k])
-    return float(days[k - 1] + (days[k] - days[k - 1]) * np.clip((limit - y[k - 1]) / (y[k] - y[k - 1]), 0.0, 1.0))
-
-
-def wandering(nights: Nights, way: Way) -> FloatArray:
-    """Return the variance that level, slope and curvature gain per day, (3, nights): within `way.within` nights they
-    move the level by as much as one night's error."""
-    gain = np.zeros((3, len(nights)))
-    step = max(float(np.median(np.diff(nights.days))), 1e-3)
-    gain[way.order] = nights.error**2 / (way.within ** (2 * way.order + 2) * step ** (2 * way.order + 1))
-    return gain
-
-
-def smoothed(nights: Nights, way: Way, shocks: Shocks) -> Any:
-    """Return the result of statsmodels' Kalman smoother; state: level, slope, curvature, level a month before."""
-    from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
-
-    n, d = len(nights), np.diff(nights.days, append=nights.days[-1] + 1.0)
-    usual, span = float(np.median(nights.size)), max(float(nights.days[-1] - nights.days[0]), 1.0)
-    level, slope, curve = wandering(nights, way)
-    cov, transition, error = np.zeros((4, 4, n)), np.zeros((4, 4, n)), nights.error.copy()
-    cov[:3, :3] = (
-        slope * np.array([[d**3 / 3, d**2 / 2, 0 * d], [d**2 / 2, d, 0 * d], [0 * d, 0 * d, 0 * d]])
-        + curve * np.array([[d**5 / 20, d**4 / 8, d**3 / 6], [d**4 / 8, d**3 / 3, d**2 / 2], [d**3 / 6, d**2 / 2, d]]))
-    cov[0, 0] += level * d
-    cov[0, 0, [k - 1 for k in shocks.steps]] += (JUMP * usual) ** 2
-    error[list(shocks.apart)] *= WIDE
-    transition[range(4), range(4)] = 1.0
-    transition[0, 1] = transition[1, 2] = d
-    transition[0, 2] = 0.5 * d**2
-    transition[3, :, month_before(nights.days)] = (1.0, 0.0, 0.0, 0.0)
-    model = KalmanSmoother(k_endog=1, k_states=4, k_posdef=4)
-    model.bind(nights.size[:, None].copy())
-    model["design"], model["selection"] = np.eye(4)[:1], np.eye(4)
-    model["transition"], model["state_cov"], model["obs_cov"] = transition, cov, error[None, None] ** 2
-    before = FAR * usual * np.array([1.0, 1.0 / span, 4.0 * (way.order == 2) / span**2, 1.0])
-    model.initialize_known(np.array([usual, 0.0, 0.0, usual]), np.diag(before**2))
-    return model.smooth()
-
-
-def month_before(days: FloatArray) -> int:
-    """Return the position of the night a month before the last, or of the first."""
-    return min(int(np.argmin(np.abs(days - (days[-1] - MONTH)))), len(days) - 2)
-
-
-def evidence(result: Any) -> tuple[float, float]:
-    """Return log likelihood with the noise's scale integrated out (inverse gamma about 1), and that scale's mean."""
-    v, f = result.forecasts_error[0], result.forecasts_error_cov[0, 0]
-    total = TRUST + float((v**2 / f).sum())
-    n = TRUST + len(v)
-    return -0.5 * float(np.log(f).sum()) - 0.5 * n * float(np.log(total / TRUST)), total / n
+    def _crossing(self, y: FloatArray, limit: float) -> int:
+        """Return the position from which y is above the limit: since when it is, or else when first it will be."""
+        n = self.nights
+        found = np.flatnonzero(y[:n] < limit) if y[n - 1] >= limit else n - 1 + np.flatnonzero(y[n:] >= limit)
+        if y[n - 1] >= limit:
+            return int(found[-1]) + 1 if len(found) else 0
+        return int(found[0]) + 1 if len(found) else len(y)
 
 
 def fit(nights: Nights, shocks: Shocks, ways: Iterable[Way] = tuple(BELIEF)) -> Trend:
-    """Return the trend through the nights, averaged over the ways to bend, and over steps that may just have come."""
-    ways = tuple(ways)
-    n = len(nights)
-    tried = [(shocks, way, smoothed(nights, way, shocks)) for way in ways]
-    best = max(tried, key=lambda t: evidence(t[2])[0])
-    for k in _maybe_steps(nights, shocks, best[2]):
-        other = Shocks(tuple(j for j in shocks.apart if not k <= j < k + LEAST), tuple(sorted((*shocks.steps, k))))
-        tried += [(other, way, smoothed(nights, way, other)) for way in ways]
-    known = [evidence(result) for _, _, result in tried]
-    scale = np.array([s for _, s in known])
-    score = np.array([e + s.belief() + np.log(BELIEF[w]) for (e, _), (s, w, _) in zip(known, tried, strict=True)])
+    """Return the trend through the nights: all ways to bend, and steps that may just have come, by their evidence."""
+    ways, (data, given) = tuple(ways), _thinned(nights, shocks)
+    tried = [(given, Fit(data, way, given)) for way in ways]
+    for k in _maybe_steps(data, given, max((f for _, f in tried), key=lambda f: f.evidence)):
+        other = Shocks(tuple(j for j in given.apart if not k <= j < k + LEAST), tuple(sorted((*given.steps, k))))
+        tried += [(other, Fit(data, way, other)) for way in ways]
+    score = np.array([f.evidence + s.belief() + np.log(BELIEF[f.way]) for s, f in tried])
     weight = np.exp(score - score.max())
     weight /= weight.sum()
-    results = [result for _, _, result in tried]
-    level, error = _pooled(np.array([r.smoothed_state[0] for r in results]),
-                           np.array([r.smoothed_state_cov[0, 0] for r in results]) * scale[:, None], weight)
-    last = np.array([r.smoothed_state[:, -1] for r in results])
-    cov = np.array([r.smoothed_state_cov[:, :, -1] for r in results]) * scale[:, None, None]
-    span = float(nights.days[-1] - nights.days[month_before(nights.days)]) or 1.0
-    slope, slope_error = _pooled((last[:, 0] - last[:, 3]) / span,
-                                 (cov[:, 0, 0] - 2 * cov[:, 0, 3] + cov[:, 3, 3]) / span**2, weight)
-    wander = np.array([wandering(nights, way)[:, -1] for _, way, _ in tried]) * scale[:, None]
-    jumps = np.array([level[k] - level[k - 1] for k in shocks.steps])
-    days = max(float(nights.days[-1] - nights.days[0]), 1.0)
-    from scipy.stats import t as student
+    straight = float(sum(w for w, (_, f) in zip(weight, tried, strict=True) if f.way == LINE))
+    days, last = np.append(nights.days, nights.days[-1] + LATER[1:]), nights.days[-1:]
+    month = max(min(MONTH, float(last[0] - nights.days[0])), 1e-9)
+    speaking = [k for k in np.argsort(-weight) if weight[k] > 1e-4]
+    mean, error = (np.array(x) for x in zip(*(tried[k][1].foreseen(days, month) for k in speaking), strict=True))
+    # steps go on as they came
+    places = list(given.steps)
+    level = weight[speaking] @ mean[:, :-1]
+    at = np.searchsorted(nights.days, data.days[places])
+    jumps, later = level[at] - level[at - 1], np.maximum(days - last, 0.0) / max(float(np.ptp(nights.days)), 1.0)
+    mean[:, :-1] += jumps.sum() * later
+    error[:, :-1] = np.sqrt(error[:, :-1] ** 2 + (jumps**2).sum() * later)
+    found = _quantiles(mean, np.maximum(WIDER * error, 1e-12), weight[speaking])
+    level, low, high = found[:, :-1]
+    slope = found[:, -1]
+    return Trend(days, level, low, high, len(nights), (float(slope[0]), float(slope[1]), float(slope[2])), shocks,
+                 straight)
 
-    return Trend(nights.days, level, error, float(slope), float(slope_error), last[:, :3], cov[:, :3, :3], wander,
-                 weight, WIDER * float(student.ppf(0.975, TRUST + n - 2)), shocks,
-                 (float(jumps.sum()) / days, float((jumps**2).sum()) / days),
-                 float(sum(x for x, (_, way, _) in zip(weight, tried, strict=True) if way == LINE)))
+
+def _quantiles(mean: FloatArray, error: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return median, 2.5 % and 97.5 % point of a mixture of normal distributions (ways, points), by bisection."""
+    share = np.array([0.5, 0.025, 0.975])[:, None] * weight.sum()
+    low, high = (np.tile(end, (3, 1)) for end in ((mean - 3.0 * error).min(axis=0), (mean + 3.0 * error).max(axis=0)))
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        above = np.einsum("w,wsp->sp", weight, ndtr((middle - mean[:, None]) / error[:, None])) > share
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    return middle
 
 
-def _maybe_steps(nights: Nights, shocks: Shocks, result: Any) -> list[int]:
+def _thinned(nights: Nights, shocks: Shocks) -> tuple[Nights, Shocks]:
+    """Return long histories with their older half in groups of nights, none of them over a step."""
+    n, half = len(nights), PIECE // 2
+    if n <= PIECE:
+        return nights, shocks
+    error = nights.error.copy()
+    error[list(shocks.apart)] *= WIDE
+    group = np.concatenate([np.arange(n - half) * half // (n - half), half + np.arange(half)])
+    starts = np.union1d(np.flatnonzero(np.diff(group, prepend=-1)), shocks.steps).astype(int)
+    weight = np.add.reduceat(error**-2, starts)
+    days, size = (np.add.reduceat(x * error**-2, starts) / weight for x in (nights.days, nights.size))
+    return Nights(days, size, weight**-0.5), Shocks((), tuple(np.searchsorted(starts, shocks.steps).tolist()))
+
+
+def _maybe_steps(nights: Nights, shocks: Shocks, found: Fit) -> list[int]:
     """Return the positions of steps that may be: the likeliest, and those of the last nights where these lie apart."""
-    n = len(nights)
-    size = _steps(result)
+    size = found.shocks()[1]
     size[[0, *shocks.steps]] = 0.0
     likely = [int(k) for k in np.argsort(-size)[:OPEN] if size[k] > MAYBE]
-    return list(dict.fromkeys([*likely, *(k for k in shocks.apart if k > n - LEAST)])) if n >= ENOUGH else []
-
-
-def _pooled(values: FloatArray, variances: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return mean and standard error of a mixture, over the first axis."""
-    mean = weight @ values
-    return mean, np.sqrt(weight @ (variances + (values - mean) ** 2))
-
-
-def _steps(result: Any) -> FloatArray:
-    """Return the step before each night in standard errors, (nights,), as if it were the only shock."""
-    r, n = result.scaled_smoothed_estimator[0], result.scaled_smoothed_estimator_cov[0, 0]
-    return np.append(0.0, np.abs(r / np.sqrt(np.maximum(n, 1e-300)))[:-1])
-
-
-def _apart(result: Any) -> FloatArray:
-    """Return how far each night lies apart, in standard errors (nights,), as if it were the only shock."""
-    noise = result.obs_cov[0, 0] - result.smoothed_measurement_disturbance_cov[0, 0]
-    return np.abs(result.smoothed_measurement_disturbance[0]) / np.sqrt(np.maximum(noise, 1e-300))
+    late = (k for k in shocks.apart if k > len(nights) - LEAST)
+    return list(dict.fromkeys([*likely, *late])) if len(nights) >= ENOUGH else []
 
 
 def find_shocks(nights: Nights) -> Shocks:
@@ -283,25 +308,31 @@ def find_shocks(nights: Nights) -> Shocks:
 
 def _shocks_of(nights: Nights) -> Shocks:
     """Return the shocks of one piece, the clearest first, until nothing is left that a trend cannot explain."""
-    n, shocks = len(nights), Shocks()
-    refused: set[int] = set()
-    for _ in range(2 * n if n >= 2 * LEAST else 0):
-        result = max((smoothed(nights, way, shocks) for way in STIFF), key=lambda r: evidence(r)[0])
+    n, shocks, best = len(nights), Shocks(), _best(nights, Shocks())
+    refused: set[tuple[bool, int]] = set()
+    while n >= 2 * LEAST and len(refused) < REFUSED:
         # gain in log likelihood, less what a size that is not known costs, less the rareness of such shocks
-        apart = 0.5 * _apart(result) ** 2 + np.log(APART / WIDE)
-        step = 0.5 * _steps(result) ** 2 + np.log(STEPS * np.median(nights.error) / (JUMP * np.median(nights.size)))
-        apart[list(shocks.apart)] = step[[k for k in range(n) if k in refused or not _room(k, n, shocks.steps)]] = -1.0
+        apart, step = (0.5 * z**2 for z in max((Fit(nights, way, shocks) for way in STIFF),
+                                               key=lambda f: f.evidence).shocks())
+        apart += np.log(APART / WIDE)
+        step += np.log(STEPS * np.median(nights.error) / (JUMP * np.median(nights.size)))
+        apart[[*shocks.apart, *(k for stepped, k in refused if not stepped)]] = -1.0
+        step[[k for k in range(n) if (True, k) in refused or not _room(k, n, shocks.steps)]] = -1.0
         if max(apart.max(), step.max()) <= 0.0:
             break
-        if apart.max() > step.max():
-            shocks = shocks.with_apart(int(np.argmax(apart)))
-            continue
-        k = _place(nights.size, int(np.argmax(step)), [k for k in range(n) if step[k] >= 0.0])
-        more = Shocks(shocks.apart, tuple(sorted({*shocks.steps, k})))
-        if _best(nights, more) > _best(nights, shocks):  # a trend that bends fast does not explain it as well
-            shocks = shocks.with_step(k)
+        if stepped := bool(step.max() >= apart.max()):
+            k = _place(nights.size, int(np.argmax(step)), [k for k in range(n) if step[k] >= 0.0])
+            more = Shocks(shocks.apart, tuple(sorted({*shocks.steps, k})))
         else:
-            refused.add(k)
+            k = int(np.argmax(apart))
+            more = Shocks(tuple(sorted({*shocks.apart, k})), shocks.steps)
+        if (with_it := _best(nights, more)) <= best:  # a fast bend explains it as well
+            refused.add((stepped, k))
+            continue
+        shocks, best = more, with_it
+        if stepped:  # it may explain nights that seemed to lie apart: they are looked at again
+            shocks = Shocks((), more.steps)
+            best = _best(nights, shocks)
     return shocks
 
 
@@ -317,8 +348,7 @@ def _place(size: FloatArray, k: int, allowed: list[int]) -> int:
 
 def _best(nights: Nights, shocks: Shocks) -> float:
     """Return how well trends that bend, but do not jump, explain the nights."""
-    ways = (w for w in BELIEF if w.order)
-    return max(evidence(smoothed(nights, w, shocks))[0] + float(np.log(BELIEF[w])) for w in ways) + shocks.belief()
+    return max(Fit(nights, w, shocks).evidence + float(np.log(BELIEF[w])) for w in BELIEF if w.order) + shocks.belief()
 
 
 def _room(k: int, n: int, steps: tuple[int, ...]) -> bool:

@@ -30,7 +30,7 @@ SILENT = 0.8  # nearly all
 CHANCE = 0.01  # that nights of an unchanged valve look like that in one history
 QUIETEST = 0.01  # relative error of a night is never taken as smaller than this
 HIDDEN = 0.25  # share of the last nights, on which a straight line and the local trend are compared
-UNLIKELY = 0.2  # share of its belief that the nights have to leave a line, not to have failed
+UNLIKELY = 1.0  # times its belief that the nights have to leave a line, not to have failed
 CLEAR = 1.0  # log likelihood of the hidden nights by which a line has to be worse, to have failed
 DRAWN = 120.0  # days beyond the last night that a figure shows at most
 Fitted = dict[tuple[float, int], Trend]  # trends by first night and number of nights
@@ -199,15 +199,10 @@ def _segment(part: Sequence[Night], fitted: Fitted) -> tuple[Segment, Trend | No
         spread = 1.96 * float(np.median(nights.error)) + float(np.abs(nights.size - level).max())
         return replace(out, level_first=level, level=level, level_ci95=(max(level - spread, 0.0), level + spread)), None
     trend = _trend(part, fitted)
-    levels, reach = trend.level, trend.reach * trend.error
-    days = (part[-1].time / DAY) - nights.days[-1]
-    now, error = (float(x[0]) for x in trend.ahead(np.array([max(days, 0.0)])))
-    path = tuple((float(t * DAY), float(y), float(y - r), float(y + r))
-                 for t, y, r in zip(trend.days, levels, reach, strict=True))
-    return replace(out, slope=trend.slope, level_first=float(levels[0]), level=now, path=path,
-                   slope_ci95=(trend.slope - trend.reach * trend.slope_error,
-                               trend.slope + trend.reach * trend.slope_error),
-                   level_ci95=(max(now - trend.reach * error, 0.0), now + trend.reach * error)), trend
+    now, low, high = (float(x) for x in trend.at(part[-1].time / DAY))
+    slope, *ends = trend.slope
+    return replace(out, slope=slope, slope_ci95=(ends[0], ends[1]), level_first=float(trend.level[0]), level=now,
+                   level_ci95=(max(low, 0.0), high), path=_points(trend, trend.days[: trend.nights])), trend
 
 
 def held_out(nights: Nights, shocks: Shocks) -> HeldOut | None:
@@ -223,8 +218,8 @@ def held_out(nights: Nights, shocks: Shocks) -> HeldOut | None:
     days, size, error = nights.days[hidden], nights.size[hidden], nights.error[hidden]
     scores, off = [], []
     for ways in ((LINE,), tuple(BELIEF)):
-        mean, spread = fit(nights.part(0, count), before, ways).ahead(days - nights.days[count - 1])
-        variance = spread**2 + error**2
+        mean, low, high = fit(nights.part(0, count), before, ways).at(days)
+        variance = ((high - low) / 3.92) ** 2 + error**2
         scores.append(float(-0.5 * ((size - mean) ** 2 / variance + np.log(variance)).sum()))
         off.append(size - mean)
     line, local = (float(np.median(np.abs(x))) for x in off)
@@ -275,11 +270,13 @@ MODELS = {"line": "a straight line", "local": "a trend that may bend"}
 
 def _forecast(trend: Trend, date: float) -> tuple[tuple[float, float, float, float], ...]:
     """Return (time, level, low, high) from the last night to the limit, as far as a figure shows it."""
-    last = float(trend.days[-1])
-    days = np.linspace(0.0, min(max(date + 3.0 - last, 0.0), DRAWN), 12)
-    level, error = trend.ahead(days)
-    return tuple((float((last + t) * DAY), float(y), float(y - trend.reach * e), float(y + trend.reach * e))
-                 for t, y, e in zip(days, level, error, strict=True)) if date > last else ()
+    last = float(trend.days[trend.nights - 1])
+    return _points(trend, last + np.linspace(0.0, min(date + 3.0 - last, DRAWN), 12)) if date > last else ()
+
+
+def _points(trend: Trend, days: FloatArray) -> tuple[tuple[float, float, float, float], ...]:
+    """Return (time, level, low, high) at days."""
+    return tuple(zip((days * DAY).tolist(), *(y.tolist() for y in trend.at(days)), strict=True))
 
 
 def percent(value: float) -> str:

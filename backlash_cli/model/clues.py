@@ -53,37 +53,37 @@ class Clue:
     def step_times(self, count: int) -> list[tuple[float, ...]]:
         """Return sets of 1..count times at which a step load explains most of what the model misses."""
         Q, rest = self._space()
-        h, n = self.interval, self._problem.samples
-        answer = self._white.one(delayed_lag(np.concatenate([[0.0], np.ones(n - 1)]), h, self.lag, 0.0))
-        own = np.cumsum(answer**2)[::-1]
+        own = np.cumsum(self._step(1) ** 2)[::-1]
+        left = own - sum(self._from_there_on(q) ** 2 for q in np.ascontiguousarray(Q.T))
+        missed = self._from_there_on(rest)
+
+        def best(others: list[int]) -> int:
+            """The sample at which one more step beside `others` gains most: what is new of each, and what it meets."""
+            new, meets = left, missed
+            if others:
+                steps = np.column_stack([self._step(k) for k in others])
+                extra, _ = np.linalg.qr(steps - Q @ (Q.T @ steps))
+                reach = np.column_stack([self._from_there_on(e) for e in np.ascontiguousarray(extra.T)])
+                new, meets = left - np.sum(reach**2, axis=1), missed - reach @ (extra.T @ rest)
+            gain = np.where(new > LEAST_NEW * own, meets**2 / np.maximum(new, 1e-300), 0.0)
+            gain[: max(2, int(self.lag / self.interval))] = 0.0
+            gain[-2:] = 0.0
+            for k in others:
+                gain[max(0, k - self.apart) : k + self.apart + 1] = 0.0
+            return int(np.argmax(gain))
+
         chosen: list[int] = []
         sets = []
         for _ in range(count):
-            chosen.append(self._best_step(Q, rest, own, chosen))
+            chosen.append(best(chosen))
             for _sweep in range(2 if len(chosen) > 1 else 0):
                 before = list(chosen)
                 for i in range(len(chosen)):
-                    chosen[i] = self._best_step(Q, rest, own, chosen[:i] + chosen[i + 1 :])
+                    chosen[i] = best(chosen[:i] + chosen[i + 1 :])
                 if chosen == before:
                     break
-            sets.append(tuple(h * k for k in sorted(chosen)))
+            sets.append(tuple(self.interval * k for k in sorted(chosen)))
         return sets
-
-    def _best_step(self, Q: FloatArray, rest: FloatArray, own: FloatArray, others: list[int]) -> int:
-        if others:
-            steps = np.column_stack([self._step(k) for k in others])
-            steps -= Q @ (Q.T @ steps)
-            extra, _ = np.linalg.qr(steps)
-            Q = np.column_stack([Q, extra])
-            rest = rest - extra @ (extra.T @ rest)
-        reach = np.column_stack([self._from_there_on(q) for q in np.ascontiguousarray(Q.T)])
-        new = own - np.sum(reach**2, axis=1)
-        gain = np.where(new > LEAST_NEW * own, self._from_there_on(rest) ** 2 / np.maximum(new, 1e-300), 0.0)
-        gain[: max(2, int(self.lag / self.interval))] = 0.0
-        gain[-2:] = 0.0
-        for k in others:
-            gain[max(0, k - self.apart) : k + self.apart + 1] = 0.0
-        return int(np.argmax(gain))
 
     def _step(self, k: int) -> FloatArray:
         u = np.zeros(self._problem.samples)
@@ -99,15 +99,10 @@ class Clue:
         _, rest = self._space()
         size = 4 * self._problem.samples
         power = np.abs(np.fft.rfft(rest, size)) ** 2
-        lowest = 3 * 4
-        power[:lowest] = 0.0
-        power[-size // 8 :] = 0.0
-        out = []
-        for _ in range(count):
+        power[: 3 * 4] = power[-size // 8 :] = 0.0
+        out: list[float] = []
+        while len(out) < count and np.max(power) > 0.0:
             k = int(np.argmax(power))
-            if power[k] <= 0.0:
-                break
             out.append(size * self.interval / k)
             power[max(0, k - 8) : k + 9] = 0.0
         return out
-

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from string import Formatter
 
 from ..record import LoopSettings
@@ -51,6 +52,11 @@ def quantity(
         digits = _digits(0.0, (high - low) * scale)
         said += f" (95 %: {low * scale:.{digits}f} to {high * scale:.{digits}f}{short.partition(' per ')[0]})"
     return said + _engineering(p, stage, settings)
+
+
+def plain_quantity(p: FittedParameter) -> str:
+    """A parameter of the process, without engineering units."""
+    return quantity(p, "process", LoopSettings())
 
 
 def _several(p: FittedParameter, stage: str, settings: LoopSettings, start: float | None, brief: bool) -> str:
@@ -144,6 +150,24 @@ def said_numbers(effect: FittedEffect | Candidate, settings: LoopSettings, start
                  brief: bool = False) -> str:
     """The same on one line."""
     return ", ".join(f"{k} = {v}" for k, v in numbers(effect, settings, start, brief=brief).items())
+
+
+def events(
+    effect: FittedEffect, settings: LoopSettings, start: float | None
+) -> tuple[list[str], list[list[str]]] | None:
+    """An effect of several events as columns and rows, one event in a row; None for any other."""
+    lists = {n: p for n, p in effect.parameters.items() if isinstance(p.value, tuple) and not p.nuisance}
+    counts = {len(p.value) for p in lists.values() if isinstance(p.value, tuple)}
+    if len(lists) < 2 or len(counts) != 1:
+        return None
+
+    def one(p: FittedParameter, i: int) -> str:
+        assert isinstance(p.value, tuple)
+        own = None if p.ci95 is None else (p.ci95[i],)
+        only = replace(p, value=(p.value[i],), ci95=own)  # type: ignore[arg-type]
+        return quantity(only, effect.stage, settings, start)
+
+    return list(lists), [[one(p, i) for p in lists.values()] for i in range(counts.pop())]
 
 
 def several(effect: FittedEffect, settings: LoopSettings) -> str:

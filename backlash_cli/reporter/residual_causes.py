@@ -48,61 +48,51 @@ def causes(series: Series, residuals: Mapping[str, FloatArray]) -> list[Cause]:
     """Return the diagrams of residuals, model name -> (samples,) with nan where a sample does not count."""
     h = float(np.median(np.diff(series.time))) if len(series.time) > 1 else 1.0
     since, upward = since_reversal(series.output)
+    early = (since >= 0) & (since < np.quantile(since[since >= 0], 0.9) if np.any(since >= 0) else False)
     speed = np.abs(smooth_speed(series.output, h))
     clock = (series.time - series.time[0]) / 3600.0
-    reach = since < np.quantile(since[since >= 0], 0.9) if np.any(since >= 0) else since >= 0
 
-    def each(make: Callable[[str, FloatArray], list[Curve]]) -> tuple[Curve, ...]:
-        return tuple(curve for name, residual in residuals.items() for curve in make(name, residual) if len(curve.x))
+    def cause(title: str, x_label: str, show: str, note: str, make: Callable[[str, FloatArray], list[Curve]]) -> Cause:
+        curves = (curve for name, residual in residuals.items() for curve in make(name, residual) if len(curve.x))
+        return Cause(title, x_label, note, tuple(curves), show)
 
-    def turned(name: str, residual: FloatArray) -> list[Curve]:
-        early = (since >= 0) & reach
-        return [
-            binned(name, since * h, residual, early & (upward == up), part=f"OP turned {word}", even=True)
-            for up, word in ((1, "up"), (-1, "down"))
-        ]
-
-    everywhere = np.ones(len(since), dtype=bool)
     found = [
-        Cause("Time since OP turned", "time since OP turned [s]",
-              "Play or stiction: of opposite sign after turns up and down, largest soon after the turn.", each(turned)),
-        Cause("Level of OP", "OP [% of span]",
-              "A curved valve bends this line; a stop tilts one of its ends.",
-              each(lambda n, r: [binned(n, 100 * series.output, r, everywhere)])),
-        Cause("Speed of OP", "|dOP/dt| [% of span per s]",
-              "A slow actuator: the error grows with the speed of OP.",
-              each(lambda n, r: [binned(n, 100 * speed, r, everywhere)]), "rms"),
-        Cause("Time of the record", "time [h]",
-              "Load steps make jumps here, a drifting load a slope.",
-              each(lambda n, r: [binned(n, clock, r, everywhere, even=True, bins=3 * BINS)])),
-        Cause("Period", "period [s]",
-              "A peak is a swing from outside; noise alone is level.",
-              each(lambda n, r: [spectrum(n, r, h)]), "spectrum"),
+        cause("Time since OP turned", "time since OP turned [s]", "mean",
+              "Play or stiction: of opposite sign after turns up and down, largest soon after the turn.",
+              lambda n, r: [binned(n, since * h, r, early & (upward == up), part=f"OP turned {word}", even=True)
+                            for up, word in ((1, "up"), (-1, "down"))]),
+        cause("Level of OP", "OP [% of span]", "mean", "A curved valve bends this line; a stop tilts one of its ends.",
+              lambda n, r: [binned(n, 100 * series.output, r)]),
+        cause("Speed of OP", "|dOP/dt| [% of span per s]", "rms",
+              "A slow actuator: the error grows with the speed of OP.", lambda n, r: [binned(n, 100 * speed, r)]),
+        cause("Time of the record", "time [h]", "mean", "Load steps make jumps here, a drifting load a slope.",
+              lambda n, r: [binned(n, clock, r, even=True, bins=3 * BINS)]),
+        cause("Period", "period [s]", "spectrum", "A peak is a swing from outside; noise alone is level.",
+              lambda n, r: [spectrum(n, r, h)]),
     ]
-    return [cause for cause in found if cause.curves]
+    return [one for one in found if one.curves]
 
 
 def binned(
-    model: str, x: FloatArray, residual: FloatArray, where: NDArray[np.bool_], *, part: str = "", even: bool = False,
-    bins: int = BINS,
+    model: str, x: FloatArray, residual: FloatArray, where: NDArray[np.bool_] | bool = True, *, part: str = "",
+    even: bool = False, bins: int = BINS,
 ) -> Curve:
     """Return mean and rms of a residual (samples,) in bins of x: of even width, or with evenly many samples."""
+    from scipy.stats import binned_statistic
+
     chosen = where & np.isfinite(residual) & np.isfinite(x)
     xs, rs = x[chosen], residual[chosen]
     if len(xs) < 2 * FEWEST or np.ptp(xs) == 0.0:
-        return Curve(model, "", np.empty(0), np.empty(0), np.empty(0))
+        return _nothing(model)
     shares = np.linspace(0.0, 1.0, bins + 1)
     edges = xs.min() + shares * np.ptp(xs) if even else np.unique(np.quantile(xs, shares))
-    place = np.clip(np.searchsorted(edges, xs, side="right") - 1, 0, len(edges) - 2)
-    count = np.bincount(place, minlength=len(edges) - 1)
-    kept = count >= FEWEST
-    per = np.maximum(count, 1)
+    means, _, place = binned_statistic(xs, [xs, rs, rs**2], "mean", bins=edges)
+    center, mean, square = means[:, np.bincount(place - 1, minlength=len(edges) - 1) >= FEWEST]
+    return Curve(model, part, center, mean, np.sqrt(square))
 
-    def average(values: FloatArray) -> FloatArray:
-        out: FloatArray = (np.bincount(place, values, minlength=len(per)) / per)[kept]
-        return out
 
-    return Curve(model, part, average(xs), average(rs), np.sqrt(average(rs**2)))
+def _nothing(model: str) -> Curve:
+    return Curve(model, "", np.empty(0), np.empty(0), np.empty(0))
 
 
 def since_reversal(output: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -141,7 +131,7 @@ def spectrum(model: str, residual: FloatArray, h: float) -> Curve:
     good = np.isfinite(residual)
     n = len(residual)
     if np.count_nonzero(good) < 64:
-        return Curve(model, "", np.empty(0), np.empty(0), np.empty(0))
+        return _nothing(model)
     values = np.where(good, residual - np.mean(residual[good]), 0.0)
     power = np.abs(np.fft.rfft(values)[1:]) ** 2 * 2.0 / (n * np.count_nonzero(good))
     period = n * h / np.arange(1, len(power) + 1)

@@ -87,7 +87,7 @@ def test_one_column_per_number_points_where_full_slopes_point(problem, parts):
     shape = Shape(30.0, 0.0)
     for part in parts:
         shape = shape.with_part(part)
-    solver = Solver(problem, whitener(Noise(0.5, 60.0, 20.0), problem.used, problem.interval))
+    solver = Solver(problem, Noise(0.5, 60.0, 20.0))
     free = free_numbers(problem, shape)
     _, _, rest = solver.rest(shape)
     J = full_slopes(solver, shape, rest, free)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from backlash_cli.record import Note
-from backlash_cli.reporter.text import to_text
+from backlash_cli.reporter.scan_report import to_text
 from backlash_cli.results import Verdict
 from tests.reporter.reports import HOSTILE, report, result
 

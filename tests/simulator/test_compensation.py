@@ -10,7 +10,7 @@ from backlash_cli.commands.options import dead_band
 from backlash_cli.compensate import compensate, contradiction, gain_margin
 from backlash_cli.errors import LoopError, MetadataError, UsageError
 from backlash_cli.record import record_from_arrays
-from backlash_cli.reporter.compensation import ADVICE, compensation_page, to_document, to_text
+from backlash_cli.reporter.compensation import ADVICE, compensation_page, to_json, to_text
 from backlash_cli.results.compensation import ProcessModel
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, trace, use
 from backlash_cli.simulator.compensation import (
@@ -275,7 +275,7 @@ def test_outputs(advice):
     text = to_text(advice)
     assert max(map(len, text.splitlines())) <= 100
     assert ADVICE[:30] in text
-    document = json.loads(json.dumps(to_document(advice), allow_nan=False))
+    document = json.loads(to_json(advice))
     assert document["recommended"]["gain"] == advice.recommended
     assert len(document["trials"]) == len(advice.trials)
     html = compensation_page(advice)

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from backlash_cli.commands.simulate import paper as command
 from backlash_cli.estimator.haegglund import published_estimates
-from backlash_cli.reporter.paper import paper_page, to_document, to_text
+from backlash_cli.reporter.paper import paper_page, to_json, to_text
 from backlash_cli.simulator import simulate
 from backlash_cli.simulator.paper import (
     absolute_error,
@@ -93,8 +93,8 @@ def test_outputs(report):
     text = to_text(report)
     assert all(p.quantity[:40] in text for p in PUBLISHED)
     assert max(map(len, text.splitlines())) <= 120
-    document = to_document(report)
-    assert len(json.loads(json.dumps(document))["rows"]) == len(PUBLISHED)
+    document = json.loads(to_json(report))
+    assert len(document["rows"]) == len(PUBLISHED)
     html = paper_page(report)
     assert html.count("<h2") >= len(report.figures)
 

@@ -1,4 +1,4 @@
-"""What delays the process: dead time and a second lag.
+"""What the process does beyond one lag and a gain: dead time, a second lag, a gain that drifts.
 
 Dead time: the process answers only after the material has travelled, for example along a pipe.
 
@@ -17,6 +17,14 @@ lag behind it sees the right area.
 >>> p = SECOND_LAG.pack(tau2=2.0)
 >>> SECOND_LAG.apply([0.0, 1.0, 1.0, 1.0], p, interval=1.0).round(4).tolist()
 [0.0, 0.2131, 0.5227, 0.7105]
+
+Drifting gain: the same move of the valve does more and more, or less and less, as with fouling or a catalyst.
+
+The signal's distance from `pivot` grows by `growth` per hour, counted from the first sample.
+
+>>> p = GAIN_DRIFT.pack(growth=0.5, pivot=0.4)
+>>> GAIN_DRIFT.apply([0.5, 0.5, 0.4], p, interval=3600.0).round(3).tolist()
+[0.5, 0.55, 0.4]
 """
 
 from __future__ import annotations
@@ -25,7 +33,7 @@ import numpy as np
 
 from ..errors import MetadataError
 from ..record import FloatArray
-from .fitting import Clues, Fitting, Values
+from .fitting import Clues, Fitting, Propose, Values
 from .shape import Effect, Parameter, Stage
 
 # delayed samples are kept in memory
@@ -43,7 +51,6 @@ def ring(p: FloatArray, interval: float, first: float) -> FloatArray:
 
 
 def delay_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the delayed signal for one sample."""
     if p[0] == 0.0:
         return value
     size = state.size - 2
@@ -60,7 +67,6 @@ def delay_step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 
 def delayed(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
-    """Return the delayed signal for all samples."""
     return values if p[0] == 0.0 else late(values, p[0] / interval)
 
 
@@ -77,9 +83,9 @@ def late(values: FloatArray, samples: float) -> FloatArray:
     return out
 
 
-def delays(clues: Clues) -> list[Values]:
-    """Return delays from a tenth of the process lag to twice the lag."""
-    return [{"theta": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.8, 1.2, 2.0)]
+def shares_of_lag(name: str, *shares: float) -> Propose:
+    """Return start values of a time that are shares of the process lag."""
+    return lambda clues: [{name: share * clues.lag} for share in shares]
 
 
 DEAD_TIME = Effect(
@@ -92,7 +98,7 @@ DEAD_TIME = Effect(
     step=delay_step,
     fitting=Fitting(
         whole=delayed,
-        propose=delays,
+        propose=shares_of_lag("theta", 0.1, 0.25, 0.5, 0.8, 1.2, 2.0),
         siblings=("second_lag",),
         meaning="The process answers {theta} after the valve moves. Give the dead time in the loop's settings and "
         "check the tuning; look for long pipes, slow analysers and sample lines.",
@@ -107,7 +113,6 @@ def lag_start(p: FloatArray, interval: float, first: float) -> FloatArray:
 
 
 def lag_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the mean of the lagged signal over one sample."""
     away = state[0] - value
     if p[0] == 0.0 or away == 0.0:
         state[0] = value
@@ -117,7 +122,6 @@ def lag_step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 
 def lagged(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
-    """Return the lagged signal for all samples."""
     from ..kernels import lag
 
     if p[0] == 0.0:
@@ -126,11 +130,6 @@ def lagged(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
     decay = np.exp(-ratio)
     # its mean over each sample, from where it stands at the sample's start
     return values - np.expm1(-ratio) / ratio * (np.asarray(lag(values, decay, 0.0, 1.0 - decay, 0)) - values)
-
-
-def second_lags(clues: Clues) -> list[Values]:
-    """Return further lags from a tenth of the process lag up to the same size."""
-    return [{"tau2": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.9)]
 
 
 SECOND_LAG = Effect(
@@ -143,10 +142,57 @@ SECOND_LAG = Effect(
     step=lag_step,
     fitting=Fitting(
         whole=lagged,
-        propose=second_lags,
+        propose=shares_of_lag("tau2", 0.1, 0.25, 0.5, 0.9),
         on_loads=True,
         siblings=("dead_time",),
         meaning="The process has a second lag of {tau2}, for example a thermowell, a heavy filter or the actuator. "
         "Derivative action or faster hardware helps.",
+    ),
+)
+
+
+def drift_start(p: FloatArray, interval: float, first: float) -> FloatArray:
+    """State: [sample number, interval in hours]."""
+    return np.array([0.0, interval / 3600.0])
+
+
+def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
+    hours = state[0] * state[1]
+    state[0] += 1.0
+    if p[0] == 0.0:
+        return value
+    return value + p[0] * hours * (value - p[1])
+
+
+def drifted(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
+    if p[0] == 0.0:
+        return values
+    return values + p[0] * (interval / 3600.0) * np.arange(len(values)) * (values - p[1])
+
+
+def drifts(clues: Clues) -> list[Values]:
+    """Return gains that change by a third to once over the record, about the mean of the output and about nothing."""
+    hours = clues.duration / 3600.0
+    places = (0.0, float(np.mean(clues.output)))
+    return [{"growth": g / hours, "pivot": place} for g in (-0.6, -0.3, 0.3, 1.0) for place in places]
+
+
+GAIN_DRIFT = Effect(
+    name="gain_drift",
+    stage=Stage.PROCESS,
+    sentence="Drifting gain: with time the same move of the valve does more, or less, as with fouling or wear.",
+    source="Time-varying process gain, e.g. Astrom and Wittenmark, Adaptive Control (1995), section 1.4",
+    parameters=(
+        Parameter("growth", "1/h", "growth of the gain per hour, as a share", 0.0, -1e3, 1e3, (-0.1, 0.1)),
+        Parameter("pivot", "OP span", "signal at which it does not show", 0.0, -2.0, 3.0, (0.0,), nuisance=True),
+    ),
+    start=drift_start,
+    step=drift_step,
+    fitting=Fitting(
+        whole=drifted,
+        propose=drifts,
+        seldom=True,
+        meaning="The gain of the process changes by {growth}. Look for fouling, a plugging filter, a catalyst that "
+        "ages, or another product; retune or schedule the controller.",
     ),
 )
