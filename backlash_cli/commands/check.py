@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from .options import ONLY_LOOPS, SELECTION, Export, export_options, output_option, verbose_option
+from . import options
+from .options import Export
 from .terminal import progress, put, say_failures, several
 
 
@@ -17,9 +18,9 @@ from .terminal import progress, put, say_failures, several
                "  backlash check sample_data/plant.csv --format json --output check.json")
 @click.option("--format", "form", type=click.Choice(["table", "json"]),
               help="table for people, json for programs. Default: after the suffix of --output, else table.")
-@output_option()
-@verbose_option("List every finding and number of every loop.")
-@export_options(ONLY_LOOPS, *SELECTION)
+@options.output()
+@options.verbose("List every finding and number of every loop.")
+@options.export(options.ONLY_LOOPS, *options.SELECTION)
 def check(export: Export, form: str | None, output: Path | None, verbose: bool) -> int:
     """Check data quality and controller settings before trusting a verdict.
 

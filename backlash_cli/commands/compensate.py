@@ -10,7 +10,7 @@ import click
 
 from ..errors import LoopError
 from . import options
-from .options import Export, Workers, engine_options, export_options, json_option, path_option
+from .options import Export, Workers
 from .terminal import put
 
 
@@ -22,10 +22,10 @@ from .terminal import put
               help="Static gain, lag and dead time [s] of the process (more lags: T2=..), or a TOML file with gain, "
               "lags, dead_time. Default: fitted to the record.")
 @click.option("--dead-band", metavar="D", help="Dead band in spans of the output (0.03 or 3%). Default: from the scan.")
-@path_option("--html", help="Draw the loop before and after.")
-@json_option
-@engine_options()
-@export_options()
+@options.path("--html", help="Draw the loop before and after.")
+@options.JSON
+@options.engine()
+@options.export()
 def compensate(export: Export, loop: str, process_text: str | None, dead_band: str | None, html: Path | None,
                json_file: Path | None, workers: Workers) -> int:
     """Simulate one loop without and with backlash compensation, and advise a gain or say why none.

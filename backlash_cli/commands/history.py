@@ -11,7 +11,7 @@ import click
 from click.core import ParameterSource
 
 from ..errors import UsageError
-from .options import output_option, path_option, verbose_option
+from . import options
 from .terminal import put, say, several
 
 if TYPE_CHECKING:
@@ -21,21 +21,14 @@ if TYPE_CHECKING:
 
 SCAN_FIRST = "\b\nExamples:\n  backlash scan sample_data/plant.csv --history backlash.db\n"
 loop_option = click.option("--loop", metavar="NAME", multiple=True, help="Only these loops; may be repeated.")
-WEAR = (
-    path_option("--history", metavar="DB", required=True, help="History file, made by scan --history or nightly."),
-    path_option("--limits", help="Limits per class of loop (TOML). Default: the profile that comes with the tool."),
-    path_option("--loops", "settings", help="Loop settings; a key limit_class names the class of a loop's limit."),
+wear_options = options.together(
+    options.path("--history", metavar="DB", required=True, help="History file, made by scan --history or nightly."),
+    options.path("--limits", help="Limits per class of loop (TOML). Default: the profile that comes with the tool."),
+    options.path("--loops", "settings", help="Loop settings; a key limit_class names the class of a loop's limit."),
     click.option("--horizon", metavar="DAYS", type=click.FloatRange(min=0), default=90.0, show_default=True,
                  help="Days until the next shutdown, from the last night on."),
     loop_option,
 )
-
-
-def wear_options(command: Any) -> Any:
-    """Add the options of the commands on wear."""
-    for option in reversed(WEAR):
-        command = option(command)
-    return command
 
 
 def read_profile(limits: Path | None, loops: Path | None) -> Limits:
@@ -72,8 +65,8 @@ def worn_plant(history: Path, limits: Path | None, settings: Path | None, loop: 
 @wear_options
 @click.option("--format", "form", type=click.Choice(["table", "json"]), default="table", show_default=True,
               help="table for people, json for programs.")
-@output_option()
-@verbose_option("Say for every loop why it has its place.")
+@options.output()
+@options.verbose("Say for every loop why it has its place.")
 def trend(form: str, output: Path | None, verbose: bool, **wear: Any) -> None:
     """Show how dead bands grow from night to night, when they reach their limit, and which valve to pull first.
 
@@ -91,7 +84,7 @@ def trend(form: str, output: Path | None, verbose: bool, **wear: Any) -> None:
                epilog=SCAN_FIRST + "  backlash report --history backlash.db --output wear.html\n"
                "  backlash report --history backlash.db --output wear --limits limits.toml")
 @wear_options
-@output_option("Where to write. A name ending in .html is one self-contained file; another name is a folder with "
+@options.output("Where to write. A name ending in .html is one self-contained file; another name is a folder with "
                "index.html and a page per loop, for many loops.", "FILE|DIR", required=True)
 def report(output: Path, **wear: Any) -> None:
     """Write the report of a history: which valves to pull, how they wear, and why.
@@ -110,10 +103,10 @@ def report(output: Path, **wear: Any) -> None:
                "  backlash history backlash.db --export nights.csv\n"
                "  backlash history backlash.db --repair FIC101 2026-03-02 \"new packing\"")
 @click.argument("db", metavar="DB", required=False, type=click.Path(path_type=Path))
-@path_option("--history", "named", metavar="DB", help="The same, as an option.")
+@options.path("--history", "named", metavar="DB", help="The same, as an option.")
 @loop_option
 @click.option("--runs", is_flag=True, help="List the runs instead of the loops.")
-@path_option("--export", "target", help="Write a table to this .csv or .parquet file.")
+@options.path("--export", "target", help="Write a table to this .csv or .parquet file.")
 @click.option("--table", metavar="NAME", default="nights", show_default=True,
               help="What to export: nights, half_periods, repairs or runs.")
 @click.option("--repair", nargs=3, metavar="LOOP DATE NOTE", help="Enter a repair; wear starts anew on that day.")

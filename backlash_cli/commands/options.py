@@ -48,22 +48,17 @@ class Workers:
     scheduler: str | None
     jobs: int | None
 
-    def check(self) -> None:
-        """Raise UsageError for what does not fit together, and when Dask is wanted and missing."""
+    @contextlib.contextmanager
+    def client(self) -> Iterator[Client | None]:
+        """Give the client of the cluster for the time of the block, None for this machine.
+
+        Raises UsageError for what does not fit together, and when Dask is wanted and missing.
+        """
         if self.scheduler is not None and self.engine != "dask":
             raise UsageError("--scheduler goes with --engine dask", where="--scheduler", remedy="add --engine dask")
         if self.scheduler is not None and self.jobs is not None:
             raise UsageError("the cluster has the workers it has", where="--jobs",
                              remedy="leave --jobs out with --scheduler")
-        if self.engine == "dask":
-            from ..engines.cluster import check_installed
-
-            check_installed()
-
-    @contextlib.contextmanager
-    def client(self) -> Iterator[Client | None]:
-        """Give the client of the cluster for the time of the block, None for this machine."""
-        self.check()
         if self.engine != "dask":
             yield None
             return
@@ -73,7 +68,7 @@ class Workers:
             yield client
 
 
-def size_option(text: str, where: str, what: str, remedy: str) -> tuple[float, bool]:
+def size(text: str, where: str, what: str, remedy: str) -> tuple[float, bool]:
     """Read a size as a person writes it, `0.03` or `3%`: the number, parts of one for percent, and whether it was that.
 
     Raises UsageError, naming the option `where`, for what is no number or not above 0.
@@ -95,10 +90,10 @@ def dead_band(text: str | None, where: str = "--dead-band") -> float | None:
     """
     if text is None:
         return None
-    size, _ = size_option(text, where, "size", remedy := "0.03 or 3% is 3 % of the output span")
-    if size > 0.5:
+    found, _ = size(text, where, "size", remedy := "0.03 or 3% is 3 % of the output span")
+    if found > 0.5:
         raise UsageError(f"{text} is not possible", where=where, remedy=f"at most 0.5; {remedy}")
-    return size
+    return found
 
 
 class Place(click.ParamType):
@@ -115,17 +110,17 @@ class Place(click.ParamType):
         return Path(value)
 
 
-def path_option(*names: str, help: str, metavar: str = "FILE", **more: Any) -> Option:
+def path(*names: str, help: str, metavar: str = "FILE", **more: Any) -> Option:
     """An option that takes the path of a file."""
     return click.option(*names, metavar=metavar, type=click.Path(path_type=Path), help=help, **more)
 
 
-def output_option(help: str = "Write to this file instead.", metavar: str = "FILE", **more: Any) -> Option:
+def output(help: str = "Write to this file instead.", metavar: str = "FILE", **more: Any) -> Option:
     """The option that names the file of the report."""
-    return path_option("--output", "-o", metavar=metavar, help=help, **more)
+    return path("--output", "-o", metavar=metavar, help=help, **more)
 
 
-def verbose_option(help: str) -> Option:
+def verbose(help: str) -> Option:
     """The option for all there is to say."""
     return click.option("--verbose", "-v", is_flag=True, help=help)
 
@@ -134,8 +129,8 @@ def _names(context: click.Context, option: click.Parameter, value: str | None) -
     return tuple(name.strip() for name in value.split(",")) if value else ()
 
 
-json_option = path_option("--json", "json_file", help="Write everything as JSON; - is standard output.")
-jobs_option = click.option("--jobs", metavar="N", type=click.IntRange(min=1),
+JSON = path("--json", "json_file", help="Write everything as JSON; - is standard output.")
+JOBS = click.option("--jobs", metavar="N", type=click.IntRange(min=1),
                            help="Processes. Default: as many as the input is worth, at most one per core.")
 ONLY_LOOPS = click.option("--loop", "only_loops", metavar="NAME", multiple=True,
                           help="Only this loop; may be repeated, with wildcards such as 'FIC*'.")
@@ -180,38 +175,39 @@ _ENGINE = (
 )
 
 
-def _with(command: Callable[..., Any], *options: Option) -> Callable[..., Any]:
-    for option in reversed(options):
-        command = option(command)
-    return command
+def together(*options: Option) -> Option:
+    """Several options as one."""
+    return lambda command: functools.reduce(lambda made, option: option(made), reversed(options), command)
 
 
-def export_options(*more: Option, required: bool = True) -> Option:
-    """Add INPUT, `more` options on which loops, and those on how to read; the command receives an Export as `export`.
-
-    Options named like a field of ReadOptions go into it.
-    """
+def _packed(name: str, taken: Callable[[dict[str, Any]], Any], *options: Option) -> Option:
+    """Add options; the command receives as `name` what `taken` makes of them. It takes them out of all the values."""
     def add(command: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(command)
-        def with_export(inputs: tuple[Path, ...], loops: Path | None, **values: Any) -> Any:
-            from ..loaders import ReadOptions
+        def with_packed(**values: Any) -> Any:
+            made = taken(values)
+            return command(**{name: made}, **values)
 
-            chosen = {name: values.pop(name) for name in ReadOptions.__dataclass_fields__ if name in values}
-            return command(export=Export(inputs, loops, ReadOptions(**chosen)), **values)
-
-        argument = click.argument("inputs", metavar="INPUT...", nargs=-1, required=required, type=Place())
-        return _with(with_export, argument, *more, *_READING)
+        return together(*options)(with_packed)
 
     return add
 
 
-def engine_options(*more: Option) -> Option:
+def export(*more: Option, required: bool = True) -> Option:
+    """Add INPUT, `more` options on which loops, and those on how to read; the command gets an Export as `export`."""
+    def taken(values: dict[str, Any]) -> Export:
+        from ..loaders import ReadOptions
+
+        chosen = {name: values.pop(name) for name in ReadOptions.__dataclass_fields__ if name in values}
+        return Export(values.pop("inputs"), values.pop("loops"), ReadOptions(**chosen))
+
+    argument = click.argument("inputs", metavar="INPUT...", nargs=-1, required=required, type=Place())
+    return _packed("export", taken, argument, *more, *_READING)
+
+
+def engine(*more: Option) -> Option:
     """Add --engine and --scheduler, and --jobs where it is given; the command receives Workers as `workers`."""
-    def add(command: Callable[..., Any]) -> Callable[..., Any]:
-        @functools.wraps(command)
-        def with_workers(engine: str, scheduler: str | None, jobs: int | None = None, **values: Any) -> Any:
-            return command(workers=Workers(engine, scheduler, jobs), **values)
+    def taken(values: dict[str, Any]) -> Workers:
+        return Workers(values.pop("engine"), values.pop("scheduler"), values.pop("jobs", None))
 
-        return _with(with_workers, *more, *_ENGINE)
-
-    return add
+    return _packed("workers", taken, *more, *_ENGINE)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from .options import ONLY_LOOPS, Export, dead_band, export_options, jobs_option, output_option, size_option
+from . import options
+from .options import Export
 from .terminal import progress, put, say_failures, several
 
 if TYPE_CHECKING:
@@ -30,13 +32,13 @@ FORMATS = {".json": "json", ".csv": "csv", ".html": "html", ".htm": "html"}
 @click.option("--format", "form", metavar="FORMAT", type=click.Choice(["text", "json", "csv", "html"]),
               help="text, json, csv or html (a sheet per loop, to print). Default: after the suffix of --output, else "
               "text.")
-@output_option("Write the plans here.")
+@options.output("Write the plans here.")
 @click.option("--repeats", metavar="N", type=click.IntRange(min=2), default=100,
               help="Simulated repeats of each candidate with a worn and with a healthy valve. Default: 100.")
 @click.option("--seed", metavar="N", type=click.IntRange(min=0), default=0, help="Another number draws other repeats.")
-@jobs_option
+@options.JOBS
 @click.option("--no-cache", is_flag=True, help="Make the plans anew, also where the same were made before.")
-@export_options(ONLY_LOOPS)
+@options.export(options.ONLY_LOOPS)
 def plan(export: Export, target: str | None, max_pv_move: str, max_op_move: str, form: str | None,
          output: Path | None, repeats: int, seed: int, jobs: int | None, no_cache: bool) -> int:
     """Work out the least that would decide each undecided loop, by simulating the loop with a worn and a healthy valve.
@@ -44,20 +46,22 @@ def plan(export: Export, target: str | None, max_pv_move: str, max_op_move: str,
     Candidates are waiting, setpoint steps in automatic, steps of the output in manual, and better logging; each comes
     with its chance. A plan is advice to a person; nothing is written to the control system.
     """
-    from ..engines.plan import plan_all
+    from ..engines.local import answers
+    from ..engines.plan import kept_plan
     from ..plan import PlanOptions
     from ..record import Note
     from ..reporter import plan_report
 
     moves = _move(max_pv_move, "--max-pv-move"), _move(max_op_move, "--max-op-move")
-    options = PlanOptions(dead_band(target, "--target"), *moves, repeats, seed)
+    wanted = PlanOptions(options.dead_band(target, "--target"), *moves, repeats, seed)
     form = form or FORMATS.get(output.suffix.lower() if output else "", "text")
     plant = export.read()
     plans: list[LoopPlan] = []
     failures = [note.message for note in plant.failures]
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "backlash" / "plans"
     with progress("planning", len(plant), stopped="loops were planned; no plan was written") as step:
-        for found in plan_all(plant.records, options, jobs=jobs, cache=None if no_cache else folder):
+        work = partial(kept_plan, options=wanted, folder=None if no_cache else folder)
+        for found in answers(plant.records, work, jobs=jobs):
             if isinstance(found, Note):
                 failures.append(found.message)
             elif found is not None:
@@ -76,5 +80,5 @@ def _move(text: str, where: str) -> Move:
     """Read a limit on a move, `12.5` in units of the loop or `5%` of its span."""
     from ..plan import Move
 
-    return Move(*size_option(text, where, "move",
+    return Move(*options.size(text, where, "move",
                              "a number in units of the loop such as 12.5, or a share of its span such as 5%"))

@@ -15,18 +15,8 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import UsageError
-from .options import (
-    ONLY_LOOPS,
-    SELECTION,
-    Export,
-    Workers,
-    engine_options,
-    export_options,
-    jobs_option,
-    output_option,
-    path_option,
-    verbose_option,
-)
+from . import options
+from .options import Export, Workers
 from .terminal import emit, progress, say, say_failures, say_if_first_run, several
 
 if TYPE_CHECKING:
@@ -54,12 +44,12 @@ _STAMP = re.compile(  # a date, perhaps with a time, at the end of a file's name
 @click.option("--demo", is_flag=True, help="Scan a simulated plant instead of an export, to see what comes out.")
 @click.option("--format", "form", metavar="FORMAT", type=click.Choice(FORMATS),
               help="table, json, csv, parquet or html. Default: after the suffix of --output, else table.")
-@output_option("Write the report here, whole or not at all. With html, a name without .html is a folder with a page "
+@options.output("Write the report here, whole or not at all. With html, a name without .html is a folder with a page "
                "per loop, for many loops.", "FILE|DIR")
 @click.option("--table", metavar="NAME", default="loops",
               help="For csv and parquet: loops (a row per loop) or estimates (a row per half period).")
-@path_option("--plot", metavar="DIR", help="Also draw a picture (PNG) of each loop's evidence into this folder.")
-@path_option("--history", metavar="DB", help="Also add the result to this history (one SQLite file), made where it "
+@options.path("--plot", metavar="DIR", help="Also draw a picture (PNG) of each loop's evidence into this folder.")
+@options.path("--history", metavar="DB", help="Also add the result to this history (one SQLite file), made where it "
              "does not exist. Scanning the same data again changes nothing.")
 @click.option("--resume", is_flag=True,
               help="With --history: go on with the same scan where it was stopped, killed or cut off. Loops that it "
@@ -69,11 +59,11 @@ _STAMP = re.compile(  # a date, perhaps with a time, at the end of a file's name
               "cannot_tell, insufficient_data, error, any (of the first three), or a size such as d>0.03 or d>3%. "
               "Several: with commas, or given again.")
 @click.option("--no-confirm", is_flag=True, help="Skip the test of PV against OP; faster, less sure.")
-@verbose_option("List every reason and warning of every loop.")
+@options.verbose("List every reason and warning of every loop.")
 @click.option("--quiet", "-q", is_flag=True,
               help="Say only what went wrong: no progress, and no table unless --format asks for it.")
-@engine_options(jobs_option)
-@export_options(ONLY_LOOPS, *SELECTION, required=False)
+@options.engine(options.JOBS)
+@options.export(options.ONLY_LOOPS, *options.SELECTION, required=False)
 def scan(export: Export, demo: bool, form: str | None, output: Path | None, table: str, plot: Path | None,
          history: Path | None, resume: bool, fail_on: tuple[str, ...], no_confirm: bool, verbose: bool, quiet: bool,
          workers: Workers) -> int:
@@ -92,13 +82,13 @@ def scan(export: Export, demo: bool, form: str | None, output: Path | None, tabl
                          remedy="name an export, a file or folder, or give --demo alone to see what comes out")
     rules = parse_rules(fail_on)
     form = check_delivery(form, output, table)
-    options = ScanOptions(confirm=not no_confirm, carry=history is not None)
+    wanted = ScanOptions(confirm=not no_confirm, carry=history is not None)
     with contextlib.ExitStack() as stack:
         if demo:
             export = stack.enter_context(sample_plant(export, shown=not quiet))
-        keep = stack.enter_context(kept(history, (export, options), resume=resume))
+        keep = stack.enter_context(kept(history, (export, wanted), resume=resume))
         with workers.client() as client:
-            job = Job(export, options, workers.jobs, client, not quiet, keep)
+            job = Job(export, wanted, workers.jobs, client, not quiet, keep)
             result = job.scan()
             if history is not None:
                 remember(result, history, job)

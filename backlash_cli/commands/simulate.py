@@ -9,7 +9,7 @@ from textwrap import fill
 import click
 
 from ..errors import UsageError
-from .options import json_option, path_option, verbose_option
+from . import options
 from .terminal import put, several
 
 
@@ -18,9 +18,9 @@ from .terminal import put, several
                "  backlash simulate example-2 --show > mine.toml\n"
                "  backlash simulate mine.toml --out mine.parquet && backlash scan mine.parquet")
 @click.argument("scenario", metavar="SCENARIO")
-@path_option("--out", "--output", "-o", help="Where to write: .csv, .csv.gz or .parquet. Settings go to "
+@options.path("--out", "--output", "-o", help="Where to write: .csv, .csv.gz or .parquet. Settings go to "
              "STEM.loops.toml beside it.")
-@path_option("--truth", help="Where to write what was planted. Default: STEM.truth.csv beside --out.")
+@options.path("--truth", help="Where to write what was planted. Default: STEM.truth.csv beside --out.")
 @click.option("--layout", metavar="LAYOUT", type=click.Choice(["wide", "long"]), default="wide", show_default=True,
               help="wide: a column per signal; long: tag, timestamp, value.")
 @click.option("--dead-band", metavar="D", type=click.FloatRange(0.0, 0.5),
@@ -65,7 +65,7 @@ def simulate(scenario: str, out: Path | None, truth: Path | None, layout: str, d
 
 
 @click.command(short_help="List the physical effects, each in a sentence.", epilog="Example: backlash effects")
-@verbose_option("Also list the parameters, units, bounds and sources.")
+@options.verbose("Also list the parameters, units, bounds and sources.")
 def effects(verbose: bool) -> int:
     """List the physical effects, each in a sentence, in the order a signal meets them.
 
@@ -87,8 +87,8 @@ def effects(verbose: bool) -> int:
 
 @click.command(short_help="Recompute the numbers of Haegglund (2007), paper against ours.",
                epilog="\b\nExamples:\n  backlash paper\n  backlash paper --html paper.html")
-@path_option("--html", help="Draw each figure beside its numbers.")
-@json_option
+@options.path("--html", help="Draw each figure beside its numbers.")
+@options.JSON
 def paper(html: Path | None, json_file: Path | None) -> int:
     """Recompute every number of Haegglund (2007): the paper's, ours, the difference, and why where they differ.
 

@@ -11,18 +11,8 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 
 from ..errors import LoopError, UsageError
-from .options import (
-    SELECTION,
-    Export,
-    Workers,
-    engine_options,
-    export_options,
-    jobs_option,
-    json_option,
-    output_option,
-    path_option,
-    verbose_option,
-)
+from . import options
+from .options import Export, Workers
 from .terminal import progress, put, say, say_failures
 
 if TYPE_CHECKING:
@@ -36,7 +26,7 @@ loop_option = click.option("--loop", metavar="NAME",
                            help="The loop to look at. Default: the model's, or the only one there is.")
 other_loop_option = click.option("--other-loop", is_flag=True,
                                  help="Use a model that was made for another loop or other ranges.")
-picture_option = path_option("--picture", help="Draw one still picture, .png or .svg, for a document or mail.")
+picture_option = options.path("--picture", help="Draw one still picture, .png or .svg, for a document or mail.")
 
 
 @click.command(short_help="Compare a model with the measurements of a loop.",
@@ -45,14 +35,14 @@ picture_option = path_option("--picture", help="Draw one still picture, .png or 
                "  backlash explain sample_data/plant.csv --loop FIC109 --save-model fic109.toml\n"
                "  backlash compare sample_data/plant.csv --model fic109.toml")
 @loop_option
-@path_option("--model", "model_file", help="Model file (TOML) as explain --save-model writes it. Default: the plain "
+@options.path("--model", "model_file", help="Model file (TOML) as explain --save-model writes it. Default: the plain "
              "model (gain, one lag, offset; dead time where the settings give theta), fitted to this record.")
 @other_loop_option
-@json_option
-@path_option("--html", help="Draw measured and predicted PV, the residual and what it depends on.")
+@options.JSON
+@options.path("--html", help="Draw measured and predicted PV, the residual and what it depends on.")
 @picture_option
-@verbose_option("List every region of the record.")
-@export_options()
+@options.verbose("List every region of the record.")
+@options.export()
 def compare(export: Export, loop: str | None, model_file: Path | None, other_loop: bool, json_file: Path | None,
             html: Path | None, picture: Path | None, verbose: bool) -> int:
     """Predict PV from the measured OP, compare it with the measured PV, and say where the model fails.
@@ -79,20 +69,20 @@ def compare(export: Export, loop: str | None, model_file: Path | None, other_loo
               "repeated. module:NAME is one from outside.")
 @click.option("--effect", "outside", metavar="MODULE:NAME", multiple=True,
               help="Also try this effect of your own in the search; may be repeated.")
-@path_option("--model", "model_file",
+@options.path("--model", "model_file",
              help="Go on from this model file (TOML): its effects stay, their numbers are refitted.")
 @other_loop_option
-@path_option("--save-model",
+@options.path("--save-model",
              help="Keep the final model as TOML, to edit by hand, go on with, or compare with another day.")
-@json_option
-@path_option("--html", help="Draw the ladder, each step over the measurement.")
+@options.JSON
+@options.path("--html", help="Draw the ladder, each step over the measurement.")
 @click.option("--all", "every", is_flag=True, help="Explain every loop of the plant and write a summary.")
-@output_option("With --all: the summary as .csv, .json or .html, or a folder with all three and the JSON of each loop. "
-               "Default: a table on the terminal.", "FILE|DIR")
+@options.output("With --all: the summary as .csv, .json or .html, or a folder with all three and the JSON of each "
+                "loop. Default: a table on the terminal.", "FILE|DIR")
 @picture_option
-@verbose_option("List every candidate with its numbers, and every region.")
-@engine_options(jobs_option)
-@export_options(*SELECTION)
+@options.verbose("List every candidate with its numbers, and every region.")
+@options.engine(options.JOBS)
+@options.export(*options.SELECTION)
 def explain(export: Export, loop: str | None, add: tuple[str, ...], outside: tuple[str, ...], model_file: Path | None,
             other_loop: bool, save_model: Path | None, json_file: Path | None, html: Path | None, picture: Path | None,
             every: bool, output: Path | None, verbose: bool, workers: Workers) -> int:

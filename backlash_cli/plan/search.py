@@ -20,8 +20,7 @@ from ..record import FloatArray, Note, Record
 from ..results import NOTHING_SAID, UNDECIDED, LoopReport, Verdict
 from ..results.plan import Course, LoopPlan, PlanOption
 from ..scanning import scan
-from .tests import KINDS, TENTH, Move, Test
-from .twin import Twin, behind, twin_of
+from .twin import KINDS, TENTH, Move, Test, Twin, behind, twin_of
 from .words import logging_words, model_words, option_words, too_small
 
 TARGET = 0.02  # span: dead band that matters, where the record has no limit of detection
