@@ -24,6 +24,8 @@ from .problem import Problem
 from .score import Judge, jumpy
 
 LAG_SHARES = (0.6, 1.0)
+# of a random load that hides little, times the noise
+LOOSE = 0.05
 # a lag longer than this part of the record is hardly that of the process; parts of the record that it may be instead
 SLOW_FOR_RECORD, QUICK = 100.0, (150.0, 500.0)
 SWEEP = 17
@@ -167,8 +169,9 @@ def candidate(
         grounds = [(replace(base.shape, lag=near.shape.lag, delay=near.shape.delay), near.noise)]
     else:
         # a noise that hides little as well: with hardly any load, the fit must follow PV at all periods
-        loose = replace(base.noise, ratio=min(base.noise.ratio, 0.05))
-        grounds = [(base.shape, base.noise), (base.shape, loose)]
+        grounds = [(base.shape, base.noise)]
+        if base.noise.ratio > LOOSE:
+            grounds.append((base.shape, replace(base.noise, ratio=LOOSE)))
     trials: list[Fit] = []
     random = np.random.default_rng(problem.seed)
     for ground, noise in grounds:
