@@ -260,7 +260,7 @@ def explain_plant(export: Export, effects: tuple[str, ...], output: Path | None,
         return 3 if found.failures else 0
     if folder:
         put(output / "summary.csv", reports.to_csv(found), "table")
-        put(output / "summary.json", reports.model_json(found), "numbers")
+        put(output / "summary.json", reports.to_json(found), "numbers")
     else:
         forms = {".csv": reports.to_csv, ".json": reports.to_json, ".txt": reports.to_text}
         put(output, forms.get(output.suffix.lower(), reports.to_page)(found), "summary")
@@ -271,10 +271,10 @@ def explain_plant(export: Export, effects: tuple[str, ...], output: Path | None,
 def _write_folder(folder: Path, loops: Sequence[str], found: Iterator[Explanation], kept: list[Explanation],
                   summary: Callable[[], PlantExplanation], told: str) -> None:
     """Write a page per loop as it comes, then the index, the table and the numbers. told: what the report is about."""
-    from ..reporter.json_report import model_json
     from ..reporter.explain_report import explain_page
     from ..reporter.explain_summary import to_page
     from ..reporter.files import write_text
+    from ..reporter.json_report import model_json
     from ..reporter.page import links_to, write_pages
     from ..reporter.safe import file_names
 
