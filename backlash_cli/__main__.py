@@ -1,11 +1,9 @@
-"""Entry point: a group of commands, each loaded only when it is called, so that `--help` answers at once."""
+"""Entry point: the commands as one group; every failure becomes one message and an exit status of the contract."""
 
 from __future__ import annotations
 
 import errno
-import importlib
 import os
-import pkgutil
 import signal
 import sys
 import threading
@@ -15,59 +13,39 @@ from typing import Any
 
 import click
 
-from . import commands
 from ._version import __version__
-from .errors import BacklashError
+from .commands.check import check
+from .commands.compensate import compensate
+from .commands.history import history, report, trend
+from .commands.nightly import nightly
+from .commands.plan import plan
+from .commands.scan import scan
+from .commands.simulate import effects, paper, simulate
+from .commands.terminal import say
+from .commands.workbench import compare, explain
+from .errors import BacklashError, nearest
 
 # matrices here are tall and narrow: threads of the linear algebra library cost more than they gain
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-SUMMARIES = {
-    "scan": "Find dead band in every loop of an export.",
-    "plan": "Work out the least that would decide each undecided loop.",
-    "check": "Check data quality and controller settings of every loop.",
-    "compare": "Compare a model of a loop with its measurements and see where it fails.",
-    "explain": "Find the physical effects that are missing in a loop's model.",
-    "effects": "List the physical effects, each in a sentence.",
-    "simulate": "Write a record from the closed-loop simulator.",
-    "compensate": "Simulate a loop with and without backlash compensation.",
-    "paper": "Recompute the numbers of Haegglund (2007), paper against ours.",
-    "history": "List, export and mark repairs in the history of nightly scans.",
-    "trend": "Show how dead bands grow from night to night.",
-    "report": "Write the report page of a history.",
-    "nightly": "Run the nightly job of a configuration file.",
-}
 
-
-class LazyGroup(click.Group):
-    """Finds commands by file name and imports one only when it runs."""
+class Commands(click.Group):
+    """The commands in the order in which a user meets them; a wrong name brings up the nearest."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        found = {m.name for m in pkgutil.iter_modules(commands.__path__)}
-        return [name for name in SUMMARIES if name in found]
-
-    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        if name not in self.list_commands(ctx):
-            return None
-        return getattr(importlib.import_module(f"backlash_cli.commands.{name}"), name)
+        return list(self.commands)
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        from .errors import nearest
-
-        if args and not args[0].startswith("-") and args[0] not in self.list_commands(ctx):
-            raise click.UsageError(f"no command '{args[0]}': {nearest(args[0], self.list_commands(ctx))}", ctx)
+        if args and not args[0].startswith("-") and args[0] not in self.commands:
+            raise click.UsageError(f"no command '{args[0]}': {nearest(args[0], self.commands)}", ctx)
         return super().resolve_command(ctx, args)
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        rows = [(name, SUMMARIES[name]) for name in self.list_commands(ctx)]
-        if rows:
-            with formatter.section("Commands"):
-                formatter.write_dl(rows)
 
 
 @click.group(
-    cls=LazyGroup,
+    cls=Commands,
+    commands=[scan, plan, check, compare, explain, effects, simulate, compensate, paper, history, trend, report,
+              nightly],
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Example: backlash scan sample_data/plant.csv",
 )
@@ -76,26 +54,16 @@ def cli() -> None:
     """Find play (dead band) in control valves from historian exports."""
 
 
+STOPS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+PATIENCE = 8.0  # seconds that an orderly end may take after a stop
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO)  # without a file's name: standard output, whose disk is full or gone
 NOT_WRITTEN = "standard output: cannot write: {} -> write to another place"
 
 
-PATIENCE = 8.0  # seconds that an orderly end may take after a stop
-
-
-class Stopped(KeyboardInterrupt):
-    """The process was asked to end (Ctrl-C, SIGTERM, or its terminal was closed)."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__()
-        self.number = number
-
-
 def main() -> None:
     """Run the command line; every failure becomes one message and an exit status of the contract."""
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+    for number in STOPS:
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, _stop)
     _see_to_the_end()
     if not sys.warnoptions:
@@ -114,33 +82,31 @@ def _guarded(arguments: list[str]) -> int:
         code = _run(arguments)
         return code if _flushed() else 2
     except BacklashError as error:
-        _flushed(say=False)
-        _say(f"error: {error}")
+        _flushed(aloud=False)
+        say(f"error: {error}")
     except click.ClickException as error:
         error.show()
     except KeyboardInterrupt as stop:
-        _say("; ".join(["stopped", *getattr(stop, "__notes__", []), "nothing was left half written"]))
-        return 128 + (stop.number if isinstance(stop, Stopped) else signal.SIGINT)
+        say("; ".join(["stopped", *getattr(stop, "__notes__", []), "nothing was left half written"]))
+        return 128 + (_asked_to_end[0] if _asked_to_end else signal.SIGINT)
     except BrokenPipeError:
         _give_up_output()  # the reader of our output has gone (`| head`): say nothing
         return 0
     except MemoryError:
-        _say("error: not enough memory -> give fewer files, or fewer loops with --loop")
+        say("error: not enough memory -> give fewer files, or fewer loops with --loop")
     except Exception as error:
         if isinstance(error, OSError) and error.filename is None and error.errno in FULL:
-            _flushed(say=False)
-            _say(f"error: {NOT_WRITTEN.format(error.strerror)}")
+            _flushed(aloud=False)
+            say(f"error: {NOT_WRITTEN.format(error.strerror)}")
             return 2
         if os.environ.get("BACKLASH_DEBUG"):
             raise
-        _say(
-            f"error: unexpected {type(error).__name__}: {error} -> this is a fault of backlash; "
-            "BACKLASH_DEBUG=1 shows where it happened"
-        )
+        say(f"error: unexpected {type(error).__name__}: {error} -> this is a fault of backlash; "
+            "BACKLASH_DEBUG=1 shows where it happened")
     return 2
 
 
-def _flushed(*, say: bool = True) -> bool:
+def _flushed(*, aloud: bool = True) -> bool:
     """Flush what is left for standard output; where it cannot be written, say so and keep it from the exit of Python,
     which would print its own complaint and change the exit status."""
     try:
@@ -149,8 +115,8 @@ def _flushed(*, say: bool = True) -> bool:
         _give_up_output()
     except OSError as error:
         _give_up_output()
-        if say:
-            _say(f"error: {NOT_WRITTEN.format(error.strerror)}")
+        if aloud:
+            say(f"error: {NOT_WRITTEN.format(error.strerror)}")
         return False
     return True
 
@@ -170,23 +136,17 @@ def _run(arguments: list[str]) -> int:
         return done.exit_code
     except Exception as error:
         if _asked_to_end:  # a library, in the middle of its import for one, answered the stop with an error of its own
-            raise Stopped(_asked_to_end[0]) from error
+            raise KeyboardInterrupt from error
         raise
     return code if isinstance(code, int) else 0
 
 
-def _say(text: str) -> None:
-    from .reporter.safe import terminal
-
-    click.echo(f"backlash: {terminal(text)}", err=True)
-
-
-_asked_to_end: list[int] = []
+_asked_to_end: list[int] = []  # signals that came (Ctrl-C, SIGTERM, or the terminal was closed)
 
 
 def _stop(number: int, frame: object) -> None:
     _asked_to_end.append(number)
-    raise Stopped(number)
+    raise KeyboardInterrupt
 
 
 def _see_to_the_end() -> None:
@@ -197,8 +157,7 @@ def _see_to_the_end() -> None:
     signal.set_wakeup_fd(tell, warn_on_full_buffer=False)  # a byte for each signal, whatever Python is doing
 
     def wait() -> None:
-        stops = {getattr(signal, name, signal.SIGINT) for name in ("SIGINT", "SIGTERM", "SIGHUP")}
-        while (number := os.read(told, 1)[0]) not in stops:
+        while (number := os.read(told, 1)[0]) not in STOPS:
             pass
         time.sleep(PATIENCE)
         os.write(2, b"backlash: stopped; nothing was left half written\n")

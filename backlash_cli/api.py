@@ -6,12 +6,9 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .engines.local import analyse
 from .errors import MetadataError, UsageError
-from .loaders.plant import OpenPlant, open_plant
 from .record import Note, Record
 from .results import LoopReport, Model, ScanResult, Verdict
-from .scanning import ScanOptions
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -20,6 +17,8 @@ if TYPE_CHECKING:
 
     from .history.unfinished import Unfinished
     from .loaders import Plant, ReadOptions
+    from .loaders.plant import OpenPlant
+    from .scanning import ScanOptions
     from .settings import Metadata
 
 
@@ -33,6 +32,9 @@ def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOpti
     a scan was stopped. client: of a Dask cluster that does the work. A loop that cannot be analysed is reported with
     verdict `error`.
     """
+    from .engines.local import analyse  # what a scan needs takes a second to load, which models of a loop do without
+    from .loaders.plant import OpenPlant
+
     warnings: tuple[Note, ...] = getattr(plant, "warnings", ())
     failures: tuple[Note, ...] = getattr(plant, "failures", ())
     inputs: tuple[str, ...] = getattr(plant, "inputs", ())
@@ -66,6 +68,8 @@ def scan_files(inputs: str | PathLike[str] | Sequence[str | PathLike[str]], *,
     `scan`. taken: called with the bytes of a file that were taken in. The samples are not kept: use `read` for them.
     Raises BacklashError when nothing can be read.
     """
+    from .loaders.plant import open_plant
+
     opened = open_plant(inputs, loops=loops, options=reading, taken=taken)
     return scan(opened, options, jobs=jobs, progress=progress)
 

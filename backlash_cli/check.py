@@ -46,40 +46,33 @@ class LoopCheck:
     @property
     def effect(self) -> str:
         """What it all means for a verdict: "none" (nothing in its way), "limits", "blocks" or "failed"."""
-        if self.failure is not None:
-            return "failed"
-        if self._blocking():
-            return "blocks"
-        contradicted = any(note.values.get("severity") == "contradict" for note in self.settings_notes)
-        limited = self.quality is not None and self.quality.effect == "limits"
-        return "limits" if contradicted or limited else "none"
+        return self._judged()[0]
 
     @property
     def meaning(self) -> str:
         """One sentence on what it means for the verdict on backlash."""
+        return self._judged()[1]
+
+    def _judged(self) -> tuple[str, str]:
+        """Effect and meaning: the first of what stands in the way, the worst first."""
         if self.failure is not None:
-            return f"not checked: {self.failure.message}"
-        blocking = self._blocking()
-        if blocking:
-            return f"no verdict possible: {blocking[0].message}"
+            return "failed", f"not checked: {self.failure.message}"
+        quality = () if self.quality is None else self.quality.notes
+        for note in quality:
+            if note.values.get("effect") == "blocks":
+                return "blocks", f"no verdict possible: {note.message}"
+        if isinstance(self.identified, Note) and not (self.settings.K and self.settings.Ti):
+            return "blocks", f"no verdict possible: K and Ti are not given, and {self.identified.message}"
         for note in self.settings_notes:
             if note.values.get("severity") == "contradict":
-                return f"the size of a dead band would be wrong: {note.message}"
-        if self.effect == "limits" and self.quality is not None:
-            return f"a dead band can be suspected at most: {self.quality.notes[0].message}"
+                return "limits", f"the size of a dead band would be wrong: {note.message}"
+        if self.quality is not None and self.quality.effect == "limits":
+            return "limits", f"a dead band can be suspected at most: {quality[0].message}"
         for note in self.settings_notes:
-            return f"fit for a verdict, but: {note.message}"
+            return "none", f"fit for a verdict, but: {note.message}"
         if self.diagnosis is not None:
-            return f"fit for a verdict, but the loop oscillates; it {WORDS[self.diagnosis.kind]}"
-        return "fit for a verdict"
-
-    def _blocking(self) -> list[Note]:
-        notes = [] if self.quality is None else list(self.quality.notes)
-        blocking = [note for note in notes if note.values.get("effect") == "blocks"]
-        if not blocking and isinstance(self.identified, Note) and not (self.settings.K and self.settings.Ti):
-            message = f"K and Ti are not given, and {self.identified.message}"
-            blocking = [Note("settings_missing", message, {"why": self.identified.code})]
-        return blocking
+            return "none", f"fit for a verdict, but the loop oscillates; it {WORDS[self.diagnosis.kind]}"
+        return "none", "fit for a verdict"
 
 
 @dataclass(frozen=True)
@@ -103,17 +96,8 @@ def check_loop(record: Record) -> LoopCheck:
         Ti = identified.Ti.value
     diagnosis = diagnose(record if np.isfinite(record.setpoint).any() else at_mean(record) or record)
     first, last = record.time[[0, -1]].tolist() if len(record) else (None, None)
-    return LoopCheck(
-        record.loop,
-        first,
-        last,
-        settings,
-        data_quality(record, Ti),
-        identified,
-        notes,
-        diagnosis if diagnosis.kind != "none" else None,
-        record.notes,
-    )
+    return LoopCheck(record.loop, first, last, settings, data_quality(record, Ti), identified, notes,
+                     diagnosis if diagnosis.kind != "none" else None, record.notes)
 
 
 # After these the given Ti is no measure for the sampling.

@@ -17,6 +17,17 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
+def duration(seconds: float, digits: int = 3) -> str:
+    """A length of time in the unit that suits it.
+
+    >>> [duration(x) for x in (0.5, 44.0, 400.0, 9000.0)], duration(200_000.0, 2)
+    (['0.5 s', '44 s', '6.67 min', '2.5 h'], '2.3 d')
+    """
+    units = (("d", 86400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0))
+    name, length = next(((n, u) for n, u in units if seconds >= 1.5 * u), units[-1])
+    return f"{float(f'{seconds / length:.{digits}g}'):g} {name}"
+
+
 class SampleState(IntEnum):
     """Why a sample can or cannot be used. Only GOOD and FILLED samples enter an estimate."""
 
@@ -27,10 +38,6 @@ class SampleState(IntEnum):
     SATURATED = 4  # output at its limit
     FROZEN = 5  # measurement repeats the same number for too long
     IMPLAUSIBLE = 6  # far outside the span (spike)
-
-    @property
-    def usable(self) -> bool:
-        return self <= SampleState.FILLED
 
 
 @dataclass(frozen=True)

@@ -1,26 +1,112 @@
-"""backlash history: list, export, and mark repairs."""
+"""backlash history, trend and report: what a history of nightly scans holds, how valves wear, and which to pull."""
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
-from .history_options import loop_option
-from .terminal import emit, say
+from ..errors import UsageError
+from . import options
+from .terminal import put, say, several
+
+if TYPE_CHECKING:
+    from ..history.limits import Limits
+    from ..history.plant import PlantHistory
+    from ..history.store import History
+
+SCAN_FIRST = "\b\nExamples:\n  backlash scan sample_data/plant.csv --history backlash.db\n"
+loop_option = click.option("--loop", metavar="NAME", multiple=True, help="Only these loops; may be repeated.")
+wear_options = options.together(
+    options.path("--history", metavar="DB", required=True, help="History file, made by scan --history or nightly."),
+    options.path("--limits", help="Limits per class of loop (TOML). Default: the profile that comes with the tool."),
+    options.path("--loops", "settings", help="Loop settings; a key limit_class names the class of a loop's limit."),
+    click.option("--horizon", metavar="DAYS", type=click.FloatRange(min=0), default=90.0, show_default=True,
+                 help="Days until the next shutdown, from the last night on."),
+    loop_option,
+)
 
 
-@click.command(epilog="\b\nExamples:\n  backlash scan sample_data/plant.csv --history backlash.db\n"
-               "  backlash history backlash.db\n"
+def read_profile(limits: Path | None, loops: Path | None) -> Limits:
+    """Read the limits profile; classes that a loops file names (`limit_class`) go before patterns."""
+    from ..history.limits import read_limits
+
+    profile = read_limits(limits)
+    if loops is None:
+        return profile
+    from ..loaders.sources import read_metadata
+
+    metadata = read_metadata(loops)
+    chosen = {name: str(v.values["limit_class"]) for name, v in metadata.loops.items()
+              if "limit_class" in v.values and "limit_class" not in v.from_defaults}
+    default = metadata.defaults.get("limit_class")
+    return profile.with_classes(chosen, None if default is None else str(default), str(loops))
+
+
+@contextlib.contextmanager
+def worn_plant(history: Path, limits: Path | None, settings: Path | None, loop: tuple[str, ...], horizon: float
+               ) -> Iterator[tuple[PlantHistory, History]]:
+    """Give wear and ranking of a history, and the history itself. settings: loops file with limit classes."""
+    from ..history.plant import plant_history
+    from ..history.store import History
+
+    profile = read_profile(limits, settings)
+    with History(history, say=say) as store:
+        yield plant_history(store, profile, loops=loop, horizon=horizon), store
+
+
+@click.command(short_help="Show how dead bands grow from night to night.",
+               epilog=SCAN_FIRST + "  backlash trend --history backlash.db\n"
+               "  backlash trend --history backlash.db --format json --horizon 60")
+@wear_options
+@click.option("--format", "form", type=click.Choice(["table", "json"]), default="table", show_default=True,
+              help="table for people, json for programs.")
+@options.output()
+@options.verbose("Say for every loop why it has its place.")
+def trend(form: str, output: Path | None, verbose: bool, **wear: Any) -> None:
+    """Show how dead bands grow from night to night, when they reach their limit, and which valve to pull first.
+
+    A night is one scanned export of a loop. Wear is a trend through the nights since the last repair that
+    may bend; single bad nights do not pull it. --verbose says whether a straight line would do.
+    """
+    from ..reporter.history_report import trend_json, trend_text
+
+    with worn_plant(**wear) as (plant, _):
+        put(output, trend_json(plant.wears, plant.places) if form == "json" else
+            trend_text(plant.wears, plant.places, verbose=verbose))
+
+
+@click.command(short_help="Write the report page of a history.",
+               epilog=SCAN_FIRST + "  backlash report --history backlash.db --output wear.html\n"
+               "  backlash report --history backlash.db --output wear --limits limits.toml")
+@wear_options
+@options.output("Where to write. A name ending in .html is one self-contained file; another name is a folder with "
+               "index.html and a page per loop, for many loops.", "FILE|DIR", required=True)
+def report(output: Path, **wear: Any) -> None:
+    """Write the report of a history: which valves to pull, how they wear, and why.
+
+    It opens from disk in any browser, without a network.
+    """
+    from ..reporter.history_report import write_report
+
+    with worn_plant(**wear) as (plant, store):
+        write_report(output, plant.places, plant.wears, plant.nights, store.recent_half_periods)
+    say(f"report of {several(len(plant.places), 'loop')} written to {output}")
+
+
+@click.command(short_help="List, export and mark repairs in the history of nightly scans.",
+               epilog=SCAN_FIRST + "  backlash history backlash.db\n"
                "  backlash history backlash.db --export nights.csv\n"
                "  backlash history backlash.db --repair FIC101 2026-03-02 \"new packing\"")
 @click.argument("db", metavar="DB", required=False, type=click.Path(path_type=Path))
-@click.option("--history", "named", metavar="DB", type=click.Path(path_type=Path), help="The same, as an option.")
+@options.path("--history", "named", metavar="DB", help="The same, as an option.")
 @loop_option
 @click.option("--runs", is_flag=True, help="List the runs instead of the loops.")
-@click.option("--export", "target", metavar="FILE", type=click.Path(path_type=Path),
-              help="Write a table to this .csv or .parquet file.")
+@options.path("--export", "target", help="Write a table to this .csv or .parquet file.")
 @click.option("--table", metavar="NAME", default="nights", show_default=True,
               help="What to export: nights, half_periods, repairs or runs.")
 @click.option("--repair", nargs=3, metavar="LOOP DATE NOTE", help="Enter a repair; wear starts anew on that day.")
@@ -32,7 +118,6 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
     DB is the file given to scan --history. DATE is a day such as 2026-03-02, or a time in UTC such as
     2026-03-02T14:30.
     """
-    from ..errors import UsageError
     from ..history.plant import chosen, mark, rows_of, unmark
     from ..history.store import History
 
@@ -54,8 +139,8 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
             write_rows(rows, target)
             say(f"{len(rows)} rows of {table} written to {target}")
         if repair is None and remove_repair is None and target is None:
-            from ..reporter.history_text import loops_text, runs_text
+            from ..reporter.history_report import loops_text, runs_text
 
-            emit(runs_text(store.runs()) if runs else loops_text(
+            put(None, runs_text(store.runs()) if runs else loops_text(
                 {name: store.nights(name) for name in names}, {name: store.repairs(name) for name in names},
                 len(store.runs())))

@@ -1,22 +1,99 @@
-"""Options that several commands share: what to read, how to read it, which loops, and where the work is done."""
+"""Options that several commands share, each declared once: what to read and how, where to write, where to work."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..errors import UsageError
-from .terminal import say
+from .terminal import progress, say, say_if_first_run
 
 if TYPE_CHECKING:
     from distributed import Client
 
-F = TypeVar("F", bound=Callable[..., Any])
+    from ..loaders import Plant, ReadOptions
+
+Option = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+@dataclass(frozen=True)
+class Export:
+    """What a command reads: files, folders or addresses, the file of loop settings, and how to read them."""
+
+    inputs: tuple[Path, ...]
+    loops: Path | None
+    reading: ReadOptions
+
+    def read(self, *, compiles: bool = True, **changes: Any) -> Plant:
+        """Read the whole plant. compiles: whether what follows does. changes: of the options on how to read."""
+        from ..loaders import read
+
+        if compiles:
+            say_if_first_run()
+        with progress("reading", None):
+            return read(self.inputs, loops=self.loops, options=replace(self.reading, **changes))
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Where the work is done: processes of this machine, or a Dask cluster."""
+
+    engine: str
+    scheduler: str | None
+    jobs: int | None
+
+    @contextlib.contextmanager
+    def client(self) -> Iterator[Client | None]:
+        """Give the client of the cluster for the time of the block, None for this machine.
+
+        Raises UsageError for what does not fit together, and when Dask is wanted and missing.
+        """
+        if self.scheduler is not None and self.engine != "dask":
+            raise UsageError("--scheduler goes with --engine dask", where="--scheduler", remedy="add --engine dask")
+        if self.scheduler is not None and self.jobs is not None:
+            raise UsageError("the cluster has the workers it has", where="--jobs",
+                             remedy="leave --jobs out with --scheduler")
+        if self.engine != "dask":
+            yield None
+            return
+        from ..engines.cluster import connected
+
+        with connected(self.scheduler, self.jobs, say) as client:
+            yield client
+
+
+def size(text: str, where: str, what: str, remedy: str) -> tuple[float, bool]:
+    """Read a size as a person writes it, `0.03` or `3%`: the number, parts of one for percent, and whether it was that.
+
+    Raises UsageError, naming the option `where`, for what is no number or not above 0.
+    """
+    try:
+        value = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+    except ValueError:
+        raise UsageError(f"'{text}' is not a {what}", where=where, remedy=remedy) from None
+    if not 0.0 < value < float("inf"):
+        raise UsageError(f"a {what} of {text} allows nothing", where=where, remedy=f"more than 0: {remedy}")
+    return value, text.endswith("%")
+
+
+def dead_band(text: str | None, where: str = "--dead-band") -> float | None:
+    """Read a dead band in spans of the output, None for none. Raises UsageError for one above half of the span.
+
+    >>> dead_band("0.03"), dead_band("3 %")
+    (0.03, 0.03)
+    """
+    if text is None:
+        return None
+    found, _ = size(text, where, "size", remedy := "0.03 or 3% is 3 % of the output span")
+    if found > 0.5:
+        raise UsageError(f"{text} is not possible", where=where, remedy=f"at most 0.5; {remedy}")
+    return found
 
 
 class Place(click.ParamType):
@@ -27,29 +104,39 @@ class Place(click.ParamType):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return a Path, or a Remote for an address."""
         if isinstance(value, str) and ("://" in value or "::" in value):
-            from ..loaders.remote import place
+            from ..loaders.sources import place
 
             return place(value)
         return Path(value)
 
 
-inputs_argument = click.argument("inputs", metavar="INPUT...", nargs=-1, required=True, type=Place())
-loops_option = click.option(
-    "--loops", metavar="FILE", type=Place(),
-    help="Loop settings (TOML or CSV table). Default: plant.loops.toml or loops.toml beside plant.csv.",
-)
+def path(*names: str, help: str, metavar: str = "FILE", **more: Any) -> Option:
+    """An option that takes the path of a file."""
+    return click.option(*names, metavar=metavar, type=click.Path(path_type=Path), help=help, **more)
 
-only_loops_option = click.option("--loop", "only_loops", metavar="NAME", multiple=True,
-                                 help="Only this loop; may be repeated, with wildcards such as 'FIC*'.")
-json_option = click.option("--json", "json_file", metavar="FILE", type=click.Path(path_type=Path),
-                           help="Write the numbers as JSON; - is standard output.")
+
+def output(help: str = "Write to this file instead.", metavar: str = "FILE", **more: Any) -> Option:
+    """The option that names the file of the report."""
+    return path("--output", "-o", metavar=metavar, help=help, **more)
+
+
+def verbose(help: str) -> Option:
+    """The option for all there is to say."""
+    return click.option("--verbose", "-v", is_flag=True, help=help)
 
 
 def _names(context: click.Context, option: click.Parameter, value: str | None) -> tuple[str, ...]:
     return tuple(name.strip() for name in value.split(",")) if value else ()
 
 
+JSON = path("--json", "json_file", help="Write everything as JSON; - is standard output.")
+JOBS = click.option("--jobs", metavar="N", type=click.IntRange(min=1),
+                           help="Processes. Default: as many as the input is worth, at most one per core.")
+ONLY_LOOPS = click.option("--loop", "only_loops", metavar="NAME", multiple=True,
+                          help="Only this loop; may be repeated, with wildcards such as 'FIC*'.")
 _READING = (
+    click.option("--loops", metavar="FILE", type=Place(), help="Loop settings (TOML or CSV table). Default: "
+                 "plant.loops.toml or loops.toml beside plant.csv."),
     click.option("--since", metavar="TIME", help="Only data from this time on: a date such as 2026-11-01 or "
                  "2026-11-01T06:00, or an age such as 3d or 12h, back from the last time in the data."),
     click.option("--time-format", metavar="FORMAT", help="How times are written: dmy, mdy, ymd, iso, epoch_s, "
@@ -70,7 +157,7 @@ _READING = (
     click.option("--auto-mode", "auto_modes", metavar="WORD", multiple=True,
                  help="Further MODE word or number that means automatic; may be repeated."),
 )
-_SELECTION = (
+SELECTION = (
     click.option("--loops-matching", metavar="PATTERN", multiple=True,
                  help="Only loops with such a name: wildcards ('FIC*') or a regular expression between slashes "
                  "('/^FIC1[0-4]/'); may be repeated. The others are counted in the report."),
@@ -88,56 +175,39 @@ _ENGINE = (
 )
 
 
-def _with(command: F, options: Sequence[Callable[[F], F]]) -> F:
-    for option in reversed(options):
-        command = option(command)
-    return command
+def together(*options: Option) -> Option:
+    """Several options as one."""
+    return lambda command: functools.reduce(lambda made, option: option(made), reversed(options), command)
 
 
-def reading_options(command: F) -> F:
-    """Add the options on how to read exports; the command receives whatever is a field of ReadOptions as `reading`."""
+def _packed(name: str, taken: Callable[[dict[str, Any]], Any], *options: Option) -> Option:
+    """Add options; the command receives as `name` what `taken` makes of them. It takes them out of all the values."""
+    def add(command: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(command)
+        def with_packed(**values: Any) -> Any:
+            made = taken(values)
+            return command(**{name: made}, **values)
 
-    @functools.wraps(command)
-    def with_reading(**values: Any) -> Any:
+        return together(*options)(with_packed)
+
+    return add
+
+
+def export(*more: Option, required: bool = True) -> Option:
+    """Add INPUT, `more` options on which loops, and those on how to read; the command gets an Export as `export`."""
+    def taken(values: dict[str, Any]) -> Export:
         from ..loaders import ReadOptions
 
         chosen = {name: values.pop(name) for name in ReadOptions.__dataclass_fields__ if name in values}
-        return command(reading=ReadOptions(**chosen), **values)
+        return Export(values.pop("inputs"), values.pop("loops"), ReadOptions(**chosen))
 
-    return _with(cast(F, with_reading), _READING)
-
-
-def selection_options(command: F) -> F:
-    """Add the options on which loops to compute; they become part of `reading`. Goes below `reading_options`."""
-    return _with(command, _SELECTION)
+    argument = click.argument("inputs", metavar="INPUT...", nargs=-1, required=required, type=Place())
+    return _packed("export", taken, argument, *more, *_READING)
 
 
-def engine_options(command: F) -> F:
-    """Add --engine and --scheduler; the command receives them as `engine` and `scheduler`."""
-    return _with(command, _ENGINE)
+def engine(*more: Option) -> Option:
+    """Add --engine and --scheduler, and --jobs where it is given; the command receives Workers as `workers`."""
+    def taken(values: dict[str, Any]) -> Workers:
+        return Workers(values.pop("engine"), values.pop("scheduler"), values.pop("jobs", None))
 
-
-def check_engine(engine: str, scheduler: str | None, jobs: int | None = None) -> None:
-    """Raise UsageError for what does not fit together, and when Dask is wanted and missing."""
-    if scheduler is not None and engine != "dask":
-        raise UsageError("--scheduler goes with --engine dask", where="--scheduler", remedy="add --engine dask")
-    if scheduler is not None and jobs is not None:
-        raise UsageError("the cluster has the workers it has", where="--jobs",
-                         remedy="leave --jobs out with --scheduler")
-    if engine == "dask":
-        from ..engines.cluster import check_installed
-
-        check_installed()
-
-
-@contextlib.contextmanager
-def working(engine: str, scheduler: str | None, jobs: int | None = None) -> Iterator[Client | None]:
-    """Give the client of the cluster for the time of the block, None for the local engine."""
-    check_engine(engine, scheduler, jobs)
-    if engine != "dask":
-        yield None
-        return
-    from ..engines.cluster import connected
-
-    with connected(scheduler, jobs, say) as client:
-        yield client
+    return _packed("workers", taken, *more, *_ENGINE)

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from .options import inputs_argument, loops_option, only_loops_option, reading_options
-from .terminal import emit, progress, say, say_if_first_run
+from . import options
+from .options import Export
+from .terminal import progress, put, say_failures, several
 
 if TYPE_CHECKING:
-    from ..loaders import ReadOptions
     from ..plan import Move
     from ..results.plan import LoopPlan
 
 FORMATS = {".json": "json", ".csv": "csv", ".html": "html", ".htm": "html"}
 
 
-@click.command(epilog="\b\nExamples:\n  backlash plan sample_data/plant.csv --loop TIC207\n"
+@click.command(short_help="Work out the least that would decide each undecided loop.",
+               epilog="\b\nExamples:\n  backlash plan sample_data/plant.csv --loop TIC207\n"
                "  backlash plan sample_data/plant.csv --target 2% --max-pv-move 5% --format html --output sheets.html")
-@inputs_argument
-@loops_option
-@only_loops_option
 @click.option("--target", metavar="SIZE",
               help="Dead band that matters, in spans of the output (0.02 or 2%). Default: what this record could have "
               "shown (its limit of detection, 2 % at most), else 2 %.")
@@ -33,76 +32,53 @@ FORMATS = {".json": "json", ".csv": "csv", ".html": "html", ".htm": "html"}
 @click.option("--format", "form", metavar="FORMAT", type=click.Choice(["text", "json", "csv", "html"]),
               help="text, json, csv or html (a sheet per loop, to print). Default: after the suffix of --output, else "
               "text.")
-@click.option("--output", "-o", metavar="FILE", type=click.Path(path_type=Path), help="Write the plans here.")
+@options.output("Write the plans here.")
 @click.option("--repeats", metavar="N", type=click.IntRange(min=2), default=100,
               help="Simulated repeats of each candidate with a worn and with a healthy valve. Default: 100.")
 @click.option("--seed", metavar="N", type=click.IntRange(min=0), default=0, help="Another number draws other repeats.")
-@click.option("--jobs", metavar="N", type=click.IntRange(min=1), help="Processes. Default: one per core.")
+@options.JOBS
 @click.option("--no-cache", is_flag=True, help="Make the plans anew, also where the same were made before.")
-@reading_options
-def plan(inputs: tuple[Path, ...], loops: Path | None, target: str | None, max_pv_move: str,
-         max_op_move: str, form: str | None, output: Path | None, repeats: int, seed: int, jobs: int | None,
-         no_cache: bool, reading: ReadOptions) -> int:
+@options.export(options.ONLY_LOOPS)
+def plan(export: Export, target: str | None, max_pv_move: str, max_op_move: str, form: str | None,
+         output: Path | None, repeats: int, seed: int, jobs: int | None, no_cache: bool) -> int:
     """Work out the least that would decide each undecided loop, by simulating the loop with a worn and a healthy valve.
 
     Candidates are waiting, setpoint steps in automatic, steps of the output in manual, and better logging; each comes
     with its chance. A plan is advice to a person; nothing is written to the control system.
     """
-    from ..engines.plan import plan_all
-    from ..loaders import read
+    from ..engines.local import answers
+    from ..engines.plan import kept_plan
     from ..plan import PlanOptions
     from ..record import Note
-    from ..reporter import plan_text
-    from ..reporter.files import write_text
-    from ..simulator.process_text import parse_dead_band
+    from ..reporter import plan_report
 
-    size = None if target is None else parse_dead_band(target, "--target")
-    options = PlanOptions(size, _move(max_pv_move, "--max-pv-move"), _move(max_op_move, "--max-op-move"), repeats, seed)
+    moves = _move(max_pv_move, "--max-pv-move"), _move(max_op_move, "--max-op-move")
+    wanted = PlanOptions(options.dead_band(target, "--target"), *moves, repeats, seed)
     form = form or FORMATS.get(output.suffix.lower() if output else "", "text")
-    say_if_first_run()
-    with progress("reading", None, shown=True):
-        plant = read(inputs, loops=loops, options=reading)
+    plant = export.read()
     plans: list[LoopPlan] = []
     failures = [note.message for note in plant.failures]
-    with progress("planning", len(plant.records), shown=True) as step:
-        for found in plan_all(plant.records, options, jobs=jobs, cache=None if no_cache else _cache()):
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "backlash" / "plans"
+    with progress("planning", len(plant), stopped="loops were planned; no plan was written") as step:
+        work = partial(kept_plan, options=wanted, folder=None if no_cache else folder)
+        for found in answers(plant.records, work, jobs=jobs):
             if isinstance(found, Note):
                 failures.append(found.message)
             elif found is not None:
                 plans.append(found)
             step()
-    if form == "html":
-        from ..reporter.plan_page import plan_page
+    if form in ("html", "text"):
+        text = (plan_report.plan_page if form == "html" else plan_report.to_text)(plans, len(plant))
+    else:
+        text = {"json": plan_report.to_json, "csv": plan_report.to_csv}[form](plans)
+    put(output, text, several(len(plans), "plan"))
+    return say_failures("not planned", failures)
 
-        text = plan_page(plans, len(plant.records))
-    elif form == "text":
-        text = plan_text.to_text(plans, len(plant.records))
-    else:
-        text = {"json": plan_text.to_json, "csv": plan_text.to_csv}[form](plans)
-    if output is None:
-        emit(text)
-    else:
-        write_text(output, text)
-        say(f"{len(plans)} plan{'s' * (len(plans) != 1)} written to {output}")
-    for message in failures:
-        say(f"not planned: {message}")
-    return 3 if failures else 0
 
 
 def _move(text: str, where: str) -> Move:
     """Read a limit on a move, `12.5` in units of the loop or `5%` of its span."""
-    from ..errors import UsageError
     from ..plan import Move
 
-    remedy = "a number in units of the loop such as 12.5, or a share of its span such as 5%"
-    try:
-        value = float(text.removesuffix("%"))
-    except ValueError:
-        raise UsageError(f"'{text}' is not a move", where=where, remedy=remedy) from None
-    if not 0.0 < value < float("inf"):
-        raise UsageError(f"a move of {text} allows nothing", where=where, remedy=f"more than 0: {remedy}")
-    return Move(value / 100.0) if text.endswith("%") else Move(value, of_span=False)
-
-
-def _cache() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "backlash" / "plans"
+    return Move(*options.size(text, where, "move",
+                             "a number in units of the loop such as 12.5, or a share of its span such as 5%"))

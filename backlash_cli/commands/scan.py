@@ -1,49 +1,56 @@
-"""backlash scan: from historian exports to one verdict per loop, with its reasons."""
+"""backlash scan: from historian exports to one verdict per loop, with its reasons; and its nights into a history."""
 
 from __future__ import annotations
 
+import contextlib
+import gc
+import re
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from .options import (
-    engine_options,
-    inputs_argument,
-    loops_option,
-    only_loops_option,
-    reading_options,
-    selection_options,
-    working,
-)
-from .terminal import emit, progress, say
+from ..errors import UsageError
+from . import options
+from .options import Export, Workers
+from .terminal import emit, progress, say, say_failures, say_if_first_run, several
 
 if TYPE_CHECKING:
-    from ..loaders import ReadOptions
+    from distributed import Client
+
+    from ..history.unfinished import Unfinished
+    from ..loaders.plant import OpenPlant
+    from ..loaders.sources import Remote
+    from ..record import Record
     from ..results import ScanResult
-    from .run_scan import Job
+    from ..scanning import ScanOptions
 
 FORMATS = ("table", "json", "csv", "parquet", "html")
+LONG = 1.5 * 86400.0  # seconds; more than this is more than one night
+YEAR = 365 * 86400.0  # times below this are counted from the start of the recording, not from 1970
+_STAMP = re.compile(  # a date, perhaps with a time, at the end of a file's name
+    r"[ _.-]+(19|20)\d\d[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])([ _T.-]?\d\d[-_:]?\d\d([-_:]?\d\d)?)?$"
+)
 
 
-@click.command(epilog="\b\nExamples:\n  backlash scan sample_data/plant.csv\n"
+@click.command(short_help="Find dead band in every loop of an export.",
+               epilog="\b\nExamples:\n  backlash scan --demo\n  backlash scan sample_data/plant.csv\n"
                "  backlash scan sample_data/plant.csv --format html --output report.html\n"
                "  backlash scan sample_data/plant.csv --fail-on 'd>3%' --format csv --output loops.csv")
-@inputs_argument
-@loops_option
-@only_loops_option
+@click.option("--demo", is_flag=True, help="Scan a simulated plant instead of an export, to see what comes out.")
 @click.option("--format", "form", metavar="FORMAT", type=click.Choice(FORMATS),
               help="table, json, csv, parquet or html. Default: after the suffix of --output, else table.")
-@click.option("--output", "-o", metavar="FILE|DIR", type=click.Path(path_type=Path),
-              help="Write the report here, whole or not at all. With html, a name without .html is a folder with a "
-              "page per loop, for many loops.")
+@options.output("Write the report here, whole or not at all. With html, a name without .html is a folder with a page "
+               "per loop, for many loops.", "FILE|DIR")
 @click.option("--table", metavar="NAME", default="loops",
               help="For csv and parquet: loops (a row per loop) or estimates (a row per half period).")
-@click.option("--plot", metavar="DIR", type=click.Path(path_type=Path),
-              help="Also draw a picture (PNG) of each loop's evidence into this folder.")
-@click.option("--history", metavar="DB", type=click.Path(path_type=Path),
-              help="Also add the result to this history (one SQLite file), made where it does not exist. Scanning the "
-              "same data again changes nothing.")
+@options.path("--plot", metavar="DIR", help="Also draw a picture (PNG) of each loop's evidence into this folder.")
+@options.path("--history", metavar="DB", help="Also add the result to this history (one SQLite file), made where it "
+             "does not exist. Scanning the same data again changes nothing.")
 @click.option("--resume", is_flag=True,
               help="With --history: go on with the same scan where it was stopped, killed or cut off. Loops that it "
               "had finished are taken over unless their files, settings or options have changed.")
@@ -52,18 +59,14 @@ FORMATS = ("table", "json", "csv", "parquet", "html")
               "cannot_tell, insufficient_data, error, any (of the first three), or a size such as d>0.03 or d>3%. "
               "Several: with commas, or given again.")
 @click.option("--no-confirm", is_flag=True, help="Skip the test of PV against OP; faster, less sure.")
-@click.option("--jobs", metavar="N", type=click.IntRange(min=1),
-              help="Processes. Default: as many as the input is worth.")
-@click.option("--verbose", "-v", is_flag=True, help="List every reason and warning of every loop.")
+@options.verbose("List every reason and warning of every loop.")
 @click.option("--quiet", "-q", is_flag=True,
               help="Say only what went wrong: no progress, and no table unless --format asks for it.")
-@engine_options
-@reading_options
-@selection_options
-def scan(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output: Path | None, table: str,
-         plot: Path | None, history: Path | None, resume: bool, fail_on: tuple[str, ...], no_confirm: bool,
-         jobs: int | None, verbose: bool, quiet: bool, engine: str, scheduler: str | None,
-         reading: ReadOptions) -> int:
+@options.engine(options.JOBS)
+@options.export(options.ONLY_LOOPS, *options.SELECTION, required=False)
+def scan(export: Export, demo: bool, form: str | None, output: Path | None, table: str, plot: Path | None,
+         history: Path | None, resume: bool, fail_on: tuple[str, ...], no_confirm: bool, verbose: bool, quiet: bool,
+         workers: Workers) -> int:
     """Find dead band in every loop of an export and say how much, how sure, and what to do.
 
     INPUT is one or more CSV or Parquet files, or folders of them; together they are one plant.
@@ -71,17 +74,21 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output:
     Exit status: 0 done; 1 a --fail-on rule was met; 2 wrong use, or nothing could be read; 3 done, but some file or
     loop could not be analysed. When both 1 and 3 apply it is 1.
     """
-    from ..reporter.delivery import check_delivery, draw
-    from ..reporter.rules import met, parse_rules
+    from ..reporter.scan_report import check_delivery, draw, met, parse_rules
     from ..scanning import ScanOptions
-    from .run_scan import Job, kept, remember
 
+    if demo == bool(export.inputs):
+        raise UsageError("--demo and an export do not fit together" if demo else "nothing to scan: no INPUT",
+                         remedy="name an export, a file or folder, or give --demo alone to see what comes out")
     rules = parse_rules(fail_on)
     form = check_delivery(form, output, table)
-    options = ScanOptions(confirm=not no_confirm, carry=history is not None)
-    with kept(history, (inputs, loops, reading, options), resume=resume) as keep:
-        with working(engine, scheduler, jobs) as client:
-            job = Job(inputs, loops, reading, options, jobs, client, not quiet, keep)
+    wanted = ScanOptions(confirm=not no_confirm, carry=history is not None)
+    with contextlib.ExitStack() as stack:
+        if demo:
+            export = stack.enter_context(sample_plant(export, shown=not quiet))
+        keep = stack.enter_context(kept(history, (export, wanted), resume=resume))
+        with workers.client() as client:
+            job = Job(export, wanted, workers.jobs, client, not quiet, keep)
             result = job.scan()
             if history is not None:
                 remember(result, history, job)
@@ -91,33 +98,157 @@ def scan(inputs: tuple[Path, ...], loops: Path | None, form: str | None, output:
             with progress("drawing", len(job.records), shown=job.shown) as step:
                 count = draw(result, job.records, plot, step)
             if job.shown:
-                say(f"{count} picture{'s' * (count != 1)} written to {plot}")
-    wrong = _wrong(result)
-    if quiet or output is not None or form not in (None, "table"):
-        for message in wrong:
-            say(f"not analysed: {message}")
+                say(f"{several(count, 'picture')} written to {plot}")
+    wrong = [note.message for note in result.failures]
+    wrong += [note.message for r in result.loops if r.verdict == "error" for note in r.reasons[:1]]
+    status = say_failures("not analysed", wrong, shown=quiet or output is not None or form not in (None, "table"))
     hits = met(rules, result.loops)
     if hits and not quiet:
-        say(f"--fail-on {', '.join(fail_on)}: met by {len(hits)} loop{'s' * (len(hits) != 1)}: {', '.join(hits[:10])}")
-    return 1 if hits else 3 if wrong else 0
+        say(f"--fail-on {', '.join(fail_on)}: met by {several(len(hits), 'loop')}: {', '.join(hits[:10])}")
+    return 1 if hits else status
 
 
-def _wrong(result: ScanResult) -> list[str]:
-    """What could not be read or analysed: files, and loops with the verdict `error`."""
-    loops = [note.message for r in result.loops if r.verdict == "error" for note in r.reasons[:1]]
-    return [note.message for note in result.failures] + loops
+@contextlib.contextmanager
+def sample_plant(export: Export, *, shown: bool) -> Iterator[Export]:
+    """Give the export of the simulated sample plant, made for the time of the block."""
+    from tempfile import TemporaryDirectory
+
+    from ..reporter.plant_files import write_plant, write_settings
+    from ..simulator import simulate
+    from ..simulator.scenario_file import load_scenarios
+
+    if shown:
+        say_if_first_run()
+        say("demo: twelve simulated loops, three hours at 1 s; `backlash simulate sample-plant --out plant.csv` writes "
+            "them and the truth about them")
+    with TemporaryDirectory() as folder:
+        path, records = Path(folder) / "demo.csv", [simulate(s) for s in load_scenarios("sample-plant")]
+        write_plant(path, records, finest=1e-5)
+        write_settings(path.with_name("demo.loops.toml"), records)
+        yield replace(export, inputs=(path,))
 
 
 def _deliver(result: ScanResult, job: Job, form: str, output: Path | None, table: str, *, verbose: bool) -> None:
-    from ..reporter.delivery import render, write
+    from ..reporter.scan_report import render, write
 
     records = job.records if form == "html" else {}
     if output is None:
-        import sys
-
         emit("".join(render(result, records, form, table, verbose=verbose, colour=sys.stdout.isatty())))
         return
     with progress("writing", None, shown=job.shown) as step:
         write(result, records, form, output, table, verbose=verbose, step=step)
     if job.shown:
-        say(f"{len(result.loops)} loop{'s' * (len(result.loops) != 1)} scanned, {form} written to {output}")
+        say(f"{several(len(result.loops), 'loop')} scanned, {form} written to {output}")
+
+
+@dataclass
+class Job:
+    """One scan. client: of the cluster, None for this machine. shown: with progress on a terminal. keep: what is
+    finished, for a history; taken_over: so many loops of it. files: of each loop, where its measurement stands."""
+
+    export: Export
+    options: ScanOptions
+    jobs: int | None = None
+    client: Client | None = None
+    shown: bool = True
+    keep: Unfinished | None = None
+    taken_over: int = 0
+    files: dict[str, set[str]] = field(default_factory=dict)
+
+    @cached_property
+    def plant(self) -> OpenPlant:
+        return self._open(self.export.inputs)
+
+    @property
+    def records(self) -> Mapping[str, Record]:
+        """The loops by name, each read again when it is asked for: pictures need the samples."""
+        return self.plant
+
+    def scan(self, inputs: Sequence[Path | Remote] | None = None) -> ScanResult:
+        """Return the result of all inputs, or of these."""
+        from ..api import scan
+
+        gc.freeze()  # the program itself holds no garbage: looking it through took a tenth of a scan
+        plant = self.plant if inputs is None else self._open(inputs)
+        if inputs is None:
+            self.files = {r.loop: {item.where for item in r.series.roles.get("pv", ())} for r in plant.recipes}
+            self._tell([recipe.key for recipe in plant.recipes])
+        if self.shown:
+            say_if_first_run()
+        go_on = "" if self.keep is None else "; the same command with --resume goes on from there"
+        with progress("scanning", len(plant.recipes), shown=self.shown,
+                      stopped=f"loops were analysed; no report was written{go_on}") as step:
+            return scan(plant, self.options, jobs=self.jobs, progress=lambda report: step(), keep=self.keep,
+                        client=self.client)
+
+    def _open(self, inputs: Sequence[Path | Remote]) -> OpenPlant:
+        from ..loaders.plant import open_plant
+        from ..loaders.sources import size_of
+
+        with progress("reading", size_of(inputs), shown=self.shown, of_bytes=True) as taken:
+            return open_plant(list(inputs), loops=self.export.loops, options=self.export.reading, taken=taken,
+                              salt=None if self.keep is None else repr(self.options))
+
+    def _tell(self, keys: Sequence[str]) -> None:
+        """Say how many loops are taken over from the scan that was stopped."""
+        if self.keep is None:
+            return
+        self.taken_over = sum(key in self.keep.known for key in keys)
+        if self.keep.resumed and self.shown:
+            say(f"{self.taken_over} of {len(keys)} loops were finished before and are taken over" if self.taken_over
+                else "no finished loop of this scan is left to take over; it begins anew")
+
+
+@contextlib.contextmanager
+def kept(history: Path | None, scan: Iterable[object], *, resume: bool) -> Iterator[Unfinished | None]:
+    """Keep what a scan into a history has finished, until the block has ended well. scan: what makes it the same."""
+    if history is None:
+        if resume:
+            raise UsageError("--resume goes on with a scan into a history", where="--resume",
+                             remedy="name the file with --history, as the scan that was stopped did")
+        yield None
+        return
+    from ..history.unfinished import Unfinished
+
+    with contextlib.closing(Unfinished(history, scan, resume=resume)) as keep:
+        yield keep
+        keep.remove()
+
+
+def remember(result: ScanResult, history: Path, job: Job) -> None:
+    """Store a scan's nights. Several exports of the same loops, joined for the report, are stored one by one."""
+    from ..history.store import History
+
+    with History(history, create=True, say=say) as store:
+        outcome = store.add_all([undated(part) for part in _one_by_one(result, job) or [result]])
+    if outcome.revised and any(r.start is not None and r.start < YEAR for r in result.loops):
+        say("the export has no calendar date, and so replaced the night that was there: nights are told apart by their "
+            "times")
+    if job.shown:
+        say(f"history {history}: {outcome.sentence()}")
+
+
+def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
+    """Return a result per export where the exports are nights of the same loops; nothing where they are not."""
+    from ..errors import BacklashError
+    from ..loaders.sources import find_sources
+
+    long = [r.loop for r in result.loops if r.start is not None and r.end is not None and r.end - r.start > LONG]
+    if not long:
+        return []
+    if max(map(len, job.files.values()), default=0) < 2:
+        say(f"{', '.join(long[:3])}: the export covers more than a day and enters the history as one night; "
+            "scan single days to see wear")
+        return []
+    found = []
+    for source in find_sources(list(job.export.inputs)):
+        try:
+            found.append(job.scan([source.path]))
+        except BacklashError as error:
+            say(f"this export is no night of the history: {source.path.name}: {error}")
+    return found
+
+
+def undated(result: ScanResult) -> ScanResult:
+    """Return the result with the date taken off loop names that come from dated files (FIC101_20260302_2155.csv)."""
+    return replace(result, loops=tuple(replace(r, loop=_STAMP.sub("", r.loop) or r.loop) for r in result.loops))

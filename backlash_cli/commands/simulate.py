@@ -1,20 +1,26 @@
-"""backlash simulate: a record with known truth from the closed-loop simulator."""
+"""backlash simulate, effects and paper: what needs no export."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+from textwrap import fill
 
 import click
 
+from ..errors import UsageError
+from . import options
+from .terminal import put, several
 
-@click.command(epilog="\b\nExamples:\n  backlash simulate example-2 --dead-band 0.03 --out example.csv\n"
+
+@click.command(short_help="Write a record from the closed-loop simulator.",
+               epilog="\b\nExamples:\n  backlash simulate example-2 --dead-band 0.03 --out example.csv\n"
                "  backlash simulate example-2 --show > mine.toml\n"
                "  backlash simulate mine.toml --out mine.parquet && backlash scan mine.parquet")
 @click.argument("scenario", metavar="SCENARIO")
-@click.option("--out", "--output", "-o", metavar="FILE", type=click.Path(path_type=Path),
-              help="Where to write: .csv, .csv.gz or .parquet. Settings go to STEM.loops.toml beside it.")
-@click.option("--truth", metavar="FILE", type=click.Path(path_type=Path),
-              help="Where to write what was planted. Default: STEM.truth.csv beside --out.")
+@options.path("--out", "--output", "-o", help="Where to write: .csv, .csv.gz or .parquet. Settings go to "
+             "STEM.loops.toml beside it.")
+@options.path("--truth", help="Where to write what was planted. Default: STEM.truth.csv beside --out.")
 @click.option("--layout", metavar="LAYOUT", type=click.Choice(["wide", "long"]), default="wide", show_default=True,
               help="wide: a column per signal; long: tag, timestamp, value.")
 @click.option("--dead-band", metavar="D", type=click.FloatRange(0.0, 0.5),
@@ -25,7 +31,7 @@ import click
 @click.option("--show", is_flag=True, help="Print the scenario's TOML file, to start your own from.")
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 def simulate(scenario: str, out: Path | None, truth: Path | None, layout: str, dead_band: float | None,
-             seed: int | None, resolution: float, show: bool, force: bool) -> int:  # fmt: skip
+             seed: int | None, resolution: float, show: bool, force: bool) -> int:
     """Simulate a control loop and write its record as a historian would export it.
 
     \b
@@ -33,7 +39,6 @@ def simulate(scenario: str, out: Path | None, truth: Path | None, layout: str, d
     example-1, example-2, industrial-fixed, industrial-oscillating (the paper's), sample-plant,
     workbench-monday, workbench-tuesday (of the tutorial)
     """
-    from ..errors import UsageError
     from ..reporter.plant_files import stem_of, write_plant, write_settings, write_truth
     from ..simulator import simulate as run
     from ..simulator.scenario import truth_rows
@@ -44,9 +49,8 @@ def simulate(scenario: str, out: Path | None, truth: Path | None, layout: str, d
         return 0
     if out is None:
         raise UsageError("nothing says where to write", remedy="add --out FILE, for example --out plant.csv")
-    beside = out.with_name(stem_of(out))
-    settings = beside.with_name(f"{beside.name}.loops.toml")
-    truth = truth or beside.with_name(f"{beside.name}.truth.csv")
+    settings = out.with_name(f"{stem_of(out)}.loops.toml")
+    truth = truth or out.with_name(f"{stem_of(out)}.truth.csv")
     there = [str(path) for path in (out, settings, truth) if path.exists()]
     if there and not force:
         raise UsageError(f"{', '.join(there)} exists", remedy="choose another --out, or add --force to replace it")
@@ -55,6 +59,51 @@ def simulate(scenario: str, out: Path | None, truth: Path | None, layout: str, d
     write_plant(out, records, layout=layout, finest=resolution)
     write_settings(settings, records)
     write_truth(truth, truth_rows(loops))
-    size = f"{len(records)} loop{'s' * (len(records) != 1)}, {sum(map(len, records))} samples"
+    size = f"{several(len(records), 'loop')}, {sum(map(len, records))} samples"
     click.echo(f"{size} -> {out}, {settings.name}, {truth.name}", err=True)
+    return 0
+
+
+@click.command(short_help="List the physical effects, each in a sentence.", epilog="Example: backlash effects")
+@options.verbose("Also list the parameters, units, bounds and sources.")
+def effects(verbose: bool) -> int:
+    """List the physical effects, each in a sentence, in the order a signal meets them.
+
+    Effects of installed packages (entry point group backlash.effects) are listed too.
+    """
+    from ..effects.registry import all_effects
+
+    for effect in all_effects():
+        names = ", ".join(f"{q.name} [{q.unit}]" for q in effect.parameters if not q.nuisance)
+        click.echo(f"{effect.name} ({effect.stage}): {'column, ' * effect.column}{names}")
+        click.echo(fill(effect.sentence, 100, initial_indent="    ", subsequent_indent="    "))
+        if verbose:
+            for q in effect.parameters:
+                click.echo(f"    {q.name}: {q.meaning}, {q.low:g} to {q.high:g}, neutral {q.neutral:g}")
+            use = "models and simulations" if effect.fitted else "simulations only"
+            click.echo(f"    For {use}. Source: {effect.source}.")
+    return 0
+
+
+@click.command(short_help="Recompute the numbers of Haegglund (2007), paper against ours.",
+               epilog="\b\nExamples:\n  backlash paper\n  backlash paper --html paper.html")
+@options.path("--html", help="Draw each figure beside its numbers.")
+@options.JSON
+def paper(html: Path | None, json_file: Path | None) -> int:
+    """Recompute every number of Haegglund (2007): the paper's, ours, the difference, and why where they differ.
+
+    Shows what the method can do and where the paper's own figures cannot be reproduced. Takes a few seconds and needs
+    no input.
+    """
+    from ..estimator.haegglund import published_estimates
+    from ..reporter.paper import paper_page, to_json, to_text
+    from ..simulator.paper import reproduce
+
+    report = reproduce(published_estimates)
+    if json_file is not None:
+        put(json_file, to_json(report), "rows")
+    if html is not None:
+        put(html, paper_page(report), "page")
+    if str(json_file) != "-":
+        put(None, to_text(report, colour=sys.stdout.isatty()))
     return 0

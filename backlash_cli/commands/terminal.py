@@ -5,13 +5,15 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import click
 
 from ..errors import BacklashError
 from ..reporter.safe import terminal
+
+COMPILING = 4  # seconds of CPU that the first command spends on it at most, on a machine of 2026; a scan 1
 
 
 def emit(text: str) -> None:
@@ -29,9 +31,31 @@ def emit(text: str) -> None:
                             remedy="write to another place with --output", code="cannot_write") from error
 
 
+def put(path: Path | None, text: str, what: str = "") -> None:
+    """Write a result to a file and say so, or to standard output where there is no file or it is called -."""
+    if path is None or str(path) == "-":
+        emit(text)
+        return
+    from ..reporter.files import write_text
+
+    write_text(path, text)
+    if what:
+        say(f"{what} written to {path}")
+
+
 def say(text: str) -> None:
     """Write one line to standard error, with foreign control characters made visible."""
     click.echo(f"backlash: {terminal(text)}", err=True)
+
+
+def say_failures(words: str, messages: Sequence[str], *, shown: bool = True) -> int:
+    """Say, unless the report shows them, what could not be done; return the exit status: 3, or 0 where there is none.
+
+    words: such as "not analysed".
+    """
+    for message in messages if shown else ():
+        say(f"{words}: {message}")
+    return 3 if messages else 0
 
 
 def say_if_first_run() -> None:
@@ -39,34 +63,33 @@ def say_if_first_run() -> None:
     own = Path(__file__).resolve().parents[1]
     kept = Path(os.environ.get("NUMBA_CACHE_DIR") or own)
     if os.access(own, os.W_OK) and not any(kept.rglob("*.nbi")):
-        say("first run after installation: compiling for a few seconds; later runs start at once")
+        say(f"first run after installation: compiling for up to {COMPILING} s; later runs start at once")
 
 
-def put(path: Path, text: str, what: str = "") -> None:
-    """Write a result to a file, or to standard output when the file is called -."""
-    from ..reporter.files import write_text
-
-    if str(path) == "-":
-        emit(text)
-        return
-    write_text(path, text)
-    say(f"{what} written to {path}")
+def several(count: int, word: str) -> str:
+    """Say how many, such as "1 loop" or "12 loops"."""
+    return f"{count} {word}{'s' * (count != 1)}"
 
 
 @contextlib.contextmanager
-def progress(words: str, total: int | None, *, shown: bool, of_bytes: bool = False) -> Iterator[Callable[..., None]]:
+def progress(words: str, total: int | None, *, shown: bool = True, of_bytes: bool = False, stopped: str = ""
+             ) -> Iterator[Callable[..., None]]:
     """A bar on standard error while the block runs, only on a terminal; gives what counts one more done, or so many.
 
-    of_bytes: what is counted are bytes.
+    of_bytes: what is counted are bytes. stopped: said behind the count when the work is stopped.
     """
-    if not (shown and sys.stderr.isatty()):
-        yield lambda count=1: None
-        return
+    from rich import progress as rich_progress
     from rich.console import Console
-    from rich.progress import BarColumn, DownloadColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    done = DownloadColumn() if of_bytes else MofNCompleteColumn()
-    columns = (TextColumn("{task.description}"), BarColumn(), done, TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    count_column = rich_progress.DownloadColumn() if of_bytes else rich_progress.MofNCompleteColumn()
+    columns = (rich_progress.TextColumn("{task.description}"), rich_progress.BarColumn(), count_column,
+               rich_progress.TimeRemainingColumn())
+    with rich_progress.Progress(*columns, console=Console(stderr=True), transient=True,
+                                disable=not (shown and sys.stderr.isatty())) as bar:
         task = bar.add_task(words, total=total)
-        yield lambda count=1: bar.advance(task, count)
+        try:
+            yield lambda count=1: bar.advance(task, count)
+        except KeyboardInterrupt as stop:
+            if stopped:
+                stop.add_note(f"{bar.tasks[0].completed:.0f} of {total} {stopped}")
+            raise

@@ -4,17 +4,7 @@ To add one: write it in the same shape (`stiction.py` shows it) and list it here
 `module:NAME`.
 """
 
-from . import (
-    actuator_speed,
-    backlash,
-    curves,
-    gain_drift,
-    lags,
-    loads,
-    random_signals,
-    recording,
-    stiction,
-)
+from . import actuator_speed, backlash, curves, loads, process, random_signals, recording, stiction
 from .shape import Effect, Parameter, Stage
 
 EFFECTS: tuple[Effect, ...] = (
@@ -24,9 +14,9 @@ EFFECTS: tuple[Effect, ...] = (
     stiction.EFFECT,
     curves.SATURATION,
     curves.VALVE_CHARACTERISTIC,
-    lags.DEAD_TIME,
-    lags.SECOND_LAG,
-    gain_drift.EFFECT,
+    process.DEAD_TIME,
+    process.SECOND_LAG,
+    process.GAIN_DRIFT,
     loads.LOAD_STEP,
     loads.LOAD_DRIFT,
     loads.EXTERNAL_OSCILLATION,

@@ -33,7 +33,6 @@ def start(p: FloatArray, interval: float, first: float) -> FloatArray:
 
 
 def step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the mean position over one sample."""
     position = state[0]
     move = value - position
     reach = state[1] if move > 0.0 else state[2]
@@ -48,7 +47,6 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 
 def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
-    """Return the mean positions for all samples."""
     from ..kernels import slew
 
     return values if np.all(p == np.inf) else np.asarray(slew(values, p[0] * interval, p[-1] * interval))

@@ -33,7 +33,6 @@ def start(p: FloatArray, interval: float, first: float) -> FloatArray:
 
 
 def step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the stem position for one command sample."""
     half = 0.5 * p[0]
     if half == 0.0:
         state[0] = value
@@ -48,7 +47,6 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 
 def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
-    """Return the stem position for all command samples."""
     from ..kernels import play
 
     return np.asarray(play(values, p[0], values[0] + 0.5 * p[0] * p[1]))

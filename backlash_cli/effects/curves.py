@@ -32,32 +32,24 @@ about c = 0.9 above a tenth of the span), c < 0 at the high end, as a square is.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ..record import FloatArray
-from .fitting import Clues, Fitting, Values
-from .shape import Effect, Parameter, Stage
+from .fitting import Clues, Fitting, Values, Whole
+from .shape import Effect, Parameter, Stage, Step
 
 
-def no_memory(p: FloatArray, interval: float, first: float) -> FloatArray:
-    """No memory."""
+def no_memory(*_: object) -> FloatArray:
     return np.empty(0)
 
 
+def at_once(step: Step) -> Whole:
+    """Return the way over all samples of a step without memory, whose formula takes an array as well as a number."""
+    return lambda values, p, interval: step(np.empty(0), values, p)  # type: ignore[arg-type, return-value]
+
+
 def stop_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the position within the stops for one sample."""
-    if value < p[0]:
-        return p[0]
-    if value > p[1]:
-        return p[1]
-    return value
-
-
-def within_stops(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
-    """Return the positions within the stops for all samples."""
-    return np.clip(values, p[0], p[1])
+    return np.minimum(np.maximum(value, p[0]), p[1])
 
 
 def stops(clues: Clues) -> list[Values]:
@@ -80,7 +72,7 @@ SATURATION = Effect(
     start=no_memory,
     step=stop_step,
     fitting=Fitting(
-        whole=within_stops,
+        whole=at_once(stop_step),
         propose=stops,
         meaning="The valve meets a stop ({low} to {high}): beyond it the output has no effect. Check the mechanical "
         "stops, the positioner's calibration and the size of the valve.",
@@ -89,16 +81,7 @@ SATURATION = Effect(
 
 
 def flow_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the flow for one sample of travel."""
-    flow = value if p[0] == 0.0 else math.expm1(p[0] * value) / math.expm1(p[0])
-    if p[1] == 1.0:
-        return flow
-    return flow / math.sqrt(p[1] + (1.0 - p[1]) * flow * flow)
-
-
-def flow(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
-    """Return the flow for all samples."""
-    flow = values if p[0] == 0.0 else np.expm1(p[0] * values) / math.expm1(p[0])
+    flow = value if p[0] == 0.0 else np.expm1(p[0] * value) / np.expm1(p[0])
     return flow if p[1] == 1.0 else flow / np.sqrt(p[1] + (1.0 - p[1]) * flow * flow)
 
 
@@ -120,7 +103,7 @@ VALVE_CHARACTERISTIC = Effect(
     start=no_memory,
     step=flow_step,
     fitting=Fitting(
-        whole=flow,
+        whole=at_once(flow_step),
         propose=bends,
         rivals=("sensor_curve",),
         meaning="The gain changes with the opening (curvature {curvature}): the loop is tuned right at one end only. "
@@ -130,13 +113,7 @@ VALVE_CHARACTERISTIC = Effect(
 
 
 def shown_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return what the sensor shows for one sample."""
     return value + p[0] * value * (1.0 - value)
-
-
-def shown(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
-    """Return what the sensor shows for all samples."""
-    return values + p[0] * values * (1.0 - values)
 
 
 SENSOR_CURVE = Effect(
@@ -150,7 +127,7 @@ SENSOR_CURVE = Effect(
     start=no_memory,
     step=shown_step,
     fitting=Fitting(
-        whole=shown,
+        whole=at_once(shown_step),
         seldom=True,
         rivals=("valve_characteristic",),
         meaning="PV's scale is bent (curvature {curvature}): the loop answers differently at its ends whatever the "

@@ -57,7 +57,6 @@ def clock(p: FloatArray, interval: float, first: float) -> FloatArray:
 
 
 def step_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the process input with the steps added for one sample."""
     # half a nanosecond of slack: 0.3 s is the third sample of 0.1 s, whatever the floating point
     now = state[0] * state[1] + 5e-10
     state[0] += 1.0
@@ -109,7 +108,6 @@ def drift_start(p: FloatArray, interval: float, first: float) -> FloatArray:
 
 
 def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the process input with the drift added for one sample."""
     hours = state[0] * state[1]
     place = state[0] * state[2]
     state[0] += 1.0
@@ -165,7 +163,6 @@ LOAD_DRIFT = Effect(
 
 
 def swing_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the process input with the oscillation added for one sample."""
     now = state[0] * state[1]
     state[0] += 1.0
     if p[1] == 0.0:
@@ -201,23 +198,12 @@ EXTERNAL_OSCILLATION = Effect(
 )
 
 
-def column_start(p: FloatArray, interval: float, first: float) -> FloatArray:
-    """State: [sample number], then the samples of the column."""
-    return np.array([0.0])
-
-
 def column_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the process input with the disturbance added for one sample."""
     k = int(state[0])
     state[0] += 1.0
     if p[0] == 0.0:
         return value
     return value + p[0] * state[1 + k]
-
-
-def column_starts(clues: Clues) -> list[Values]:
-    """Return the one start that a linear effect needs."""
-    return [{"gain": 0.0}]
 
 
 MEASURED_DISTURBANCE = Effect(
@@ -226,12 +212,11 @@ MEASURED_DISTURBANCE = Effect(
     sentence="Measured disturbance: another recorded signal, such as a feed flow or a pressure, pushes the process.",
     source="Additive load at the process input, linear in a measured signal (the model behind feedforward control)",
     parameters=(Parameter("gain", "OP span per column unit", "how strongly the column pushes", 0.0, -1e9, 1e9),),
-    start=column_start,
+    start=lambda p, interval, first: np.zeros(1),  # sample number; the samples of the column follow
     step=column_step,
     column=True,
     fitting=Fitting(
         linear=("gain",),
-        propose=column_starts,
         meaning="The measured column pushes the process by {gain}. Feedforward from this column would take it away.",
     ),
 )

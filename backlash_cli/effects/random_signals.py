@@ -50,7 +50,6 @@ def coloured_start(density: float, bandwidth: float, interval: float) -> FloatAr
 
 
 def coloured_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the signal with the mean of x over one sample added; p[0] = 0 switches it off."""
     if p[0] == 0.0:
         return value
     place = 7 + int(state[0])
@@ -63,11 +62,6 @@ def coloured_step(state: FloatArray, value: float, p: FloatArray) -> float:
     return value + state[3] * x + state[5] * first + state[6] * second
 
 
-def noise_start(p: FloatArray, interval: float, first: float) -> FloatArray:
-    """State of the coloured noise; then its normal numbers."""
-    return coloured_start(p[0], p[1], interval)
-
-
 MEASUREMENT_NOISE = Effect(
     name="measurement_noise",
     stage=Stage.SENSOR,
@@ -77,16 +71,11 @@ MEASUREMENT_NOISE = Effect(
         Parameter("density", "span^2 s", "two-sided density at low frequency (sd^2 x hold time)", 0.0, 0.0, 1.0),
         Parameter("bandwidth", "rad/s", "corner frequency, inf is white", np.inf, 1e-9, np.inf),
     ),
-    start=noise_start,
+    start=lambda p, interval, first: coloured_start(p[0], p[1], interval),
     step=coloured_step,
     draws=2,
     fitted=False,
 )
-
-
-def load_start(p: FloatArray, interval: float, first: float) -> FloatArray:
-    """State of the coloured noise; then its normal numbers."""
-    return coloured_start(2.0 * p[0] ** 2 * p[1], 1.0 / p[1], interval)
 
 
 RANDOM_LOAD = Effect(
@@ -98,7 +87,7 @@ RANDOM_LOAD = Effect(
         Parameter("sd", "OP span", "standard deviation", 0.0, 0.0, 10.0),
         Parameter("time_constant", "s", "time over which it forgets", 60.0, 1e-6, 1e9),
     ),
-    start=load_start,
+    start=lambda p, interval, first: coloured_start(2.0 * p[0] ** 2 * p[1], 1.0 / p[1], interval),
     step=coloured_step,
     draws=2,
     fitted=False,

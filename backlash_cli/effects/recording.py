@@ -40,7 +40,6 @@ def nothing_kept(p: FloatArray, interval: float, first: float) -> FloatArray:
 
 
 def rounding_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the recorded value of one sample."""
     if p[0] == 0.0:
         return value
     if p[1] == 0.0:
@@ -115,7 +114,6 @@ QUANTIZATION = Effect(
 
 
 def exception_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return what the recorder shows for one sample."""
     if p[0] == 0.0 or abs(value - state[0]) > p[0]:
         state[0] = value
         return value

@@ -5,13 +5,11 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
 
 from ..errors import MetadataError, nearest
-from ..record import FloatArray
 from . import EFFECTS
 from .shape import Effect
 
@@ -64,6 +62,7 @@ def _from_module(name: str) -> Effect:
 def _try(effect: Effect, name: str) -> None:
     """Send a short signal through an effect from outside, so that a mistake in it is told as such.
 
+    As plain Python: a compiler's words would not help the author.
     Raises MetadataError when it fails, gives no numbers, or is not the identity at its neutral values.
     """
     signal = np.linspace(0.3, 0.7, TRIAL)
@@ -72,23 +71,14 @@ def _try(effect: Effect, name: str) -> None:
     remedy = "mend its start and step; docs/own-effect.md shows a complete effect"
     for values in ({}, started if not any(q.many for q in effect.parameters) else {}):
         try:
-            out = effect.apply(signal, effect.pack(values), 1.0, series=series)
+            p = effect.pack(values)
+            state = effect.begin(p, 1.0, 0.3, series)
+            with np.errstate(all="ignore"):
+                out = np.array([effect.step(state, value, p) for value in signal.tolist()], dtype=np.float64)
         except Exception as error:
-            own = _own_error(effect, values, series) or error
-            what = f"effect '{name}' fails on a trial signal: {type(own).__name__}: {own}"
+            what = f"effect '{name}' fails on a trial signal: {type(error).__name__}: {error}"
             raise MetadataError(what, remedy=remedy) from error
-        if not np.all(np.isfinite(out)):
+        if out.shape != signal.shape or not np.all(np.isfinite(out)):
             raise MetadataError(f"effect '{name}' gives no numbers on a trial signal", remedy=remedy)
         if not values and not effect.draws and not np.allclose(out, signal, rtol=0.0, atol=1e-9):
             raise MetadataError(f"effect '{name}' changes the signal at its neutral values", remedy=remedy)
-
-
-def _own_error(effect: Effect, values: Mapping[str, object], series: FloatArray) -> Exception | None:
-    """What the step itself says when it runs as plain Python: a compiler's words do not help the author."""
-    try:
-        p = effect.pack(values)
-        with np.errstate(all="ignore"):
-            effect.step(effect.begin(p, 1.0, 0.3, series), 0.3, p)
-    except Exception as error:
-        return error
-    return None

@@ -4,7 +4,8 @@ An effect is a `step` for one sample and an EFFECT record that describes it. `st
 effect's state (1-D float64 array, changed in place), one input sample and the parameters (1-D float64 array in the
 order of EFFECT.parameters) and returns one output sample. It is plain Python within numba's subset, so that the
 same lines run one sample at a time in the closed loop and compiled over whole arrays when a model is fitted. A step
-that numba cannot compile runs as plain Python: slower, same result.
+that numba cannot compile runs as plain Python: slower, same result. Compiled steps share one machine signature and
+reach the kernels as function pointers, so that a kernel is compiled once, not once per combination of effects.
 
 `start(p, interval, first)` makes the state before the first sample: `interval` seconds between samples, `first` the
 signal that stood at the effect's input for a long time before. A signal is held between samples (zero-order hold);
@@ -18,6 +19,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -128,9 +131,15 @@ class Effect:
 
     def run(self, state: FloatArray, values: object, p: FloatArray) -> FloatArray:
         """Send (samples,) through the effect from `state`, which is changed in place; returns (samples,)."""
-        from .compiled import run
+        from ..kernels import run_steps
 
-        return run(self.step, state, np.ascontiguousarray(values, dtype=np.float64), p)
+        array = np.ascontiguousarray(values, dtype=np.float64)
+        machine = compiled(self.step)
+        if machine is None:
+            return np.array([self.step(state, value, p) for value in array])
+        out = np.empty_like(array)
+        run_steps(machine, state, array, p, out)
+        return out
 
     def apply(
         self,
@@ -149,3 +158,27 @@ class Effect:
         if array.size == 0:
             return array.copy()
         return self.run(self.begin(p, interval, array[0] if first is None else first, series), array, p)
+
+
+@lru_cache(maxsize=256)
+def compiled(step: Callable[..., float]) -> Any | None:
+    """Return the machine version of a step, or None when it is beyond numba (then it runs as plain Python)."""
+    import numba
+    from numba.core.errors import NumbaError
+
+    from ..kernels import STEP_SIGNATURE
+
+    if not hasattr(step, "__code__"):
+        return None
+    # without numba's reference counts a step runs four times as fast; a step that makes arrays cannot do without
+    for cache, counts in ((True, False), (True, True), (False, False), (False, True)):
+        options: dict[str, Any] = {"cache": cache, "_nrt": counts}
+        try:
+            return numba.njit(STEP_SIGNATURE, **options)(step)
+        except NumbaError:
+            if counts:
+                return None
+        except RuntimeError:
+            # numba finds no folder for its cache when the step was typed at the prompt
+            continue
+    return None

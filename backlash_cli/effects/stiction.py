@@ -30,7 +30,6 @@ def start(p: FloatArray, interval: float, first: float) -> FloatArray:
 
 
 def step(state: FloatArray, value: float, p: FloatArray) -> float:
-    """Return the stem position for one command sample."""
     if p[0] == 0.0 and p[1] == 0.0:
         state[0] = value
         state[2] = value
@@ -51,7 +50,6 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 
 def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
-    """Return the stem position for all command samples."""
     from ..kernels import stick_slip
 
     if p[0] == 0.0 and p[1] == 0.0:

@@ -101,7 +101,8 @@ def gaps_tested(p: Predictor, widths: FloatArray, K: float | None, Ti: float, in
         column = to_output @ X - (solved[:, here] @ to_output) @ H
         sums = np.bincount(stretch, column * w * (p.error - share * column), STRETCHES)
         deviation = float(np.sqrt(sums @ sums)) / max(size, 1e-300)
-        rows.append((gain, share, deviation, tied, _possible(p, b, K, Ti, interval), share * found / p.loss))
+        possible = LEAST_SHARE < share < MOST_SHARE and _possible(p, b, K, Ti, interval)
+        rows.append((gain, share, deviation, tied, possible, share * found / p.loss))
     columns = np.array(rows, dtype=float).T
     return GapTest(widths, columns[0], columns[1], columns[2], columns[3], columns[4] > 0.0, columns[5])
 
@@ -129,7 +130,8 @@ def imitations(p: Predictor, widths: FloatArray, Ti: float, interval: float) -> 
 
     size = np.tile(widths, len(SCALES))
     rates = np.repeat([min(1.0, interval / (scale * Ti)) for scale in SCALES], len(widths))
-    G = p.lagged(lambda u, block, count: forgetting_gap_means(u, size, rates, block, count))[:, :FREE_LAGS]
+    G = p.lagged(lambda u, block, count: forgetting_gap_means(u, size, rates, block, count),
+                 min(FREE_LAGS, p.lags.count))
     return free_gains(p, G)
 
 

@@ -121,17 +121,14 @@ class Predictor:
     def rows(self) -> int:
         return len(self.target)
 
-    def lagged(self, means: Callable[[FloatArray, int, int], FloatArray]) -> FloatArray:
-        """Lags of further signals, (signals, lags, rows). means(output, size, blocks) gives them as (signals, blocks)
-        of one recording's output."""
+    def lagged(self, means: Callable[[FloatArray, int, int], FloatArray], count: int = 0) -> FloatArray:
+        """Lags of further signals, (signals, lags, rows), the first `count` of them or all. means(output, size, blocks)
+        gives them as (signals, blocks) of one recording's output."""
         parts = []
         for recording, rows in zip(self._recordings, self._rows, strict=True):
             signals = means(recording.output, self.size, len(recording.output) // self.size)
-            part = np.empty((len(signals), self.lags.count, len(rows)))
-            for signal, into in zip(signals, part, strict=True):
-                _lag_into(into, signal, self.lags, rows)
-            parts.append(_level(part, len(self._rows) > 1))
-        return np.concatenate(parts, axis=2)
+            parts.append(_level(_lags_of(signals, self.lags, rows, count), len(self._rows) > 1))
+        return np.concatenate(parts, axis=2) if len(parts) > 1 else parts[0]
 
 
 def predictor(recordings: Sequence[Recording], size: int, span: float, most: int) -> Predictor | None:
@@ -201,10 +198,7 @@ def _columns(r: Recording, size: int, lags: Lags, rows: NDArray[np.int64], span:
     u, y = r.output, r.measurement
     parts = []
     for values in (y, u):
-        means = block_means(values, size)
-        past = np.empty((lags.count, len(rows)))
-        _lag_into(past, means, lags, rows)
-        parts += [past, _last_means(values, size, rows)]
+        parts += [_lags_of(block_means(values, size)[None], lags, rows)[0], _last_means(values, size, rows)]
     products = ((u * u / span, lags.squares), (u * y / span, lags.products), (y * y / deviation, lags.products))
     for values, count in products:
         means = block_means(values, size)
@@ -212,13 +206,24 @@ def _columns(r: Recording, size: int, lags: Lags, rows: NDArray[np.int64], span:
     return block_means(y, size)[rows], np.vstack([np.ones((1, len(rows))), *parts])
 
 
-def _lag_into(into: FloatArray, means: FloatArray, lags: Lags, rows: NDArray[np.int64]) -> None:
-    for i in range(lags.fine):
-        into[i] = means[rows - 1 - i]
-    total, back, width = np.append(0.0, np.cumsum(means)), lags.fine, 2
-    for i in range(lags.far):
-        into[lags.fine + i] = (total[rows - back] - total[rows - back - width]) / width
-        back, width = back + width, 2 * width
+def _lags_of(signals: FloatArray, lags: Lags, rows: NDArray[np.int64], count: int = 0) -> FloatArray:
+    """The first `count` lags, or all, of block means (signals, blocks) before the rows, (signals, lags, rows)."""
+    first, last, every = int(rows[0]), int(rows[-1]), int(rows[1] - rows[0]) if len(rows) > 1 else 1
+    even = len(rows) == (last - first) // every + 1 and bool(np.all(np.diff(rows) == every))
+
+    def before(values: FloatArray, back: int) -> FloatArray:
+        return values[first - back : last - back + 1 : every] if even else values[rows - back]
+
+    found = np.empty((len(signals), count or lags.count, len(rows)))
+    for means, into in zip(signals, found, strict=True):  # one by one: a long record's sums are as large as itself
+        for i in range(min(lags.fine, len(into))):
+            into[i] = before(means, 1 + i)
+        if len(into) > lags.fine:
+            total, back, width = np.cumsum(means), lags.fine + 1, 2  # rows begin at lags.reach: no sum reaches below 0
+            for i in range(lags.fine, len(into)):
+                into[i] = (before(total, back) - before(total, back + width)) / width
+                back, width = back + width, 2 * width
+    return found
 
 
 def _last(size: int) -> list[int]:
@@ -254,9 +259,9 @@ def _level(values: FloatArray, several: bool) -> FloatArray:
 
 def _fitted(H: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Coefficients (columns,), Student weights (rows,) and weighted Gram matrix of the regression of y on H."""
-    w = np.ones(len(y))
+    w, weighted = np.ones(len(y)), np.empty_like(H)
     for again in range(ROUNDS + 1):
-        weighted = H * w
+        np.multiply(H, w, out=weighted)
         gram = weighted @ H.T
         gram[np.diag_indices_from(gram)] *= 1.0 + RIDGE
         gram[np.diag_indices_from(gram)] += 1e-12

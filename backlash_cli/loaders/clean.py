@@ -12,21 +12,23 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..record import FloatArray, LoopSettings, Note, Record
+from ..record import FloatArray, IntArray, LoopSettings, Note, Record
 from ..settings import LoopValues, Settings, settings_of
-from .grid import Grid, GridPlan, Steps
-from .join import Joiner, LoopSeries, Signal
+from .grid import GAP_FACTOR, MAX_HOLE, SPARSE_SHARE, Grid, Steps, Times, held, linear
+from .join import Faults, Joiner, LoopSeries, Signal, add_faults
 from .options import ReadOptions
 from .order import NAT
-from .resample import Frame, fill_limit, grid_of
-from .signals import Axis, Series
-from .states import MEASURED, Samples, state_notes
+from .quality import automatic
+from .signals import Axis, Series, packed
+from .states import judged, state_notes
 
 CHUNK = 2_000_000  # rows of a loop that are in memory at once
 SLACK = 0.05  # of a span: noise around the end of a range
 MARGIN = 2000  # rows around a chunk that decide on its samples: holes, limits, records that still hold
+LONGEST_FILL = 60  # samples, however slow the controller
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class Recipe:
 
     def is_long(self) -> bool:
         """Say whether the record is better made in chunks: it is long, and all its stamps rise."""
-        return self.rows > CHUNK and all(_one_after_the_other(_in_turn(item.axis for item in items if item.count))
+        return self.rows > CHUNK and all(_one_after_the_other(_in_turn(items))
                                          for items in self.series.roles.values())
 
     def chunks(self) -> Iterator[Record]:
@@ -63,11 +65,11 @@ class Recipe:
         settings, going = settings_of(self.values), Going()
         refuse_missing(self.series)
         joiner = Joiner(self.options.good_quality)
-        axes = _in_turn(item.axis for item in self.series.roles["pv"])
+        axes = _in_turn(self.series.roles["pv"])
         begins = [int(axis.read(row, row + 1)[0]) for axis in axes for row in range(0, len(axis), CHUNK)]
         ends = [*begins[1:], (axes[-1].last() or 0) + 1]
         for begin, end in zip(begins, ends, strict=True):
-            going.end = end
+            going.begin, going.end = begin, end
             joiner.next_chunk(begin, end)
             record = build(_window(self.series, begin, end), settings, joiner, self.options, going)
             yield replace(record, notes=(*self.notes, *record.notes) if end == ends[-1] else ())
@@ -92,7 +94,15 @@ class Recipe:
     def packed(self) -> Recipe:
         """Return the recipe with its samples, to be sent to another machine; columns of Parquet files are read there.
         """
-        return replace(self, series=self.series.packed())
+        axes: dict[int, Axis] = {}
+
+        def own(item: Series) -> Series:
+            axis = item.axis
+            if id(axis) not in axes:
+                axes[id(axis)] = replace(axis, rows=packed(axis.rows, (), axis.column))
+            return replace(item, axis=axes[id(axis)], rows=packed(item.rows, (item.column, item.quality)))
+
+        return replace(self, series=self.series.changed(own))
 
     @property
     def rows(self) -> int:
@@ -100,29 +110,19 @@ class Recipe:
         return sum(item.count for item in self.series.roles.get("pv", ()))
 
 
-@dataclass(frozen=True)
-class Spans:
-    """pv_range, op_range: values that map to 0 and 1. settings: with gains on normalised signals. notes: guesses."""
-
-    pv_range: tuple[float, float]
-    op_range: tuple[float, float]
-    settings: LoopSettings
-    notes: tuple[Note, ...]
-
-
 @dataclass
 class Going:
-    """What a chunk of a loop goes on from, and adds to. end: stamp that ends it, None for the whole loop; begin: that
-    ended the one before.
+    """What a chunk of a loop goes on from, and adds to. begin, end: stamps between which it lies, None for the whole
+    loop.
 
-    plan, spans, output: of the first chunk. place: a stamp near the end of the last one and its grid number. until: the
+    grid, spans, output: of the first chunk. place: a stamp near the end of the last one and its grid number. until: the
     grid number of its last sample. The rest is counted for the notes. carried: setpoint and mode that still hold.
     """
 
-    end: int | None = None
     begin: int = NAT
-    plan: GridPlan | None = None
-    spans: Spans | None = None
+    end: int | None = None
+    grid: Grid | None = None
+    spans: tuple[LoopSettings, list[Note]] | None = None
     output: bool = False
     place: tuple[int, int] = (0, 0)
     until: int = -1
@@ -130,22 +130,52 @@ class Going:
     samples: int = 0
     recorded: int = 0
     steps: list[Steps] = field(default_factory=list)
+    faults: Faults = field(default_factory=dict)
     carried: dict[str, float] = field(default_factory=dict)
+
+    def own_samples(self, pv: Signal, grid: Grid, end: int) -> tuple[int, int]:
+        """Return the first sample of a chunk and the one after its last, and note where it ends."""
+        first = int(np.searchsorted(grid.index, self.until, side="right"))
+        if grid.kind == "regular":
+            at = grid.index if grid.rows is None else grid.index[grid.rows >= 0]
+            stamps = pv.times.order(pv.values).stamps[-len(at) :]
+            row = int(np.searchsorted(stamps, end)) - 1
+            near = max(row - MARGIN, 0)
+            self.place, self.until = (int(stamps[near]), int(at[near])), int(at[row])
+        else:
+            self.until = (end - 1 - grid.start) // grid.step
+        return first, int(np.searchsorted(grid.index, self.until, side="right"))
+
+    def said_of_grid(self, pv: Signal, grid: Grid, end: int, first: int, last: int) -> list[Note]:
+        """What is to be said of the stamps of all chunks so far."""
+        stamps = pv.times.order(pv.values).stamps
+        own = stamps[max(int(np.searchsorted(stamps, self.begin)) - 1, 0) : int(np.searchsorted(stamps, end))]
+        self.steps += [Steps.of(own)] if len(own) > 1 else []
+        self.recorded += last - first if grid.recorded is None else int(grid.recorded[first:last].sum())
+        share = self.recorded / max(self.samples + last - first, 1)
+        return replace(grid, steps=Steps.joined(self.steps)).said(share) if self.steps else []
 
 
 def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOptions, going: Going) -> Record:
     """Make the Record of one loop, or a chunk of it, which goes on from the chunk before; the notes are those of all
     chunks so far. Raises LoopError when it has no measurement, no times or no usable scale."""
     refuse_missing(loop)
-    later, whole = going.plan is not None, going.end is None
-    pv = joiner.signal(loop.roles["pv"], "pv", loop.name)
-    grid, pv = grid_of(pv, None if not later else lambda signal: goes_on(signal, going))
-    first, last = (0, len(grid.index)) if going.end is None else _own_samples(pv, grid, going, going.end)
-    on_grid = grid.notes if going.end is None else _of_chunks(pv, grid, going, going.end, first, last)
-    notes: list[Note] = [*settings.notes, *pv.axis.notes, *on_grid, *pv.notes]
-    frame = Frame(loop, joiner, options, pv.axis, grid, fill_limit(settings.loop.Ti, grid.interval), notes,
-                  going.carried)
-    measured, interpolated = frame.measurement(pv)
+    later = going.grid is not None
+    pv = _where_recorded(joiner.signal(loop.roles["pv"], "pv", loop.name))
+    if going.grid is None:
+        grid = pv.times.grid(pv.values)
+        going.grid = replace(grid, index=grid.index[:0], rows=None, recorded=None)
+    else:
+        grid = going.grid.laid(pv.times.order(pv.values), going.place)
+    first, last, on_grid = 0, len(grid.index), list(grid.notes)
+    if going.end is not None:
+        first, last = going.own_samples(pv, grid, going.end)
+        on_grid = going.said_of_grid(pv, grid, going.end, first, last)
+    notes: list[Note] = [*settings.notes, *pv.times.notes, *on_grid]
+    frame = _Frame(loop, joiner, options, pv.times, grid, fill_limit(settings.loop.Ti, grid.interval), notes, going)
+    frame.say(pv)
+    measured = frame.on_grid(pv, "pv")
+    interpolated = None if grid.recorded is None else ~grid.recorded & np.isfinite(measured)
     if not later and not np.isfinite(measured).any():
         raise LoopError("the measurement (PV) holds no number at all", code="no_measurement",
                         remedy="check the column and the export")
@@ -156,87 +186,182 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
     if output is not None and not (going.output if later else np.isfinite(output).any()):
         notes.append(Note("no_output", "the output (OP) holds no number at all"))
         output = None
-    spans = going.spans
-    if spans is None:
-        spans = spans_of(settings, _finite(measured, setpoint) if settings.pv_range is None else measured[:0],
-                         None if output is None else _finite(output) if settings.op_range is None else output[:0])
-    notes += spans.notes
+    going.spans = going.spans or spans_of(settings, [measured] if setpoint is None else [measured, setpoint],
+                                          [] if output is None else [output])
+    scaled, guessed = going.spans
+    notes += guessed
     manual, on_mode = frame.manual((*options.auto_modes, *settings.auto_modes))
-    samples = Samples(
-        grid.index, None if setpoint is None else normalised(setpoint, spans.pv_range),
-        normalised(measured, spans.pv_range), None if output is None else normalised(output, spans.op_range),
-        interpolated, manual, frame.bridge)
-    going.counts.update(samples.count(first, last))
-    counts, total = going.counts, going.samples + last - first
-    going.plan, going.spans, going.output = going.plan or grid.plan, spans, output is not None
-    going.samples, going.begin = total, going.end or NAT
-    missing = [] if setpoint is not None else [Note(
+    sp, op = (None if values is None else normalised(values, span)
+              for values, span in ((setpoint, scaled.pv_range), (output, scaled.op_range)))
+    y, state, marks = judged(grid.index, sp, normalised(measured, scaled.pv_range), op, interpolated, manual,
+                             frame.bridge)
+    going.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()})
+    going.samples += last - first
+    going.output = output is not None
+    missing = [] if sp is not None else [Note(
         "no_setpoint", "no setpoint (SP) column: what needs the control error cannot be done", {"loop": loop.name})]
+    said = [state_notes(going.counts, going.samples, *kinds) for kinds in (
+        ("wild", "filled", "frozen", "saturated", "missing"), ("setpoint", "output"), ("manual",))]
     extra = {name: frame.disturbance(items) for name, items in loop.extra.items()}
     record = Record(
-        loop.name, grid.start / 1e6, grid.interval, grid.index, samples.setpoint, samples.measurement, samples.output,
-        samples.state, spans.settings, {name: values for name, values in extra.items() if values is not None},
-        (*notes, *state_notes(counts, total, *MEASURED), *missing, *state_notes(counts, total, "setpoint", "output"),
-         *on_mode, *state_notes(counts, total, "manual")),
+        loop.name, grid.start / 1e6, grid.interval, grid.index, np.full(len(y), np.nan) if sp is None else sp, y, op,
+        state, scaled, {name: values for name, values in extra.items() if values is not None},
+        (*notes, *said[0], *missing, *said[1], *on_mode, *said[2]),
     )  # fmt: skip
-    return record if whole else record.slice(first, last)
+    return record if going.end is None else record.slice(first, last)
 
 
-def goes_on(pv: Signal, going: Going) -> Grid:
-    """Return the points of the grid of an earlier chunk that lie among the stamps of a later one."""
-    plan, order = going.plan, pv.axis.order(pv.values)
-    assert plan is not None
-    stamps = order.stamps
-    if plan.kind == "regular":
-        begin = int(np.searchsorted(stamps, going.place[0], side="right"))
-        index, places = plan.rows(stamps[begin:], going.place)
-        own = np.arange(begin, len(stamps)) if order.rows is None else order.rows[begin:]
-        return Grid(plan, index, np.where(places >= 0, own[places], -1))
-    index = plan.points(stamps)
-    return Grid(plan, index, order.rows, stamps, plan.recorded(stamps, plan.start + plan.step * index))
+def _where_recorded(pv: Signal) -> Signal:
+    """The rows of the measurement: blank cells in many places mean that it was recorded less often."""
+    blank = np.isnan(pv.values) if pv.bad is None else np.isnan(pv.values) & ~pv.bad
+    count = int(blank.sum())
+    if 0 < count < len(blank):
+        edges = int(np.count_nonzero(blank[1:] & ~blank[:-1] & (pv.times.micros[1:] != NAT)))
+        if edges > SPARSE_SHARE * (len(blank) - count) or count > 0.9 * len(blank):
+            rows = np.flatnonzero(~blank)
+            bad = None if pv.bad is None else pv.bad[rows]
+            return replace(pv, times=Times(pv.times.micros[rows], pv.times.notes), values=pv.values[rows], bad=bad)
+    return pv
 
 
-def _own_samples(pv: Signal, grid: Grid, going: Going, end: int) -> tuple[int, int]:
-    """Return the first sample of a chunk and the one after its last, and note where it ends."""
-    first = int(np.searchsorted(grid.index, going.until, side="right"))
-    if grid.kind == "regular":
-        at = grid.index if grid.rows is None else grid.index[grid.rows >= 0]
-        stamps = pv.axis.order(pv.values).stamps[-len(at) :]
-        row = int(np.searchsorted(stamps, end)) - 1
-        near = max(row - MARGIN, 0)
-        going.place, going.until = (int(stamps[near]), int(at[near])), int(at[row])
-    else:
-        going.until = (end - 1 - grid.start) // grid.step
-    return first, int(np.searchsorted(grid.index, going.until, side="right"))
+def fill_limit(Ti: float | None, interval: float) -> int:
+    """Longest hole in samples that is filled: half the integral time, the time constant of the estimator's own filter.
+
+    The shortest half period it uses lasts 5 Ti, ten times that. MAX_HOLE samples when Ti is not known.
+    """
+    return MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / interval)))
 
 
-def _of_chunks(pv: Signal, grid: Grid, going: Going, end: int, first: int, last: int) -> list[Note]:
-    """What is to be said of the stamps of all chunks so far."""
-    stamps = pv.axis.order(pv.values).stamps
-    own = stamps[max(int(np.searchsorted(stamps, going.begin)) - 1, 0) : int(np.searchsorted(stamps, end))]
-    going.steps += [Steps.of(own)] if len(own) > 1 else []
-    going.recorded += last - first if grid.recorded is None else int(grid.recorded[first:last].sum())
-    share = going.recorded / max(going.samples + last - first, 1)
-    return replace(grid.plan, steps=Steps.joined(going.steps)).notes(share) if going.steps else []
+@dataclass
+class _Frame:
+    """The signals of one loop on its grid. times: of the measurement. bridge: longest hole in samples that is
+    filled.
+
+    Every method returns (samples,) values on the grid, nan where there are none, and adds to `notes` what it assumed.
+    """
+
+    loop: LoopSeries
+    joiner: Joiner
+    options: ReadOptions
+    times: Times
+    grid: Grid
+    bridge: int
+    notes: list[Note]
+    going: Going
+
+    def say(self, signal: Signal) -> None:
+        """Note what was found out about a signal."""
+        self.notes += [*signal.notes, *add_faults(self.going.faults, signal.faults)]
+
+    def companion(self, role: str) -> FloatArray | None:
+        """Setpoint or output, held between its records unless the user says linear; None when not recorded."""
+        if role not in self.loop.roles:
+            return None
+        signal = self.joiner.signal(self.loop.roles[role], role, self.loop.name)
+        self.say(signal)
+        if signal.times is not self.times:
+            how = "interpolated on straight lines" if self.options.interpolation == "linear" else (
+                "held until the next record")
+            self.notes.append(Note("expanded", f"{role.upper()} is recorded at its own times; it is {how}"))
+        return self._expanded(signal, role)
+
+    def disturbance(self, items: list[Series]) -> FloatArray | None:
+        """A further measured column in its own units; None when it holds no numbers or cannot be joined."""
+        first_of_each = {id(item.axis): item for item in reversed(items)}
+        try:
+            signal = self.joiner.signal(list(first_of_each.values()), "", "")
+        except LoopError:
+            return None
+        return self._expanded(signal, "dv") if np.isfinite(signal.values).any() else None
+
+    def manual(self, auto_modes: tuple[str, ...]) -> tuple[NDArray[np.bool_] | None, list[Note]]:
+        """True where the controller was not in automatic, None when no mode is recorded; and what is to be said."""
+        items = self.loop.roles.get("mode", [])
+        found = [automatic(item.cells(), auto_modes) for item in items]
+        notes = [note for _, more in found for note in more]
+        if not items:
+            return None, notes
+        signal = Signal(self.joiner.times([item.axis for item in items]), np.concatenate([auto for auto, _ in found]),
+                        None)
+        if not np.isfinite(signal.values).any() and "mode" not in self.going.carried:
+            return None, [*notes, Note("mode_empty", "the MODE column is empty; the loop is taken to be in automatic")]
+        values = self._expanded(signal, "mode")
+        unknown = np.isnan(values)
+        if unknown.any():
+            # a first change to manual means automatic before, and the other way round
+            before = not unknown.all() and float(values[~unknown][0]) == 0.0
+            values = np.where(unknown, before, values)
+            notes.append(Note("mode_unknown", f"{int(unknown.sum())} samples before the first recorded mode are taken "
+                              f"as {'automatic' if before else 'not automatic'}"))
+        return values == 0.0, notes
+
+    def _expanded(self, signal: Signal, role: str) -> FloatArray:
+        """The values of a signal; a setpoint or mode of the chunk before holds until the first one that is known."""
+        values, carried = self.on_grid(signal, role), self.going.carried
+        if role in ("sp", "mode"):
+            known = np.isfinite(values)
+            if role in carried and not known.all():
+                first = int(np.argmax(known)) if known.any() else len(values)
+                values = np.concatenate([np.full(first, carried[role]), values[first:]])
+            if known.any():
+                carried[role] = float(values[known][-1])
+        return values
+
+    def on_grid(self, signal: Signal, role: str) -> FloatArray:
+        """The values of a signal as it was recorded: in its rows, on straight lines, or held."""
+        grid, own, how = self.grid, signal.times is self.times, self.options.interpolation
+        if own and grid.recorded is None:
+            found = _in_rows(signal.values, grid)
+            if role == "pv" or not np.isnan(found).any():
+                return found
+        stamps, values = _records(signal)
+        known = np.isfinite(values)
+        few, limit = (self.bridge + 0.5) * grid.step, float("inf")
+        steps = np.diff(stamps[known])
+        if role == "pv":
+            limit = (MAX_HOLE + 1.5) * grid.step
+            if grid.kind == "compressed" and len(steps):  # 99 % of the records keep this spacing
+                limit = max(limit, GAP_FACTOR * float(np.quantile(steps, 0.99)))
+        elif role not in ("sp", "mode") and len(steps):
+            # recorded on change, a value holds until the next record; at regular times, a longer silence is a loss
+            middle, usual = np.quantile(steps, [0.5, 0.95]).tolist()
+            limit = max(GAP_FACTOR * usual if usual <= 3.0 * middle else float(steps.max()), few + grid.step)
+        if (how or ("linear" if role == "pv" else "hold")) == "linear" and role != "mode":
+            return linear(grid.times, stamps[known], values[known], limit)
+        # rows stamped now early, now late are still one scan each: PV and OP of a row belong together
+        late = grid.step // 2 if grid.kind == "jitter" and own and role != "pv" else 0
+        return held(grid.times + late, stamps, values, limit, few)
 
 
-def _finite(*parts: FloatArray | None) -> FloatArray:
-    return np.concatenate([part[np.isfinite(part)] for part in parts if part is not None])
+def _in_rows(values: FloatArray, grid: Grid) -> FloatArray:
+    """Put the values of a regular grid's own rows at their grid points; absent rows are nan."""
+    if grid.rows is None:
+        return values
+    return np.where(grid.rows >= 0, values[grid.rows], np.nan)
 
 
-def _in_turn(axes: Iterable[Axis]) -> list[Axis]:
-    """Each axis once, by its first stamp."""
-    return sorted({id(axis): axis for axis in axes}.values(), key=lambda axis: int(axis.read(0, 1)[0]))
+def _records(signal: Signal) -> tuple[IntArray, FloatArray]:
+    """Return (stamps, values) of all records in time order, nan in bad ones; blank cells are no records."""
+    order = signal.times.order(signal.values)
+    rows = slice(None) if order.rows is None else order.rows
+    values, bad = signal.values[rows], None if signal.bad is None else signal.bad[rows]
+    values = np.where(np.isfinite(values), values, np.nan)
+    record = ~np.isnan(values) if bad is None else ~np.isnan(values) | bad
+    return (order.stamps, values) if record.all() else (order.stamps[record], values[record])
+
+
+def _in_turn(items: Iterable[Series]) -> list[Axis]:
+    """The axes of some series, each once, by their first stamps."""
+    return sorted({id(item.axis): item.axis for item in items if item.count}.values(), key=Axis.first)
 
 
 def _one_after_the_other(axes: list[Axis]) -> bool:
     """Say whether all stamps rise from row to row and from file to file, and none is unreadable."""
     last = NAT
-    for axis in axes:
-        for piece in axis.pieces():
-            if piece[0] <= last or np.any(np.diff(piece) <= 0):
-                return False
-            last = int(piece[-1])
+    for piece in (piece for axis in axes for piece in axis.pieces()):
+        if piece[0] <= last or np.any(np.diff(piece) <= 0):
+            return False
+        last = int(piece[-1])
     return True
 
 
@@ -249,12 +374,11 @@ def _window(loop: LoopSeries, begin: int, end: int) -> LoopSeries:
         if id(axis) not in parts:
             rows = slice(max(_row_at(axis, begin) - MARGIN, 0), min(_row_at(axis, end) + MARGIN, len(axis)))
             parts[id(axis)] = axis.part(rows), rows
-        own, rows = parts[id(axis)]
-        return item.part(own, rows)
+        return item.part(*parts[id(axis)])
 
-    roles = {role: [some(item) for item in items] for role, items in loop.roles.items()}
-    roles = {role: [item for item in items if item.count] or items[:1] for role, items in roles.items()}
-    return LoopSeries(loop.name, roles, {}, loop.missing_tags)
+    cut = replace(loop, extra={}).changed(some)
+    return replace(cut, roles={role: [item for item in items if item.count] or items[:1]
+                               for role, items in cut.roles.items()})
 
 
 def _row_at(axis: Axis, stamp: int) -> int:
@@ -274,57 +398,47 @@ def refuse_missing(loop: LoopSeries) -> None:
                         remedy=f'name the column {loop.name[:40]}.PV, or give pv = "TAG" in loops.toml')
 
 
-def spans_of(settings: Settings, measured: FloatArray, output: FloatArray | None) -> Spans:
-    """Decide the spans of one loop after the contract. measured: finite values of PV and SP; output: of OP, None if not
-    recorded.
+def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray]) -> tuple[LoopSettings, list[Note]]:
+    """Decide the spans of one loop after the contract; return its settings with spans and gains on normalised signals,
+    and what was guessed. pv: (samples,) measurement, and setpoint where there is one; op: output, if recorded.
 
     Raises LoopError (missing_range) when a gain is given but the spans it refers to are not known.
     """
     notes: list[Note] = []
-    source = dict(settings.loop.source)
-    gain_given = settings.loop.K is not None
-    guessed = []
-    pv_range = settings.pv_range
-    if pv_range is None:
-        low, high = _bounds(measured)
+    loop, guessed = settings.loop, []
+    for name, given, signals in (("pv_range", settings.pv_range, pv), ("op_range", settings.op_range, op)):
+        if given is not None:
+            loop = loop.with_values(loop.source[name], **{name: given})
+            continue
+        values = np.concatenate([part[np.isfinite(part)] for part in (*signals, np.zeros(0))])
+        low, high = _bounds(values)
         if low >= -SLACK and high <= 1.0 + SLACK:
-            pv_range = (0.0, 1.0)
+            span = 0.0, 1.0
+        elif name == "op_range" and low >= -5.0 and high <= 105.0 and np.quantile(values, 0.05) >= -SLACK:
+            span = 0.0, 100.0
+            notes.append(Note("op_percent", "op_range is not given: output within 0..100 is taken as percent"))
         else:
-            pv_range = _round_range(low, high)
-            guessed.append("pv_range")
-        source["pv_range"] = "data"
-    op_range = settings.op_range
-    if op_range is None:
-        op_range = (0.0, 1.0)
-        if output is not None:
-            low, high = _bounds(output)
-            if low >= -SLACK and high <= 1.0 + SLACK:
-                pass
-            elif low >= -5.0 and high <= 105.0 and float(np.quantile(output, 0.05)) >= -SLACK:
-                op_range = (0.0, 100.0)
-                notes.append(Note("op_percent", "op_range is not given: output within 0..100 is taken as percent"))
-            else:
-                op_range = _round_range(low, high)
-                guessed.append("op_range")
-        source["op_range"] = "data"
-    if guessed and gain_given and not settings.engineering:
-        names = " and ".join(guessed)
+            # from zero where the values do not come near it, else round at both ends
+            span = (-_round_up(-low * 1.05) if low < 0.0 else 0.0,
+                    _round_up(high * 1.05 or 1.0) if high > 0.0 or low >= 0.0 else 0.0)
+            guessed.append((name, *span))
+        loop = loop.with_values("data", **{name: span})
+    if guessed and settings.loop.K is not None and not settings.engineering:
+        names = " and ".join(name for name, _, _ in guessed)
         raise LoopError(
             f"K is given but {names} is not, and the values are not within 0..1: K has no meaning without its span",
             remedy=f'add {names} = [low, high] to loops.toml, or units = "engineering" if K is in output units per '
             "measurement unit",
             code="missing_range",
         )
-    for name in guessed:
-        low, high = pv_range if name == "pv_range" else op_range
+    for name, low, high in guessed:
         notes.append(Note(f"guessed_{name}", f"{name} is not given: scaled by {low:g}..{high:g}, a guess from the data",
                           {"low": low, "high": high}))
-    loop = replace(settings.loop, pv_range=pv_range, op_range=op_range, source=source)
     if settings.engineering:
-        ratio = (pv_range[1] - pv_range[0]) / (op_range[1] - op_range[0])
+        ratio = (loop.pv_range[1] - loop.pv_range[0]) / (loop.op_range[1] - loop.op_range[0])
         loop = replace(loop, K=None if loop.K is None else loop.K * ratio, Kp=None if loop.Kp is None
                        else loop.Kp / ratio)
-    return Spans(pv_range, op_range, loop, tuple(notes))
+    return loop, notes
 
 
 def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:
@@ -354,18 +468,6 @@ def _bounds(values: FloatArray) -> tuple[float, float]:
     return low, high
 
 
-def _round_range(low: float, high: float) -> tuple[float, float]:
-    """A round range that holds the values: from zero when they do not come near it, else round at both ends."""
-    if low >= 0.0:
-        return 0.0, _round_up(high * 1.05 or 1.0)
-    if high <= 0.0:
-        return -_round_up(-low * 1.05), 0.0
-    return -_round_up(-low * 1.05), _round_up(high * 1.05)
-
-
 def _round_up(value: float) -> float:
-    power = 10.0 ** np.floor(np.log10(value))
-    for factor in (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0):
-        if factor * power >= value * (1 - 1e-12):
-            return float(factor * power)
-    return float(10.0 * power)
+    steps = 10.0 ** np.floor(np.log10(value)) * np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
+    return float(steps[np.argmax(steps >= value * (1 - 1e-12))])

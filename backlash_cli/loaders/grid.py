@@ -1,4 +1,4 @@
-"""A uniform grid for stamps that are nearly, or by intention not, uniform.
+"""A uniform grid for stamps that are nearly, or by intention not, uniform, and values brought to its points.
 
 regular: the stamps lie on a grid; rows are put at their grid number, nothing is interpolated.
 jitter: at least 90 % of the spacings lie within 0.3 to 1.7 of the usual one; values are interpolated to the grid.
@@ -9,14 +9,14 @@ the historian means it. Anything else is refused.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..record import FloatArray, IntArray, Note
-from .order import SECOND, Ordered, utc_text
+from .order import SECOND, Ordered, ordered, utc_text
 
 MAX_HOLE = 5  # absent samples that may be bridged when nothing else is known
 ABSENT_ROWS = 60  # absent samples that get rows of their own; more is a gap
@@ -26,44 +26,37 @@ MAX_GROWTH = 200  # grid points per recorded row
 JITTER = (0.3, 1.7)
 _NICE = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 90, 100, 120, 150, 180, 200, 240, 250,
                   300, 360, 400, 450, 480, 500, 600, 720, 750, 800, 900, 1000])
+_NONE: IntArray = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """values: (distinct,) distances in microseconds, ascending; counts: how often each occurs.
+    """values: (distinct,) distances of stamps in microseconds, ascending; counts: how often each occurs.
 
-    first, last: the ends of the stamps. before_longest: the stamp before the first of the longest distances.
+    first: stamp at the beginning. before_longest: the stamp before the first of the longest distances.
     """
 
     values: IntArray
     counts: IntArray
     first: int
-    last: int
     before_longest: int
 
     @staticmethod
     def of(stamps: IntArray) -> Steps:
         """Count the distances of two or more stamps."""
         steps = np.diff(stamps)
-        low, high = int(steps.min()), int(steps.max())
-        if low == high:
-            values, counts = np.array([low]), np.array([len(steps)])
+        if steps.min() == steps.max():
+            values, counts = steps[:1], np.array([len(steps)])
         else:
             values, counts = np.unique(steps, return_counts=True)
-        return Steps(values, counts, int(stamps[0]), int(stamps[-1]), int(stamps[np.argmax(steps)]))
+        return Steps(values, counts, int(stamps[0]), int(stamps[np.argmax(steps)]))
 
     @staticmethod
     def joined(parts: Sequence[Steps]) -> Steps:
         """Put the distances of several stretches together."""
         values, place = np.unique(np.concatenate([part.values for part in parts]), return_inverse=True)
         counts = np.bincount(place, np.concatenate([part.counts for part in parts])).astype(np.int64)
-        longest = max(parts, key=lambda part: part.longest)
-        return Steps(values, counts, parts[0].first, parts[-1].last, longest.before_longest)
-
-    @property
-    def total(self) -> int:
-        """Number of distances."""
-        return int(self.counts.sum())
+        return Steps(values, counts, parts[0].first, max(parts, key=lambda part: part.longest).before_longest)
 
     @property
     def longest(self) -> int:
@@ -71,33 +64,24 @@ class Steps:
 
     def share(self, which: NDArray[np.bool_]) -> float:
         """Return the share of the distances that are of the chosen values."""
-        return float(self.counts[which].sum() / self.total)
+        return float(self.counts[which].sum() / self.counts.sum())
 
-    def sum(self, which: NDArray[np.bool_], of: FloatArray | IntArray) -> float:
-        """Return the sum of something over the distances of the chosen values; of: (distinct,)."""
-        return float((of[which].astype(np.float64) * self.counts[which]).sum())
+    def mean(self, which: NDArray[np.bool_], of: FloatArray | IntArray) -> float:
+        """Return the mean of something over the distances of the chosen values; of: (distinct,)."""
+        return float(np.sum(of[which] * self.counts[which].astype(np.float64)) / max(self.counts[which].sum(), 1))
 
     def quantile(self, share: float) -> float:
-        """Return a quantile, between two distances on a straight line, as NumPy does."""
-        place = share * (self.total - 1)
-        low = int(np.floor(place))
-        a, b = self._at(low), self._at(min(low + 1, self.total - 1))
-        rest = place - low
-        return a + (b - a) * rest if rest < 0.5 else b - (b - a) * (1.0 - rest)
-
-    @property
-    def median(self) -> float:
-        return (self._at((self.total - 1) // 2) + self._at(self.total // 2)) / 2.0
-
-    def _at(self, rank: int) -> float:
-        return float(self.values[np.searchsorted(np.cumsum(self.counts), rank, side="right")])
+        """Return a quantile of the distances."""
+        return float(np.quantile(np.repeat(self.values, self.counts), share))
 
 
 @dataclass(frozen=True, eq=False)
-class GridPlan:
-    """start, step: microseconds. kind: as in `grid`. gap: longer distances are gaps, unless it is regular.
+class Grid:
+    """A grid and its points. start, step: microseconds. gap: longer distances are gaps, unless it is regular. usual: a
+    distance in the middle. index: (samples,) grid numbers, jumps are gaps.
 
-    usual: a distance in the middle [microseconds].
+    regular: rows (samples,) row of each sample, -1 for an absent one, None when sample i is row i.
+    jitter, compressed: recorded (samples,) True where a row stands at (or, with jitter, next to) the grid point.
     """
 
     start: int
@@ -106,26 +90,48 @@ class GridPlan:
     gap: float
     steps: Steps
     usual: float = 0.0
+    index: IntArray = field(default_factory=_NONE.copy)
+    rows: IntArray | None = None
+    recorded: NDArray[np.bool_] | None = None
+    notes: tuple[Note, ...] = ()
 
-    def rows(self, stamps: IntArray, before: tuple[int, int] | None = None) -> tuple[IntArray, IntArray]:
+    @property
+    def times(self) -> IntArray:
+        """(samples,) microseconds since 1970 UTC."""
+        return self.start + self.step * self.index
+
+    @property
+    def interval(self) -> float:
+        """Seconds between points."""
+        return self.step / SECOND
+
+    def laid(self, order: Ordered, before: tuple[int, int] | None = None) -> Grid:
+        """Return the grid with its points among stamps. before: a stamp and its grid number, to go on from."""
+        stamps, rows = order.stamps, order.rows
+        if self.kind != "regular":
+            index = self._points(stamps)
+            return replace(self, index=index, recorded=self._recorded(stamps, self.start + self.step * index))
+        if before is not None:
+            begin = int(np.searchsorted(stamps, before[0], side="right"))
+            rows = np.arange(begin, len(stamps)) if rows is None else rows[begin:]
+            stamps = stamps[begin:]
+        index, places = self._rows(stamps, *(before or (stamps[0] - self.step, -1)))
+        if len(places) > len(stamps):
+            rows = places if rows is None else np.where(places >= 0, rows[places], -1)
+        return replace(self, index=index, rows=rows)
+
+    def _rows(self, stamps: IntArray, stamp: int, number: int) -> tuple[IntArray, IntArray]:
         """Return (index, rows) of a regular grid: the grid number of each sample, and its row, -1 for an absent one.
 
-        before: stamp and grid number of the row before the first.
+        stamp, number: stamp and grid number of the row before the first.
         """
-        stamp, number = (stamps[0] - self.step, -1) if before is None else before
         advance = np.maximum(1, np.rint(np.diff(stamps, prepend=stamp) / self.step).astype(np.int64))
-        index = number + np.cumsum(advance)
         holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
-        if not holes.any():
-            return index, np.arange(len(stamps))
-        copies = np.where(holes, advance, 1)  # the row itself, after as many absent ones as the hole is wide
-        ends = np.cumsum(copies) - 1
-        rows = np.full(ends[-1] + 1, -1)
-        rows[ends] = np.arange(len(stamps))
-        owner = np.repeat(np.arange(len(stamps)), copies)
-        return index[owner] - (ends[owner] - np.arange(len(rows))), rows
+        own = np.arange(len(stamps))
+        absent = np.repeat(own, np.where(holes, advance - 1, 0))  # the row after each absent one
+        return number + np.cumsum(np.insert(np.where(holes, 1, advance), absent, 1)), np.insert(own, absent, -1)
 
-    def points(self, stamps: IntArray) -> IntArray:
+    def _points(self, stamps: IntArray) -> IntArray:
         """Return the grid numbers between the first and last stamp of every stretch without a gap."""
         last = (stamps - self.start) // self.step
         first = -((self.start - stamps) // self.step)  # rounded up: no point before the first stamp of a stretch
@@ -134,26 +140,21 @@ class GridPlan:
         counts = np.maximum(last - first + 1, 0)
         return np.arange(int(counts.sum())) + np.repeat(first - (np.cumsum(counts) - counts), counts)
 
-    def recorded(self, stamps: IntArray, times: IntArray) -> NDArray[np.bool_]:
+    def _recorded(self, stamps: IntArray, times: IntArray) -> NDArray[np.bool_]:
         """(times,) True where a row stands at (or, with jitter, next to) a grid point."""
+        after = np.searchsorted(stamps, times, side="right").clip(1, len(stamps) - 1)
         if self.kind == "jitter":
-            after = np.searchsorted(stamps, times, side="right").clip(1, len(stamps) - 1)
             return stamps[after] - stamps[after - 1] <= 1.75 * self.step
-        position = np.searchsorted(stamps, times).clip(0, len(stamps) - 1)
-        before = (position - 1).clip(0)
-        nearest = np.minimum(np.abs(stamps[position] - times), np.abs(stamps[before] - times))
-        return nearest <= self.step // 2
+        return np.minimum(np.abs(stamps[after] - times), np.abs(stamps[after - 1] - times)) <= self.step // 2
 
-    def notes(self, share: float) -> list[Note]:
+    def said(self, share: float) -> list[Note]:
         """Return what is to be said of the grid. share: of its points that are recorded."""
         found: list[Note] = []
         steps, step = self.steps, self.step
         apart = steps.values / step
         if self.kind == "jitter":
             near = steps.values <= self.gap
-            middle = steps.sum(near, apart) / max(int(steps.counts[near].sum()), 1)
-            variance = steps.sum(near, (apart - middle) ** 2) / max(int(steps.counts[near].sum()), 1)
-            spread = round(float(np.sqrt(variance)), 9)
+            spread = round(steps.mean(near, (apart - steps.mean(near, apart)) ** 2) ** 0.5, 9)
             found.append(Note(
                 "resampled", f"time stamps vary around {step / SECOND:g} s (standard deviation {100 * spread:.0f} %); "
                 f"values are interpolated to every {step / SECOND:g} s",
@@ -171,108 +172,74 @@ class GridPlan:
                 "gaps", f"{gaps} gap{'s' * (gaps > 1)} in the record, the longest {_length(steps.longest / SECOND)} "
                 f"from {utc_text(steps.before_longest)}; nothing is estimated across a gap",
                 {"gaps": float(gaps), "longest_s": float(steps.longest / SECOND)}))
-        if self.kind == "regular":
-            holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
-            if holes.any():
-                absent = int(steps.sum(holes, advance - 1))
-                text = f"{absent} samples are missing in {int(steps.counts[holes].sum())} short gaps"
-                found.append(Note("missing_rows", text, {"samples": float(absent)}))
+        holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
+        if self.kind == "regular" and holes.any():
+            absent, short = float(np.sum((advance - 1)[holes] * steps.counts[holes])), int(steps.counts[holes].sum())
+            found.append(Note("missing_rows", f"{absent:.0f} samples are missing in {short} short gaps",
+                              {"samples": absent}))
         return found
 
 
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """Points of a grid. index: (samples,) grid numbers, jumps are gaps.
+@dataclass(eq=False)
+class Times:
+    """Stamps of rows in memory, with what is found out about them once for all signals of these rows.
 
-    regular: rows (samples,) row of each sample, -1 for an absent one, None when sample i is row i.
-    jitter, compressed: stamps and rows of the recorded samples, to interpolate between; recorded (samples,) True
-    where a row stands at (or, with jitter, next to) the grid point.
+    micros: (rows,) microseconds since 1970 UTC, NAT where unreadable. parts: first rows of further files. line: of row
+    0 in its file, for messages.
     """
 
-    plan: GridPlan
-    index: IntArray
-    rows: IntArray | None = None
-    stamps: IntArray | None = None
-    recorded: NDArray[np.bool_] | None = None
+    micros: IntArray
     notes: tuple[Note, ...] = ()
+    parts: tuple[int, ...] = ()
+    line: int = 0
+    _order: Ordered | None = field(default=None, init=False)
+    _grid: Grid | None = field(default=None, init=False)
 
-    @property
-    def start(self) -> int:
-        return self.plan.start
+    def order(self, probe: FloatArray | None = None) -> Ordered:
+        """Return the stamps in time order; `probe` is a measured signal of these rows, used the first time."""
+        self._order = self._order or ordered(self.micros, probe, self.parts, self.line)
+        return self._order
 
-    @property
-    def step(self) -> int:
-        return self.plan.step
-
-    @property
-    def kind(self) -> str:
-        return self.plan.kind
-
-    @property
-    def times(self) -> IntArray:
-        """(samples,) microseconds since 1970 UTC."""
-        return self.start + self.step * self.index
-
-    @property
-    def interval(self) -> float:
-        """Seconds between points."""
-        return self.step / SECOND
+    def grid(self, probe: FloatArray | None = None) -> Grid:
+        """Return the uniform grid of these stamps. Raises LoopError when there is none."""
+        self._grid = self._grid or make_grid(self.order(probe))
+        return self._grid
 
 
 def make_grid(order: Ordered) -> Grid:
     """Find the grid of strictly increasing stamps. Raises LoopError when they are too few or too irregular."""
-    stamps = order.stamps
-    if len(stamps) < 2:
-        raise LoopError(f"only {len(stamps)} sample: the record is too short", code="too_few_samples",
+    if len(order.stamps) < 2:
+        raise LoopError(f"only {len(order.stamps)} sample: the record is too short", code="too_few_samples",
                         remedy="export a longer time")
-    plan = plan_grid(Steps.of(stamps))
-    rows: IntArray | None = None
-    recorded = None
-    if plan.kind == "regular":
-        index, places = plan.rows(stamps)
-        rows = order.rows
-        if len(places) > len(stamps):
-            rows = places if rows is None else np.where(places >= 0, rows[places], -1)
-    else:
-        index, rows = plan.points(stamps), order.rows
-        recorded = plan.recorded(stamps, plan.start + plan.step * index)
-    share = 1.0 if recorded is None else float(recorded.mean())
-    return Grid(plan, index, rows, None if recorded is None else stamps, recorded, (*order.notes, *plan.notes(share)))
+    grid = _plan(Steps.of(order.stamps)).laid(order)
+    share = 1.0 if grid.recorded is None else float(grid.recorded.mean())
+    return replace(grid, notes=(*order.notes, *grid.said(share)))
 
 
-def plan_grid(steps: Steps) -> GridPlan:
-    """Find the grid of strictly increasing stamps. Raises LoopError when they are too irregular."""
+def _plan(steps: Steps) -> Grid:
+    """Find start, step and kind of the grid, without points."""
     start, values = steps.first, steps.values
     usual = int(values[np.argmax(steps.counts)])
     multiple = values / usual
     on_grid = np.abs(multiple - np.rint(multiple)) < 0.02
-    if steps.counts.max() >= 0.5 * steps.total and steps.share(on_grid) >= 0.9 and (
+    if steps.share(values == usual) >= 0.5 and steps.share(on_grid) >= 0.9 and (
             steps.share(multiple > 1.5) <= SPARSE_SHARE):
-        return GridPlan(start, usual, "regular", np.inf, steps)
-    middle = steps.median
+        return Grid(start, usual, "regular", np.inf, steps)
+    middle = steps.quantile(0.5)
     if steps.share((values >= JITTER[0] * middle) & (values <= JITTER[1] * middle)) >= 0.9:
-        return _jitter(steps, middle)
-    return _compressed(steps, middle)
-
-
-def _jitter(steps: Steps, middle: float) -> GridPlan:
-    values = steps.values
-    single = values <= 1.5 * middle  # the median of coarse stamps (2, 2, 3, 2, 3 s) is not the mean
-    spacing = steps.sum(single, values) / int(steps.counts[single].sum())
-    near = values <= 10 * middle
-    step = _nice(steps.sum(near, values) / steps.sum(near, np.rint(values / spacing)))
-    return GridPlan(steps.first, step, "jitter", (MAX_HOLE + 1.5) * step, steps)
-
-
-def _compressed(steps: Steps, middle: float) -> GridPlan:
-    base = int(np.gcd.reduce(steps.values))
+        spacing = steps.mean(values <= 1.5 * middle, values)  # the median of coarse stamps (2, 2, 3, 2, 3 s) is not it
+        near = values <= 10 * middle
+        step = _nice(steps.mean(near, values) / steps.mean(near, np.rint(values / spacing)))
+        return Grid(start, step, "jitter", (MAX_HOLE + 1.5) * step, steps)
+    base = int(np.gcd.reduce(values))
     if base < middle / MAX_GROWTH:
         base = _nice(steps.quantile(0.1))
     gap = max(GAP_FACTOR * steps.quantile(0.99), (MAX_HOLE + 1.5) * base)
-    if steps.sum(steps.values <= gap, steps.values) / base > MAX_GROWTH * (steps.total + 1):
+    near = values <= gap
+    if float(np.sum(values[near] * steps.counts[near].astype(float))) / base > MAX_GROWTH * (steps.counts.sum() + 1):
         raise LoopError(f"samples are too irregular: {base / SECOND:g} s to {steps.longest / SECOND:g} s apart",
                         code="irregular", remedy="export at a fixed interval, not interpolated")
-    return GridPlan(steps.first, base, "compressed", gap, steps, usual=middle)
+    return Grid(start, base, "compressed", gap, steps, usual=middle)
 
 
 def _length(seconds: float) -> str:
@@ -284,9 +251,42 @@ def _length(seconds: float) -> str:
 
 def _nice(step: float) -> int:
     """Round a spacing to a usual sampling time when one lies within 1 %."""
-    for unit in (1_000, 10_000, 100_000, 1_000_000, 60_000_000):
-        near = _NICE * unit
-        best = int(near[np.argmin(np.abs(near - step))])
-        if abs(best - step) <= 0.01 * step:
-            return best
-    return max(1, round(step))
+    near = np.outer([1_000, 10_000, 100_000, 1_000_000, 60_000_000], _NICE).ravel()
+    best = int(near[np.argmin(np.abs(near - step))])
+    return best if abs(best - step) <= 0.01 * step else max(1, round(step))
+
+
+def linear(times: IntArray, known: IntArray, heights: FloatArray, limit: float) -> FloatArray:
+    """Values on straight lines between good records; nan where these are more than `limit` microseconds apart.
+
+    times: (samples,) where values are wanted. known, heights: (records,) stamps and values of the good records.
+    """
+    if len(known) < 2:
+        return np.full(len(times), np.nan)
+    zero = known[0]
+    out = np.interp((times - zero).astype(float), (known - zero).astype(float), heights, left=np.nan, right=np.nan)
+    after = np.searchsorted(known, times).clip(1, len(known) - 1)
+    wide = known[after] - known[after - 1] > limit
+    out[wide & (known[after] != times) & (known[after - 1] != times)] = np.nan
+    return out
+
+
+def held(times: IntArray, stamps: IntArray, values: FloatArray, limit: float, few: float) -> FloatArray:
+    """The last good record at or before each of `times`; nan before the first, after `limit` microseconds, and from a
+    bad record on when no good one follows within `few` microseconds or MAX_HOLE records.
+
+    times: (samples,). stamps, values: (records,) of all records; values are nan in bad ones.
+    """
+    good = np.isfinite(values)
+    if not good.any():
+        return np.full(len(times), np.nan)
+    known, heights = stamps[good], values[good]
+    last = np.searchsorted(known, times, side="right") - 1
+    age = times - known[last.clip(0)]
+    out = np.where((last >= 0) & (age <= limit), heights[last], np.nan)
+    if not good.all():
+        faults = stamps[~good]
+        fault = np.searchsorted(faults, times, side="right") - 1
+        stale = (fault >= 0) & (faults[fault.clip(0)] > known[last.clip(0)])
+        out[stale & (age > max(few, (MAX_HOLE + 0.5) * float(np.median(np.diff(stamps)))))] = np.nan
+    return out

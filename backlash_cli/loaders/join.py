@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, OrderedDict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from ..errors import BacklashError, LoopError
 from ..record import FloatArray, Note
 from ..settings import ROLE_KEYS, Metadata
+from .grid import Times
 from .names import SIGNALS, plain
-from .order import NAT
 from .quality import good_samples
-from .signals import Axis, Series, packed
+from .signals import Axis, Series
+from .states import inside, runs
 
-MOST_JOINED = 8  # axes kept: more than one loop has, and few enough for plants of many files
+Faults = dict[tuple[str, str], Counter[str]]  # (what is wrong, tag) -> what stood there, counted
+MOST_TIMES = 8  # kept: more than one loop has, and few enough for plants of many files
 
 
 def failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:
@@ -36,21 +38,9 @@ class LoopSeries:
     extra: dict[str, list[Series]] = field(default_factory=dict)
     missing_tags: dict[str, str] = field(default_factory=dict)
 
-    def items(self) -> list[Series]:
-        """All its series."""
-        return [item for parts in (self.roles, self.extra) for items in parts.values() for item in items]
-
-    def packed(self) -> LoopSeries:
-        """Return it with its samples in memory, to be sent to another machine; columns of Parquet files are read there.
-        """
-        axes: dict[int, Axis] = {}
-
-        def own(item: Series) -> Series:
-            axis = axes.setdefault(id(item.axis), item.axis.packed())
-            rows = None if item.rows is None else packed(item.rows, [item.column, item.quality])
-            return replace(item, axis=axis, rows=rows)
-
-        roles, extra = ({name: list(map(own, items)) for name, items in parts.items()}
+    def changed(self, change: Callable[[Series], Series]) -> LoopSeries:
+        """Return it with other series in the place of its own."""
+        roles, extra = ({name: list(map(change, items)) for name, items in parts.items()}
                         for parts in (self.roles, self.extra))
         return replace(self, roles=roles, extra=extra)
 
@@ -58,13 +48,13 @@ class LoopSeries:
 @dataclass(frozen=True, eq=False)
 class Signal:
     """One signal over all files. values: (rows,) nan where blank or bad; bad: (rows,) True where something stood
-    that is no good measurement, None if nowhere."""
+    that is no good measurement, None if nowhere. faults: what stood there, counted, by what is wrong and by tag."""
 
-    axis: Axis
+    times: Times
     values: FloatArray
     bad: NDArray[np.bool_] | None
     notes: tuple[Note, ...] = ()
-    unit: str = ""
+    faults: Faults = field(default_factory=dict)
 
 
 def by_loop(found: Iterable[Any], metadata: Metadata) -> dict[str, LoopSeries]:
@@ -120,95 +110,88 @@ def renamed_loops(known: Iterable[str], metadata: Metadata) -> dict[str, str]:
 
 
 class Joiner:
-    """Joins the parts of signals; parts that share their axes share the joined axis."""
+    """Joins the parts of signals; signals whose parts lie in the same rows share their times."""
 
     def __init__(self, good_quality: tuple[str, ...] = ()) -> None:
         self.good_quality = good_quality
         self.only: tuple[int, int] | None = None  # stamps between which faults are counted, in the chunks of a loop
-        self._tallies: dict[tuple[str, str, str], Counter[str]] = {}
         self._marks: dict[tuple[str, str], dict[str, float]] = {}  # what earlier chunks tell of a quality's numbers
-        self._axes: OrderedDict[tuple[int, ...], tuple[Axis, list[Axis]]] = OrderedDict()
+        self._times: OrderedDict[tuple[int, ...], tuple[Times, list[Axis]]] = OrderedDict()
 
     def next_chunk(self, begin: int, end: int) -> None:
-        """Go on with the chunk of a loop between two stamps; faults are counted in all chunks so far."""
+        """Go on with the chunk of a loop between two stamps."""
         self.only = begin, end
-        self._axes.clear()
+        self._times.clear()
 
     def signal(self, series: list[Series], role: str, loop: str) -> Signal:
         """Return one signal from its series. Raises LoopError when two different columns carry one name."""
         chosen, notes = _one_per_file(series, role, loop)
+        chosen = sorted(chosen, key=lambda item: item.axis.first()) if len(chosen) > 1 else chosen
         parts = [self._part(item) for item in chosen]
         if len(parts) == 1:
-            return replace(parts[0], notes=(*parts[0].notes, *notes)) if notes else parts[0]
-        parts = sorted(parts, key=lambda part: _first_stamp(part.axis))
+            return replace(parts[0], notes=(*parts[0].notes, *notes))
         bad = None
         if any(part.bad is not None for part in parts):
             bad = np.concatenate([np.zeros(len(p.values), bool) if p.bad is None else p.bad for p in parts])
-        merged = each_once(note for part in parts for note in part.notes)
-        return Signal(self.axis([part.axis for part in parts]), np.concatenate([part.values for part in parts]), bad,
-                      (*merged, *notes), parts[0].unit)
+        faults: Faults = {}
+        for part in parts:
+            add_faults(faults, part.faults)
+        said = {(note.code, note.message): note for part in parts for note in part.notes}
+        return Signal(self.times([item.axis for item in chosen]), np.concatenate([part.values for part in parts]), bad,
+                      (*said.values(), *notes), faults)
 
-    def axis(self, axes: list[Axis]) -> Axis:
-        """Return the axis of all rows of several axes, the same one for the same axes."""
-        if len(axes) == 1:
-            return axes[0]
+    def times(self, axes: list[Axis]) -> Times:
+        """Return the stamps of all rows of some axes, the same ones for the same axes."""
         key = tuple(map(id, axes))
-        if key not in self._axes:
-            notes = tuple(note for axis in axes for note in axis.notes)
-            first = tuple(np.cumsum([len(axis) for axis in axes])[:-1].tolist())
-            joined = Axis(given=np.concatenate([axis.micros for axis in axes]), notes=notes, where=axes[0].where,
-                          absolute=all(axis.absolute for axis in axes), parts=first)
-            if len(self._axes) >= MOST_JOINED:
-                self._axes.popitem(last=False)
-            self._axes[key] = joined, axes  # ids stay unique while they live
-        return self._axes[key][0]
+        if key not in self._times:
+            micros = [axis.read() for axis in axes]
+            if len(axes) == 1:
+                times = Times(micros[0], axes[0].notes, line=axes[0].first_line)
+            else:
+                times = Times(np.concatenate(micros), tuple(note for axis in axes for note in axis.notes),
+                              tuple(np.cumsum([len(axis) for axis in axes])[:-1].tolist()))
+            while len(self._times) >= MOST_TIMES:
+                self._times.popitem(last=False)
+            self._times[key] = times, axes  # ids stay unique while they live
+        self._times.move_to_end(key)
+        return self._times[key][0]
 
     def _part(self, item: Series) -> Signal:
-        cells = item.cells()
-        numbers = cells.numbers()
-        values, bad = numbers.values, numbers.bad
-        own = slice(None) if self.only is None else slice(*np.searchsorted(item.axis.micros, self.only).tolist())
+        cells, good = item.cells(), None
+        values, bad = cells.numbers()
         notes: list[Note] = []
-        words = numbers.words
-        if words and self.only is not None:
-            words = item.cells(*own.indices(len(values))[:2]).numbers().words
-        words = self._tally(item, "not_numbers", words)
-        if words:
-            top = ", ".join(f"{word or '(blank)'} ({count})" for word, count in words.most_common(4))
-            notes.append(_counted("not_numbers", words, f"cells of {item.tag[:60]} are no good numbers: {top}"))
-        marks = item.marks()
-        good = np.ones(len(values), bool)
-        if marks is not None:
+        times = self.times([item.axis])
+        own = slice(None) if self.only is None else slice(*np.searchsorted(times.micros, self.only).tolist())
+        faults: Faults = {("not_numbers", item.tag): Counter() if bad is None else cells.words(bad, own)}
+        if (marks := item.marks()) is not None:
             known = {} if self.only is None else self._marks.setdefault((item.where, item.tag), {})
-            good, more = good_samples(marks, self.good_quality, item.quality_name, known)
-            notes.extend(more)
-        lone = lone_zeros(np.where(good, values, np.nan))
-        for code, wrong, what in (
-            ("bad_quality", None if good.all() else ~good, "have bad quality and are not used"),
-            ("lone_zeros", lone, "jump to exactly 0 and back, far outside the rest: a fault of the recording; they are "
-             "not used")):
-            found = Counter() if wrong is None else Counter({code: int(np.count_nonzero(wrong[own]))})
-            tally = self._tally(item, code, found)
-            if tally.total():
-                notes.append(_counted(code, tally, f"samples of {item.tag[:60]} {what}"))
+            good, notes = good_samples(marks, self.good_quality, item.quality_name, known)
+        for code in ("bad_quality", "lone_zeros"):
+            wrong = lone_zeros(values) if code == "lone_zeros" else None if good is None or good.all() else ~good
+            faults[code, item.tag] = Counter()
             if wrong is not None:
-                bad = wrong if bad is None else bad | wrong
-                values = np.where(wrong, np.nan, values)
-        return Signal(item.axis, values, bad, tuple(notes), numbers.unit)
-
-    def _tally(self, item: Series, what: str, found: Counter[str]) -> Counter[str]:
-        """Add to what was counted in the chunks of a loop before; without chunks, what was found."""
-        if self.only is None:
-            return found
-        tally = self._tallies.setdefault((item.where, item.tag, what), Counter())
-        tally.update(found)
-        return tally
+                faults[code, item.tag][code] = int(np.count_nonzero(wrong[own]))
+                bad, values = wrong if bad is None else bad | wrong, np.where(wrong, np.nan, values)
+        return Signal(times, values, bad, tuple(notes), faults)
 
 
-def _counted(code: str, found: Counter[str], what: str) -> Note:
-    return Note(code, f"{found.total()} {what}", {"samples": float(found.total())})
+def add_faults(total: Faults, found: Faults) -> list[Note]:
+    """Add what was counted to a total; return what is to be said of these kinds of faults."""
+    notes = []
+    for (code, tag), words in found.items():
+        all_words = total.setdefault((code, tag), Counter())
+        all_words.update(words)
+        if count := all_words.total():
+            top = ", ".join(f"{word or '(blank)'} ({number})" for word, number in all_words.most_common(4))
+            text = _FAULTS[code].format(tag=tag[:60], top=top)
+            notes.append(Note(code, f"{count} {text}", {"samples": float(count)}))
+    return notes
 
 
+_FAULTS = {"not_numbers": "cells of {tag} are no good numbers: {top}",
+           "bad_quality": "samples of {tag} have bad quality and are not used",
+           "lone_zeros": "samples of {tag} jump to exactly 0 and back, far outside the rest: a fault of the recording; "
+                         "they are not used"}
 LONE = 3  # samples in a row that may be lone zeros
 FAR = 8.0  # usual moves from one sample to the next that a zero must lie outside of all others
 
@@ -228,20 +211,9 @@ def lone_zeros(values: FloatArray) -> NDArray[np.bool_] | None:
     nearest = low if low > 0.0 else -high if high < 0.0 else 0.0
     if nearest <= max(FAR * float(np.quantile(np.abs(np.diff(rest)), 0.999)), 0.2 * (high - low)):
         return None
-    edges = np.diff(np.concatenate([[0], zero.astype(np.int8), [0]]))
-    starts, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    starts, ends = runs(zero)
     few = (ends - starts <= LONE) & (starts > 0) & (ends < len(values))
-    if not few.any():
-        return None
-    out = np.zeros(len(values), bool)
-    for start, end in zip(starts[few], ends[few], strict=True):
-        out[start:end] = True
-    return out
-
-
-def _first_stamp(axis: Axis) -> int:
-    known = axis.micros[axis.micros != NAT]
-    return int(known[0]) if len(known) else 0
+    return inside(starts[few], ends[few], len(values)) if few.any() else None
 
 
 def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Series], list[Note]]:
@@ -260,7 +232,7 @@ def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Seri
             names = ", ".join(item.tag for item in items)
             notes.append(Note("several_columns", f"{names} could all be {role.upper()}; {first[0].tag} is used"))
         if len(first) > 1 and first[0].axis is first[1].axis:
-            values = [item.cells().numbers().values for item in first]
+            values = [item.cells().numbers()[0] for item in first]
             if not all(np.array_equal(values[0], other, equal_nan=True) for other in values[1:]):
                 raise LoopError(f"{len(first)} columns are called {first[0].tag!r} and differ: duplicate column names",
                                 where=where, remedy="rename one of them, or name the right one in loops.toml",
@@ -270,9 +242,3 @@ def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Seri
             first = first[:1]
         chosen.extend(first)
     return chosen, notes
-
-
-def each_once(notes: Iterable[Note]) -> tuple[Note, ...]:
-    """Leave out notes that were there already."""
-    found = dict.fromkeys((note.code, note.message, tuple(sorted(note.values.items()))) for note in notes)
-    return tuple(Note(code, message, dict(values)) for code, message, values in found)

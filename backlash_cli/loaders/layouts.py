@@ -6,8 +6,8 @@ Decided from the first rows of a file, before the rest is read.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import pyarrow as pa
@@ -28,30 +28,65 @@ _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 class Head:
     """The first rows of a file, nothing interpreted yet.
 
-    where: path for messages. stem: file name without endings. first_line: line of the first row in a text file, 0 for
-    others. partition: names and values of folders like loop=FIC101. kinds: what the first cells of a text look like.
+    where: path for messages. stem: file name without endings. kinds: what the first cells of each column look like
+    ("time", "clock", "number", "text"), "" where nobody looked. partition: names and values of folders like
+    loop=FIC101. first_line: line of the first row in a text file, 0 for others.
     """
 
     where: str
     stem: str
     names: tuple[str, ...]
     columns: tuple[pa.ChunkedArray, ...]
+    kinds: tuple[str, ...]
+    partition: dict[str, str]
     decimal: str = "."
     first_line: int = 0
-    partition: dict[str, str] = field(default_factory=dict)
-    kinds: tuple[str, ...] = ()
+
+    @cached_property
+    def plain(self) -> list[str]:
+        """The names as plain words."""
+        return [plain(name) for name in self.names]
+
+    @cached_property
+    def tags(self) -> list[Tag]:
+        """The names taken apart."""
+        return [split_tag(name) for name in self.names]
+
+    @cached_property
+    def times(self) -> list[int]:
+        """Columns that hold stamps, numeric ones only when their header says so."""
+        found = [i for i, name in enumerate(self.names) if self.plain[i] not in _BOUNDS and not pa.types.is_null(
+            kind := self.columns[i].type) and (self.is_time(i) or (is_number(kind) and (
+                is_time_name(name) or self.tags[i].role == "time")))]
+        if not found:
+            found = [i for i, name in enumerate(self.names) if is_time_name(name)][:1]
+        if not found and self.columns and is_number(self.columns[0].type) and not self.tags[0].role:
+            begin = self.columns[0].slice(0, 200).cast(pa.float64(), safe=False).to_numpy()
+            found = [0] if len(begin) > 1 and bool(np.all(np.diff(begin) > 0)) else []
+        return found
 
     def is_text(self, column: int) -> bool:
         """Say whether a column holds text."""
         return is_text(self.columns[column].type)
 
-    def kind(self, column: int) -> str:
-        """What the first cells of a column look like ("time", "clock", "number", "text"), "" where nobody looked."""
-        return self.kinds[column] if column < len(self.kinds) else ""
+    def is_time(self, column: int) -> bool:
+        """Say whether a column holds dates or times of day, by its type or by what its first cells look like."""
+        kind = self.columns[column].type
+        return (pa.types.is_temporal(kind) and not pa.types.is_duration(kind)) or (
+            self.kinds[column] in ("time", "clock") and not is_number(kind))
 
     def words(self, column: int) -> list[str]:
         """Return the texts in the first rows of a column."""
         return [word for word in codes_and_words(self.columns[column].slice(0, 4000))[1] if word.strip()]
+
+    def marks(self, column: int) -> bool:
+        """Say whether a column holds qualities by its content: words such as Good, or OPC codes, mostly good."""
+        if self.is_text(column):
+            return quality_words(self.words(column))
+        if not pa.types.is_integer(self.columns[column].type):
+            return False
+        values = self.columns[column].slice(0, 4000).drop_null().to_numpy()
+        return len(values) > 0 and set(np.unique(values).tolist()) <= _OPC and bool(np.mean(values >= 192) > 0.5)
 
 
 @dataclass(frozen=True)
@@ -90,58 +125,44 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     if kind == "pairs":
         return _pairs(head)
     stamps, used = stamp_columns(head, options)
+    texts = [i for i in range(len(head.names)) if head.is_text(i) and i not in used]
+    naming: tuple[int, ...] = ()
     if kind == "long":
-        return _long(head, stamps, used)
+        naming = name_columns(head, texts)
+    elif kind == "tall":
+        naming = tuple(sorted((i for i in texts if head.plain[i] in GROUPS | TAG),
+                              key=lambda i: head.plain[i] not in GROUPS)[:1])
+    if not naming and kind in ("long", "tall"):
+        what = "tag" if kind == "long" else "loop"
+        raise InputError(f"no column of {what} names found", where=head.where, remedy=f"name it '{what}'")
+    values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
+              and not head.is_time(i)]
     if kind == "tall":
-        return _tall(head, stamps, used)
-    values = tuple(i for i, name in enumerate(head.names)
-                   if i not in used and plain(name) not in IGNORED and not is_time_like(head, i))
-    return Layout("wide", (stamps,), values, quality=_quality_beside(head, values))
+        values = [i for i in values if not is_quality_name(head.plain[i])]
+    if kind != "long":
+        return Layout(kind, (stamps,), tuple(values), naming, {} if naming else _quality_beside(head, values))
+    named = [i for i in values if head.plain[i] in VALUE]
+    rest = [i for i in values if i not in named]
+    quality = next((i for i in rest if is_quality_name(head.plain[i])), None)
+    if quality is None and len(values) > 1:
+        quality = next((i for i in rest if head.marks(i)), None)
+    rest = [i for i in rest if i != quality]
+    value = (named or [i for i in rest if not head.is_text(i)] or rest)[:1]
+    if not value:
+        raise InputError("no column of values found", where=head.where, remedy="name it 'value'")
+    return Layout(kind, (stamps,), tuple(value), naming, {} if quality is None else {value[0]: quality})
 
 
 def _recognise(head: Head) -> str:
-    words = [plain(name) for name in head.names]
-    times = time_columns(head)
-    texts = [i for i in range(len(words)) if head.is_text(i) and i not in times]
-    roles = [split_tag(name) for name in head.names]
-    alone = {tag.role for tag in roles if not tag.loop and tag.role in SIGNALS}
-    wide = any(tag.loop and tag.role in SIGNALS for tag in roles)
-    if "pv" in alone and not any(word in VALUE for word in words):
-        return "tall" if any(words[i] in TAG | LOOP | {"measurement"} for i in texts) else "wide"
-    followed = all(i + 1 < len(words) and i + 1 not in times for i in times)
-    if len(times) >= 2 and followed and not any(head.kind(i) == "clock" for i in times):
+    texts = [i for i in range(len(head.names)) if head.is_text(i) and i not in head.times]
+    alone = any(tag.role == "pv" and not tag.loop for tag in head.tags)
+    wide = any(tag.loop and tag.role in SIGNALS for tag in head.tags)
+    if alone and VALUE.isdisjoint(head.plain):
+        return "tall" if any(head.plain[i] in TAG | LOOP | {"measurement"} for i in texts) else "wide"
+    followed = all(i + 1 < len(head.names) and i + 1 not in head.times for i in head.times)
+    if len(head.times) >= 2 and followed and not any(head.kinds[i] == "clock" for i in head.times):
         return "pairs"
-    return "long" if texts and times and not wide and name_columns(head, texts) else "wide"
-
-
-@lru_cache(1 << 16)
-def _of_time(name: str) -> tuple[bool, bool]:
-    """Whether a column is called after the begin or end of something, and whether after the time."""
-    return plain(name) in _BOUNDS, is_time_name(name) or split_tag(name).role == "time"
-
-
-def is_time_like(head: Head, column: int) -> bool:
-    """Say whether a column holds dates or times of day (by type, or by what its first cells look like)."""
-    kind = head.columns[column].type
-    return (pa.types.is_temporal(kind) and not pa.types.is_duration(kind)) or (
-        head.kind(column) in ("time", "clock") and not is_number(kind))
-
-
-def time_columns(head: Head) -> list[int]:
-    """Return the columns that hold stamps, numeric ones only when their header says so."""
-    found = []
-    for i, name in enumerate(head.names):
-        bound, named = _of_time(name)
-        if not bound and not pa.types.is_null(head.columns[i].type) and (
-                is_time_like(head, i) or (named and is_number(head.columns[i].type))):
-            found.append(i)
-    if not found:
-        found = [i for i, name in enumerate(head.names) if is_time_name(name)][:1]
-    first = head.columns[0] if head.columns else None
-    if not found and first is not None and is_number(first.type) and not split_tag(head.names[0]).role:
-        begin = first.slice(0, 200).cast(pa.float64(), safe=False).to_numpy()
-        found = [0] if len(begin) > 1 and bool(np.all(np.diff(begin) > 0)) else []
-    return found
+    return "long" if texts and head.times and not wide and name_columns(head, texts) else "wide"
 
 
 def stamp_columns(head: Head, options: ReadOptions) -> tuple[tuple[int, ...], set[int]]:
@@ -149,15 +170,15 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[tuple[int, ...], se
 
     Raises InputError when there is none.
     """
-    columns = time_columns(head)
+    columns = head.times
     if not columns:
         raise InputError("no time column found", where=head.where, remedy="name the column of time stamps 'timestamp', "
                          "or say how they are written with --time-format")
-    clocks = [i for i in columns if pa.types.is_time(head.columns[i].type) or head.kind(i) == "clock"]
+    clocks = [i for i in columns if pa.types.is_time(head.columns[i].type) or head.kinds[i] == "clock"]
     dates = [i for i in columns if i not in clocks]
     if clocks and dates and is_midnight(head.columns[dates[0]], head.names[dates[0]], options, head.where):
         return (dates[0], clocks[0]), {dates[0], clocks[0]}
-    utc = [i for i in columns if "utc" in plain(head.names[i]) or "epoch" in plain(head.names[i])]
+    utc = [i for i in columns if "utc" in head.plain[i] or "epoch" in head.plain[i]]
     named = [i for i in columns if is_time_name(head.names[i])]
     return ((utc or named or columns)[0] if len(columns) > 1 else columns[0],), set(columns)
 
@@ -167,81 +188,36 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
 
     texts: the text columns beside the stamps. What stands in a column counts more than its header.
     """
-    words = {i: plain(head.names[i]) for i in texts}
     heads = {i: head.words(i) for i in texts}
-    whole = [i for i in texts if _share(heads[i], lambda w: bool(split_tag(w).loop) and split_tag(w).role in SIGNALS)]
-    roles = [i for i in texts if _share(heads[i], lambda w: signal_role(w) != "")]
+
+    def mostly(test: Callable[[str], bool]) -> list[int]:
+        return [i for i in texts if heads[i] and sum(map(test, heads[i])) >= 0.5 * len(heads[i])]
+
+    whole = mostly(lambda word: bool(split_tag(word).loop) and split_tag(word).role in SIGNALS)
+    roles = mostly(lambda word: signal_role(word) != "")
+    named = [i for i in texts if head.plain[i] in TAG]
     if roles:
-        rest = [i for i in texts if i not in roles and heads[i] and words[i] not in IGNORED
-                and not is_quality_name(words[i])]
-        groups = [i for i in rest if words[i] in GROUPS] or [i for i in rest if words[i] in TAG] or rest
+        rest = [i for i in texts if i not in roles and heads[i] and head.plain[i] not in IGNORED
+                and not is_quality_name(head.plain[i])]
+        groups = [i for i in rest if head.plain[i] in GROUPS] or [i for i in rest if i in named] or rest
         if groups:
-            return max(groups, key=lambda i: (words[i] in LOOP, len(heads[i]))), roles[0]
+            return max(groups, key=lambda i: (head.plain[i] in LOOP, len(heads[i]))), roles[0]
     if whole:
-        return (next((i for i in whole if words[i] in TAG), whole[0]),)
-    return tuple([i for i in texts if words[i] in TAG and heads[i]][:1])
-
-
-def _share(words: list[str], test: Callable[[str], bool]) -> bool:
-    """Whether half of the words pass a test."""
-    return bool(words) and sum(map(test, words)) >= 0.5 * len(words)
-
-
-def _long(head: Head, stamps: tuple[int, ...], used: set[int]) -> Layout:
-    words = [plain(name) for name in head.names]
-    columns = range(len(words))
-    naming = name_columns(head, [i for i in columns if head.is_text(i) and i not in used])
-    if not naming:
-        raise InputError("no column of tag names found", where=head.where, remedy="name it 'tag'")
-    taken = {*naming, *used}
-    free = [i for i in columns if i not in taken and words[i] not in IGNORED and not is_time_like(head, i)]
-    named = [i for i in free if words[i] in VALUE]
-    quality = next((i for i in free if is_quality_name(words[i]) and i not in named), None)
-    if quality is None and len(free) > 1:
-        quality = next((i for i in free if i not in named and _marks(head, i)), None)
-    free = [i for i in free if i != quality]
-    values = named or [i for i in free if not head.is_text(i)] or free
-    if not values:
-        raise InputError("no column of values found", where=head.where, remedy="name it 'value'")
-    return Layout("long", (stamps,), (values[0],), naming, {} if quality is None else {values[0]: quality})
-
-
-def _marks(head: Head, column: int) -> bool:
-    """Say whether a column holds qualities by its content: words such as Good, or OPC codes that are mostly good."""
-    if head.is_text(column):
-        words = head.words(column)
-        return bool(words) and quality_words(words)
-    if not pa.types.is_integer(head.columns[column].type):
-        return False
-    values = head.columns[column].slice(0, 4000).drop_null().to_numpy()
-    return len(values) > 0 and set(np.unique(values).tolist()) <= _OPC and bool(np.mean(values >= 192) > 0.5)
-
-
-def _tall(head: Head, stamps: tuple[int, ...], used: set[int]) -> Layout:
-    words = [plain(name) for name in head.names]
-    texts = [i for i in range(len(words)) if head.is_text(i) and i not in used]
-    which = next((i for i in texts if words[i] in GROUPS), next((i for i in texts if words[i] in TAG), None))
-    if which is None:
-        raise InputError("no column of loop names found", where=head.where, remedy="name it 'loop'")
-    values = [i for i, word in enumerate(words) if i not in used and i != which and word not in IGNORED
-              and not is_quality_name(word)]
-    return Layout("tall", (stamps,), tuple(values), (which,))
+        return (next((i for i in whole if i in named), whole[0]),)
+    return tuple([i for i in named if heads[i]][:1])
 
 
 def _pairs(head: Head) -> Layout:
     """Every tag has a time column of its own, shorter ones padded with empty cells."""
-    times = time_columns(head)
-    stamps, values, quality = [], [], {}
-    for column, end in zip(times, [*times[1:], len(head.names)], strict=True):
+    stamps, values = [], []
+    quality: dict[int, int] = {}
+    for column, end in zip(head.times, [*head.times[1:], len(head.names)], strict=True):
         block = [i for i in range(column + 1, end) if head.names[i] or not pa.types.is_null(head.columns[i].type)]
-        marks = [i for i in block if is_quality_name(plain(head.names[i]))
-                 or split_tag(head.names[i]).role == "quality"]
-        signals = [i for i in block if i not in marks]
-        if signals:
+        marks = [i for i in block if is_quality_name(head.plain[i]) or head.tags[i].role == "quality"]
+        if signals := [i for i in block if i not in marks]:
             stamps.append((column,))
             values.append(signals[0])
-            if marks:
-                quality[signals[0]] = marks[0]
+            quality |= dict(zip(signals[:1], marks, strict=False))
     return Layout("pairs", tuple(stamps), tuple(values), quality=quality)
 
 
@@ -250,24 +226,43 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
     by_name = {name: i for i, name in enumerate(head.names)}
     quality: dict[int, int] = {}
     for i in values:
-        tag = split_tag(head.names[i])
-        before = i - 1 if i - 1 in values else None
+        tag, before = head.tags[i], i - 1
         if tag.role == "quality" and tag.of in by_name:
             quality[by_name[tag.of]] = i
-        elif before is not None and (not tag.of or split_tag(head.names[before]).loop == tag.loop) and (
-                tag.role == "quality" or is_quality_name(plain(head.names[i]))
-                or (not tag.role and head.is_text(i) and not head.is_text(before) and _marks(head, i))):
+        elif before in values and (not tag.of or head.tags[before].loop == tag.loop) and (
+                tag.role == "quality" or is_quality_name(head.plain[i])
+                or (not tag.role and head.is_text(i) and not head.is_text(before) and head.marks(i))):
             quality[before] = i
     return quality
 
 
 def signals_of(head: Head, layout: Layout, empty: Collection[int] = ()) -> list[Named]:
-    """Name the signals of a wide file or of pairs. empty: columns without any cell. Raises InputError without any."""
-    if layout.kind == "pairs":
-        found = [_of_pair(head, column, stamps[0], k)
-                 for k, (column, stamps) in enumerate(zip(layout.values, layout.stamps, strict=True))]
-    else:
-        found = _wide(head, layout, empty)
+    """Name the signals of a wide file or of pairs. empty: columns without any cell. Raises InputError without any.
+
+    A header that names no loop is completed by what the folders or the file are called; one that says "value" stands
+    for what its time column, the folders or the file are called.
+    """
+    pairs, marks = layout.kind == "pairs", set(layout.quality.values())
+    signals = [i for i in layout.values if pairs or (i not in marks and (head.tags[i].role or i not in empty))]
+    alone = not pairs and any(not head.tags[i].loop and head.tags[i].role in SIGNALS for i in signals)  # of one loop
+    only = not pairs and not alone and len(signals) == 1 and not all((head.tags[signals[0]].loop,
+                                                                      head.tags[signals[0]].role))
+    home = _partition_name(head)
+    found = []
+    for place, i in enumerate(signals):
+        name = header = head.names[i]
+        if pairs and (not name or not VALUE.isdisjoint((head.plain[i], plain(name.rpartition(".")[2])))):
+            time = layout.stamps[place][0]
+            name = head.tags[time].of or name.rpartition(".")[0] or head.names[time]
+        elif only and (not name or head.plain[i] in VALUE):
+            name = home or head.stem
+        elif only and not head.tags[i].loop and split_tag(head.stem).role in SIGNALS:
+            name = head.stem
+        named = of_tag(name, i, place if pairs else 0)
+        if alone and (home or not named.loop or not named.role):
+            signal = named.signal if named.role or not named.loop else header
+            named = replace(named, loop=home or head.stem, signal=signal)
+        found.append(named)
     if not found:
         shown = ", ".join((name or "(blank)")[:40] for name in head.names[:8]) + ", ..." * (len(head.names) > 8)
         raise InputError(f"no signal columns found beside the time (columns: {shown})", where=head.where,
@@ -275,38 +270,10 @@ def signals_of(head: Head, layout: Layout, empty: Collection[int] = ()) -> list[
     return found
 
 
-def _of_pair(head: Head, column: int, time: int, place: int) -> Named:
-    name = head.names[column]
-    if not name or plain(name) in VALUE or plain(name.rpartition(".")[2]) in VALUE:
-        name = split_tag(head.names[time]).of or name.rpartition(".")[0] or head.names[time]
-    return of_tag(name, column, place)
-
-
 def of_tag(name: str, column: int, place: int = 0) -> Named:
     """The signal that a tag names."""
     tag = split_tag(name)
     return Named(column, name, tag.loop, tag.role if tag.role in SIGNALS else "", tag.signal, place)
-
-
-def _wide(head: Head, layout: Layout, empty: Collection[int]) -> list[Named]:
-    roles = {i: split_tag(head.names[i]) for i in layout.values}
-    of_quality = set(layout.quality.values())
-    signals = [i for i in layout.values if i not in of_quality and (roles[i].role or i not in empty)]
-    alone = {roles[i].role for i in signals if not roles[i].loop and roles[i].role in SIGNALS}
-    home = _partition_name(head)
-    if not alone and len(signals) == 1 and not (roles[signals[0]].loop and roles[signals[0]].role):
-        return [_one_tag(head, signals[0], home)]
-    found = []
-    for i in signals:
-        tag, loop = roles[i], roles[i].loop
-        if not loop:
-            loop = "" if not alone and tag.role not in SIGNALS else home or head.stem
-        elif alone and tag.role not in SIGNALS:
-            loop, tag = home or head.stem, Tag("", "", head.names[i])
-        elif home and alone:
-            loop = home
-        found.append(Named(i, head.names[i], loop, tag.role if tag.role in SIGNALS else "", tag.signal))
-    return found
 
 
 def _partition_name(head: Head) -> str:
@@ -317,13 +284,3 @@ def _partition_name(head: Head) -> str:
     if role and (loop or len(rest) > 1):
         return f"{loop or next(v for v in rest if v != role)}.{role}"
     return loop or (rest[0] if rest else "")
-
-
-def _one_tag(head: Head, value: int, home: str) -> Named:
-    """A file with one signal: its header, or else the file name, is the tag."""
-    header = head.names[value]
-    generic = plain(header) in VALUE or not header
-    name = (home or head.stem) if generic else header
-    if not generic and not split_tag(name).loop and split_tag(head.stem).role in SIGNALS:
-        name = head.stem
-    return of_tag(name, value)

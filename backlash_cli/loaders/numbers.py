@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -22,22 +21,9 @@ _GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([,'’ \u00a0\u202f])\d{3})(?:\1\d{3})*
 _SEPARATED = re.compile(r"[,'’ \u00a0\u202f]")
 _BLANKS = re.compile(r"[\s'’\u00a0\u202f]")
 _SWAP = str.maketrans(",.", ".,")
-_NOT_FINITE = re.compile(r"^[+-]?(?:inf(?:inity)?|nan|1\.#\w+|∞)$", re.IGNORECASE)
-_FLAG = re.compile(r"\b(bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b", re.IGNORECASE)
+_FLAG = re.compile(r"\b(?:bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b|^[?#*]+$"
+                   r"|^\.?#(?:INF|\w*NAN|IND)", re.IGNORECASE)  # behind a number: it is none (1.#QNAN)
 _CLOCK = re.compile(r"^\d+[:/-]\d")  # a time or a date is no measurement
-_SUBSTITUTED = re.compile(r"^[?#*]+$")
-
-
-@dataclass(frozen=True)
-class Numbers:
-    """values: (rows,) float64, nan where there is none. bad: (rows,) True where something stood that is no good
-    number (a digital state, inf), None when there is nothing of the kind; a blank cell is not bad.
-    words: what stood there, counted. unit: the unit written behind the numbers."""
-
-    values: FloatArray
-    bad: NDArray[np.bool_] | None = None
-    words: Counter[str] = field(default_factory=Counter)
-    unit: str = ""
 
 
 def is_number(kind: pa.DataType) -> bool:
@@ -52,7 +38,7 @@ def is_text(kind: pa.DataType) -> bool:
 
 def to_array(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
     """Return the cells (rows,) of a column of numbers: nan where a cell is empty, also of whole numbers."""
-    return column.to_numpy() if isinstance(column, pa.ChunkedArray) else column.to_numpy(zero_copy_only=False)
+    return column.to_numpy(zero_copy_only=False)
 
 
 def stored(column: pa.ChunkedArray | pa.Array, words: dict[str, int], decimal: str = ".", *, written: bool = False
@@ -63,25 +49,22 @@ def stored(column: pa.ChunkedArray | pa.Array, words: dict[str, int], decimal: s
     written: the column was read from text, where nan and inf stand for something else than an empty cell.
     """
     kind = column.type
-    if pa.types.is_float64(kind):
-        values = to_array(column)
-        odd = ~np.isfinite(values)
-        if not written or np.count_nonzero(odd) == column.null_count:
+    if pa.types.is_null(kind):
+        return np.full(len(column), np.nan), None
+    if is_number(kind) or pa.types.is_boolean(kind):
+        values = to_array(column if pa.types.is_float64(kind) else column.cast(pa.float64(), safe=False))
+        odd = ~np.isfinite(values) if written and pa.types.is_float64(kind) else np.zeros(0, bool)
+        if np.count_nonzero(odd) <= column.null_count:
             return values, None
-        odd &= column.is_valid().to_numpy() if isinstance(column, pa.ChunkedArray) else column.is_valid().to_numpy(
-            zero_copy_only=False)
+        odd &= to_array(column.is_valid())
         marks = np.full(len(values), -1, np.int32)
         marks[odd] = [words.setdefault(str(value), len(words)) for value in values[odd].tolist()]
         return np.where(odd, np.nan, values), marks
-    if is_number(kind) or pa.types.is_boolean(kind):
-        return to_array(column.cast(pa.float64(), safe=False)), None
-    if pa.types.is_null(kind):
-        return np.full(len(column), np.nan), None
-    codes, texts = codes_and_words(column if is_text(kind) or _is_bytes(kind) else pa.array([str(kind)] * len(column)))
+    as_text = is_text(kind) or pa.types.is_binary(kind) or pa.types.is_large_binary(kind)
+    codes, texts = codes_and_words(column if as_text else pa.array([str(kind)] * len(column)))
     values = plain_numbers(texts, decimal)
-    there = np.zeros(len(texts) + 1, bool)
+    there, found = np.zeros(len(texts) + 1, bool), np.full(len(texts) + 1, -1, np.int32)
     there[codes] = True
-    found = np.full(len(texts) + 1, -1, np.int32)
     for i in np.flatnonzero(np.isnan(values) & there[:-1]).tolist():
         found[i] = words.setdefault(texts[i], len(words))
     own = found[codes]
@@ -93,35 +76,24 @@ def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[IntArray, list[
     if not pa.types.is_dictionary(column.type):
         column = _as_text(column).dictionary_encode()
     if isinstance(column, pa.ChunkedArray):
-        if not column.num_chunks:
-            return np.zeros(0, np.int64), []
         column = column.unify_dictionaries().combine_chunks()
-        if isinstance(column, pa.ChunkedArray):
-            column = pa.concat_arrays(column.chunks) if column.num_chunks else column.chunk(0)
-    indices = column.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int64)
+    indices = to_array(column.indices.fill_null(-1)).astype(np.int64)
     texts = _decoded(_as_text(column.dictionary).fill_null(""))
     keep = np.array([bool(text) and text not in BLANK and not text.isspace() for text in texts] + [False])
     return (indices if keep[:-1].all() else np.where(keep[indices], indices, -1)), texts
-
-
-def _is_bytes(kind: pa.DataType) -> bool:
-    return pa.types.is_binary(kind) or pa.types.is_large_binary(kind)
 
 
 def _decoded(words: pa.Array) -> list[str]:
     try:
         return words.to_pylist()
     except UnicodeDecodeError:  # a damaged Parquet file
-        raw = words.cast(pa.large_binary() if pa.types.is_large_string(words.type) else pa.binary())
-        return [word.decode("utf-8", errors="replace") for word in raw.to_pylist()]
+        return [word.decode("utf-8", errors="replace") for word in words.cast(pa.large_binary()).to_pylist()]
 
 
 def _as_text(column: pa.ChunkedArray | pa.Array) -> pa.ChunkedArray | pa.Array:
     """Any column as text; bytes that are no text become empty cells."""
-    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
-        return column
     try:
-        return column.cast(pa.string())
+        return column if is_text(column.type) else column.cast(pa.string())
     except pa.ArrowException:
         return pa.nulls(len(column), pa.string())
 
@@ -134,9 +106,8 @@ def plain_numbers(words: list[str], decimal: str = ".") -> FloatArray:
     text = pc.utf8_trim_whitespace(pa.array(words, pa.large_string()))
     if decimal != ".":
         text = pc.replace_substring(text, decimal, ".")
-    chosen = np.flatnonzero(pc.match_substring_regex(text, _NUMBER).to_numpy(zero_copy_only=False))
-    plain = pc.replace_substring_regex(text.take(pa.array(chosen)), r"^\+", "")
-    values[chosen] = plain.cast(pa.float64()).to_numpy(zero_copy_only=False)
+    chosen = pc.match_substring_regex(text, _NUMBER)
+    values[to_array(chosen)] = to_array(pc.utf8_ltrim(text.filter(chosen), "+").cast(pa.float64()))
     values[np.isinf(values)] = np.nan
     return values
 
@@ -144,43 +115,32 @@ def plain_numbers(words: list[str], decimal: str = ".") -> FloatArray:
 def parse_words(words: list[str], decimal: str = ".") -> tuple[FloatArray, NDArray[np.bool_], list[str]]:
     """Return (values, bad, units) of distinct texts. Blank text gives nan and is not bad."""
     values = plain_numbers(words) if decimal == "." else np.full(len(words), np.nan)
-    bad, units = np.zeros(len(words), bool), [""] * len(words)
-    rest = np.flatnonzero(np.isnan(values))
-    mark = _thousands_mark([words[i] for i in rest[:5000]], decimal)
-    for i in rest.tolist():
-        values[i], bad[i], units[i] = _parse_word(words[i].strip(), decimal, mark)
-    return values, bad, units
+    units = [""] * len(words)
+    rest = np.flatnonzero(np.isnan(values)).tolist()
+    comma = "," in (decimal, _decimal_sign([words[i] for i in rest[:5000]], decimal))
+    for i in rest:
+        values[i], units[i] = _with_unit(words[i].strip(), comma)
+    return values, np.isnan(values) & np.array([bool(word.strip()) for word in words], bool), units
 
 
-def number_texts(values: FloatArray) -> list[str]:
-    """Return numbers as texts, whole ones without a point."""
-    return [f"{v:.0f}" if v == np.rint(v) and abs(v) < 1e15 else repr(v) for v in values.tolist()]
-
-
-def _parse_word(text: str, decimal: str, mark: str) -> tuple[float, bool, str]:
-    if not text:
-        return np.nan, False, ""
-    nothing = np.nan, True, ""
-    match = None if len(text) > 60 or _NOT_FINITE.match(text) else _UNITED.match(text)
-    if match is None or _CLOCK.match(text):
-        return nothing
-    unit = (match[2] or "").strip()
-    if unit and (_FLAG.search(unit) or _SUBSTITUTED.match(unit)):
-        return nothing
-    digits = match[1].translate(_SWAP) if decimal == "," or mark == "," else match[1]
-    if _SEPARATED.search(digits):
-        if not _GROUPED.match(digits):
-            return nothing
+def _with_unit(text: str, comma: bool) -> tuple[float, str]:
+    """The number and the unit of a text, nan for one that is no good number. comma: is its decimal sign."""
+    match = None if len(text) > 60 or _CLOCK.match(text) else _UNITED.match(text)
+    unit = (match[2] or "").strip() if match else ""
+    if match is None or _FLAG.search(unit):
+        return np.nan, ""
+    digits = match[1].translate(_SWAP) if comma else match[1]
+    if _GROUPED.match(digits):
         digits = _SEPARATED.sub("", digits)
     try:
         value = float(digits)
     except ValueError:
-        return nothing
-    return (value, False, unit) if np.isfinite(value) else nothing
+        value = np.nan
+    return (value, unit) if np.isfinite(value) else (np.nan, "")
 
 
-def _thousands_mark(words: list[str], decimal: str) -> str:
-    """Return the decimal sign that the texts themselves show: "," only when a comma cannot be a thousands separator."""
+def _decimal_sign(words: list[str], decimal: str) -> str:
+    """The decimal sign that the texts themselves show: "," only when a comma cannot be a thousands separator."""
     words = [_BLANKS.sub("", w) for w in words]
     for digits in words:
         if "." in digits and "," in digits:
@@ -190,13 +150,10 @@ def _thousands_mark(words: list[str], decimal: str) -> str:
     return "," if commas and len(grouped) < len(commas) else decimal
 
 
-def main_unit(units: list[str], counts: IntArray) -> tuple[str, NDArray[np.bool_]]:
-    """The unit most cells carry, and which texts carry another one (they cannot be compared and count as bad)."""
+def foreign_units(units: list[str], counts: IntArray) -> NDArray[np.bool_]:
+    """(texts,) Which carry another unit than most cells do: they cannot be compared and count as bad."""
     tally: Counter[str] = Counter()
-    for unit, count in zip(units, counts, strict=True):
-        if unit:
-            tally[unit] += int(count)
-    if not tally:
-        return "", np.zeros(len(units), bool)
-    main = tally.most_common(1)[0][0]
-    return main, np.array([bool(unit) and unit.lower() != main.lower() for unit in units], bool)
+    for unit, count in zip(units, counts.tolist(), strict=True):
+        tally[unit] += count if unit else 0
+    main = tally.most_common(1)[0][0] if units else ""
+    return np.array([bool(unit) and unit.lower() != main.lower() for unit in units], bool)

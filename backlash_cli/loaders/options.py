@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import codecs
+import contextlib
 import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from fnmatch import fnmatchcase
 from functools import lru_cache
+from zoneinfo import ZoneInfo, available_timezones
 
 from ..errors import UsageError, nearest
 from .order import SECOND
@@ -16,8 +19,6 @@ from .order import SECOND
 LAYOUTS = ("wide", "single", "long", "pairs")
 TIME_WORDS = ("iso", "ymd", "dmy", "mdy", "epoch_s", "epoch_ms", "epoch_us", "epoch_ns", "excel", "seconds")
 INTERPOLATIONS = ("hold", "linear")
-
-
 _UNITS = {"s": 1, "min": 60, "h": 3600, "d": 86_400, "w": 7 * 86_400}
 _AGE = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(s|min|h|d|w)\s*")
 
@@ -61,21 +62,32 @@ class ReadOptions:
     max_bytes: int = 2 << 30
 
     def __post_init__(self) -> None:
-        _one_of("interpolation", self.interpolation, INTERPOLATIONS)
-        _one_of("layout", self.layout, LAYOUTS)
-        _one_of("decimal", self.decimal, (".", ","))
+        for name, value, allowed in (("interpolation", self.interpolation, INTERPOLATIONS),
+                                     ("layout", self.layout, LAYOUTS), ("decimal", self.decimal, (".", ",")),
+                                     ("time-format", self.time_format, TIME_WORDS)):
+            if value is not None and value not in allowed and not (name == "time-format" and "%" in value):
+                words, hint = ("  " if name == "decimal" else ", ").join(allowed), nearest(value, allowed)
+                raise UsageError(f"{value!r} is not known here", where=f"--{name}",
+                                 remedy=f"{hint} Known: {words}" if hint.startswith("did") else f"one of: {words}")
         if self.delimiter is not None:
             named = {"tab": "\t", "\\t": "\t", "comma": ",", "semicolon": ";", "pipe": "|", "space": " "}
             object.__setattr__(self, "delimiter", named.get(self.delimiter.lower(), self.delimiter))
             if len(self.delimiter) != 1 or self.delimiter in '\r\n"0123456789.':
                 raise UsageError(f"{self.delimiter!r} cannot separate columns", where="--delimiter",
                                  remedy="give one character or one of: comma, semicolon, tab, pipe, space")
-        if self.time_format is not None and "%" not in self.time_format:
-            _one_of("time_format", self.time_format, TIME_WORDS)
         if self.encoding is not None:
-            _check_encoding(self.encoding)
+            try:
+                codecs.lookup(self.encoding)
+            except (LookupError, ValueError):
+                raise UsageError(f"no text encoding {self.encoding!r}", where="--encoding",
+                                 remedy="for example utf-8, utf-16, cp1252") from None
         if self.timezone is not None:
-            _check_zone(self.timezone)
+            try:
+                ZoneInfo(self.timezone)
+            except Exception:  # zoneinfo raises many kinds for odd names: all mean the same here
+                hint = nearest(self.timezone, sorted(available_timezones()))
+                remedy = hint if hint.startswith("did") else "for example Europe/Berlin, America/Chicago or UTC"
+                raise UsageError(f"no time zone {self.timezone!r}", where="--timezone", remedy=remedy) from None
         if self.header_row is not None and self.header_row < 1:
             raise UsageError("lines are counted from 1", where="--header-row", remedy="give the line's number")
         for pattern in self.loops_matching:
@@ -84,38 +96,6 @@ class ReadOptions:
             sample_size(self.sample, 1)
         if self.since is not None:
             parse_since(self.since, self.timezone)
-
-
-def _one_of(name: str, value: str | None, allowed: tuple[str, ...]) -> None:
-    if value is not None and value not in allowed:
-        raise UsageError(f"{value!r} is not known here", where=f"--{name.replace('_', '-')}",
-                         remedy=f"one of: {'  '.join(allowed)}" if name == "decimal" else _known(value, allowed))
-
-
-def _known(value: str, allowed: tuple[str, ...]) -> str:
-    hint = nearest(value, allowed)
-    return f"{hint} Known: {', '.join(allowed)}" if hint.startswith("did") else f"one of: {', '.join(allowed)}"
-
-
-def _check_encoding(name: str) -> None:
-    import codecs
-
-    try:
-        codecs.lookup(name)
-    except (LookupError, ValueError):
-        raise UsageError(f"no text encoding {name!r}", where="--encoding",
-                         remedy="for example utf-8, utf-16, cp1252") from None
-
-
-def _check_zone(name: str) -> None:
-    from zoneinfo import ZoneInfo, available_timezones
-
-    try:
-        ZoneInfo(name)
-    except Exception:  # zoneinfo raises many kinds for odd names: all mean the same here
-        hint = nearest(name, sorted(available_timezones()))
-        remedy = hint if hint.startswith("did") else "for example Europe/Berlin, America/Chicago or UTC"
-        raise UsageError(f"no time zone {name!r}", where="--timezone", remedy=remedy) from None
 
 
 def sample_size(text: str, loops: int) -> int:
@@ -160,15 +140,10 @@ def parse_since(text: str, timezone: str | None = None) -> tuple[int | None, int
         if 0 < length < 1e10:
             return None, round(length * SECOND)
     else:
-        try:
+        with contextlib.suppress(ValueError, OverflowError):
             moment = datetime.fromisoformat(text.strip())
             if moment.tzinfo is None:
-                from zoneinfo import ZoneInfo
-
                 moment = moment.replace(tzinfo=ZoneInfo(timezone) if timezone else UTC)
-            since_1970 = moment.astimezone(UTC) - datetime(1970, 1, 1, tzinfo=UTC)
-            return (since_1970.days * 86_400 + since_1970.seconds) * SECOND + since_1970.microseconds, 0
-        except (ValueError, OverflowError):
-            pass
+            return (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1), 0
     raise UsageError(f"{text!r} is no time", where="--since",
                      remedy="give a date such as 2026-11-01 or 2026-11-01T06:00, or an age such as 3d or 12h")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,20 +92,9 @@ def _far_off(low: float, high: float) -> float:
 
 def _outliers(stamps: IntArray) -> NDArray[np.bool_]:
     """(stamps,) True for few stamps that lie far from all others."""
-    if len(stamps) < 20:
-        return np.zeros(len(stamps), bool)
     low, middle, high = np.quantile(stamps.astype(np.float64), [0.05, 0.5, 0.95])
     far = np.abs(stamps.astype(np.float64) - middle) > _far_off(low, high)
-    return far & (far.sum() <= max(3, OUTLIER_SHARE * len(stamps)))
-
-
-def moved_on(stamps: IntArray, back: IntArray, seconds: list[float]) -> IntArray:
-    """Move all stamps after each step back on by its seconds; unreadable ones stay unreadable."""
-    out = stamps.copy()
-    for position, lost in zip(back, seconds, strict=True):
-        out[position + 1 :] += round(lost * SECOND)
-    out[stamps == NAT] = NAT
-    return out
+    return far & (far.sum() <= max(3, OUTLIER_SHARE * len(stamps))) & (len(stamps) >= 20)
 
 
 def _clock_set_back(stamps: IntArray, back: IntArray, rows: IntArray, values: FloatArray | None, parts: tuple[int, ...],
@@ -125,10 +113,13 @@ def _clock_set_back(stamps: IntArray, back: IntArray, rows: IntArray, values: Fl
     hour = np.abs(lost - HOUR) <= 2 * step
     day, clock = divmod(int(before[0]), DAY)
     sunday = len(back) == 1 and (day + 3) % 7 == 6 and clock <= 4 * HOUR and bool(hour[0]) and 2 * step < HOUR
-    if not (sunday or _conflicts(stamps, values)):
+    turn = np.argsort(stamps, kind="stable")
+    same = np.flatnonzero(np.diff(stamps[turn]) == 0)
+    if not sunday and (values is None or not len(same)
+                       or _differ(values[turn[same]], values[turn[same + 1]], values).mean() < 0.5):
         return None
     lost[hour] = HOUR
-    out = moved_on(stamps, back, [float(s) / SECOND for s in lost])
+    out = stamps + np.cumsum(np.bincount(back + 1, lost, len(stamps))).astype(np.int64)
     if np.any(np.diff(out) < 0):
         return None
     for stamp, is_hour, seconds in zip(before, hour, lost / SECOND, strict=True):
@@ -137,15 +128,6 @@ def _clock_set_back(stamps: IntArray, back: IntArray, rows: IntArray, values: Fl
         notes.append(Note("dst_repeated_hour" if is_hour else "clock_set_back", f"{what} at {utc_text(stamp)}; later "
                           "stamps are moved on by it", {"seconds": float(seconds)}))
     return out
-
-
-def _conflicts(stamps: IntArray, values: FloatArray | None) -> bool:
-    """Do most of the repeated stamps carry another value than the first time?"""
-    if values is None:
-        return False
-    turn = np.argsort(stamps, kind="stable")
-    same = np.flatnonzero(np.diff(stamps[turn]) == 0)
-    return bool(len(same)) and _differ(values[turn[same]], values[turn[same + 1]], values).mean() >= 0.5
 
 
 def _differ(a: FloatArray, b: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
@@ -164,7 +146,7 @@ def _spread_evenly(stamps: IntArray) -> IntArray | None:
     inner, steps = counts[1:-1], np.diff(unique)
     usual, width = int(np.median(inner)), int(np.median(steps))
     steady = np.mean(np.abs(inner - usual) <= 1) >= 0.95 and np.mean(steps == width) >= 0.9
-    if usual < 2 or not steady or counts.max() > usual + 1:
+    if not 2 <= usual <= width or not steady or counts.max() > usual + 1:
         return None
     starts = np.cumsum(counts) - counts
     rank = np.arange(len(stamps)) - np.repeat(starts, counts)
@@ -176,26 +158,21 @@ def _spread_evenly(stamps: IntArray) -> IntArray | None:
 
 def _without_repeats(stamps: IntArray, rows: IntArray, values: FloatArray | None, repeats: IntArray, notes: list[Note]
                      ) -> tuple[IntArray, IntArray]:
-    """Keep the first of rows with one stamp, or the one that holds a value."""
-    conflicts, drop = 0, repeats + 1
+    """Keep of rows with one stamp the first, or the first that holds a value."""
+    conflicts, blank = 0, np.zeros(len(stamps), bool)
     if values is not None:
         conflicts = int(_differ(values[repeats], values[repeats + 1], values).sum())
-        drop = np.where(~np.isfinite(values[repeats]) & np.isfinite(values[repeats + 1]), repeats, repeats + 1)
+        blank = ~np.isfinite(values)
     more = f", {conflicts} of them with another value" if conflicts else ""
     text = f"rows repeat the time stamp of another row{more}; the first of each is kept"
     notes.append(_counted("duplicate_times", len(repeats), text, conflicts=float(conflicts)))
     if conflicts > 0.5 * len(stamps):
         raise LoopError("most rows repeat a time stamp with another value: the times do not tell the rows apart",
                         code="constant_time", remedy="export with finer time stamps")
-    stamps, rows = np.delete(stamps, drop), np.delete(rows, drop)
-    again = np.flatnonzero(np.diff(stamps) == 0) + 1  # a blank first row of three equal stamps leaves a pair
-    return np.delete(stamps, again), np.delete(rows, again)
+    kept = np.lexsort((blank, stamps))[np.diff(stamps, prepend=stamps[0] - 1) != 0]
+    return stamps[kept], rows[kept]
 
 
 def utc_text(micros: int) -> str:
     """Return a stamp as readable text, for messages."""
-    try:
-        moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=int(micros))
-        return moment.strftime("%Y-%m-%d %H:%M:%S")
-    except OverflowError:
-        return f"{micros / 1e6:.0f} s"
+    return str(np.datetime64(int(micros) // SECOND, "s")).replace("T", " ")

@@ -7,8 +7,8 @@ engine or the machine.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cache, cached_property
 from os import PathLike
@@ -29,7 +29,7 @@ from .signals import Axis, Series
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import Reading, signals_of_file
 
-READING_ERRORS = (BacklashError, ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
+READING_ERRORS = (ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
 SHOWN = 12  # names written out in a message; all of them stand in its values
 FEW_LOOPS = 3  # loops of the loops file without data that are named one by one
 
@@ -58,21 +58,16 @@ class Plant:
         for lost in self.failures:
             if lost.values.get("loop") == name:
                 raise LoopError(lost.message, code=lost.code)
-        return self._by_name[find_loop(name, self._by_name)]
+        same = [record for record in self.records if record.loop.lower() == name.lower()]
+        if len(same) == 1:
+            return same[0]
+        raise UsageError(f"no loop {name!r} in the data", where="--loop", remedy=nearest(name, self._by_name))
 
     def __len__(self) -> int:
         return len(self.records)
 
     def __iter__(self) -> Iterator[Record]:
         return iter(self.records)
-
-
-def find_loop(name: str, names: Collection[str]) -> str:
-    """Return the loop that is meant, in upper or lower case. Raises UsageError, with the nearest, if there is none."""
-    same = [name] if name in names else [n for n in names if n.lower() == name.lower()]
-    if len(same) == 1:
-        return same[0]
-    raise UsageError(f"no loop {name!r} in the data", where="--loop", remedy=nearest(name, names))
 
 
 def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None, options: ReadOptions | None = None
@@ -96,11 +91,12 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
     return Plant(tuple(records), opened.warnings, (*opened.failures, *lost), opened.inputs)
 
 
-@dataclass(frozen=True)
-class OpenPlant:
+@dataclass(frozen=True, eq=False)
+class OpenPlant(Mapping[str, Record]):
     """One or several exports whose loops are known and not yet read: one recipe per loop, by name.
 
-    failures: files that could not be read. lost: loops that cannot be. The rest as in Plant.
+    failures: files that could not be read. lost: loops that cannot be. The rest as in Plant. As a mapping it makes the
+    record of a loop each time it is asked for; a loop that cannot be read is not there.
     """
 
     recipes: tuple[Recipe, ...]
@@ -108,6 +104,29 @@ class OpenPlant:
     failures: tuple[Note, ...] = ()
     inputs: tuple[str, ...] = ()
     lost: tuple[Note, ...] = ()
+
+    @cached_property
+    def _by_name(self) -> dict[str, Recipe]:
+        return {recipe.loop: recipe for recipe in self.recipes}
+
+    @cached_property
+    def _joiner(self) -> Joiner:
+        return Joiner(self.recipes[0].options.good_quality)
+
+    def __getitem__(self, loop: str) -> Record:
+        try:
+            return self._by_name[loop].record(self._joiner)
+        except BacklashError as error:
+            raise KeyError(str(error)) from None
+
+    def __contains__(self, loop: object) -> bool:
+        return loop in self._by_name
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._by_name)
+
+    def __len__(self) -> int:
+        return len(self.recipes)
 
     def all_lost(self, more: Sequence[Note], *, read: int) -> tuple[Note, ...]:
         """Return the loops that could not be read, with those found out when they were read, by name.
@@ -120,28 +139,6 @@ class OpenPlant:
             raise LoopError(f"no loop could be read; {first.message}" if len(lost) > 1 else first.message,
                             code=first.code)
         return lost
-
-
-class RecordsByName(Mapping[str, Record]):
-    """The records of recipes by the name of the loop, made anew each time; a loop that cannot be read is not there."""
-
-    def __init__(self, recipes: Iterable[Recipe]) -> None:
-        self._recipes = {recipe.loop: recipe for recipe in recipes}
-
-    def __getitem__(self, loop: str) -> Record:
-        try:
-            return self._recipes[loop].record()
-        except BacklashError as error:
-            raise KeyError(str(error)) from None
-
-    def __contains__(self, loop: object) -> bool:
-        return loop in self._recipes
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._recipes)
-
-    def __len__(self) -> int:
-        return len(self._recipes)
 
 
 def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
@@ -158,40 +155,37 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     sources = find_sources(given)
     marks = {} if salt is None else {str(source.path): source.mark() for source in sources}  # before they are read
     metadata, warnings = _metadata(given, sources, loops)
-    series, failures, problems = [], [], []
+    series: list[Series] = []
+    problems: dict[str, BacklashError] = {}
     reading = Reading(options, _needed(metadata, options), taken, room or Room())
     for source in sources:
         try:
             found, notes = signals_of_file(source, reading)
+            series += found
+            warnings += notes
+        except BacklashError as error:
+            problems[str(source.path)] = error
         except READING_ERRORS as error:
-            problems.append(_as_input_error(error, str(source.path)))
-            failures.append(failure(problems[-1], file=str(source.path)))
-            continue
-        series += found
-        warnings += notes
+            text = str(error).strip().split("\n")[0][:300] or type(error).__name__
+            problems[str(source.path)] = InputError(f"cannot be read: damaged or not understood: {text}",
+                                                    where=str(source.path), remedy="export the file again")
     if not series:
-        first = problems[0] if problems else None
+        first = next(iter(problems.values()), None)
         raise first if first is not None and len(sources) == 1 else InputError(
             f"none of {len(sources)} files could be read; the first: {first}", remedy="export them again")
     all_loops = by_loop(series, metadata)
     wanted, notes = _chosen(series, all_loops, metadata, options, str(sources[0].path))
     warnings += notes
-    lost, moment = [], None
+    lost: list[Note] = []
+    moment = None
     if options.since is not None:
-        later = since(wanted, series, options.since, options.timezone)
-        wanted, lost, moment = later.loops, later.lost, later.moment
-        warnings += later.notes
+        wanted, notes, lost, moment = since(wanted, series, options.since, options.timezone)
+        warnings += notes
     warnings += _unmatched(all_loops, metadata)
     recipes = (_recipe(name, wanted[name], metadata, options) for name in sorted(wanted))
     return OpenPlant(tuple(recipe.keyed(marks, (salt, moment)) for recipe in recipes), tuple(warnings),
-                     tuple(failures), tuple(str(item) for item in given), tuple(lost))
-
-
-def _as_input_error(error: BaseException, where: str) -> BacklashError:
-    if isinstance(error, BacklashError):
-        return error
-    text = str(error).strip().split("\n")[0][:300] or type(error).__name__
-    return InputError(f"cannot be read: damaged or not understood: {text}", where=where, remedy="export the file again")
+                     tuple(failure(error, file=path) for path, error in problems.items()),
+                     tuple(str(item) for item in given), tuple(lost))
 
 
 def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
@@ -270,11 +264,17 @@ def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[list[Named]],
     @cache
     def wanted(loop: str) -> bool:
         names = [loop] if loop in metadata.loops else [loop, metadata.match(loop), metadata.part_of(loop)]
-        return any(is_named(name, options.only_loops) and is_matching(name, options.loops_matching)
-                   for name in names if name)
+        return any(_fits(name, options.only_loops, options.loops_matching) for name in names if name)
 
     return lambda found: {one.column for one in found if wanted(one.loop) or any(
         wanted(loop) for loop, _ in owners.get(one.tag.strip().lower(), ()))}
+
+
+def _fits(name: str, only: Sequence[str], matching: Sequence[str] = ()) -> bool:
+    """Say whether a loop is one of those named, also by wildcards, and its name fits a pattern; all do where there are
+    none."""
+    named = not only or any(name == pattern or fnmatchcase(name.lower(), pattern.lower()) for pattern in only)
+    return named and (not matching or any(check_pattern(pattern)(name) for pattern in matching))
 
 
 def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[str] = (), sample: str | None = None,
@@ -286,38 +286,24 @@ def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[st
     """
     everything = sorted(set(names))
     for pattern in only:
-        if not any(is_named(name, [pattern]) for name in everything):
+        if not any(_fits(name, [pattern]) for name in everything):
             raise UsageError(f"no loop {pattern!r} in the data", where="--loop", remedy=nearest(pattern, everything))
-    chosen = [name for name in everything if is_named(name, only)]
+    named = [name for name in everything if _fits(name, only)]
+    fitting = [name for name in named if _fits(name, (), matching)]
+    words = " or ".join(repr(pattern) for pattern in matching)
+    if matching and not fitting:
+        raise UsageError(f"none of {len(named)} loops matches {words}", where="--loops-matching",
+                         remedy=nearest(matching[0], everything))
+    drawn = fitting if sample is None else draw(fitting, sample_size(sample, len(fitting)), seed)
     notes: list[Note] = []
-    if matching:
-        fitting = [name for name in chosen if is_matching(name, matching)]
-        words = " or ".join(repr(pattern) for pattern in matching)
-        if not fitting:
-            raise UsageError(f"none of {len(chosen)} loops matches {words}", where="--loops-matching",
-                             remedy=nearest(matching[0], everything))
-        if left := len(chosen) - len(fitting):
-            text = f"{left} of {len(chosen)} loops do not match {words} and were not computed"
-            notes.append(Note("not_matching", text, {"loops": float(left)}))
-        chosen = fitting
-    if sample is not None:
-        drawn = draw(chosen, sample_size(sample, len(chosen)), seed)
-        if left := len(chosen) - len(drawn):
-            text = (f"{len(drawn)} of {len(chosen)} loops were drawn (--sample {sample}, seed {seed}): {shown(drawn)}; "
-                    f"{left} were not computed")
-            notes.append(Note("sampled", text, {"loops": float(left), "seed": float(seed), "drawn": ", ".join(drawn)}))
-        chosen = drawn
-    return chosen, notes
-
-
-def is_named(name: str, only: Sequence[str]) -> bool:
-    """Say whether a loop is one of those named, also by wildcards; all are where none is named."""
-    return not only or any(name == pattern or fnmatchcase(name.lower(), pattern.lower()) for pattern in only)
-
-
-def is_matching(name: str, matching: Sequence[str]) -> bool:
-    """Say whether a loop's name fits a pattern; every name does where there is none."""
-    return not matching or any(check_pattern(pattern)(name) for pattern in matching)
+    if left := len(named) - len(fitting):
+        notes.append(Note("not_matching", f"{left} of {len(named)} loops do not match {words} and were not computed",
+                          {"loops": float(left)}))
+    if left := len(fitting) - len(drawn):
+        text = (f"{len(drawn)} of {len(fitting)} loops were drawn (--sample {sample}, seed {seed}): {shown(drawn)}; "
+                f"{left} were not computed")
+        notes.append(Note("sampled", text, {"loops": float(left), "seed": float(seed), "drawn": ", ".join(drawn)}))
+    return drawn, notes
 
 
 def draw(names: Sequence[str], count: int, seed: int = 0) -> list[str]:
@@ -337,18 +323,10 @@ def shown(names: Sequence[str]) -> str:
     return ", ".join(name[:40] for name in names[:SHOWN]) + more
 
 
-@dataclass(frozen=True)
-class Since:
-    """What --since leaves. loops: from the moment on [microseconds since 1970 UTC]. lost: those that cannot be cut."""
-
-    moment: int
-    loops: dict[str, LoopSeries]
-    notes: list[Note]
-    lost: list[Note]
-
-
-def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None) -> Since:
-    """Take off what lies before a moment, or before an age of the last stamp of all series found.
+def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None
+          ) -> tuple[dict[str, LoopSeries], list[Note], list[Note], int]:
+    """Take off what lies before a moment, or before an age of the last stamp of all series found. Return the loops
+    that are left, what is to be said, those that cannot be cut, and the moment [microseconds since 1970 UTC].
 
     Of signals with rows of their own (a setpoint that is recorded when it changes) the last value before the moment
     stays, as it still holds. Raises UsageError when the data have no times, InputError when no loop has later ones.
@@ -360,7 +338,7 @@ def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, t
         if last is None:
             raise UsageError("the data have no times", where=f"--since {when}", remedy="leave --since out")
         moment = last - age
-    cut = _Cut(moment)
+    parts: dict[tuple[int, bool], tuple[Axis, slice | IntArray]] = {}  # loops may share their rows
     kept, without, lost = {}, [], []
     for name, own in loops.items():
         measured = own.roles.get("pv", [])
@@ -369,11 +347,10 @@ def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, t
                                remedy="give --since as an age, such as 3h")
             lost.append(failure(error, loop=name))
             continue
-        own = cut.loop(own)
-        if measured and "pv" not in own.roles:
+        kept[name] = _cut(own, moment, {id(item.axis) for item in measured}, parts)
+        if measured and "pv" not in kept[name].roles:
             without.append(name)
-        else:
-            kept[name] = own
+            del kept[name]
     text = f"{utc_text(moment)} UTC"
     if without and not kept:
         ends = "" if last is None else f"; the data end at {utc_text(last)} UTC"
@@ -383,42 +360,36 @@ def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, t
     if without:
         said = f"{len(without)} of {len(loops)} loops have no data since {text} and were not computed: {shown(without)}"
         notes.append(Note("nothing_since", said, {"loops": float(len(without)), "names": ", ".join(without)}))
-    return Since(moment, kept, notes, lost)
+    return kept, notes, lost, moment
 
 
-class _Cut:
-    """Takes off what lies before a moment; series that share their rows share the shorter ones too."""
+def _cut(loop: LoopSeries, moment: int, measured: set[int], parts: dict[tuple[int, bool], tuple[Axis, slice | IntArray]]
+         ) -> LoopSeries:
+    """Take off what lies before a moment, and signals of which nothing is left. measured: ids of the axes of PV, of
+    which no value before it stays."""
+    def part(item: Series) -> Series:
+        key = id(item.axis), id(item.axis) not in measured
+        if key not in parts:
+            rows = _rows_since(item.axis.micros, moment, keep_one=key[1])
+            parts[key] = item.axis.part(rows), rows
+        return item.part(*parts[key])
 
-    def __init__(self, moment: int) -> None:
-        self.moment = moment
-        self._axes: dict[tuple[int, bool], tuple[Axis, slice | IntArray]] = {}
+    cut = loop.changed(part)
+    roles, extra = ({name: there for name, items in signals.items() if (there := [i for i in items if i.count])}
+                    for signals in (cut.roles, cut.extra))
+    return replace(cut, roles=roles, extra=extra)
 
-    def loop(self, loop: LoopSeries) -> LoopSeries:
-        own = {id(item.axis) for item in loop.roles.get("pv", ())}
-        roles, extra = ({name: parts for name, items in signals.items() if (parts := [
-            part for item in items if (part := self._part(item, keep_one=id(item.axis) not in own)).count])}
-            for signals in (loop.roles, loop.extra))
-        return LoopSeries(loop.name, roles, extra, loop.missing_tags)
 
-    def _part(self, item: Series, *, keep_one: bool) -> Series:
-        key = id(item.axis), keep_one
-        if key not in self._axes:
-            rows = self._rows(item.axis.micros, keep_one)
-            whole = isinstance(rows, slice) and not rows.start and rows.stop is None
-            self._axes[key] = item.axis if whole else item.axis.part(rows), rows
-        axis, rows = self._axes[key]
-        return item if axis is item.axis else item.part(axis, rows)
-
-    def _rows(self, micros: IntArray, keep_one: bool) -> slice | IntArray:
-        before = (micros < self.moment) & (micros != NAT)
-        if keep_one and before.any():
-            held = np.flatnonzero(before)
-            before[held[np.argmax(micros[held])]] = False
-        later = np.flatnonzero(~before & (micros != NAT))
-        if not len(later):
-            return slice(0, 0)
-        first = int(later[0])
-        return np.flatnonzero(~before) if before[first:].any() else slice(first, None)
+def _rows_since(micros: IntArray, moment: int, *, keep_one: bool) -> slice | IntArray:
+    before = (micros < moment) & (micros != NAT)
+    if keep_one and before.any():
+        held = np.flatnonzero(before)
+        before[held[np.argmax(micros[held])]] = False
+    later = np.flatnonzero(~before & (micros != NAT))
+    if not len(later):
+        return slice(0, 0)
+    first = int(later[0])
+    return np.flatnonzero(~before) if before[first:].any() else slice(first, None)
 
 
 Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]

@@ -9,11 +9,10 @@ from __future__ import annotations
 import io
 import os
 import tempfile
-from bisect import bisect_right
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
-from weakref import WeakValueDictionary
+from weakref import WeakValueDictionary, finalize
 
 import numpy as np
 import pyarrow as pa
@@ -23,7 +22,6 @@ from ..errors import BacklashError
 from ..record import IntArray
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
-SEGMENT = 16 << 20  # bytes of samples that are put together before they are kept; twice as many of groups
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -31,12 +29,11 @@ class ScratchFile:
     """One file to which Arrow tables are appended; other processes of this machine can read it."""
 
     def __init__(self, path: str = "") -> None:
-        self.path, self._own, self._end = path, not path, 0
+        self.path, self._end = path, 0
         self._file: io.FileIO | None = None
 
-    def append(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, int]:
-        """Write columns as an Arrow IPC file; return where in the file each begins. Raises BacklashError without room.
-        """
+    def append(self, arrays: Arrays) -> dict[str, Spilled]:
+        """Write columns as an Arrow IPC file; return them as they lie there. Raises BacklashError without room."""
         sink = pa.BufferOutputStream()
         batch = pa.RecordBatch.from_arrays([pa.array(column) for column in arrays.values()], list(arrays))
         with pa.ipc.new_file(sink, batch.schema) as writer:
@@ -54,7 +51,8 @@ class ScratchFile:
                 remedy="name a folder with more room in TMPDIR, or scan some of the loops with --loop") from None
         self._end += -(-len(data) // 64) * 64
         written = pa.ipc.open_file(data).get_batch(0)
-        return {name: place + written.column(name).buffers()[1].address - data.address for name in arrays}
+        return {name: Spilled(self, place + written.column(name).buffers()[1].address - data.address, column.dtype,
+                              len(column)) for name, column in arrays.items()}
 
     def read(self, place: int, out: NDArray[Any]) -> NDArray[Any]:
         """Fill an array with what stands at a place. Raises BacklashError when it is not there."""
@@ -66,38 +64,49 @@ class ScratchFile:
         return out
 
     def _opened(self) -> io.FileIO:
-        if self._file is None and not self._own:
+        if self._file is None and self.path:
             self._file = io.FileIO(self.path, "rb")
         elif self._file is None:
-            number, self.path = tempfile.mkstemp(prefix="backlash-", suffix=".arrow")
-            self._file = io.FileIO(number, "r+b")
-            shared = f"/proc/{os.getpid()}/fd/{number}"
-            if Path(shared).exists():
-                os.unlink(self.path)
-                self.path = shared
+            number, name = tempfile.mkstemp(prefix="backlash-", suffix=".arrow")
+            self._file, self.path = io.FileIO(number, "r+b"), f"/proc/{os.getpid()}/fd/{number}"
+            if os.path.exists(self.path):
+                os.unlink(name)
+            else:
+                self.path = name
+                finalize(self, os.unlink, name)
         return self._file
 
     def __reduce__(self) -> tuple[Callable[[str], ScratchFile], tuple[str]]:
         return _of_another_process, (self.path,)
 
-    def __del__(self) -> None:
-        if self._file is not None:
-            self._file.close()
-            if self._own and not self.path.startswith("/proc/"):
-                Path(self.path).unlink(missing_ok=True)
 
-
-_known: WeakValueDictionary[str, ScratchFile] = WeakValueDictionary()
+_sent: WeakValueDictionary[str, ScratchFile] = WeakValueDictionary()
 
 
 def _of_another_process(path: str) -> ScratchFile:
     """Return the file that was sent here, opened once however many columns it holds."""
-    found = _known.get(path) if path else None
-    if found is None:
-        found = ScratchFile(path)
-        if path:
-            _known[path] = found
-    return found
+    return _sent.get(path) or _sent.setdefault(path, ScratchFile(path))
+
+
+@dataclass(frozen=True)
+class Spilled:
+    """A column in the scratch file: a slice of it is read. nbytes: the memory it takes."""
+
+    file: ScratchFile
+    place: int
+    dtype: np.dtype[Any]
+    count: int
+    nbytes = 0
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        first, last, _ = rows.indices(self.count)
+        return self.file.read(self.place + first * self.dtype.itemsize, np.empty(max(last - first, 0), self.dtype))
+
+
+Piece = dict[str, NDArray[Any] | Spilled]  # some rows of several columns
 
 
 class Room:
@@ -107,133 +116,80 @@ class Room:
         self.left, self.file = size, ScratchFile()
 
 
-class Segment:
-    """Some rows of several columns."""
-
-    def __init__(self, arrays: Arrays, rows: int, room: Room, *, in_memory: bool) -> None:
-        self.rows, self.names, self._room = rows, set(arrays), room
-        self._arrays: Arrays | None = arrays
-        self._places: dict[str, tuple[int, np.dtype[Any]]] = {}
-        if not in_memory:
-            self.spill()
-
-    def spill(self) -> None:
-        """Write what is in memory to the scratch file."""
-        if self._arrays is not None:
-            places = self._room.file.append(self._arrays)
-            self._places = {name: (place, self._arrays[name].dtype) for name, place in places.items()}
-            self._arrays = None
-
-    def read(self, names: Sequence[str], first: int, last: int) -> Arrays:
-        """Return rows first..last-1 of those of the columns that there are."""
-        there = [name for name in names if name in self.names]
-        if self._arrays is not None:
-            return {name: self._arrays[name][first:last] for name in there}
-        found = {}
-        for name in there:
-            place, kind = self._places[name]
-            found[name] = self._room.file.read(place + first * kind.itemsize, np.empty(max(last - first, 0), kind))
-        return found
-
-
 class Store:
-    """Columns of equal length that are written once, in pieces, and read often. groups: numbers of the rows' groups
-    (tags) stand in the column "group" of each piece; rows are then kept group by group. stays: in memory, also when it
-    is sent elsewhere."""
+    """Columns of equal length that are written once, in pieces, and read often.
+
+    groups: numbers of the rows' groups (tags) stand in the column "group" of each piece; rows are then kept group by
+    group. stays: in memory, also when it is sent elsewhere.
+    """
 
     def __init__(self, room: Room, *, groups: bool = False, stays: bool = False) -> None:
         self.room, self.groups, self.stays = room, groups, stays
-        self.segments: list[Segment] = []
-        self.firsts: list[int] = [0]  # row of each segment, and the number of all
-        self.starts: list[IntArray] = []  # of each segment: where its groups begin
-        self._waiting: list[Arrays] = []
-        self._size = 0
+        self.pieces: list[Piece] = []
+        self.starts: list[IntArray] = []  # of each piece: where its groups begin, or its only one
 
     @property
     def rows(self) -> int:
-        return self.firsts[-1]
+        return sum(int(starts[-1]) for starts in self.starts)
 
-    def add(self, arrays: Arrays) -> None:
+    def add(self, arrays: Mapping[str, NDArray[Any] | Spilled]) -> None:
         """Take the next rows."""
-        self._waiting.append(arrays)
-        self._size += sum(column.nbytes for column in arrays.values())
-        if self._size >= SEGMENT * (1 + self.groups):
-            self.close()
-
-    def close(self) -> Store:
-        """Keep what was taken so far."""
-        waiting = [arrays for arrays in self._waiting if len(next(iter(arrays.values())))]
-        self._waiting, self._size = [], 0
-        if not waiting:
-            return self
-        joined = _joined(waiting)
-        rows = len(next(iter(joined.values())))
+        piece = dict(arrays)
+        rows = len(next(iter(piece.values()), ()))
+        if not rows:
+            return
+        starts = np.array([0, rows])
         if self.groups:
-            group = joined.pop("group")
-            turn = np.argsort(group.astype(np.uint16) if group.max(initial=0) < 1 << 16 else group, kind="stable")
-            self.starts.append(np.searchsorted(group[turn], np.arange(int(group.max(initial=-1)) + 2)))
-            joined = {name: column[turn] for name, column in joined.items()}
-        size = sum(column.nbytes for column in joined.values())
-        kept = size <= self.room.left
-        self.room.left -= size if kept else 0
-        self.segments.append(Segment(joined, rows, self.room, in_memory=kept))
-        self.firsts.append(self.rows + rows)
-        return self
+            group = piece.pop("group")[:]
+            turn = np.argsort(group.astype(np.uint16) if group.max() < 1 << 16 else group, kind="stable")
+            starts = np.searchsorted(group[turn], np.arange(int(group.max()) + 2))
+            piece = {name: column[:][turn] for name, column in piece.items()}
+        size = sum(column.nbytes for column in piece.values())
+        self.pieces.append(piece)
+        self.starts.append(starts)
+        if size <= self.room.left:
+            self.room.left -= size
+        else:
+            self._spill(piece)
 
-    def read(self, names: Sequence[str], first: int = 0, last: int | None = None) -> Arrays:
-        """Return rows of some columns; one that a segment does not have is filled up with -1."""
-        last = self.rows if last is None else min(last, self.rows)
-        parts = []
-        for k in range(max(bisect_right(self.firsts, first) - 1, 0), len(self.segments)):
-            begin = self.firsts[k]
-            if begin >= last:
-                break
-            parts.append(self.segments[k].read(names, max(first - begin, 0), min(last - begin, self.segments[k].rows)))
-        return _joined(parts) if parts else {name: np.zeros(0) for name in names}
-
-    def pieces(self, names: Sequence[str], rows: int = 1 << 20) -> Iterator[tuple[int, Arrays]]:
-        """Yield (first row, columns) some rows at a time."""
-        for segment, begin in zip(self.segments, self.firsts, strict=False):
-            for first in range(0, segment.rows, rows):
-                yield begin + first, _joined([segment.read(names, first, min(first + rows, segment.rows))])
+    def _spill(self, piece: Piece) -> None:
+        """Bring what is in memory of a piece to the scratch file."""
+        if inside := {name: column for name, column in piece.items() if isinstance(column, np.ndarray)}:
+            piece |= self.room.file.append(inside)
 
     def group_rows(self, group: int) -> IntArray:
-        """(segments,) Number of rows of a group in each segment."""
+        """(pieces,) Number of rows of a group in each piece."""
         return np.array([s[group + 1] - s[group] if group + 1 < len(s) else 0 for s in self.starts], np.int64)
 
-    def read_group(self, group: int, names: Sequence[str], first: int = 0, last: int | None = None) -> Arrays:
-        """Return rows of some columns of a group, counted within it."""
-        parts, begin = [], 0
-        for segment, starts, count in zip(self.segments, self.starts, self.group_rows(group).tolist(), strict=True):
+    def read(self, names: Sequence[str], first: int = 0, last: int | None = None, group: int = 0) -> Arrays:
+        """Return rows of some columns, of a group counted within it; one that a piece lacks is filled up with -1."""
+        parts: list[Arrays] = []
+        begin = 0
+        for piece, starts, count in zip(self.pieces, self.starts, self.group_rows(group).tolist(), strict=True):
             low, high = max(first - begin, 0), count if last is None else min(last - begin, count)
             if low < high:
-                at = int(starts[group])
-                parts.append(segment.read(names, at + low, at + high))
+                own = slice(int(starts[group]) + low, int(starts[group]) + high)
+                parts.append({name: piece[name][own] if name in piece else np.full(high - low, -1, np.int32)
+                              for name in names})
             begin += count
-        return _joined(parts) if parts else {name: np.zeros(0) for name in names}
+        if len(parts) == 1:
+            return parts[0]
+        return {name: np.concatenate([part[name] for part in parts]) if parts else np.zeros(0) for name in names}
 
-    def mapped(self, change: Callable[[Arrays, int], Arrays], *, groups: bool = False) -> Store:
+    def changed(self, change: Callable[[Piece, int], Mapping[str, NDArray[Any] | Spilled]], *, groups: bool = False
+                ) -> Store:
         """Return another store whose pieces are made of the pieces of this one and their first rows; this one is
         emptied on the way."""
         out = Store(self.room, groups=groups)
-        for k, begin in enumerate(self.firsts[:-1]):
-            segment, self.segments[k] = self.segments[k], None  # type: ignore[call-overload]
-            if segment._arrays is not None:
-                self.room.left += sum(column.nbytes for column in segment._arrays.values())
-            out.add(change(segment.read(sorted(segment.names), 0, segment.rows), begin))
-        self.segments = []
-        return out.close()
+        first = 0
+        while self.pieces:
+            piece, starts = self.pieces.pop(0), self.starts.pop(0)
+            self.room.left += sum(column.nbytes for column in piece.values())
+            out.add(change(piece, first))
+            first += int(starts[-1])
+        return out
 
     def __getstate__(self) -> dict[str, Any]:
-        for segment in () if self.stays else self.segments:
-            segment.spill()  # so that no process gets a copy of its own
+        for piece in () if self.stays else self.pieces:
+            self._spill(piece)  # so that no process gets a copy of its own
         return self.__dict__
-
-
-def _joined(parts: Sequence[Arrays]) -> Arrays:
-    if len(parts) == 1:
-        return parts[0]
-    names = dict.fromkeys(name for part in parts for name in part)
-    rows = [len(next(iter(part.values()))) for part in parts]
-    return {name: np.concatenate([part[name] if name in part else np.full(n, -1, np.int32)
-                                  for part, n in zip(parts, rows, strict=True)]) for name in names}

@@ -6,20 +6,17 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
-from weakref import ref
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray, Note
-from .grid import Grid, make_grid
-from .numbers import Numbers, main_unit, number_texts, parse_words
-from .order import NAT, Ordered, ordered
+from .numbers import foreign_units, parse_words
+from .order import NAT
 from .scratch import Arrays, Room, Store
 
 PIECE = 1 << 20  # rows that are looked at together
-MOST_AXES = 6  # whose stamps are kept in memory
 
 
 class Lexicon:
@@ -47,44 +44,50 @@ class Cells:
 
     @cached_property
     def _used(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """(places in the lexicon of the texts that occur, rows that hold one, its place among those) """
-        assert self.codes is not None
-        rows = np.flatnonzero(self.codes >= 0)
-        used, which = np.unique(self.codes[rows], return_inverse=True)
+        """(places in the lexicon of the texts that occur, rows that hold one, its place among those)"""
+        rows = np.flatnonzero(np.zeros(0) if self.codes is None else self.codes >= 0)
+        used, which = np.unique(rows if self.codes is None else self.codes[rows], return_inverse=True)
         return used, rows, which
 
     @property
     def is_text(self) -> bool:
-        return self.codes is not None and len(self._used[0]) > 0
+        return len(self._used[0]) > 0
 
-    def numbers(self) -> Numbers:
-        """Return the cells as numbers; texts that are none count as bad."""
+    def numbers(self) -> tuple[FloatArray, NDArray[np.bool_] | None]:
+        """Return (values, bad): the cells as numbers, nan where there is none, and True where something stands that is
+        no good number (a digital state, inf), None if nowhere; a blank cell is not bad."""
         if not self.is_text:
-            return Numbers(self.values)
+            return self.values, None
         used, rows, which = self._used
         values, bad, units = self.lexicon.parsed
-        counts = np.bincount(which, minlength=len(used))
-        unit, foreign = main_unit([units[i] for i in used], counts)
-        values, bad = values[used], bad[used] | foreign
+        wrong = bad[used] | foreign_units([units[i] for i in used], np.bincount(which, minlength=len(used)))
         out = np.where(np.isfinite(self.values), self.values, np.nan)
-        out[rows] = np.where(bad, np.nan, values)[which]
-        flags = np.zeros(len(out), bool)
-        flags[rows] = bad[which]
-        flags |= np.isinf(self.values)
-        words = Counter({self.lexicon.words[used[i]].strip()[:40]: int(counts[i]) for i in np.flatnonzero(bad)})
-        return Numbers(out, flags if flags.any() else None, words, unit)
+        out[rows] = np.where(wrong, np.nan, values[used])[which]
+        flags = np.isinf(self.values)
+        flags[rows] = wrong[which]
+        return out, flags if flags.any() else None
+
+    def words(self, rows: NDArray[np.bool_], within: slice) -> Counter[str]:
+        """Count the texts in rows that are True, of some rows in a row."""
+        found: Counter[str] = Counter()
+        if self.codes is not None:
+            codes, counts = np.unique(self.codes[within][rows[within]], return_counts=True)
+            for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
+                if code >= 0:
+                    found[self.lexicon.words[code].strip()[:40]] += count
+        return found
 
     def texts(self) -> tuple[IntArray, list[str]]:
         """Return (codes, words): the text of each cell, numbers as text too; -1 for an empty cell."""
-        codes, words = np.full(len(self.values), -1), []
-        if self.codes is not None:
-            used, rows, which = self._used
-            words = [self.lexicon.words[i] for i in used]
-            codes[rows] = which
+        used, rows, which = self._used
+        words = [self.lexicon.words[i] for i in used]
+        codes = np.full(len(self.values), -1)
+        codes[rows] = which
         known = np.flatnonzero(~np.isnan(self.values) & (codes < 0))
         values, which = np.unique(self.values[known], return_inverse=True)
         codes[known] = which + len(words)
-        return codes, [*words, *number_texts(values)]
+        # whole ones without a point
+        return codes, [*words, *(f"{v:.0f}" if v == np.rint(v) and abs(v) < 1e15 else repr(v) for v in values.tolist())]
 
 
 class Rows(Protocol):
@@ -108,12 +111,10 @@ class StoredRows:
     store: Store
     count: int
     lexicons: dict[str, Lexicon] = field(default_factory=dict)
-    group: int = -1
+    group: int = 0
 
     def _read(self, names: list[str], first: int, last: int) -> dict[str, NDArray[Any]]:
-        if self.group < 0:
-            return self.store.read(names, first, last)
-        return self.store.read_group(self.group, names, first, last)
+        return self.store.read(names, first, last, self.group)
 
     def cells(self, column: str, first: int, last: int) -> Cells:
         lexicon = self.lexicons.get(column)
@@ -128,154 +129,104 @@ class StoredRows:
 
 @dataclass(frozen=True, eq=False)
 class SomeRows:
-    """Some rows of others: from a row on so many, or those that are named by their numbers."""
+    """Some rows of others, by their numbers."""
 
     base: Rows
-    count: int
-    begin: int = 0
-    which: IntArray | None = None
+    which: range | IntArray
 
-    def _taken(self, values: Any, first: int, last: int) -> Any:
-        return values if self.which is None else values[self.which[first:last] - int(self.which[first:last].min())]
-
-    def _ends(self, first: int, last: int) -> tuple[int, int]:
-        if self.which is None:
-            return self.begin + first, self.begin + last
-        chosen = self.which[first:last]
-        return (int(chosen.min()), int(chosen.max()) + 1) if len(chosen) else (0, 0)
+    @property
+    def count(self) -> int:
+        return len(self.which)
 
     def cells(self, column: str, first: int, last: int) -> Cells:
-        found = self.base.cells(column, *self._ends(first, last))
-        if self.which is None or first >= last:
-            return found
-        codes = None if found.codes is None else self._taken(found.codes, first, last)
-        return Cells(self._taken(found.values, first, last), codes, found.lexicon)
+        begin, end, taken = self._rows(first, last)
+        found = self.base.cells(column, begin, end)
+        return Cells(found.values[taken], None if found.codes is None else found.codes[taken], found.lexicon)
 
     def stamps(self, column: str, first: int, last: int) -> IntArray:
-        found = self.base.stamps(column, *self._ends(first, last))
-        return found if first >= last else self._taken(found, first, last)
+        begin, end, taken = self._rows(first, last)
+        return self.base.stamps(column, begin, end)[taken]
+
+    def _rows(self, first: int, last: int) -> tuple[int, int, slice | IntArray]:
+        """Rows of the others between which these lie, and which of those they are."""
+        which = self.which[first:last]
+        if isinstance(which, range):
+            return which.start, which.stop, slice(None)
+        begin, end = (int(which.min()), int(which.max()) + 1) if len(which) else (0, 0)
+        return begin, end, which - begin
 
 
-def stored_below(rows: Rows | None) -> StoredRows | None:
-    """Return the rows of the scratch file that these are some of, None where they lie elsewhere."""
-    while isinstance(rows, SomeRows):
-        rows = rows.base
-    return rows if isinstance(rows, StoredRows) else None
+def part_of(rows: Rows, chosen: slice | IntArray) -> Rows:
+    """Return some rows of others."""
+    return SomeRows(rows, range(rows.count)[chosen] if isinstance(chosen, slice) else chosen)
 
 
-def packed(rows: Rows, columns: Iterable[str]) -> Rows:
-    """Return rows with the samples of some columns that lie in the scratch file of this machine in memory."""
-    base = stored_below(rows)
-    if base is None:
+def packed(rows: Rows | None, columns: Iterable[str], stamps: str = "") -> Rows | None:
+    """Return rows that lie in the scratch file of this machine with some columns of cells, or with their stamps, in
+    memory; all others as they are."""
+    base = rows
+    while isinstance(base, SomeRows):
+        base = base.base
+    if rows is None or not isinstance(base, StoredRows):
         return rows
-    arrays: Arrays = {}
+    arrays: Arrays = {stamps: rows.stamps(stamps, 0, rows.count)} if stamps else {}
     for column in filter(None, columns):
         cells = rows.cells(column, 0, rows.count)
         arrays |= {column: cells.values} if cells.codes is None else {column: cells.values, f"{column}w": cells.codes}
     store = Store(Room(1 << 62), stays=True)
     store.add(arrays)
-    return StoredRows(store.close(), rows.count, base.lexicons)
+    return StoredRows(store, rows.count, base.lexicons)
 
 
-def part_of(rows: Rows, chosen: slice | IntArray) -> Rows:
-    """Return some rows of others."""
-    if isinstance(chosen, slice):
-        first, last, _ = chosen.indices(rows.count)
-        return SomeRows(rows, max(last - first, 0), first)
-    return SomeRows(rows, len(chosen), which=chosen)
-
-
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Axis:
-    """The stamps of a set of rows, shared by all signals recorded in these rows.
+    """Where the stamps of a set of rows lie, which all signals recorded in these rows share.
 
-    rows, column: where they lie; or given: (rows,) microseconds since 1970 UTC, NAT where unreadable. where: file.
-    first_line: line of row 0. absolute: False for stamps that count from an unknown start. parts: first rows of
-    further files. end: the last stamp where it is known. What is found out about them is kept for the axes used last.
+    rows, column: where they are read. absolute: False for stamps that count from an unknown start. where: file.
+    first_line: line of row 0. end: the last stamp where it is known.
     """
 
     rows: Rows | None = None
     column: str = ""
-    given: IntArray | None = None
     absolute: bool = True
     notes: tuple[Note, ...] = ()
     where: str = ""
     first_line: int = 0
-    parts: tuple[int, ...] = ()
     end: int | None = None
-    _micros: IntArray | None = field(default=None, init=False)
-    _order: Ordered | None = field(default=None, init=False)
-    _grid: Grid | None = field(default=None, init=False)
-    _recent: ClassVar[list[ref[Axis]]] = []
 
     def __len__(self) -> int:
-        return len(self.given) if self.given is not None else 0 if self.rows is None else self.rows.count
+        return 0 if self.rows is None else self.rows.count
+
+    def read(self, first: int = 0, last: int | None = None) -> IntArray:
+        """Return the stamps of all rows, or of rows first..last-1: microseconds since 1970 UTC, NAT where unreadable.
+        """
+        if self.rows is None:
+            return np.zeros(0, np.int64)
+        return self.rows.stamps(self.column, first, self.rows.count if last is None else last)
 
     @property
     def micros(self) -> IntArray:
         """(rows,) All stamps."""
-        if self.given is not None:
-            return self.given
-        if self._micros is None:
-            self._micros = self.read(0, len(self))
-            self._used()
-        return self._micros
-
-    def read(self, first: int, last: int) -> IntArray:
-        """Return the stamps of rows first..last-1."""
-        if self.given is not None or self._micros is not None:
-            return self.micros[first:last]
-        return np.zeros(0, np.int64) if self.rows is None else self.rows.stamps(self.column, first, last)
+        return self.read()
 
     def pieces(self) -> Iterator[IntArray]:
         """Yield all stamps, some rows at a time."""
         for first in range(0, len(self), PIECE):
             yield self.read(first, min(first + PIECE, len(self)))
 
+    def first(self) -> int:
+        """Return the first stamp that was read, 0 if there is none."""
+        return next((int(piece[known][0]) for piece in self.pieces() if (known := piece != NAT).any()), 0)
+
     def last(self) -> int | None:
         """Return the last stamp, None if there is none."""
         last = self.end if self.end is not None else max((int(p.max()) for p in self.pieces()), default=NAT)
         return None if last == NAT else last
 
-    def order(self, probe: FloatArray | None = None) -> Ordered:
-        """Return the stamps in time order; `probe` is a measured signal of these rows, used the first time."""
-        if self._order is None:
-            self._order = ordered(self.micros, probe, self.parts, self.first_line)
-            self._used()
-        return self._order
-
-    def grid(self, probe: FloatArray | None = None) -> Grid:
-        """Return the uniform grid of these stamps. Raises LoopError when there is none."""
-        if self._grid is None:
-            self._grid = make_grid(self.order(probe))
-        return self._grid
-
     def part(self, chosen: slice | IntArray) -> Axis:
         """Return the stamps of some rows."""
-        if self.given is not None or self.rows is None:
-            return replace(self, given=self.micros[chosen], first_line=0, parts=(), end=None)
         line = self.first_line + int(chosen.start or 0) if isinstance(chosen, slice) and self.first_line else 0
-        return replace(self, rows=part_of(self.rows, chosen), first_line=line, parts=(), end=None)
-
-    def packed(self) -> Axis:
-        """Return these stamps in memory where they lie in the scratch file of this machine."""
-        return self if stored_below(self.rows) is None else replace(self, rows=None, given=self.micros)
-
-    def _used(self) -> None:
-        """Forget what was found out of the axes that were not used for long; it can be found out again."""
-        own = ref(self)
-        Axis._recent[:] = [*(other for other in Axis._recent if other != own and other() is not None), own]
-        while len(Axis._recent) > MOST_AXES:
-            oldest = Axis._recent.pop(0)()
-            if oldest is not None:
-                oldest.forget()
-
-    def forget(self) -> None:
-        """Give back the memory of what can be found out again."""
-        self._micros = self._order = self._grid = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_micros": None, "_order": None, "_grid": None}
+        return replace(self, rows=None if self.rows is None else part_of(self.rows, chosen), first_line=line, end=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,18 +249,13 @@ class Series:
     def count(self) -> int:
         return 0 if self.rows is None else self.rows.count
 
-    def cells(self, first: int = 0, last: int | None = None) -> Cells:
-        """Return its cells, or those of some rows."""
-        return self._read(self.column, first, last)
+    def cells(self) -> Cells:
+        """Return its cells."""
+        return Cells(np.zeros(0)) if self.rows is None else self.rows.cells(self.column, 0, self.count)
 
-    def marks(self, first: int = 0, last: int | None = None) -> Cells | None:
+    def marks(self) -> Cells | None:
         """Return the quality of its cells, None where there is none."""
-        return self._read(self.quality, first, last) if self.quality else None
-
-    def _read(self, column: str, first: int, last: int | None) -> Cells:
-        if self.rows is None:
-            return Cells(np.zeros(0))
-        return self.rows.cells(column, first, self.rows.count if last is None else last)
+        return self.rows.cells(self.quality, 0, self.count) if self.rows is not None and self.quality else None
 
     def part(self, axis: Axis, chosen: slice | IntArray) -> Series:
         """Return some rows of it; axis: their stamps."""

@@ -1,78 +1,231 @@
-"""What the command line names: files, folders of exports, Parquet datasets, and the sidecars next to them."""
+"""What the command line names and where it lies: files, folders of exports, datasets, addresses, and their sidecars.
+
+`place` gives a Path for a path and a Remote for an address such as s3://, abfs:// or gs://, which fsspec opens. A
+Remote has the few methods of a Path that reading needs: nothing behind this door knows which of the two it has.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+import stat
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cache, cached_property, reduce
+from operator import truediv
 from os import PathLike
-from pathlib import Path
-from urllib.parse import unquote
+from pathlib import Path, PurePosixPath
+from typing import Any, BinaryIO
+from urllib.parse import unquote, urlsplit
+from urllib.request import url2pathname
 
-from ..errors import BacklashError, InputError, MetadataError
+from ..errors import BacklashError, InputError, MetadataError, nearest
 from ..settings import Metadata, parse_table, parse_toml
 from .names import LOOP, TAG, plain
-from .remote import Remote, place
 
-TEXT = (".csv", ".tsv", ".txt", ".dat", ".asc")
-PARQUET = (".parquet", ".pq")
-WORKBOOK = (".xlsx", ".xlsm")
-PACKED = (".gz", ".zst", ".zstd", ".bz2", ".xz")
-MAX_FILES = 200_000
-SIZE_LIMIT = 32 << 20  # bytes of a loops file
+_FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|parquet|pq|xlsx|xlsm))?(?:\.(?:gz|zstd?|bz2|xz))?",
+                   re.IGNORECASE | re.DOTALL)
 _PART = re.compile(r"(?:part|data|chunk)[-_.]\d", re.IGNORECASE)  # pieces of a dataset as Arrow, Spark, Dask call them
 _DATE = re.compile(r"[\d._-]+")
+_ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+(?:://|::)")  # one letter before the colon is a drive of Windows
+_DRIVERS = {  # scheme -> what to install
+    "s3": "backlash[s3]", "s3a": "backlash[s3]", "abfs": "backlash[azure]", "abfss": "backlash[azure]",
+    "az": "backlash[azure]", "adl": "backlash[azure]", "gs": "backlash[gcs]", "gcs": "backlash[gcs]",
+    "http": "fsspec[http]", "https": "fsspec[http]", "sftp": "paramiko", "ssh": "paramiko", "smb": "smbprotocol",
+}  # fmt: skip
+_VERSIONS = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "created")  # as the stores call it
+MAX_FILES = 200_000
+SIZE_LIMIT = 32 << 20  # bytes of a loops file
+BLOCK = 8 << 20  # bytes fetched at a time from an object
+
+
+def place(given: str | PathLike[str]) -> Path | Remote:
+    """Return what a user calls an input: a Path, or a Remote for an address; file:// is a path."""
+    if isinstance(given, (Path, Remote)):
+        return given
+    text = os.fspath(given)
+    if not _ADDRESS.match(text):
+        return Path(text)
+    if text.lower().startswith(("file://", "local://")):
+        parts = urlsplit(text)
+        return Path(url2pathname(unquote(f"//{parts.netloc}{parts.path}" if parts.netloc else parts.path)))
+    return Remote(text)
+
+
+def open_place(path: Path | Remote) -> BinaryIO:
+    """Open a file for reading bytes."""
+    return path.open_bytes() if isinstance(path, Remote) else open(path, "rb", buffering=0)
+
+
+@dataclass(frozen=True, order=True)
+class Remote(PathLike[str]):
+    """A file or folder behind an address; every failure is an InputError that says what to do.
+
+    Credentials come from where the drivers look for them (environment, ~/.aws, ~/.config/fsspec ...), never from here.
+    """
+
+    url: str
+
+    def __fspath__(self) -> str:
+        return self.url
+
+    __str__ = __fspath__
+
+    def __reduce__(self) -> tuple[type[Remote], tuple[str]]:
+        return Remote, (self.url,)
+
+    @property
+    def scheme(self) -> str:
+        return self.url.rpartition("::")[2].partition("://")[0].lower()
+
+    @property
+    def _parts(self) -> tuple[str, PurePosixPath]:
+        """What stands before the path, and the path without what follows a question mark on the web."""
+        head, slashes, key = self.url.partition("://")
+        return head + slashes, PurePosixPath(key.partition("?")[0] if self.scheme in ("http", "https") else key)
+
+    @property
+    def name(self) -> str:
+        return self._parts[1].name
+
+    @property
+    def parent(self) -> Remote:
+        head, key = self._parts
+        return Remote(head if len(key.parts) < 2 else f"{head}{key.parent}")
+
+    def __truediv__(self, name: str) -> Remote:
+        head, key = self._parts
+        return Remote(f"{head}{key / name}")
+
+    def absolute(self) -> Remote:
+        """Return the address itself."""
+        return self
+
+    resolve = absolute
+
+    def is_dir(self) -> bool:
+        """Say whether this is a folder. Raises InputError where that cannot be known."""
+        return self._info["type"] == "directory"
+
+    def is_file(self) -> bool:
+        """Say whether this is a file. Raises InputError where that cannot be known."""
+        return self._info["type"] not in ("directory", "nothing")
+
+    def stat(self) -> os.stat_result:
+        """Return kind and size (and times as zero). Raises FileNotFoundError when nothing is there."""
+        if self._info["type"] == "nothing":
+            raise FileNotFoundError(self.url)
+        kind = stat.S_IFDIR if self.is_dir() else stat.S_IFREG
+        return os.stat_result((kind | 0o444, 0, 0, 1, 0, 0, int(self._info.get("size") or 0), 0, 0, 0))
+
+    def version(self) -> str:
+        """What changes when the object does: its size, and its tag or time; "" where the store gives neither."""
+        info = self._info
+        return next((f"{info.get('size')} {info[key]}" for key in _VERSIONS if info.get(key)), "")
+
+    def open_bytes(self) -> BinaryIO:
+        """Open the object for reading; it is fetched in blocks, only where it is read."""
+        with self._in_words():
+            system, path = self._system
+            opened: Any = system.open(path, "rb", block_size=BLOCK)
+            return opened
+
+    def files_below(self) -> list[tuple[str, ...]]:
+        """Return the files in and below a folder as (folder, ..., name)."""
+        with self._in_words():
+            system, path = self._system
+            root = len(path.rstrip("/"))
+            return [tuple(name[root:].strip("/").split("/")) for name in system.find(path)]
+
+    @cached_property
+    def _system(self) -> tuple[Any, str]:
+        with self._in_words():
+            try:
+                from fsspec.core import url_to_fs
+            except ImportError:
+                raise InputError(f"reading {self.scheme}:// needs fsspec", where=self.url,
+                                 remedy=f"pip install '{_DRIVERS.get(self.scheme, 'backlash[remote]')}'") from None
+            return url_to_fs(self.url)
+
+    @cached_property
+    def _info(self) -> dict[str, Any]:
+        with self._in_words():
+            system, path = self._system
+            try:
+                found = dict(system.info(path))
+            except FileNotFoundError as error:
+                # the web's driver says "not found" for every failure and keeps the reason behind it
+                reason = error.__cause__
+                if isinstance(reason, Exception) and not isinstance(reason, FileNotFoundError) and (
+                        getattr(reason, "status", 0) not in (404, 410)):
+                    raise reason from None
+                return {"type": "nothing"}
+            if self.scheme in ("http", "https"):
+                found["type"] = "directory" if self.url.partition("?")[0].endswith("/") else "file"
+            return found
+
+    @contextlib.contextmanager
+    def _in_words(self) -> Iterator[None]:
+        """Turn what a driver raises into an InputError; drivers raise many kinds for the same thing."""
+        try:
+            yield
+        except BacklashError:
+            raise
+        except Exception as error:
+            line = str(error).strip().split("\n")[0][:200] or type(error).__name__
+            what, remedy = f"cannot be read: {type(error).__name__}: {line}", "check the address and the network"
+            if isinstance(error, FileNotFoundError):
+                what, remedy = "no such file or folder: not found", "check the address"
+            elif isinstance(error, ImportError):
+                what = f"reading {self.scheme}:// needs a driver that is not installed ({line})"
+                remedy = f"pip install '{_DRIVERS.get(self.scheme, self.scheme)}'"
+            elif (isinstance(error, PermissionError) or getattr(error, "status", None) in (401, 403)
+                  or "credential" in type(error).__name__.lower()):
+                what = f"access denied: {line}"
+                remedy = "check the credentials of this machine and the rights of the object"
+            elif isinstance(error, ValueError) and "rotocol not known" in line:
+                from fsspec import available_protocols
+
+                what = f"no storage is called {self.scheme}://"
+                remedy = nearest(self.scheme, [*_DRIVERS, *available_protocols()])
+            raise InputError(what, where=self.url, remedy=remedy) from None
 
 
 @dataclass(frozen=True)
-class Source(PathLike[str]):
-    """One file to read. partition: names and values of folders like loop=FIC101 on the way to it.
-
-    beside: names of all files in the same folder, None where they were not listed.
-    """
+class Source:
+    """One file to read. partition: names and values of folders like loop=FIC101 on the way to it. beside: names of all
+    files in the same folder, None where they were not listed."""
 
     path: Path | Remote
     partition: dict[str, str] = field(default_factory=dict)
     beside: frozenset[str] | None = field(default=None, repr=False)
 
-    def __fspath__(self) -> str:
-        return str(self.path)
-
     def mark(self) -> str:
         """Return what changes when the content of the file does, "" where that cannot be known."""
         try:
             if isinstance(self.path, Remote):
-                version = self.path.version()
-                return version if " " in version else ""  # its size alone says too little
+                return self.path.version()
             about = self.path.stat()
             return f"{about.st_size} {about.st_mtime_ns} {about.st_ctime_ns}"
         except OSError:
             return ""
 
 
-def find_sources(inputs: str | PathLike[str] | Sequence[str | PathLike[str]]) -> list[Source]:
+def find_sources(inputs: Sequence[str | PathLike[str]]) -> list[Source]:
     """Return the files behind the inputs, each once, in order. Raises InputError for what does not exist."""
-    given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
-    if not given:
+    if not inputs:
         raise InputError("no input given", remedy="name an export file or a folder of exports")
     found: list[Source] = []
-    for item in given:
-        if isinstance(item, Source):
-            found.append(item)
-            continue
+    for item in inputs:
         if "\x00" in os.fspath(item):
             raise InputError("a file name holds a zero byte", remedy="check the name")
         path = place(item)
         try:
-            if path.is_dir():
-                found.extend(_below(path))
-            elif path.exists():
-                found.append(Source(path))
-            else:
-                raise InputError("no such file or folder: not found", where=str(path),
-                                 remedy="check the name and the path")
+            found += _below(path) if stat.S_ISDIR(path.stat().st_mode) else [Source(path)]
+        except (FileNotFoundError, NotADirectoryError):
+            raise InputError("no such file or folder: not found", where=str(path),
+                             remedy="check the name and the path") from None
         except OSError as error:
             raise InputError(f"cannot open: {error.strerror}", where=str(path)[:200]) from None
     unique: dict[str, Source] = {}
@@ -81,63 +234,49 @@ def find_sources(inputs: str | PathLike[str] | Sequence[str | PathLike[str]]) ->
     return list(unique.values())
 
 
-def is_export(name: str) -> bool:
-    """Say whether a file name has the ending of an export and is no sidecar."""
-    lower = name.lower()
-    for ending in PACKED:
-        lower = lower.removesuffix(ending)
-    if lower.startswith((".", "_")) or lower == "loops.csv" or lower.endswith(".loops.csv"):
-        return False
-    return lower.endswith(TEXT + PARQUET + WORKBOOK) and not lower.startswith("~$")
-
-
 def _below(folder: Path | Remote) -> list[Source]:
+    listed: dict[tuple[str, ...], list[str]] = {}  # of every folder in and below it, its parts below: its files
+    if isinstance(folder, Remote):
+        for parts in folder.files_below():
+            if not any(part.startswith((".", "_")) for part in parts[:-1]):
+                listed.setdefault(parts[:-1], []).append(parts[-1])
+    else:
+        for root, folders, names in os.walk(folder):
+            folders[:] = [name for name in folders if not name.startswith((".", "_"))]
+            listed[Path(root).relative_to(folder).parts] = names
     found: list[Source] = []
-    seen: list[str] = []
-    for parts, names in _folders_of(folder):
-        seen += names
-        partition = {}
-        for part in (folder.name, *parts):
-            key, equals, value = part.partition("=")
-            if equals:
-                partition[key] = unquote(value)
-        beside = frozenset(names)
-        here = folder
-        for part in parts:
-            here = here / part
+    for parts, names in sorted(listed.items()):
+        way = (folder.name, *parts)
+        partition = {key: unquote(value) for key, equals, value in (part.partition("=") for part in way) if equals}
+        # the nearest folder that is called after something: no key=value, no date
+        home = next((part for part in reversed(way) if "=" not in part and not _DATE.fullmatch(part)), "")
         named = any(plain(key) in LOOP | TAG for key in partition)
-        home = "" if named else _home((folder.name, *parts))
-        for name in sorted(names):
-            if is_export(name):
-                own = {**partition, "loop": home} if home and _PART.match(name) else partition
-                found.append(Source(here / name, own, beside))
+        here, beside = reduce(truediv, parts, folder), frozenset(names)
+        for name in sorted(filter(is_export, names)):
+            own = {**partition, "loop": home} if home and not named and _PART.match(name) else partition
+            found.append(Source(here / name, own, beside))
         if len(found) > MAX_FILES:
             raise InputError(f"more than {MAX_FILES} files", where=str(folder), remedy="scan it in parts")
     if not found:
-        other = sorted({Path(name).suffix or name for name in seen})
+        other = sorted({Path(name).suffix or name for names in listed.values() for name in names})
         there = f"; found there: {', '.join(other[:8])}" + ", ..." * (len(other) > 8) if other else "; it is empty"
         raise InputError(f"folder holds no exports (no CSV, Parquet or Excel files){there}", where=str(folder),
                          remedy="name the folder with the exports, or a file")
     return found
 
 
-def _home(parts: Sequence[str]) -> str:
-    """The nearest folder that is called after something: no key=value, no date."""
-    return next((part for part in reversed(parts) if "=" not in part and not _DATE.fullmatch(part)), "")
+def is_export(name: str) -> bool:
+    """Say whether a file name has the ending of an export and is no sidecar."""
+    found = _FILE.fullmatch(name)
+    if found is None or found["kind"] is None or name.startswith((".", "_", "~$")):
+        return False
+    return found["kind"].lower() != ".csv" or not f".{found['stem']}".lower().endswith(".loops")
 
 
-def _folders_of(folder: Path | Remote) -> Iterator[tuple[tuple[str, ...], list[str]]]:
-    """Yield every folder in and below a folder, as its parts below it and the names of its files, in order."""
-    if isinstance(folder, Remote):
-        listed: dict[tuple[str, ...], list[str]] = {}
-        for parts in folder.files_below():
-            if not any(part.startswith((".", "_")) for part in parts[:-1]):
-                listed.setdefault(parts[:-1], []).append(parts[-1])
-        yield from listed.items()
-        return
-    for root, folders, names in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not name.startswith((".", "_")))
-        yield Path(root).relative_to(folder).parts, names
+def stem_of(path: Path | Remote) -> str:
+    """File name without the endings of its format: FIC101.PV.csv.gz -> FIC101.PV."""
+    found = _FILE.fullmatch(path.name)
+    return found["stem"] if found else path.name
 
 
 def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source]) -> list[Path | Remote]:
@@ -145,52 +284,24 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
 
     A CSV table (NAME.loops.csv, loops.csv) is found the same way when there is no TOML.
     """
+    @cache
+    def first(folder: Path | Remote, *names: str, beside: frozenset[str] | None = None) -> Path | Remote | None:
+        """The first of these files in a folder; asked of its listing where there is one, which costs nothing."""
+        for path in (folder / f"{name}.{ending}" for name in names for ending in ("toml", "csv")):
+            with contextlib.suppress(InputError):  # some stores answer "denied" for an object that is not there
+                if path.name in beside if beside is not None else path.is_file():
+                    return path
+        return None
+
     folders = [path for path in map(place, inputs) if path.is_dir()]
-
-    def first(candidates: Iterable[Path | Remote], source: Source | None = None) -> Path | Remote | None:
-        return next((c for c in candidates if _there(c, source)), None)
-
-    found = [first((*_named(path.parent, path.name), *_plain(path))) for path in folders]
-    plain: dict[Path | Remote, Path | Remote | None] = {}
+    found = [first(path.parent, f"{path.name}.loops") or first(path, "loops") for path in folders]
     for source in sources:
-        folder = source.path.parent
-        own = first(_named(folder, stem_of(source.path), source.path.name), source)
-        if own is None:
-            if folder not in plain:
-                plain[folder] = first(_plain(folder), source)
-            own = plain[folder]
-        found.append(own)
+        folder, beside = source.path.parent, source.beside
+        found.append(first(folder, f"{stem_of(source.path)}.loops", f"{source.path.name}.loops", beside=beside)
+                     or first(folder, "loops", beside=beside))
     if not any(found):
-        found = [first(_plain(path.absolute().parent)) for path in folders]
+        found = [first(path.absolute().parent, "loops") for path in folders]
     return [path for path in dict.fromkeys(found) if path is not None]
-
-
-def _there(sidecar: Path | Remote, source: Source | None) -> bool:
-    """Whether a file stands beside a source; asked of the listing where there is one, which costs nothing."""
-    if source is not None and source.beside is not None:
-        return sidecar.name in source.beside
-    with contextlib.suppress(InputError):  # some stores answer "denied" for an object that is not there
-        return sidecar.is_file()
-    return False
-
-
-def _named(folder: Path | Remote, *names: str) -> list[Path | Remote]:
-    return [folder / f"{name}.loops.{ending}" for name in names for ending in ("toml", "csv")]
-
-
-def _plain(folder: Path | Remote) -> list[Path | Remote]:
-    return [folder / "loops.toml", folder / "loops.csv"]
-
-
-def stem_of(path: Path | Remote) -> str:
-    """File name without the endings of its format: FIC101.PV.csv.gz -> FIC101.PV."""
-    name = path.name
-    for endings in (PACKED, TEXT + PARQUET + WORKBOOK):
-        for ending in endings:
-            if name.lower().endswith(ending) and len(name) > len(ending):
-                name = name[: -len(ending)]
-                break
-    return name
 
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:
@@ -202,7 +313,8 @@ def read_metadata(path: str | PathLike[str]) -> Metadata:
     try:
         if path.stat().st_size > SIZE_LIMIT:
             raise MetadataError("metadata file is larger than 32 MB", where=str(path), remedy="is this the data file?")
-        text = path.read_bytes().decode("utf-8-sig")
+        with open_place(path) as file:
+            text = file.read().decode("utf-8-sig")
     except FileNotFoundError:
         raise MetadataError("loops file not found: no such file", where=str(path),
                             remedy="check the path given to --loops") from None
@@ -211,13 +323,13 @@ def read_metadata(path: str | PathLike[str]) -> Metadata:
     except UnicodeDecodeError as error:
         raise MetadataError(f"loops file is not UTF-8 text (byte {error.start})", where=str(path),
                             remedy="save it as UTF-8") from None
-    parse = parse_table if path.suffix.lower() in (".csv", ".txt", ".tsv") else parse_toml
+    parse = parse_table if Path(path.name).suffix.lower() in (".csv", ".txt", ".tsv") else parse_toml
     return parse(text, str(path))
 
 
 def size_of(inputs: Sequence[str | PathLike[str]]) -> int | None:
     """Return the bytes of all files behind the inputs on this machine, None where that cannot be known quickly."""
     try:
-        return sum(source.path.stat().st_size for source in find_sources(list(inputs)) if isinstance(source.path, Path))
+        return sum(source.path.stat().st_size for source in find_sources(inputs) if isinstance(source.path, Path))
     except (BacklashError, OSError):
         return None

@@ -35,23 +35,15 @@ def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[Floa
 
     Holes at the ends and next to a gap (a jump of `index`) stay. Returns (values, filled).
     """
-    missing = ~np.isfinite(values)
-    filled = np.zeros(len(values), bool)
-    starts, ends = runs(missing)
+    starts, ends = runs(~np.isfinite(values))
     inner = (starts > 0) & (ends < len(values)) & (ends - starts <= longest)
     starts, ends = starts[inner], ends[inner]
     unbroken = index[ends] - index[starts - 1] == ends - starts + 1
-    starts, ends = starts[unbroken], ends[unbroken]
-    if not len(starts):
+    filled = inside(starts[unbroken], ends[unbroken], len(values))
+    if not filled.any():
         return values, filled
-    out = values.copy()
-    counts = ends - starts
-    position = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    where = np.repeat(starts, counts) + position
-    left, right = values[starts - 1], values[ends]
-    share = (position + 1) / np.repeat(counts + 1, counts)
-    out[where] = np.repeat(left, counts) + share * np.repeat(right - left, counts)
-    filled[where] = True
+    out, known = values.copy(), np.flatnonzero(np.isfinite(values))
+    out[filled] = np.interp(np.flatnonzero(filled), known, values[known])
     return out, filled
 
 
@@ -118,73 +110,59 @@ def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
     return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))
 
 
+_KINDS = {  # what a sample is, later ones count more: (its state, the code of the note, its words)
+    "wild": (None, "implausible", "samples of PV far outside the range (spikes) were rejected"),
+    "filled": (SampleState.FILLED, "filled", "samples in short holes were interpolated"),
+    "interpolated": (SampleState.FILLED, "", ""),
+    "frozen": (SampleState.FROZEN, "frozen", "repeat one number for too long (PV constant or frozen)"),
+    "saturated": (SampleState.SATURATED, "saturated", "have the output at its limit"),
+    "lost": (SampleState.IMPLAUSIBLE, "", ""),
+    "missing": (SampleState.MISSING, "missing", "have no measurement"),
+    "setpoint": (SampleState.MISSING, "setpoint_missing", "have no setpoint"),
+    "output": (SampleState.MISSING, "output_missing", "have no output"),
+    "manual": (SampleState.MANUAL, "manual", "are not in automatic"),
+}
+
+
 def state_notes(counts: Counter[str], samples: int, *kinds: str) -> list[Note]:
     """Say how many of so many samples are of these kinds, in order."""
     found = []
     for kind in kinds:
-        count = counts[kind]
-        code, text = _SAID[kind]
-        if kind == "wild" and count > 0.5 * samples:
-            text = f"{100 * count / samples:.0f} % of the measurement lies far outside pv_range: check it"
-            found.append(Note("outside_range", text))
-        elif count:
+        _, code, text = _KINDS[kind]
+        if kind == "wild" and counts[kind] > 0.5 * samples:
+            share = 100 * counts[kind] / samples
+            found.append(Note("outside_range",
+                              f"{share:.0f} % of the measurement lies far outside pv_range: check it"))
+        elif counts[kind]:
             text = text if kind in ("wild", "filled") else f"of {samples} samples {text}; not used"
-            found.append(Note(code, f"{count} {text}", {"samples": float(count)}))
+            found.append(Note(code, f"{counts[kind]} {text}", {"samples": float(counts[kind])}))
     return found
 
 
-MEASURED = ("wild", "filled", "frozen", "saturated", "missing")
-_SAID = {"wild": ("implausible", "samples of PV far outside the range (spikes) were rejected"),
-         "filled": ("filled", "samples in short holes were interpolated"),
-         "frozen": ("frozen", "repeat one number for too long (PV constant or frozen)"),
-         "saturated": ("saturated", "have the output at its limit"), "missing": ("missing", "have no measurement"),
-         "setpoint": ("setpoint_missing", "have no setpoint"), "output": ("output_missing", "have no output"),
-         "manual": ("manual", "are not in automatic")}
+def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArray | None,
+           interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int
+           ) -> tuple[FloatArray, NDArray[np.uint8], dict[str, NDArray[np.bool_]]]:
+    """Say what each sample of a loop on its grid is. Return (measurement, state, marks): PV with short holes filled,
+    the SampleState of each sample, and where they are of the kinds of `state_notes`; a sample may be several things.
 
-
-class Samples:
-    """Samples of one loop on its grid, all (samples,). index: grid numbers. sp, pv, op: None where not recorded.
-
-    interpolated: the measurement was not recorded there. manual: not in automatic. bridge: longest hole in samples that
-    is filled.
-    After it is made, holes of `measurement` are filled, `state` says what each sample is, `count` how many are what.
+    All are (samples,). index: grid numbers. sp, pv, op: normalised, None where not recorded. interpolated: the
+    measurement was not recorded there. manual: not in automatic. bridge: longest hole in samples that is filled.
     """
-
-    def __init__(self, index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArray | None,
-                 interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int) -> None:
-        self.index = index
-        self.setpoint = np.full(len(index), np.nan) if sp is None else sp
-        self.output = op
-        self.state = np.zeros(len(index), np.uint8)
-        self._marks: dict[str, NDArray[np.bool_]] = {}
-        self.measurement = self._measured(pv, op, interpolated, bridge)
-        for what, values in (("setpoint", sp), ("output", op)):
-            if values is not None and not np.isfinite(values).all():
-                self._mark(what, ~np.isfinite(values), SampleState.MISSING)
-        if manual is not None:
-            there = (self.state != SampleState.MISSING) & (self.state != SampleState.IMPLAUSIBLE)
-            self._mark("manual", manual & there, SampleState.MANUAL)
-
-    def count(self, first: int = 0, last: int | None = None) -> Counter[str]:
-        """Return how many of the samples first..last-1 are what."""
-        return Counter({name: int(np.count_nonzero(where[first:last])) for name, where in self._marks.items()})
-
-    def _measured(self, pv: FloatArray, op: FloatArray | None, interpolated: NDArray[np.bool_] | None,
-                  bridge: int) -> FloatArray:
-        wild = implausible(pv)
-        self._marks["wild"] = wild
-        y, filled = short_holes(np.where(wild, np.nan, pv), self.index, bridge)
-        self._mark("filled", filled, SampleState.FILLED)
-        if interpolated is not None:
-            self.state[interpolated] = SampleState.FILLED
-        self._mark("frozen", frozen(y), SampleState.FROZEN)
-        if op is not None:
-            self._mark("saturated", saturated(op), SampleState.SATURATED)
-        missing = ~np.isfinite(y)
-        self.state[missing & wild] = SampleState.IMPLAUSIBLE
-        self._mark("missing", missing & ~wild, SampleState.MISSING)
-        return y
-
-    def _mark(self, what: str, where: NDArray[np.bool_], value: SampleState) -> None:
-        self.state[where] = value
-        self._marks[what] = where
+    wild = implausible(pv)
+    y, filled = short_holes(np.where(wild, np.nan, pv), index, bridge)
+    missing = ~np.isfinite(y)
+    marks = {"wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild}
+    if interpolated is not None:
+        marks["interpolated"] = interpolated
+    if op is not None:
+        marks["saturated"] = saturated(op)
+    for name, values in (("setpoint", sp), ("output", op)):
+        if values is not None and not (known := np.isfinite(values)).all():
+            marks[name] = ~known
+    state = np.zeros(len(index), np.uint8)
+    for name, (value, _, _) in _KINDS.items():
+        if name == "manual" and manual is not None:
+            marks[name] = manual & (state != SampleState.MISSING) & (state != SampleState.IMPLAUSIBLE)
+        if name in marks and value is not None:
+            state[marks[name]] = value
+    return y, state, marks

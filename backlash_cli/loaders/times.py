@@ -2,7 +2,7 @@
 
 Written dates are read by one expression for the whole column and arithmetic on its parts. What only the whole file can
 tell (which of day and month comes first, times of day past midnight, the hour that occurs twice) is found out when all
-blocks were seen: until then a stamp with an open date stands as the number of its date.
+blocks were seen: until then a stamp with an open date is packed from the numbers of its date and its time of day.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
-from typing import Any
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -26,19 +25,21 @@ from .numbers import codes_and_words, is_number, is_text, plain_numbers, to_arra
 from .options import ReadOptions
 from .order import DAY, HOUR, NAT, SECOND
 
-_WEEKDAY = r"(?:\pL{2,10}\.?,?\s+)?"
+LETTER = r"[^\x00-@\[-`{-\x7f]"  # also of other alphabets; \pL takes forty times as long to compile
 _CLOCK = (r"(?P<h>\d{1,2})[:.h](?P<mi>\d{2})(?:[:.](?P<s>\d{2})(?:[.,:](?P<f>\d{1,9})\d*)?)?"
           r"\s*(?P<ap>[AaPp]\.?\s?[Mm]\.?)?\s*"
           r"(?P<z>Z|z|[+-]\d{1,2}:?\d{0,2}|[A-Z]{2,5}(?:[+-]\d{1,2}(?::?\d{2})?)?)?")  # fmt: skip
-_MONTH_WORD = r"|\pL{3,12}\.?"
-_DATED = (rf"^\s*{_WEEKDAY}(?P<a>\d{{1,4}}{_MONTH_WORD})(?P<sep>[-/. ]+)(?P<b>\d{{1,2}}{_MONTH_WORD})[-/. ,]+"
-          rf"(?P<c>\d{{1,4}})(?:[T_ ,:]+{_CLOCK})?\s*(?:\[[^\]]*\]|\([^)]*\))?\s*$")  # fmt: skip
-# narrower ones first: it takes 25 ms to compile an expression with the letters of all alphabets
-_DATES = (_DATED.replace(_WEEKDAY, "").replace(_MONTH_WORD, ""), _DATED.replace(r"\pL", "[A-Za-z]"), _DATED)
-_COMPACT = (r"^\s*(?P<y>(?:19|20)\d{2})(?P<m>\d{2})(?P<d>\d{2})(?:[T_ -]?(?P<h>\d{2}):?(?P<mi>\d{2})(?::?(?P<s>\d{2})"
-            r"(?:[.,]?(?P<f>\d{1,9}))?)?)?\s*(?P<z>Z|[+-]\d{2}:?\d{0,2})?\s*$")  # fmt: skip
-_UNIX_DATE = r"^\s*\pL{3}\s+(\pL{3}\s+\d{1,2})\s+(\d{1,2}:\d{2}:\d{2})\s+((?:[A-Z]{3,4}\s+)?)(\d{4})\s*$"
-_CLOCK_ONLY = rf"^\s*{_CLOCK}\s*$"
+_DATED = (rf"^\s*(?:{LETTER}{{2,10}}\.?,?\s+)?(?P<a>\d{{1,4}}|{LETTER}{{3,12}}\.?)(?P<sep>[-/. ]+)"
+          rf"(?P<b>\d{{1,2}}|{LETTER}{{3,12}}\.?)[-/. ,]+(?P<c>\d{{1,4}})(?:[T_ ,:]+{_CLOCK})?"
+          r"\s*(?:\[[^\]]*\]|\([^)]*\))?\s*$")  # fmt: skip
+_COMPACT = (r"^\s*(?P<a>(?:19|20)\d{2})(?P<sep>)(?P<b>\d{2})(?P<c>\d{2})(?:[T_ -]?(?P<h>\d{2}):?(?P<mi>\d{2})"
+            r"(?::?(?P<s>\d{2})(?:[.,]?(?P<f>\d{1,9}))?)?)?\s*(?P<ap>)(?P<z>Z|[+-]\d{2}:?\d{0,2})?\s*$")  # fmt: skip
+_OF_DAY = rf"^\s*{_CLOCK}\s*$"
+_REWRITTEN = (  # quotes, East Asian date signs, the year at the end
+    (r"^\s*['\"]|['\"]\s*$", ""), (r"^(\d{4})年(\d{1,2})月(\d{1,2})日", r"\1-\2-\3"),
+    (rf"^\s*{LETTER}{{3}}\s+({LETTER}{{3}}\s+\d{{1,2}})\s+(\d{{1,2}}:\d{{2}}:\d{{2}})\s+((?:[A-Z]{{3,4}}\s+)?)(\d{{4}})"
+     r"\s*$", r"\1 \4 \2 \3"),
+)  # fmt: skip
 _MONTHS = ("jan ene gen jän january januar janvier enero gennaio januari janeiro",
            "feb fév fev february februar février febrero febbraio februari fevereiro",
            "mar mär mrz maa march märz mars marzo maart março maerz", "apr avr abr april avril abril aprile",
@@ -54,222 +55,119 @@ ZONES = {"Z": 0, "UTC": 0, "GMT": 0, "UT": 0, "WET": 0, "WEST": 60, "BST": 60, "
          "MESZ": 120, "EET": 120, "EEST": 180, "MSK": 180, "EST": -300, "EDT": -240, "CST": -360, "CDT": -300,
          "MST": -420, "MDT": -360, "PST": -480, "PDT": -420, "AKST": -540, "AKDT": -480, "HST": -600, "JST": 540,
          "KST": 540, "SGT": 480, "HKT": 480, "AEST": 600, "AEDT": 660, "AWST": 480}
-_PLACES = np.array([10**8, 10**4, 1])  # bring the three numbers of a date into one
-Readings = dict[str, tuple[IntArray, ...]]  # kind -> year, month, day
 LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
+_OPEN, _SHIFT = NAT + 1, 38  # from _OPEN on, below -LIMIT: the numbers of an open date above so many bits of its clock
+_FIRST_YEAR, _YEARS = 1800, 1000  # of dates that may be open
 _FACTORS = {  # unit of numbers: (microseconds, zero, counted from a known moment)
     "epoch_s": (1e6, 0.0, True), "epoch_ms": (1e3, 0.0, True), "epoch_us": (1.0, 0.0, True),
     "epoch_ns": (1e-3, 0.0, True), "excel": (float(DAY), 25569.0, True), "labview": (1e6, 2082844800.0, True),
     "filetime": (0.1, 116444736e9, True), "seconds": (1e6, 0.0, False), "millis": (1e3, 0.0, False),
-    "minutes": (6e7, 0.0, False), "hours": (3.6e9, 0.0, False), "days": (float(DAY), 0.0, False),
+    "minutes": (6e7, 0.0, False), "hours": (3.6e9, 0.0, False),
 }  # fmt: skip
+_SIZES = ((1.2e17, 1.5e17, "filetime"), (1e17, 1e19, "epoch_ns"), (1e14, 1e17, "epoch_us"), (1e11, 1e14, "epoch_ms"),
+          (3.4e9, 4.2e9, "labview"), (1e8, 3.4e9, "epoch_s"))  # fmt: skip
+_NAMED = (("millis", ("ms",), ("ms", "msec")), ("minutes", ("min", "minutes"), ("min",)),
+          ("hours", ("hours", "timeh"), ("h", "hours")))  # unit: ends of a column's name, words in brackets behind it
 
 
 @dataclass(frozen=True, eq=False)
 class Dates:
-    """Texts read as stamps. micros: (words,) microseconds, NAT where nothing was read or where day and month are open.
-    zoned: (words,) they carry an offset. open: words whose date has three numbers without a year in front; parts:
-    (open, 3) these numbers; clock: (open,) microseconds after midnight UTC. short: all their years have two digits.
-    separator, am_pm: how the first of them is written. of_day: the texts are times of day only.
+    """Texts read as stamps. micros: (words,) microseconds, NAT where nothing was read, packed where it is open what is
+    day and what is month. zoned: (words,) they carry an offset. of_day: the texts are times of day only.
+    separator, am_pm: how the first open date is written. short: the years of all open dates have two digits.
     """
 
     micros: IntArray
     zoned: NDArray[np.bool_]
-    open: IntArray
-    parts: IntArray
-    clock: IntArray
-    short: bool = True
+    of_day: bool = False
     separator: str = ""
     am_pm: bool = False
-    of_day: bool = False
+    short: bool = True
 
 
 def read_dates(words: list[str]) -> Dates:
     """Read texts as dates with or without a time of day, or as times of day."""
-    text = _tidy(pa.array(words, pa.string()))
-    micros = np.full(len(words), NAT)
-    zoned = np.zeros(len(words), bool)
-    for expression in _DATES:
-        fields = pc.extract_regex(text, expression)
-        if not fields.null_count:
+    text, rest = pa.array(words, pa.string()), np.arange(len(words))
+    found = Dates(np.full(len(words), NAT), np.zeros(len(words), bool))
+    for form, rewritten in ((_DATED, ()), (_DATED, _REWRITTEN), (_COMPACT, ()), (_OF_DAY, ())):
+        for written, usual in rewritten:
+            text = pc.replace_substring_regex(text, written, usual)
+        fields = pc.extract_regex(text, form)
+        valid = to_array(fields.is_valid())
+        if form is _OF_DAY:
+            found = replace(found, of_day=len(rest) == len(words) and valid.sum() > len(rest) / 2)
+        if valid.any() and (form is not _OF_DAY or found.of_day):
+            fields, rows = fields.filter(pa.array(valid)), rest[valid]
+            found.micros[rows], found.zoned[rows] = _stamps(fields)
+            if len(unclear := np.flatnonzero(_is_open(found.micros[rows]))):
+                first, years = fields[int(unclear[0])].as_py(), fields.field("c").take(pa.array(unclear))
+                found = replace(found, separator=found.separator or first["sep"].strip(), am_pm=bool(first["ap"]),
+                                short=found.short and pc.max(pc.utf8_length(years)).as_py() <= 2)
+            text, rest = text.filter(pa.array(~valid)), rest[~valid]
+        if not len(rest):
             break
-    dated = np.flatnonzero(_numpy(fields.is_valid()))
-    unclear = Dates(micros, zoned, np.zeros(0, np.int64), np.zeros((0, 3), np.int64), np.zeros(0, np.int64))
-    if len(dated):
-        unclear = _dated(fields.take(pa.array(dated)), dated, micros, zoned)
-    unread = micros == NAT
-    unread[unclear.open] = False
-    rest = np.flatnonzero(unread)
-    of_day = False
-    if len(rest):
-        compact = pc.extract_regex(text.take(pa.array(rest)), _COMPACT)
-        valid = _numpy(compact.is_valid())
-        clock = None if valid.any() or len(dated) else pc.extract_regex(text.take(pa.array(rest)), _CLOCK_ONLY)
-        if valid.any():
-            fields = compact.filter(pa.array(valid))
-            days = days_of(_int(fields, "y"), _int(fields, "m"), _int(fields, "d"))
-            micros[rest[valid]], zoned[rest[valid]] = _with_clock(days, fields)
-        elif clock is not None and (valid := _numpy(clock.is_valid())).sum() > len(rest) / 2:
-            fields = clock.filter(pa.array(valid))
-            micros[rest[valid]] = _with_clock(np.zeros(int(valid.sum()), np.int64), fields)[0]
-            of_day = True
-    return replace(unclear, of_day=of_day)
+    return found
 
 
-def _tidy(text: pa.Array) -> pa.Array:
-    """Bring rare ways of writing to the common ones: quotes, East Asian date signs, and the year at the end."""
-    text = pc.replace_substring_regex(text, r"^\s*['\"]|['\"]\s*$", "")
-    text = pc.replace_substring_regex(text, r"^(\d{4})年(\d{1,2})月(\d{1,2})日", r"\1-\2-\3")
-    if pc.any(pc.match_substring_regex(text, r"^\s*[^\d\s]")).as_py():
-        text = pc.replace_substring_regex(text, _UNIX_DATE, r"\1 \4 \2 \3")
-    return text
+def _is_open(micros: IntArray) -> NDArray[np.bool_]:
+    return (micros < -LIMIT) & (micros != NAT)
 
 
-def _dated(fields: pa.StructArray, at: IntArray, micros: IntArray, zoned: NDArray[np.bool_]) -> Dates:
-    """Put clear dates into `micros` and `zoned` where they belong, and return those that are not."""
-    a, a_month = _month_or_int(fields, "a")
-    b, b_month = _month_or_int(fields, "b")
-    c = _int(fields, "c")
-    year_first = (_length(fields, "a") == 4) & ~a_month
+def _stamps(fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
+    """Return (stamps as in Dates, has an offset) of the parts of dates and times of day."""
+    hour, minute, second = (_looked_up(fields.field(name), lambda text: int(text or 0)) for name in ("h", "mi", "s"))
+    half = _looked_up(fields.field("ap"), lambda text: "ap".find(text[:1].lower()) if text else -1)
+    hour = np.where((half == 1) & (hour < 12), hour + 12, np.where((half == 0) & (hour == 12), 0, hour))
+    fraction = pc.utf8_slice_codeunits(pc.utf8_rpad(pc.fill_null(fields.field("f"), ""), 6, "0"), 0, 6)
+    offset = _looked_up(fields.field("z"), _minutes_east)
+    bad = (hour > 24) | (minute > 59) | (second > 60) | (offset == NAT)
+    minutes = hour * 60 + minute - np.where(bad, 0, offset)
+    clock = (minutes * 60 + second) * SECOND + to_array(fraction.cast(pa.int64()))
+    zoned = to_array(pc.not_equal(pc.fill_null(fields.field("z"), ""), ""))
+    if fields.type.get_field_index("a") < 0:
+        return np.where(bad, NAT, clock), zoned
+    a, b, c = (_looked_up(fields.field(name), _whole_or_month) for name in "abc")
+    year_first, month_first = a >= 1000, a < 0
     year = full_year(np.where(year_first, a, c))
-    days = days_of(year, np.where(a_month, a, b), np.where(year_first, c, np.where(a_month, b, a)))
-    unclear = ~year_first & ~a_month & ~b_month
-    out, has_zone = _with_clock(np.where(unclear, 0, days), fields)
-    micros[at[~unclear]] = out[~unclear]
-    zoned[at] = has_zone
-    rows = np.flatnonzero(unclear)
-    first = fields[int(rows[0])].as_py() if len(rows) else {}
-    good = rows[out[rows] != NAT]
-    return Dates(micros, zoned, at[good], np.stack([a, b, c], 1)[good], out[good], bool(len(rows))
-                 and bool((_length(fields, "c")[rows] <= 2).all()), first.get("sep") or "", bool(first.get("ap")))
+    days = days_of(year, np.abs(np.where(month_first, a, b)), np.where(year_first, c, np.where(month_first, b, a)))
+    unclear = (a >= 0) & ~year_first & (b >= 0)
+    bad |= unclear & ((a >= 100) | (year < _FIRST_YEAR) | (year >= _FIRST_YEAR + _YEARS))
+    packed = _OPEN + ((((year - _FIRST_YEAR) * 100 + b) * 100 + a) << _SHIFT) + clock + DAY
+    return np.where(bad, NAT, np.where(unclear, packed, _at(days, clock))), zoned
 
 
-class DateOrder:
-    """Finds out which of day, month and year comes first, from all dates of a file in their order.
+def _unpacked(stamps: IntArray) -> tuple[IntArray, IntArray]:
+    """(number of the date, time of day) of open stamps."""
+    return (stamps - _OPEN) >> _SHIFT, ((stamps - _OPEN) & ((1 << _SHIFT) - 1)) - DAY
 
-    Every date has a number; `first` and `last` are the times of day it was seen with.
-    """
 
-    def __init__(self) -> None:
-        self.codes: dict[tuple[int, int, int], int] = {}
-        self.first: list[int] = []
-        self.last: list[int] = []
-        self.texts: list[int] = []  # how many have this date
-        self.short, self.separator, self.am_pm = True, "", False
+def _at(days: IntArray, clock: IntArray) -> IntArray:
+    return np.where(days == NAT, NAT, np.where(days == NAT, 0, days) * DAY + clock)
 
-    def take(self, found: Dates) -> IntArray:
-        """Return the numbers of the open dates."""
-        if len(found.open):
-            if not self.codes:
-                self.separator, self.am_pm = found.separator, found.am_pm
-            self.short &= found.short
-        parts, place, counts = np.unique(found.parts @ _PLACES, return_inverse=True, return_counts=True)
-        begins, ends = np.full(len(parts), -1), np.full(len(parts), -1)
-        ends[place] = np.arange(len(place))
-        begins[place[::-1]] = np.arange(len(place))[::-1]
-        codes = np.zeros(len(parts), np.int64)
-        for k in np.argsort(begins).tolist():
-            a, b, c = found.parts[begins[k]].tolist()
-            key = a, b, c
-            if key not in self.codes:
-                self.codes[key] = len(self.codes)
-                self.first.append(int(found.clock[begins[k]]))
-                self.last.append(0)
-                self.texts.append(0)
-            codes[k] = self.codes[key]
-            self.last[codes[k]] = int(found.clock[ends[k]])
-            self.texts[codes[k]] += int(counts[k])
-        return codes[place]
 
-    def days(self, order: str | None, where: str, name: str, notes: list[Note]) -> IntArray:
-        """(dates,) Return the days since 1970 of all dates. Raises InputError when two readings are possible."""
-        if not self.codes:
-            return np.zeros(0, np.int64)
-        a, b, c = np.array(list(self.codes), np.int64).T
-        readings: Readings = {"dmy": (c, b, a), "mdy": (c, a, b), "ymd": (a, b, c)}
-        chosen = order if order in readings else self._decided(readings, where, name, notes)
-        year, month, day = readings[chosen]
-        return days_of(full_year(year), month, day)
+def _looked_up(texts: pa.Array, value: Callable[[str], int]) -> IntArray:
+    """(texts,) What few different texts mean, each looked up once."""
+    coded = pc.fill_null(texts, "").dictionary_encode()
+    return np.array([value(text) for text in coded.dictionary.to_pylist()], np.int64)[to_array(coded.indices)]
 
-    def _decided(self, readings: Readings, where: str, name: str, notes: list[Note]) -> str:
-        def possible(parts: tuple[IntArray, ...]) -> bool:
-            _, month, day = parts
-            fits = (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31)
-            return float(np.average(fits, weights=self.texts)) > 0.99
 
-        a, _, c = readings["ymd"]
-        fitting = [kind for kind, parts in readings.items() if possible(parts) and (kind != "ymd" or self.short)]
-        if len(fitting) > 1 and self.short and "ymd" in fitting:
-            # two-digit years: only dates of this century are read, so a part above 31 decides
-            decided = [kind for kind in fitting if kind != "ymd" and (c > 31).any()]
-            fitting = decided or (["ymd"] if (a > 31).any() else fitting)
-        if len(fitting) < 2:
-            return fitting[0] if fitting else "dmy"
-        even = self._even({kind: readings[kind] for kind in fitting})
-        if even:
-            return even
-        if self.separator.strip() == "." and "dmy" in fitting:
-            return "dmy"
-        if self.am_pm and self.separator.strip() in ("/", "-") and "mdy" in fitting:
-            notes.append(Note("time_format", "dates with AM/PM are read as month/day/year; --time-format dmy if not"))
-            return "mdy"
-        first = next(iter(self.codes))
-        raise InputError(
-            f"dates like {first[0]:02d}{self.separator}{first[1]:02d}{self.separator}{first[2]:02d} in {name!r} are "
-            "ambiguous: is the day first?", where=where, code="ambiguous_dates",
-            remedy="say it with --time-format dmy, mdy or a pattern such as '%d/%m/%Y %H:%M:%S'")
+def _whole_or_month(text: str) -> int:
+    """A number, or that of a month's name below zero; -99 for a word that is none."""
+    word = text.lower().rstrip(".")
+    return int(text) if text.isdigit() else -MONTH.get(word, MONTH.get(word[:3], 99))
 
-    def _even(self, readings: Readings) -> str:
-        """The reading with which the time goes on over midnight where every other one jumps, "" if there is none."""
-        if len(self.codes) < 2:
-            return ""
-        clock = (np.array(self.first[1:]) - np.array(self.last[:-1])) / DAY
-        jumps = {}
-        for kind, (year, month, day) in readings.items():
-            days = days_of(full_year(year), month, day)
-            ahead = np.abs(np.diff(days) + clock) if days.min() != NAT else np.array([np.inf])
-            jumps[kind] = float(np.sum(ahead)), float(np.max(ahead))
-        best = min(jumps, key=lambda kind: jumps[kind])
-        others = [total for kind, (total, _) in jumps.items() if kind != best]
-        return best if jumps[best][1] < 3.0 and min(others) > 5.0 * jumps[best][0] else ""
+
+def _minutes_east(zone: str) -> int:
+    """Minutes of a zone east of UTC, NAT for one that is not known."""
+    if not zone or zone.upper() in ZONES:
+        return ZONES.get(zone.upper(), 0)
+    match = re.match(r"^(|UTC|GMT)([+-]\d{1,2}):?(\d{2})?$", zone.upper())
+    return int(match[2]) * 60 + int(f"{match[2][0]}{match[3] or 0}") if match else NAT
 
 
 def full_year(year: IntArray) -> IntArray:
     """Years of two digits as they are meant."""
     return np.where(year < 70, year + 2000, np.where(year < 100, year + 1900, year))
-
-
-def _with_clock(days: IntArray, fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
-    hour, minute, second = _int(fields, "h", 0), _int(fields, "mi", 0), _int(fields, "s", 0)
-    bad = (days == NAT) | (hour > 24) | (minute > 59) | (second > 60)
-    if "ap" in [fields.type.field(i).name for i in range(fields.type.num_fields)]:
-        half = pc.utf8_lower(pc.utf8_slice_codeunits(fields.field("ap"), 0, 1))
-        pm = _numpy(pc.equal(half, "p").fill_null(False))
-        am = _numpy(pc.equal(half, "a").fill_null(False))
-        hour = np.where(pm & (hour < 12), hour + 12, np.where(am & (hour == 12), 0, hour))
-    fraction = pc.utf8_slice_codeunits(pc.utf8_rpad(pc.fill_null(fields.field("f"), ""), 6, "0"), 0, 6)
-    micros = np.asarray(_numpy(fraction.cast(pa.int64())), np.int64)
-    offset, zoned, unknown = _offsets(fields.field("z"))
-    out = ((np.where(bad, 0, days) * 24 + hour) * 60 + minute - offset) * 60_000_000 + second * 1_000_000 + micros
-    out[bad | unknown] = NAT
-    return out, zoned
-
-
-def _offsets(zone: pa.Array) -> tuple[IntArray, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return (minutes east of UTC, has a zone, zone is not known) for every stamp; zones are few and looked up once."""
-    coded = pc.fill_null(zone, "").dictionary_encode()
-    minutes, known = [], []
-    for text in coded.dictionary.to_pylist():
-        match = re.match(r"^([A-Za-z]*)([+-]\d{1,2})?:?(\d{2})?$", text)
-        base = ZONES.get(text.upper()) if text else 0
-        if base is None and match and match[2] and match[1].upper() in ("", "UTC", "GMT"):
-            sign = -1 if match[2][0] == "-" else 1
-            base = int(match[2]) * 60 + sign * int(match[3] or 0)
-        minutes.append(base or 0)
-        known.append(base is not None)
-    index = _numpy(coded.indices)
-    given = np.array([bool(t) for t in coded.dictionary.to_pylist()], bool)[index]
-    return np.array(minutes, np.int64)[index], given, ~np.array(known, bool)[index]
 
 
 def days_of(year: IntArray, month: IntArray, day: IntArray) -> IntArray:
@@ -280,37 +178,79 @@ def days_of(year: IntArray, month: IntArray, day: IntArray) -> IntArray:
     return np.where(bad | (days.astype("datetime64[M]") != months), NAT, days.astype(np.int64))
 
 
-def _int(fields: pa.StructArray, name: str, missing: int = -1) -> IntArray:
-    column = fields.field(name)
-    filled = pc.if_else(pc.equal(pc.fill_null(column, ""), ""), str(missing), column)
-    return np.asarray(_numpy(filled.cast(pa.int64())), np.int64)
+class DateOrder:
+    """Finds out which of day, month and year comes first, from all open dates of a file in their order."""
+
+    def __init__(self) -> None:
+        self.seen: dict[int, list[int]] = {}  # date -> first and last time of day it was seen with, and number of texts
+        self.first = Dates(np.zeros(0, np.int64), np.zeros(0, bool))
+        self.short = True
+
+    def take(self, found: Dates) -> None:
+        """Count the open dates of some texts, in the order in which these stand in the file."""
+        stamps = found.micros[_is_open(found.micros)]
+        if not len(stamps):
+            return
+        self.first, self.short = self.first if self.seen else found, self.short and found.short
+        numbers, clocks = _unpacked(stamps)
+        dates, begins, counts = np.unique(numbers, return_index=True, return_counts=True)
+        ends = len(numbers) - 1 - np.unique(numbers[::-1], return_index=True)[1]
+        for k in np.argsort(begins).tolist():
+            seen = self.seen.setdefault(int(dates[k]), [int(clocks[begins[k]]), 0, 0])
+            seen[1:] = int(clocks[ends[k]]), seen[2] + int(counts[k])
+
+    def chosen(self, order: str | None, where: str, name: str, notes: list[Note]) -> Callable[[IntArray], IntArray]:
+        """Return what gives the stamps of packed ones. Raises InputError when two readings are possible."""
+        if not self.seen or order not in ("dmy", "mdy", "ymd"):
+            order = self._decided(where, name, notes) if self.seen else "dmy"
+
+        def read(stamps: IntArray) -> IntArray:
+            numbers, clock = _unpacked(stamps)
+            return _at(days_of(*_readings(numbers)[order]), clock)
+
+        return read
+
+    def _decided(self, where: str, name: str, notes: list[Note]) -> str:
+        readings = _readings(np.array(list(self.seen), np.int64))
+        counts = [count for _, _, count in self.seen.values()]
+        fitting = [kind for kind, (_, month, day) in readings.items() if (kind != "ymd" or self.short) and np.average(
+            (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31), weights=counts) > 0.99]
+        if len(fitting) < 2:
+            return fitting[0] if fitting else "dmy"
+        even = self._even({kind: readings[kind] for kind in fitting})
+        separator = self.first.separator
+        if even or (separator == "." and "dmy" in fitting):
+            return even or "dmy"
+        if self.first.am_pm and separator in ("/", "-") and "mdy" in fitting:
+            notes.append(Note("time_format", "dates with AM/PM are read as month/day/year; --time-format dmy if not"))
+            return "mdy"
+        year, b, a = (int(part[0]) for part in readings["dmy"])
+        raise InputError(
+            f"dates like {a:02d}{separator}{b:02d}{separator}{year % 100 if self.short else year:02d} in {name!r} are "
+            "ambiguous: is the day first?", where=where, code="ambiguous_dates",
+            remedy="say it with --time-format dmy, mdy or a pattern such as '%d/%m/%Y %H:%M:%S'")
+
+    def _even(self, readings: dict[str, tuple[IntArray, ...]]) -> str:
+        """The reading with which the time goes on over midnight where every other one jumps, "" if there is none."""
+        if len(self.seen) < 2:
+            return ""
+        first, last, _ = np.array(list(self.seen.values())).T
+        jumps = {}
+        for kind, parts in readings.items():
+            days = days_of(*parts)
+            ahead = np.abs(np.diff(days) + (first[1:] - last[:-1]) / DAY) if days.min() != NAT else np.array([np.inf])
+            jumps[kind] = float(np.sum(ahead)), float(np.max(ahead))
+        best = min(jumps, key=lambda kind: jumps[kind])
+        others = [total for kind, (total, _) in jumps.items() if kind != best]
+        return best if jumps[best][1] < 3.0 and min(others) > 5.0 * jumps[best][0] else ""
 
 
-def _month_or_int(fields: pa.StructArray, name: str) -> tuple[IntArray, NDArray[np.bool_]]:
-    """Numbers of a part that may be a month's name (one of few words, looked up once each)."""
-    coded = fields.field(name).dictionary_encode()
-    numbers, names = [], []
-    for word in coded.dictionary.to_pylist():
-        if word.isdigit():
-            numbers.append(int(word))
-            names.append(False)
-        else:
-            key = word.lower().rstrip(".")
-            numbers.append(MONTH.get(key, MONTH.get(key[:3], -1)))
-            names.append(True)
-    index = _numpy(coded.indices)
-    return np.array(numbers, np.int64)[index], np.array(names, bool)[index]
-
-
-def _length(fields: pa.StructArray, name: str) -> IntArray:
-    return _numpy(pc.utf8_length(fields.field(name)))
-
-
-def _numpy(cells: pa.Array) -> NDArray[Any]:
-    return cells.to_numpy(zero_copy_only=False)
-
-
-_OPEN, _SHIFT = -(1 << 62), 38  # stamps with an open date: from _OPEN on, the number of the date above so many bits
+def _readings(numbers: IntArray) -> dict[str, tuple[IntArray, ...]]:
+    """(year, month, day) of the numbers of dates in each order in which they may stand."""
+    rest, a = np.divmod(numbers, 100)
+    c, b = np.divmod(rest, 100)
+    year = c + _FIRST_YEAR
+    return {"dmy": (year, b, a), "mdy": (year, a, b), "ymd": (full_year(a), b, year % 100)}
 
 
 class StampReader:
@@ -326,32 +266,30 @@ class StampReader:
         self._order = DateOrder()
         self._unit = ""  # of stamps that are numbers
         self._of_day: tuple[int, int] | None = None  # last time of day without a date, and days since the first
+        self._clock: WallClock | None = None
 
     def take(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
         """Return the stamps of the next rows, to be given to what `finish` returns."""
-        pattern = self.options.time_format or ""
-        if len(columns) == 2 and "%" in pattern:
-            date = self._texts(columns[0], pattern)
-            clock = read_dates(words := [text or "" for text in columns[1].cast(pa.string()).to_pylist()]).micros
-            return np.where((date == NAT) | (clock == NAT), NAT, date + clock % DAY) if words else date
         column = columns[0]
+        if len(columns) == 2 and "%" in (self.options.time_format or ""):
+            date = self._texts(column)
+            clock = read_dates([text or "" for text in columns[1].cast(pa.string()).to_pylist()]).micros
+            return np.where((date == NAT) | (clock == NAT), NAT, date + clock % DAY)
         if len(columns) == 2:
             column = pc.binary_join_element_wise(*(part.cast(pa.string()) for part in columns), " ")
+        if pa.types.is_dictionary(column.type) and not is_text(column.type.value_type):
+            column = column.cast(column.type.value_type)
         kind = column.type
-        if pa.types.is_dictionary(kind) and not is_text(kind.value_type):
-            column = column.cast(kind.value_type)
-            kind = column.type
-        if pa.types.is_timestamp(kind):
-            return self._clear(_micros(column, kind.unit), kind.tz is not None)
-        if pa.types.is_date(kind):
-            return self._clear(_micros(column.cast(pa.timestamp("s")), "s"), False)
+        if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
+            micros = _micros(column, pa.timestamp("us", getattr(kind, "tz", None)))
+            self._seen(micros, np.full(len(micros), getattr(kind, "tz", None) is not None))
+            return micros
         if pa.types.is_time(kind):
-            width = pa.int32() if pa.types.is_time32(kind) else pa.int64()
-            return self._past_midnight(_scaled(_integers(column.cast(width).cast(pa.int64())), kind.unit))
+            return self._past_midnight(_micros(column, pa.time64("us")))
         if pa.types.is_null(kind):
             return np.full(len(column), NAT)
         if is_text(kind):
-            return self._texts(column, pattern)
+            return self._texts(column)
         if is_number(kind):
             return self._numbers(to_array(column.cast(pa.float64(), safe=False)))
         raise InputError(f"column {self.name!r} holds no time stamps ({kind})", where=self.where,
@@ -361,47 +299,38 @@ class StampReader:
         """Return what gives the stamps in UTC, to be called for all rows in file order. `notes` are complete after
         that. Raises InputError when there were no stamps, or when day and month cannot be told apart."""
         if not self._known:
-            if self._unit or not self._shown:
-                raise InputError(f"time column {self.name!r} holds no time stamps", where=self.where,
-                                 remedy="name it with --time-format")
-            raise InputError(f"time column {self.name!r} holds no readable time stamps (for example {self._shown!r})",
-                             where=self.where,
+            what = f"readable time stamps (for example {self._shown!r})" if self._shown else "time stamps"
+            raise InputError(f"time column {self.name!r} holds no {what}", where=self.where,
                              remedy="describe them with --time-format, for example --time-format '%d/%m/%Y %H:%M:%S'")
-        days = self._order.days(self.options.time_format, self.where, self.name, self.notes)
+        read_open = self._order.chosen(self.options.time_format, self.where, self.name, self.notes)
         if self._zoned and self._bare:
             self.notes.append(Note(
                 "mixed_zones", "some time stamps carry an offset and some do not; the others count as UTC"))
         counted = self._unit.startswith("epoch") or not self.absolute or self._of_day is not None
-        zoned = counted or (self._zoned and not self._bare)
-        clock = WallClock(self.options.timezone) if self.options.timezone and not zoned and self.absolute else None
-        self._clock = clock
+        if self.options.timezone and not counted and (self._bare or not self._zoned):
+            self._clock = WallClock(self.options.timezone)
 
         def resolved(stamps: IntArray) -> IntArray:
-            if len(days):
-                is_open = (stamps < -LIMIT) & (stamps != NAT)
-                if is_open.any():
-                    number = stamps[is_open] - _OPEN
-                    day = days[number >> _SHIFT]
-                    stamps = stamps.copy()
-                    stamps[is_open] = np.where(day == NAT, NAT, day * DAY + (number & ((1 << _SHIFT) - 1)) - DAY)
-            return stamps if clock is None else clock.utc(stamps)
+            is_open = _is_open(stamps)
+            if is_open.any():
+                stamps = stamps.copy()
+                stamps[is_open] = read_open(stamps[is_open])
+            return stamps if self._clock is None else self._clock.utc(stamps)
 
         return resolved
 
     @property
     def all_notes(self) -> tuple[Note, ...]:
         """What is to be said of all stamps, when they were resolved."""
-        clock = getattr(self, "_clock", None)
-        return (*self.notes, *(clock.notes if clock is not None else ()))
+        return (*self.notes, *(self._clock.notes if self._clock is not None else ()))
 
-    def _clear(self, micros: IntArray, zoned: bool) -> IntArray:
-        if self._known and self._zoned and self._bare:
-            return micros
-        if bool(np.any(micros != NAT)):
+    def _seen(self, micros: IntArray, zoned: NDArray[np.bool_]) -> None:
+        """Note whether there are stamps, and whether they carry offsets."""
+        there = micros != NAT
+        if there.any():
             self._known = True
-            self._zoned |= zoned
-            self._bare |= not zoned
-        return micros
+            self._zoned |= bool(zoned[there].any())
+            self._bare |= not zoned[there].all()
 
     def _past_midnight(self, micros: IntArray) -> IntArray:
         """Times of day without a date: count on past midnight."""
@@ -414,42 +343,33 @@ class StampReader:
             self._known = True
             steps = np.diff(micros[known], prepend=last if self._of_day else micros[known[0]])
             passed = days + np.cumsum(steps < -DAY // 2)
-            out[known] = micros[known] + passed * DAY
+            out[known] += passed * DAY
             last, days = int(micros[known[-1]]), int(passed[-1])
         self._of_day = last, days
         return out
 
-    def _texts(self, column: pa.ChunkedArray | pa.Array, pattern: str) -> IntArray:
+    def _texts(self, column: pa.ChunkedArray | pa.Array) -> IntArray:
         codes, words = codes_and_words(column)
         if not words:
             return np.full(len(codes), NAT)
         self._shown = self._shown or next((word for word in words if word.strip()), "")[:40]
-        if "%" in pattern:
-            return self._clear(np.append(_by_pattern(words, pattern), NAT)[codes], False)
+        if "%" in (self.options.time_format or ""):
+            micros = _by_pattern(words, self.options.time_format or "")
+            self._seen(micros, np.zeros(len(words), bool))
+            return np.append(micros, NAT)[codes]
         if self._unit:
             return self._numbers(np.append(plain_numbers(words), np.nan)[codes])
         found = read_dates(words)
         if found.of_day and (self._of_day is not None or not self._known):
             return self._past_midnight(np.append(found.micros, NAT)[codes])
-        if not len(found.open) and not np.any(found.micros != NAT) and not self._known:
-            values = plain_numbers(words)
-            if not np.isfinite(values).any():
-                values = plain_numbers(words, ",")
-            if np.isfinite(np.append(values, np.nan)[codes]).mean() > 0.5:
-                return self._numbers(np.append(values, np.nan)[codes])
-        return self._dates(codes, words, found)
-
-    def _dates(self, codes: IntArray, words: list[str], found: Dates | None = None) -> IntArray:
-        """The stamps of texts; they count in the order in which they first stand in the file."""
-        found = read_dates(words) if found is None else found
-        out = np.append(found.micros, NAT)
-        out[found.open] = _OPEN + (self._order.take(found) << _SHIFT) + found.clock + DAY
-        there = out[:-1] != NAT
-        if there.any():
-            self._known = True
-            self._zoned |= bool(found.zoned[there].any())
-            self._bare |= not found.zoned[there].all()
-        return out[codes]
+        if not self._known and not np.any(found.micros != NAT):
+            for decimal in (".", ","):
+                values = np.append(plain_numbers(words, decimal), np.nan)[codes]
+                if np.isfinite(values).mean() > 0.5:
+                    return self._numbers(values)
+        self._order.take(found)
+        self._seen(found.micros, found.zoned)
+        return np.append(found.micros, NAT)[codes]
 
     def _numbers(self, values: FloatArray) -> IntArray:
         """Numeric stamps: epoch seconds to nanoseconds, spreadsheet days, or seconds from an unknown start."""
@@ -457,14 +377,9 @@ class StampReader:
         out = np.full(len(values), NAT)
         if not len(known):
             return out
-        if not self._unit and not self.options.time_format and _are_dates(known):
-            self._unit = "digits"
-        if self._unit == "digits":  # 20260317080000
-            return self._dates(*codes_and_words(pa.array(values, from_pandas=True).cast(pa.int64(), safe=False).cast(
-                pa.string())))
         if not self._unit:
             self._unit = self.options.time_format or _unit_of(known, self.name)
-            if self._unit not in _FACTORS:
+            if self._unit not in _FACTORS and self._unit != "digits":
                 raise InputError(f"column {self.name!r} holds numbers, not {self._unit!r} stamps", where=self.where,
                                  remedy="mend --time-format")
             if self._unit == "excel":
@@ -473,6 +388,12 @@ class StampReader:
             if not self.absolute:
                 self.notes.append(Note("relative_time", f"times of {self.name!r} count from an unknown start; shown "
                                        "from 1970-01-01"))
+        if self._unit == "digits":
+            codes, words = codes_and_words(pa.array(values, from_pandas=True).cast(pa.int64(), safe=False).cast(
+                pa.string()))
+            found = read_dates(words)
+            self._seen(found.micros, found.zoned)
+            return np.append(found.micros, NAT)[codes]
         self._known = True
         factor, zero, _ = _FACTORS[self._unit]
         with np.errstate(over="ignore", invalid="ignore"):
@@ -503,51 +424,26 @@ def _by_pattern(words: list[str], pattern: str) -> IntArray:
     return stamps.to_numpy(dtype="datetime64[us]").astype(np.int64)
 
 
-def _are_dates(known: FloatArray) -> bool:
-    """Say whether numbers are stamps written as one number, 20260317080000 or 202603170800."""
-    for low, high, rest in ((1.9e13, 2.2e13, known), (1.9e11, 2.2e11, known * 100)):
-        if known.min() >= low and known.max() < high and not np.any(known % 1):
-            day, month = rest // 1e6 % 100, rest // 1e8 % 100
-            fits = (rest % 100 < 60) & (rest // 100 % 100 < 60) & (rest // 1e4 % 100 < 24)
-            return bool(np.all(fits & (day >= 1) & (day <= 31) & (month >= 1) & (month <= 12)))
-    return False
-
-
 def _unit_of(known: FloatArray, name: str) -> str:
     """What numeric stamps count: told from their size, their steps and the name of the column."""
+    if any(known.min() >= size and known.max() < 1.16 * size for size in (1.9e13, 1.9e11)) and not np.any(known % 1):
+        return "digits"  # 20260317080000 or 202603170800
     middle = float(np.median(np.abs(known)))
-    for low, high, unit in ((1.2e17, 1.5e17, "filetime"), (1e17, 1e19, "epoch_ns"), (1e14, 1e17, "epoch_us"),
-                            (1e11, 1e14, "epoch_ms"), (3.4e9, 4.2e9, "labview"), (1e8, 3.4e9, "epoch_s")):  # fmt: skip
+    for low, high, unit in _SIZES:
         if low <= middle < high:
             return unit
     steps = np.diff(known[:1000])
     step = float(np.median(np.abs(steps[steps != 0]))) if np.any(steps != 0) else 1.0
     if 20_000 < middle < 80_000 and step < 0.5 and np.any(known % 1 != 0):
         return "excel"
-    word = plain(name)
     bracket = name.lower().rstrip(")] ").replace("[", "(").rpartition("(")[2].strip()
-    for unit, ends, brackets in (("millis", ("ms",), ("ms", "msec")), ("minutes", ("min", "minutes"), ("min",)),
-                                 ("hours", ("hours", "timeh"), ("h", "hours"))):  # fmt: skip
-        if word.endswith(ends) or bracket in brackets:
-            return unit
-    return "seconds"
+    return next((unit for unit, ends, words in _NAMED if plain(name).endswith(ends) or bracket in words), "seconds")
 
 
-def _micros(column: pa.ChunkedArray | pa.Array, unit: str) -> IntArray:
-    return _scaled(_integers(column.cast(pa.int64())), unit)
-
-
-def _integers(column: pa.ChunkedArray | pa.Array) -> IntArray:
-    return to_array(pc.fill_null(column, NAT) if column.null_count else column)
-
-
-def _scaled(integers: IntArray, unit: str) -> IntArray:
-    """Whole numbers of a unit as microseconds."""
-    if unit == "ns":
-        return np.where(integers == NAT, NAT, integers // 1000)
-    factor = {"us": 1, "ms": 1000, "s": SECOND}[unit]
-    far = np.abs(integers.astype(np.float64)) > LIMIT / factor
-    return np.where(far, NAT, np.where(far, 0, integers) * factor) if far.any() else integers * factor
+def _micros(column: pa.ChunkedArray | pa.Array, kind: pa.DataType) -> IntArray:
+    """Stamps or times of day as microseconds, NAT where they are empty or too far off."""
+    micros = to_array(pc.fill_null(column.cast(kind, safe=False).cast(pa.int64()), NAT))
+    return np.where(np.abs(micros) < LIMIT, micros, NAT)
 
 
 class WallClock:
@@ -568,22 +464,18 @@ class WallClock:
             return micros
         local = micros[known]
         hours, inverse = np.unique(local // HOUR, return_inverse=True)
-        first = np.array([_offset(self._info, int(h), 0) for h in hours], np.int64)[inverse]
-        second = np.array([_offset(self._info, int(h), 1) for h in hours], np.int64)[inverse]
-        doubled = first != second
+        first, second = (np.array([_offset(self._info, hour, fold) for hour in hours.tolist()], np.int64)[inverse]
+                         for fold in (0, 1))
         out = micros.copy()
-        out[known] = local - np.where(self._gone_back(local, doubled), second, first)
+        out[known] = local - np.where(self._gone_back(local, first != second), second, first)
         return out
 
     def _gone_back(self, local: IntArray, doubled: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """After the clock went back (a step of more than half an hour in the doubled hour) the second offset holds."""
         back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
-        within = np.concatenate([[self._within], doubled])
-        before = np.cumsum(back)
-        begins = np.flatnonzero(~within[:-1] & within[1:])
-        # steps back before the rows that lie in the hour now came there; less than none: there were some already
-        earlier = np.concatenate([[-self._back], before[begins] - back[begins]])
-        since = before - earlier[np.cumsum(~within[:-1] & within[1:])]
+        count = self._back + np.cumsum(back)
+        begins = doubled & ~np.concatenate([[self._within], doubled[:-1]])
+        since = count - np.maximum.accumulate(np.where(begins, count - back, 0))
         self._rows += int(np.count_nonzero(doubled))
         self._last, self._within, self._back = int(local[-1]), bool(doubled[-1]), int(since[-1])
         return doubled & (since > 0)

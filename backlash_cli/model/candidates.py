@@ -1,4 +1,9 @@
-"""Fits every way in which one effect could enter a model, and keeps the most likely one."""
+"""Fits every way in which one effect could enter a model, and keeps the most likely one.
+
+Where in time a load step, or at which period a swing, explains most of what is missed is told by the gain in likelihood
+of one more column. For a step at every possible sample this takes one backward pass per column of the model, because
+<whitened step at k, z> = sum over j >= k of (transposed z)_j.
+"""
 
 from __future__ import annotations
 
@@ -7,20 +12,22 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..effects import Effect, Stage
 from ..effects.fitting import Values
-from .clues import Clue
+from ..effects.process import delayed_lag, lag_transposed
+from ..record import FloatArray
 from .fit import Fit, Solver, descend, finished, fit, free_numbers, get, linear_values, put, refit_noise
-from .noise import Noise, whitener
-from .pipeline import Part, Shape, as_tuple, predict
+from .pipeline import Part, Shape, as_tuple, moved_output, predict, regressors
 from .problem import Problem
 from .score import Judge, jumpy
 
 LAG_SHARES = (0.6, 1.0)
+# of a random load that hides little, times the noise
+LOOSE = 0.05
 # a lag longer than this part of the record is hardly that of the process; parts of the record that it may be instead
 SLOW_FOR_RECORD, QUICK = 100.0, (150.0, 500.0)
-KEEP = 1
 SWEEP = 17
 # trials whose numbers differ by less than this share are one
 SAME = 0.01
@@ -34,81 +41,172 @@ HOPELESS = 4.0
 ANSWERED = 10.0
 # share of the gain of the best effect that the look-alike of a jumpy one must reach
 HOPEFUL = 0.5
+# a column of which less than this share is new to the model cannot carry an effect of its own
+LEAST_NEW = 0.05
+# load steps may follow each other after this share of the record, however slow the process
+MOST_APART = 0.02
 
 
-def default_starts(effect: Effect) -> list[Values]:
-    """Return all combinations of the start values and choices of the parameters."""
-    axes = [(q.name, q.choices or q.start or (q.neutral,)) for q in effect.parameters if not q.many]
-    return [dict(zip([n for n, _ in axes], values, strict=True)) for values in product(*[v for _, v in axes])]
+class Clue:
+    """What is known about the loop when start values are proposed (see effects.fitting.Clues)."""
+
+    def __init__(self, solver: Solver, shape: Shape, known: Mapping[str, Values], entering: FloatArray | None = None
+                 ) -> None:
+        self._problem, self._shape, self._white = solver.problem, shape, solver.white
+        problem = solver.problem
+        self.output = moved_output(problem, shape.parts) if entering is None else entering
+        self.measurement: FloatArray = problem.measurement
+        self.used: NDArray[np.bool_] = problem.used
+        self.interval = problem.interval
+        self.lag = shape.lag
+        self.duration = problem.duration
+        # pushes that come sooner than the loop can answer are one event, and its shape that of the process
+        usual = min(max(shape.lag, problem.settings.Ti or 0.0), MOST_APART * problem.duration)
+        self.apart = max(int(usual / problem.interval), 2)
+        self.known = known
+
+    def _space(self) -> tuple[FloatArray, FloatArray]:
+        """Return an orthonormal basis of the model's whitened columns (samples, columns) and the whitened rest."""
+        Z = self._white.columns(np.column_stack([regressors(self._problem, self._shape), self._problem.measurement]))
+        Q, _ = np.linalg.qr(Z[:, :-1])
+        rest = Z[:, -1] - Q @ (Q.T @ Z[:, -1])
+        return Q, rest
+
+    def step_times(self, count: int) -> list[tuple[float, ...]]:
+        """Return sets of 1..count times at which a step load explains most of what the model misses."""
+        Q, rest = self._space()
+        own = np.cumsum(self._step(1) ** 2)[::-1]
+        left = own - sum(self._from_there_on(q) ** 2 for q in np.ascontiguousarray(Q.T))
+        missed = self._from_there_on(rest)
+
+        def best(others: list[int]) -> int:
+            """The sample at which one more step beside `others` gains most: what is new of each, and what it meets."""
+            new, meets = left, missed
+            if others:
+                steps = np.column_stack([self._step(k) for k in others])
+                extra, _ = np.linalg.qr(steps - Q @ (Q.T @ steps))
+                reach = np.column_stack([self._from_there_on(e) for e in np.ascontiguousarray(extra.T)])
+                new, meets = left - np.sum(reach**2, axis=1), missed - reach @ (extra.T @ rest)
+            gain = np.where(new > LEAST_NEW * own, meets**2 / np.maximum(new, 1e-300), 0.0)
+            gain[: max(2, int(self.lag / self.interval))] = 0.0
+            gain[-2:] = 0.0
+            for k in others:
+                gain[max(0, k - self.apart) : k + self.apart + 1] = 0.0
+            return int(np.argmax(gain))
+
+        chosen: list[int] = []
+        sets = []
+        for _ in range(count):
+            chosen.append(best(chosen))
+            for _sweep in range(2 if len(chosen) > 1 else 0):
+                before = list(chosen)
+                for i in range(len(chosen)):
+                    chosen[i] = best(chosen[:i] + chosen[i + 1 :])
+                if chosen == before:
+                    break
+            sets.append(tuple(self.interval * k for k in sorted(chosen)))
+        return sets
+
+    def _step(self, k: int) -> FloatArray:
+        u = np.zeros(self._problem.samples)
+        u[k:] = 1.0
+        return self._white.one(delayed_lag(u, self.interval, self.lag, 0.0))
+
+    def _from_there_on(self, z: FloatArray) -> FloatArray:
+        """Return <whitened step at k, z> for every k, (samples,)."""
+        return np.cumsum(lag_transposed(self._white.transposed(z), self.interval, self.lag)[::-1])[::-1]
+
+    def periods(self, count: int) -> list[float]:
+        """Return the periods of the `count` strongest lines in what the model misses; three swings at least."""
+        _, rest = self._space()
+        size = 4 * self._problem.samples
+        power = np.abs(np.fft.rfft(rest, size)) ** 2
+        power[: 3 * 4] = power[-size // 8 :] = 0.0
+        out: list[float] = []
+        while len(out) < count and np.max(power) > 0.0:
+            k = int(np.argmax(power))
+            out.append(size * self.interval / k)
+            power[max(0, k - 8) : k + 9] = 0.0
+        return out
 
 
 def starts(effect: Effect, clues: Clue, columns: Iterable[str]) -> list[Part]:
-    """Return the parts worth trying for one effect, one for each start value and measured column."""
-    values = list(effect.fitting.propose(clues)) if effect.fitting.propose else default_starts(effect)
-    names = list(columns) if effect.column else [""]
-    return [Part(effect, v, name) for name in names for v in values]
+    """Return the parts worth trying for one effect, one for each start value and measured column.
+
+    An effect that proposes none has all combinations of the start values and choices of its parameters.
+    """
+    if effect.fitting.propose:
+        values = list(effect.fitting.propose(clues))
+    else:
+        axes = {q.name: q.choices or q.start or (q.neutral,) for q in effect.parameters if not q.many}
+        values = [dict(zip(axes, combination, strict=True)) for combination in product(*axes.values())]
+    return [Part(effect, v, name) for name in (columns if effect.column else [""]) for v in values]
 
 
-def loose(noise: Noise) -> Noise:
-    """Return a noise that hides little: with hardly any load, the fit must follow the measurement at all periods."""
-    return Noise(min(noise.ratio, 0.05), noise.slow, noise.fast)
-
-
-def group(part: Part) -> tuple[object, ...]:
+def kind_of(part: Part) -> tuple[object, ...]:
     """Return what sets apart the kinds of one effect: its switches, its column, and which values it has."""
     picks = tuple((q.name, part.values.get(q.name)) for q in part.effect.parameters if q.choices)
-    lengths = tuple(len(v) if isinstance(v, tuple) else 1 for v in part.values.values())
-    return part.column, picks, tuple(part.values), lengths
+    return part.column, picks, tuple((k, len(v) if isinstance(v, tuple) else 1) for k, v in part.values.items())
 
 
 def candidate(
-    problem: Problem, judge: Judge, base: Fit, effect: Effect, *, known: Mapping[str, Fit] | None = None,
-    seed: int = 0, must: bool = False
+    judge: Judge, base: Fit, effect: Effect, *, known: Mapping[str, Fit] | None = None, must: bool = False
 ) -> Fit | None:
-    """Return the most likely fit of `base` with `effect` added, None when the data offer no start for it."""
-    known = known or {}
-    values = {name: values_of(fitted, name) for name, fitted in known.items()}
-    likes = [known[name] for name in effect.fitting.siblings if name in known]
-    like = min(likes, key=lambda f: f.deviance, default=None)
-    if jumpy(effect):
+    """Return the most likely fit of `base` with `effect` added, None when the data offer no start for it.
+
+    known: fits with other effects added, by their names. must: search also where a look-alike gains nothing.
+    """
+    problem, known, valleys = judge.problem, known or {}, jumpy(effect)
+    values = {name: next(part.values for part in fitted.shape.parts if part.effect.name == name)
+              for name, fitted in known.items()}
+    if valleys:
         # a look-alike with smooth slopes shows cheaply where to look, and whether to look at all
+        likes = [known[name] for name in effect.fitting.siblings if name in known]
+        like = min(likes, key=lambda f: f.deviance, default=None)
         if like is not None and base.deviance - like.deviance < WORTH_A_LOOK and not must:
             return None
         near = like or base
         grounds = [(replace(base.shape, lag=near.shape.lag, delay=near.shape.delay), near.noise)]
     else:
-        grounds = [(base.shape, base.noise), (base.shape, loose(base.noise))]
+        # a noise that hides little as well: with hardly any load, the fit must follow PV at all periods
+        grounds = [(base.shape, base.noise)]
+        if base.noise.ratio > LOOSE:
+            grounds.append((base.shape, replace(base.noise, ratio=LOOSE)))
     trials: list[Fit] = []
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(problem.seed)
     for ground, noise in grounds:
-        solver = Solver(problem, whitener(noise, problem.used, problem.interval))
+        solver = Solver(problem, noise)
         entering = predict(problem, ground, solver.solve(ground)[0]) if effect.stage == Stage.SENSOR else None
-        parts = starts(effect, Clue(problem, ground, solver.white, values, entering), problem.columns)
-        found = scan(solver, ground, parts, KEEP_JUMPY if jumpy(effect) else KEEP)
-        if jumpy(effect):
+        parts = starts(effect, Clue(solver, ground, values, entering), problem.columns)
+        found = scan(solver, ground, parts, KEEP_JUMPY if valleys else 1)
+        if valleys:
             found = [sweep(solver, shape) for shape in found]
-            kinds, costs = [kind_of(shape) for shape in found], [solver.rss(shape) for shape in found]
-            found = [found[i] for i in cheapest(kinds, costs, KEEP_WANDERING)]
+            costs = [solver.rss(shape) for shape in found]
+            found = [found[i] for i in cheapest([kind(shape) for shape in found], costs, KEEP_WANDERING)]
         for shape in found:
             # loads are solved for: only the process has to move a little with them
             rounds = 1 if effect.fitting.linear else 3
-            shape = wander(solver, shape, random, 40) if jumpy(effect) else descend(solver, shape, rounds=rounds)
+            shape = wander(solver, shape, random, 40) if valleys else descend(solver, shape, rounds=rounds)
             trials.append(finished(problem, shape, refit_noise(solver, shape, base.noise)))
-    return best_of(problem, judge, trials, random, jumpy(effect), judge.score(base))
+    return best_of(judge, trials, random, valleys, judge.score(base))
 
 
 def best_of(
-    problem: Problem, judge: Judge, trials: list[Fit], random: np.random.Generator, valleys: bool,
-    before: float,
+    judge: Judge, trials: list[Fit], random: np.random.Generator, valleys: bool, before: float
 ) -> Fit | None:
     """Return the likeliest fit of the most promising trials, each searched and fitted to the end."""
+    problem = judge.problem
     trials.sort(key=judge.score)
     hopeful = [trial for trial in trials if plausible(problem, trial)]
     if hopeful and not valleys and judge.score(hopeful[0]) > before + HOPELESS:
         return hopeful[0]
-    last = finalists(hopeful or trials, valleys)
+    last = hopeful or trials
     if valleys:
+        # the best two of each kind; the trials come best first
+        last = [last[i] for i in cheapest([kind(trial.shape) for trial in last], range(len(last)), 2)]
         last = sorted((around(problem, trial, random) for trial in last), key=judge.score)[:2]
+    else:
+        last = last[: 1 if len(last) > 1 and same_place(last[0], last[1]) else 2]
     found = [fit(problem, trial.shape, trial.noise) for trial in last]
     # slopes may end where the effect is another; how well it does where it is itself must be known all the same
     told = [fitted for fitted in found if plausible(problem, fitted)]
@@ -118,35 +216,27 @@ def best_of(
 
 def around(problem: Problem, trial: Fit, random: np.random.Generator) -> Fit:
     """Return the best fit found around a trial of an effect with many valleys, with its own noise."""
-    solver = Solver(problem, whitener(trial.noise, problem.used, problem.interval))
+    solver = Solver(problem, trial.noise)
     shape = wander(solver, trial.shape, random, 120)
     lower = descend(solver, shape, rounds=3)
     shape = lower if itself(lower) else shape
     noise = refit_noise(solver, shape, trial.noise)
-    solver = Solver(problem, whitener(noise, problem.used, problem.interval))
+    solver = Solver(problem, noise)
     return finished(problem, wander(solver, sweep(solver, shape, 5 * SWEEP), random, 60, scale=0.2), noise)
-
-
-def finalists(trials: list[Fit], valleys: bool) -> list[Fit]:
-    """Return the trials to fit to the end: the best two, or where there are many valleys the best two of each kind."""
-    if not valleys:
-        return trials[: 1 if len(trials) > 1 and same_place(trials[0], trials[1]) else 2]
-    # the trials come best first
-    return [trials[i] for i in cheapest([kind_of(trial.shape) for trial in trials], range(len(trials)), 2)]
 
 
 def same_place(one: Fit, other: Fit) -> bool:
     """True when two trials came to the same numbers, so that only one of them needs to be fitted to the end."""
-    if [group(part) for part in one.shape.parts] != [group(part) for part in other.shape.parts]:
+    if [kind_of(part) for part in one.shape.parts] != [kind_of(part) for part in other.shape.parts]:
         return False
     here, there = ([f.shape.lag, f.shape.delay, *(v for part in f.shape.parts for value in part.values.values()
                     for v in as_tuple(value))] for f in (one, other))  # fmt: skip
     return bool(np.allclose(here, there, rtol=SAME, atol=1e-9))
 
 
-def kind_of(shape: Shape) -> tuple[object, ...]:
+def kind(shape: Shape) -> tuple[object, ...]:
     """Return the kind of the last effect with many valleys in a shape."""
-    return group([part for part in shape.parts if jumpy(part.effect)][-1])
+    return kind_of([part for part in shape.parts if jumpy(part.effect)][-1])
 
 
 def cheapest(kinds: Sequence[object], costs: Sequence[float], keep: int) -> list[int]:
@@ -159,10 +249,8 @@ def cheapest(kinds: Sequence[object], costs: Sequence[float], keep: int) -> list
 
 def plausible(problem: Problem, found: Fit) -> bool:
     """True when every effect of a fit has values that it calls plausible."""
-    judged = [(part.effect.fitting.plausible, place) for place, part in enumerate(found.shape.parts)]
-    if not any(check for check, _ in judged):
+    if not any(part.effect.fitting.plausible for part in found.shape.parts):
         return True
-    values = linear_values(problem, found)
     reach = max(int(ANSWERED * max(found.shape.lag, problem.settings.Ti or 0.0) / problem.interval), 60)
 
     def travel(time: float) -> float:
@@ -170,7 +258,8 @@ def plausible(problem: Problem, found: Fit) -> bool:
         moved = float(np.ptp(problem.output[max(at - reach // 10, 0) : at + reach]))
         return moved if moved > 1e-6 else np.inf
 
-    return all(check is None or check(values[place], travel) for check, place in judged)
+    both = zip(found.shape.parts, linear_values(problem, found), strict=True)
+    return all(part.effect.fitting.plausible is None or part.effect.fitting.plausible(v, travel) for part, v in both)
 
 
 def itself(shape: Shape) -> bool:
@@ -181,18 +270,16 @@ def itself(shape: Shape) -> bool:
 
 def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Shape]:
     """Return the best starts of each kind, at most `keep` per kind, by the whitened sum of squares."""
-    several = bool(parts) and not parts[0].is_linear and not jumpy(parts[0].effect)
-    lags = [shape.lag * share for share in (LAG_SHARES if several else (1.0,))]
-    if several and shape.lag > solver.problem.duration / SLOW_FOR_RECORD:
-        # a valve that does not move looks like a process that hardly answers: try processes that do
-        lags += [solver.problem.duration / share for share in QUICK]
-    trials: list[Shape] = []
-    costs: list[float] = []
-    for lag in lags:
-        same = [replace(shape, lag=lag).with_part(part) for part in parts]
-        trials += same
-        costs += solver.rss_of_many(same)
-    return [trials[i] for i in cheapest([group(part) for part in parts] * len(lags), costs, keep)]
+    lags = [shape.lag]
+    if parts and not parts[0].is_linear and not jumpy(parts[0].effect):
+        lags = [shape.lag * share for share in LAG_SHARES]
+        if shape.lag > solver.problem.duration / SLOW_FOR_RECORD:
+            # a valve that does not move looks like a process that hardly answers: try processes that do
+            lags += [solver.problem.duration / share for share in QUICK]
+    trials = [[replace(shape, lag=lag).with_part(part) for part in parts] for lag in lags]
+    costs = [cost for same in trials for cost in solver.rss_of_many(same)]
+    flat = [trial for same in trials for trial in same]
+    return [flat[i] for i in cheapest([kind_of(part) for part in parts] * len(lags), costs, keep)]
 
 
 def sweep(solver: Solver, shape: Shape, count: int = SWEEP) -> Shape:
@@ -224,12 +311,7 @@ def wander(solver: Solver, shape: Shape, random: np.random.Generator, trials: in
     return shape
 
 
-def values_of(fitted: Fit, name: str) -> Values:
-    """Return the parameter values of the effect called `name` in a fit."""
-    return next(part.values for part in fitted.shape.parts if part.effect.name == name)
-
-
-def table(problem: Problem, judge: Judge, base: Fit, effects: Iterable[Effect], seed: int = 0) -> dict[str, Fit]:
+def table(judge: Judge, base: Fit, effects: Iterable[Effect]) -> dict[str, Fit]:
     """Return the best fit with each effect added that is not in the model yet, by the effect's name."""
     out: dict[str, Fit] = {}
     for effect in sorted(effects, key=jumpy):
@@ -245,7 +327,7 @@ def table(problem: Problem, judge: Judge, base: Fit, effects: Iterable[Effect], 
             like_gain = max((gains.get(name, 0.0) for name in effect.fitting.siblings), default=0.0)
             if like_gain < HOPEFUL * max(gains.values()):
                 continue
-        found = candidate(problem, judge, base, effect, known=out, seed=seed)
+        found = candidate(judge, base, effect, known=out)
         if found is not None:
             out[effect.name] = found
     return out

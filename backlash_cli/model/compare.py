@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, Note, Record
 from ..results import Comparison, Fitness, FittedEffect, FittedParameter, Model, Region, Series
-from .fit import BENT_ROUNDS
-from .holdout import better, folds, predicted_by, with_load
+from .fit import BENT_ROUNDS, predicted_by, with_load
+from .holdout import better, folds
 from .intervals import process_parameters
 from .locate import regions
-from .pipeline import Part, Shape, as_tuple, moved_output, regressors, sensed, sensed_slopes
+from .pipeline import Part, Shape, as_tuple, moved_output, regressors, sensed_slopes, through
 from .problem import FEWEST_SAMPLES, Problem, finer, problem_from_record
 from .reasons import why_not
 from .recorder import distance
@@ -32,44 +32,40 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
     Raises LoopError when there is nothing to compare (no OP, constant signals, too few samples).
     """
     record = record if model is None else in_ranges_of(record, model)
-    problem = problem_from_record(record)
+    problem, start = problem_from_record(record), float(record.time[0])
     plain = better(problem, baseline(problem))
     base = Fitness(plain.rmse, plain.rmse_holdout, process_parameters(problem, plain.fit))
-    floor = problem.floor
     if model is None:
         predicted = predicted_by(problem, plain.fit)
-        error = distance(problem, (), predicted)
+        where = where_it_fails(record, problem, distance(problem, (), predicted), plain.fit.shape)
         return Comparison(
-            record.loop, base, base, floor, where_it_fails(record, problem, error, plain.fit.shape), (), 1.0,
+            record.loop, base, base, problem.floor, where, (), 1.0,
             series_of(record, problem, predicted, plain.fit.shape), notes(problem, record), record.settings,
-            kept_model(record, problem, plain.fit, (), plain.rmse_holdout), True,
+            kept_model(record, problem, plain.fit, (), plain.rmse_holdout),
         )  # fmt: skip
-    parts = parts_of(model, problem, float(record.time[0]))
+    parts = parts_of(model, problem, start)
     problem = nearer(problem, model, shape_of(model, parts))
     recorders = tuple(p for p in parts if p.is_recorder)
-    elsewhere = apart(model, problem, float(record.time[0]))
-    shape, predicted = matched(problem, model, shape_of(model, parts), elsewhere)
-    predicted = with_load(problem, problem.measurement, problem.used, predicted, None)
+    other_day, known = apart(model, problem, start), seen_by(model, problem, start)
+    shape, predicted = matched(problem, model, shape_of(model, parts), other_day)
+    predicted = with_load(problem, predicted, None)
     error = distance(problem, recorders, predicted)
     rmse = float(np.sqrt(np.mean(error[problem.used] ** 2)))
-    known = seen_by(model, problem, float(record.time[0]))
-    holdout = error_unseen(problem, model, shape, recorders, known, elsewhere)
+    holdout = error_unseen(problem, model, shape, recorders, known, other_day)
     if holdout is None:
         # numbers fitted to these very samples: what the file says, unless numbers were changed for the worse since
         holdout = max(rmse, model.rmse_holdout or 0.0)
     reasons = () if not np.any(problem.used & ~known) else why_not(
         problem, model, shape, recorders, plain, holdout,
-        lambda less, of: error_unseen(problem, less, of, recorders, known, elsewhere),
+        lambda less, of: error_unseen(problem, less, of, recorders, known, other_day),
     )  # fmt: skip
-    first = {
-        "Kp": FittedParameter(model.Kp, "1"), "tau": FittedParameter(model.tau, "s"),
-        "theta": FittedParameter(model.theta, "s"), "offset": FittedParameter(model.offset, "PV span"),
-    }  # fmt: skip
+    units = {"Kp": "1", "tau": "s", "theta": "s", "offset": "PV span"}
+    numbers = {name: FittedParameter(getattr(model, name), unit) for name, unit in units.items()}
     return Comparison(
-        record.loop, base, Fitness(rmse, holdout, first), floor, where_it_fails(record, problem, error, shape),
-        tuple(as_given(p) for p in parts), unexplained(holdout, base.rmse_holdout, floor),
-        series_of(record, problem, predicted, shape), notes(problem, record, model), record.settings, model, False,
-        float(np.mean(known[problem.used])), reasons,
+        record.loop, base, Fitness(rmse, holdout, numbers), problem.floor,
+        where_it_fails(record, problem, error, shape), tuple(as_given(p) for p in parts),
+        unexplained(holdout, base.rmse_holdout, problem.floor), series_of(record, problem, predicted, shape),
+        notes(problem, record, model), record.settings, model, False, float(np.mean(known[problem.used])), reasons,
     )  # fmt: skip
 
 
@@ -93,7 +89,7 @@ def error_unseen(
     squares, count = 0.0, 0
     for left_out in folds(problem, problem.settings.Ti or model.tau):
         predicted = matched(problem.masked(~left_out), model, shape, other_day)[1]
-        predicted = with_load(problem, problem.measurement, problem.used, predicted, None)
+        predicted = with_load(problem, predicted, None)
         error = distance(problem, recorders, predicted)[left_out & problem.used & ~known]
         squares, count = squares + float(error @ error), count + error.size
     return float(np.sqrt(squares / count)) if count else None
@@ -124,11 +120,11 @@ def matched(
         own = np.column_stack([X[:, 1 : 3 + len(problem.holes)], X[:, len(c) :]])
         small = 1e-6 * np.eye(own.shape[1])
         for _ in range(BENT_ROUNDS if s.sensors else 1):
-            rest = problem.measurement - sensed(problem, s, process)
+            rest = problem.measurement - through(problem, s.sensors, process)
             slopes = sensed_slopes(problem, s, process, own)
             A = slopes[problem.used]
             process = process + own @ np.linalg.solve(A.T @ A + small, A.T @ rest[problem.used])
-        predicted = sensed(problem, s, process)
+        predicted = through(problem, s.sensors, process)
         return predicted, float(np.sum((problem.measurement - predicted)[problem.used] ** 2))
 
     def best(place: int, name: str, values: FloatArray) -> Shape:
@@ -150,11 +146,8 @@ def matched(
 def as_given(part: Part) -> FittedEffect:
     """Return an effect of a model file with its numbers as they stand."""
     e = part.effect
-    values = {
-        q.name: FittedParameter(part.values[q.name], q.unit, None, q.meaning, q.nuisance)
-        for q in e.parameters
-        if q.name in part.values
-    }
+    values = {q.name: FittedParameter(part.values[q.name], q.unit, None, q.meaning, q.nuisance)
+              for q in e.parameters if q.name in part.values}
     return FittedEffect(e.name, values, part.column, e.sentence, e.fitting.meaning, str(e.stage))
 
 
@@ -190,16 +183,11 @@ def notes(problem: Problem, record: Record, model: Model | None = None) -> tuple
         steady = float(np.ptp(problem.setpoint[problem.used])) < STEADY
         why = (f"OP answers mostly to the load: setpoint and operator move {100 * problem.driven:.0f} % of it" if steady
                else f"only {100 * problem.driven:.0f} % of what OP does is a plain answer to the setpoint")
-        message = (
+        out.append(Note(
+            "load_driven" if steady else "predicted_ahead",
             f"{why}. PV is predicted {seconds:g} s ahead, from OP and from what PV did until then; most of that error "
-            "is load that no model can know"
-        )
-        code = "load_driven" if steady else "predicted_ahead"
-        out.append(Note(code, message, {"driven": problem.driven, "ahead_s": seconds}))
-    if len(problem.holes):
-        out.append(
-            Note("output_holes", f"OP is missing in {len(problem.holes)} places; its mean there is fitted", {})
-        )
+            "is load that no model can know", {"driven": problem.driven, "ahead_s": seconds},
+        ))  # fmt: skip
+    if problem.holes:
+        out.append(Note("output_holes", f"OP is missing in {len(problem.holes)} places; its mean there is fitted", {}))
     return tuple(out)
-
-

@@ -13,16 +13,16 @@ from ..effects.registry import all_effects, load_effect
 from ..errors import UsageError
 from ..record import Note, Record
 from ..results import Candidate, Explanation, Fitness, Model, Rest, Step
+from . import recorder
 from .candidates import candidate
 from .compare import notes, series_of, unexplained, where_it_fails
-from .fit import Fit, fit, linear_values
-from .holdout import Tested, better, least_squares, predicted_by, tested
+from .fit import Fit, fit, linear_values, predicted_by
+from .holdout import Tested, better, least_squares, tested
 from .intervals import fitted_effects, moved_to, process_parameters
 from .pipeline import Part, moved_process
 from .problem import Problem, finer, problem_from_record
 from .reasons import marked, with_reasons
-from .recorder import distance, fitted_problem, only_reports, recorded_floor, recorders
-from .rounding import rounded, through_rounding
+from .recorder import distance, only_reports, rounded
 from .saved_model import in_ranges_of, kept_model, parts_of, shape_of
 from .score import ENOUGH, judge_for
 from .search import WEAK, Found, baseline, families, search
@@ -48,7 +48,7 @@ def explain(
     Raises LoopError when there is nothing to fit, UsageError for an effect that cannot be fitted.
     """
     record = record if model is None else in_ranges_of(record, model)
-    problem = problem_from_record(record)
+    problem = problem_from_record(record, seed)
     known = {effect.name: effect for effect in (*all_effects(), *map(as_effect, effects), *map(as_effect, add))}
     chosen = [as_effect(effect) for effect in add]
     for effect in chosen:
@@ -56,15 +56,13 @@ def explain(
             why = "needs a measured column, and this record has none" if effect.fitted else "cannot be fitted"
             remedy = "backlash effects lists what can be added"
             raise UsageError(f"{effect.name} {why}", where=record.loop, remedy=remedy)
-    tries = [looked(record, problem, model, known, chosen, seed)]
-    between = finer(problem)
-    # rounding blurs how large an effect of the valve is and of which kind, it does not make one
-    if between is not None and valve_effects(tries[0].found.final):
-        tries.append(looked(record, between, model, known, chosen, seed))
-    # OP as recorded, unless PV says clearly that the valve got what OP was before it was rounded
-    first, last = tries[0], tries[-1]
-    same = valve_effects(first.found.final) == valve_effects(last.found.final)
-    best = last if same and last.score < first.score - ENOUGH else first
+    best, between = looked(record, problem, model, known, chosen), finer(problem)
+    # rounding blurs how large an effect of the valve is and of which kind, it does not make one: OP is taken as
+    # recorded, unless PV says clearly that the valve got what OP was before it was rounded
+    if between is not None and (of_valve := valve_effects(best.found.final)):
+        other = looked(record, between, model, known, chosen)
+        if of_valve == valve_effects(other.found.final) and other.score < best.score - ENOUGH:
+            best = other
     # a valve that sticks hides how PV follows OP, so motion is asked for only when nothing was found
     reason = None if best.found.final.shape.parts else too_little(best.seen, best.base)
     return assemble(record, best, reason, model)
@@ -72,8 +70,7 @@ def explain(
 
 def valve_effects(fitted: Fit) -> list[str]:
     """Return which effects of the valve a model has, look-alikes under one name."""
-    shape = fitted.shape
-    return families(replace(shape, parts=tuple(p for p in shape.parts if p.effect.stage == Stage.VALVE)))
+    return families([p for p in fitted.shape.parts if p.effect.stage == Stage.VALVE])
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,15 +95,14 @@ class Looked:
 
 def looked(
     record: Record, problem: Problem, model: Model | None, known: Mapping[str, Effect], chosen: Sequence[Effect],
-    seed: int,
 ) -> Looked:
     """Return what a search comes to on one reading of the record."""
     base = baseline(problem)
     given = parts_of(model, problem, float(record.time[0])) if model is not None else ()
-    shown = recorders(problem, base, [e for e in known.values() if not chosen or e in chosen])
+    shown = recorder.recorders(problem, base, [e for e in known.values() if not chosen or e in chosen])
     held = tuple([p for p in given if p.is_recorder] or shown)
-    problem = replace(problem, floor=recorded_floor(problem, held, base))
-    seen = fitted_problem(problem, held)
+    problem = replace(problem, floor=recorder.recorded_floor(problem, held, base))
+    seen = recorder.fitted_problem(problem, held)
     if held:
         base = baseline(seen)
     start = base if model is None else fit(seen, replace(shape_of(model, given), delay=base.shape.delay), base.noise)
@@ -115,11 +111,11 @@ def looked(
         judge = judge_for(seen, base.shape.lag)
         for effect in chosen:
             if effect.fitting.bounds is None and effect.name not in start.shape.names:
-                start = candidate(seen, judge, start, effect, seed=seed, must=True) or start
+                start = candidate(judge, start, effect, must=True) or start
                 by_user.append(effect.name)
     tries = [e for e in known.values() if not (e.fitting.seldom and only_reports(problem, held))]
-    found = search(seen, () if chosen else tries, start, seed=seed)
-    found = replace(found, final=through_rounding(seen, held, found.final))
+    found = search(seen, () if chosen else tries, start)
+    found = replace(found, final=recorder.through_rounding(seen, held, found.final))
     return Looked(problem, seen, base, found, held, by_user)
 
 
@@ -134,11 +130,8 @@ def too_little(problem: Problem, base: Fit) -> Note | None:
     motion = float(np.std(moved)) / problem.floor
     if motion >= LEAST_MOTION:
         return None
-    message = (
-        f"PV follows OP by only {motion:.1f} times its noise: too little motion to tell what is missing. "
-        "Choose a period with setpoint moves."
-    )
-    return Note("too_little_motion", message, {"motion": motion})
+    return Note("too_little_motion", f"PV follows OP by only {motion:.1f} times its noise: too little motion to tell "
+                "what is missing. Choose a period with setpoint moves.", {"motion": motion})
 
 
 def assemble(record: Record, best: Looked, reason: Note | None, model: Model | None) -> Explanation:
@@ -158,19 +151,16 @@ def assemble(record: Record, best: Looked, reason: Note | None, model: Model | N
             fitted.update({effect.effect: effect for effect, _ in moved})
         else:
             ladder[-1] = (name, likelier)
-    steps = [Step(None, plain.rmse_holdout, plain.rmse, predicted_by(problem, plain.fit))]
-    steps += [
-        Step(name, t.rmse_holdout, t.rmse, predicted_by(problem, t.fit), "user" if name in by_user else "search")
-        for name, t in ladder
-    ]
+    steps = [Step(name, t.rmse_holdout, t.rmse, predicted_by(problem, t.fit), "user" if name in by_user else "search")
+             for name, t in ((None, plain), *ladder)]
     last = ladder[-1][1] if ladder else plain
     names = [*(p.effect.name for p in held), *order]
-    gain, alikes = found.final.gain, alike(found, held)
+    alikes = (*((p.effect.name, other) for p in held for other in p.effect.fitting.siblings), *found.alike())
     sure = {**{p.effect.name: "clear" for p in held}, **confidence(
         found, by_user, steps, alikes, only_reports(problem, held))}
     siblings = {part.effect.name: part.effect.fitting.siblings for part in found.final.shape.parts}
-    candidates = with_reasons(problem, gain, tried(problem, seen, found, plain, names), names, alikes, siblings, reason,
-                              ENOUGH)
+    gain = found.final.gain
+    candidates = with_reasons(problem, gain, tried(seen, found, plain, names), names, alikes, siblings, reason, ENOUGH)
     before = distance(problem, (), predicted_by(problem, plain.fit))
     error = distance(problem, held, predicted_by(problem, last.fit))
     where = where_it_fails(record, problem, error, last.fit.shape)
@@ -208,21 +198,15 @@ def rungs(
     problem: Problem, seen: Problem, base: Fit, final: Fit, held: tuple[Part, ...], order: Sequence[str]
 ) -> list[tuple[str, Tested]]:
     """Return the model after each addition with its errors: recorder first, then the effects in `order`."""
-    out = []
-    for part in held:
-        out.append((part.effect.name, better(problem, base, held)))
-    for count in range(1, len(order) + 1):
-        shape = final.shape
-        for name in order[count:]:
-            shape = shape.without(name)
+    out = [(part.effect.name, better(problem, base, held)) for part in held]
+    for count, name in enumerate(order, 1):
+        shape = replace(final.shape, parts=tuple(p for p in final.shape.parts if p.effect.name in order[:count]))
         step = final if count == len(order) else fit(seen, shape, final.noise, rounds=2)
-        out.append((order[count - 1], better(problem, step, held)))
+        out.append((name, better(problem, step, held)))
     return out
 
 
-def tried(
-    problem: Problem, seen: Problem, found: Found, plain: Tested, accepted: Sequence[str]
-) -> tuple[Candidate, ...]:
+def tried(seen: Problem, found: Found, plain: Tested, accepted: Sequence[str]) -> tuple[Candidate, ...]:
     """Return every effect that was tried alone, the one with the smallest error on unseen samples first."""
     out = []
     before = found.judge.score(found.baseline)
@@ -232,19 +216,9 @@ def tried(
         gain = before - found.judge.score(trial)
         gone = float(np.clip(1.0 - (best.rmse_holdout / plain.rmse_holdout) ** 2, 0.0, 1.0))
         verdict = "accepted" if name in accepted else "not needed"
-        out.append(
-            Candidate(
-                name, best.rmse_holdout, gone, effect.parameters, effect.column, gain, verdict,
-                effect.sentence, effect.meaning, effect.stage,
-            )
-        )
+        out.append(Candidate(name, best.rmse_holdout, gone, effect.parameters, effect.column, gain, verdict,
+                             effect.sentence, effect.meaning, effect.stage))
     return tuple(sorted(out, key=lambda c: (c.effect not in accepted, c.rmse_holdout)))
-
-
-def alike(found: Found, held: Sequence[Part]) -> tuple[tuple[str, str], ...]:
-    """Return pairs of an accepted effect and one that the record cannot tell from it."""
-    told = [(part.effect.name, other) for part in held for other in part.effect.fitting.siblings]
-    return (*told, *found.alike())
 
 
 def confidence(

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..effects import Parameter
+from ..effects.process import delayed_lag
 from ..record import FloatArray
-from .noise import Noise, Whitener, fit_noise, whitener
+from .levenberg import downhill
+from .noise import Noise, fit_noise, fitted_noise, known_load, whitener
 from .pipeline import (
     Shape,
     as_tuple,
@@ -19,12 +21,11 @@ from .pipeline import (
     moved_process,
     predict,
     regressors,
-    sensed,
     sensed_slopes,
     spreads,
+    through,
 )
 from .problem import Problem
-from .response import delayed_lag
 
 # the dead time of the settings is trusted to this share: a real one that is missing must lie outside
 DELAY_TRUST = 0.2
@@ -56,38 +57,28 @@ def free_numbers(problem: Problem, shape: Shape) -> list[Free]:
         for q in part.effect.parameters:
             if q.name in solved or q.choices or q.name not in part.values:
                 continue
-            for item, value in enumerate(as_tuple(part.values[q.name])):
-                if np.isfinite(value):
-                    low, high = _range(q, shape, problem)
-                    out.append(Free(place, q.name, item, low, high, _move(q, value, shape, h), q.nuisance))
+            out += [_free(place, q, item, value, problem)
+                    for item, value in enumerate(as_tuple(part.values[q.name])) if np.isfinite(value)]
     return out
 
 
-def _range(q: Parameter, shape: Shape, problem: Problem) -> tuple[float, float]:
-    longest = 0.5 * problem.duration
-    return q.low, min(q.high, longest) if q.unit == "s" else q.high
-
-
-def _move(q: Parameter, value: float, shape: Shape, h: float) -> float:
+def _free(place: int, q: Parameter, item: int, value: float, problem: Problem) -> Free:
+    high, step = q.high, 0.02 if q.nuisance or not value else 0.02 * abs(value)
     if q.unit == "s":
-        return max(1e-4 * abs(value), 0.05 * h)
-    if q.unit in ("span", "OP span"):
-        return 2e-4
-    return 0.02 if q.nuisance or not value else 0.02 * abs(value)
+        high, step = min(high, 0.5 * problem.duration), max(1e-4 * abs(value), 0.05 * problem.interval)
+    elif q.unit in ("span", "OP span"):
+        step = 2e-4
+    return Free(place, q.name, item, q.low, high, step, q.nuisance)
 
 
-def get(shape: Shape, free: list[Free]) -> np.ndarray:
+def get(shape: Shape, free: list[Free]) -> FloatArray:
     """Return the searched numbers of a shape, (numbers,)."""
-    values = []
-    for f in free:
-        if f.place < 0:
-            values.append(shape.lag if f.name == "lag" else shape.delay)
-        else:
-            values.append(as_tuple(shape.parts[f.place].values[f.name])[f.item])
-    return np.array(values, dtype=np.float64)
+    process = {"lag": shape.lag, "delay": shape.delay}
+    return np.array([process[f.name] if f.place < 0 else as_tuple(shape.parts[f.place].values[f.name])[f.item]
+                     for f in free], dtype=np.float64)
 
 
-def put(shape: Shape, free: list[Free], numbers: np.ndarray) -> Shape:
+def put(shape: Shape, free: list[Free], numbers: FloatArray) -> Shape:
     """Return the shape with the searched numbers (numbers,) replaced, each held within its range."""
     parts = list(shape.parts)
     lag, delay = shape.lag, shape.delay
@@ -97,11 +88,9 @@ def put(shape: Shape, free: list[Free], numbers: np.ndarray) -> Shape:
             lag, delay = (value, delay) if f.name == "lag" else (lag, value)
             continue
         old = parts[f.place].values[f.name]
-        if isinstance(old, tuple):
-            parts[f.place] = parts[f.place].with_values(**{f.name: (*old[: f.item], value, *old[f.item + 1 :])})
-        else:
-            parts[f.place] = parts[f.place].with_values(**{f.name: value})
-    return replace(shape, lag=lag, delay=delay, parts=tuple(parts))
+        new = (*old[: f.item], value, *old[f.item + 1 :]) if isinstance(old, tuple) else value
+        parts[f.place] = replace(parts[f.place], values={**parts[f.place].values, f.name: new})
+    return Shape(lag, delay, tuple(parts))
 
 
 # moved outputs held in memory at once
@@ -134,26 +123,12 @@ class Fit:
 class Solver:
     """Solves the linear numbers of many shapes under one noise, remembering the columns that stay the same."""
 
-    def __init__(self, problem: Problem, white: Whitener) -> None:
-        self.problem, self.white = problem, white
-        self._measured = self._y = white.one(problem.measurement)
-        self._yy = float(self._y @ self._y)
+    def __init__(self, problem: Problem, noise: Noise) -> None:
+        self.problem, self.white = problem, whitener(noise, problem.used, problem.interval)
+        self._measured = self.white.one(problem.measurement)
         self._raw: FloatArray | None = None
         self._last: tuple[Shape, tuple[FloatArray, float, FloatArray]] | None = None
         self._bent: FloatArray | None = None
-        self._others = np.empty((0, 0))
-        self._gram = np.empty((0, 0))
-        self._cross = np.empty(0)
-        self._x = np.empty(0)
-        self._G = np.empty((0, 0))
-
-    def _use(self, shape: Shape) -> None:
-        raw = load_regressors(self.problem, shape)
-        if raw is not self._raw:
-            self._raw, self._others = raw, self.white.columns(raw)
-            self._gram = self._others.T @ self._others
-            self._gram.flat[:: len(self._gram) + 1] += (self.problem.floor / spreads(self.problem, raw)) ** 2
-            self._cross = self._others.T @ self._y
 
     def solve(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened moved process of a shape."""
@@ -162,10 +137,24 @@ class Solver:
         return self._last[1]
 
     def _solve(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
-        if self._y is not self._measured:
-            self._y, self._yy = self._measured, float(self._measured @ self._measured)
         self._use(shape)
         return self._solved(self.white.one(moved_process(self.problem, shape)))
+
+    def _use(self, shape: Shape) -> None:
+        """Take the other columns than the moved process as those of a shape, where they are not yet."""
+        raw = load_regressors(self.problem, shape)
+        if raw is not self._raw:
+            self._take(self.white.columns(raw), self._measured, self._ridge(raw))
+            self._raw = raw
+
+    def _ridge(self, raw: FloatArray) -> FloatArray:
+        return (self.problem.floor / spreads(self.problem, raw)) ** 2
+
+    def _take(self, others: FloatArray, measured: FloatArray, ridge: FloatArray) -> None:
+        """Take whitened columns (samples, columns) and measurement (samples,) as the ones to solve."""
+        self._raw, self._others, self._y, self._yy = None, others, measured, float(measured @ measured)
+        self._cross, self._gram = others.T @ measured, others.T @ others
+        self._gram.flat[:: len(self._gram) + 1] += ridge
 
     def _solved(self, x: FloatArray) -> tuple[FloatArray, float, FloatArray]:
         m = len(self._cross) + 1
@@ -182,41 +171,29 @@ class Solver:
         """As `solve`, where a transmitter that is not linear shows the sum of the columns: Gauss-Newton steps."""
         problem, white = self.problem, self.white
         raw = regressors(problem, shape)
-        ridge = (problem.floor / spreads(problem, raw[:, 1:])) ** 2
-        known = self._bent
-        cold = known is None or len(known) != raw.shape[1]
-        if known is None or cold:
-            known = self._solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
-        c = known
-        found: tuple[FloatArray, FloatArray, FloatArray] | None = None
-        best = np.inf
-        for _ in range(COLD_ROUNDS if cold else BENT_ROUNDS):
+        ridge, c, rounds = self._ridge(raw[:, 1:]), self._bent, BENT_ROUNDS
+        if c is None or len(c) != raw.shape[1]:
+            c = self._solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
+            rounds = COLD_ROUNDS
+        best, found = np.inf, c
+        for _ in range(rounds):
             process = raw @ c
-            off = white.one(problem.measurement - sensed(problem, shape, process))
+            off = white.one(problem.measurement - through(problem, shape.sensors, process))
             rss = float(off @ off)
-            if found is not None and rss >= best:
-                c = 0.5 * (c + found[0])
+            if rss >= best:
+                c = 0.5 * (c + found)
                 continue
-            gained, best = best - rss, rss
+            gained, best, found = best - rss, rss, c
             columns = white.columns(sensed_slopes(problem, shape, process, raw))
-            found = (c, columns, off)
-            c = self._take(columns, off + columns @ c, ridge)
+            at_best = columns[:, 1:], off + columns @ c, ridge
+            self._take(*at_best)
+            c = self._solved(columns[:, 0])[0]
             if gained < BENT_ENOUGH * best:
                 break
-        assert found is not None
-        c, columns, off = found
-        self._bent = c
-        self._take(columns, off + columns @ c, ridge)
-        return c, max(best, 1e-300), columns[:, 0]
-
-    def _take(self, columns: FloatArray, measured: FloatArray, ridge: FloatArray) -> FloatArray:
-        """Take whitened columns (samples, columns) and measurement (samples,) as the ones to solve; return their c."""
-        self._raw, self._y, self._yy = None, measured, float(measured @ measured)
-        self._others = columns[:, 1:]
-        self._cross = self._others.T @ measured
-        self._gram = self._others.T @ self._others
-        self._gram.flat[:: len(self._gram) + 1] += ridge
-        return self._solved(columns[:, 0])[0]
+        self._bent = found
+        self._take(*at_best)
+        self._solved(columns[:, 0])
+        return found, max(best, 1e-300), columns[:, 0]
 
     def cross(self, Z: FloatArray) -> FloatArray:
         """Return the columns of the shape solved last times those of Z (samples, numbers), (columns, numbers)."""
@@ -233,8 +210,7 @@ class Solver:
 
     def columns(self, shape: Shape) -> FloatArray:
         """Return the whitened columns of a shape, the moved process first, (samples, columns)."""
-        x = self.solve(shape)[2]
-        return np.column_stack([x, self._others])
+        return np.column_stack([self.solve(shape)[2], self._others])
 
     def rss(self, shape: Shape) -> float:
         """Return the whitened sum of squares of a shape."""
@@ -271,32 +247,15 @@ class Solver:
 def descend(
     solver: Solver, shape: Shape, *, rounds: int = 8, tolerance: float = 0.05, hold: Free | None = None
 ) -> Shape:
-    """Refine the searched numbers by Levenberg-Marquardt steps until the deviance gains less than `tolerance`.
-
-    hold: a number that stays as it is.
-    """
+    """Refine the searched numbers until the deviance gains less than `tolerance`; hold: a number that stays."""
     held = None if hold is None else (hold.place, hold.name, hold.item)
-    rss = solver.rss(shape)
-    damping = 1e-2
-    for _ in range(rounds):
+
+    def local(shape: Shape) -> tuple[FloatArray, FloatArray, Callable[[FloatArray], Shape]]:
         free = [f for f in free_numbers(solver.problem, shape) if (f.place, f.name, f.item) != held]
-        A, g = curvature(solver, shape, free)
-        diagonal = np.maximum(np.diag(A), 1e-12 * max(float(np.max(np.diag(A))), 1e-300))
         numbers = get(shape, free)
-        gained = 0.0
-        for _try in range(4):
-            move = -np.linalg.solve(A + np.diag(damping * diagonal), g)
-            trial = put(shape, free, numbers + move)
-            trial_rss = solver.rss(trial)
-            if trial_rss < rss:
-                gained = solver.white.samples * float(np.log(rss / trial_rss))
-                shape, damping = trial, max(damping * 0.2, 1e-6)
-                break
-            damping = min(damping * 8.0, 1e6)
-        if gained < tolerance:
-            break
-        rss = trial_rss
-    return shape
+        return *curvature(solver, shape, free), lambda move: put(shape, free, numbers + move)
+
+    return downhill(shape, solver.rss, local, solver.white.samples, rounds, tolerance)
 
 
 def curvature(solver: Solver, shape: Shape, free: list[Free]) -> tuple[FloatArray, FloatArray]:
@@ -318,26 +277,24 @@ def slopes(solver: Solver, shape: Shape, free: list[Free]) -> FloatArray:
     here = predict(solver.problem, shape, c)
     numbers = get(shape, free)
     D = []
-    for j, f in enumerate(free):
-        step = f.step if numbers[j] + f.step <= f.high else -f.step
-        moved = numbers.copy()
-        moved[j] += step
-        D.append((predict(solver.problem, put(shape, free, moved), c) - here) / step)
+    for f, number in zip(free, numbers, strict=True):
+        step = f.step if number + f.step <= f.high else -f.step
+        D.append((predict(solver.problem, put(shape, [f], np.array([number + step])), c) - here) / step)
     return solver.white.columns(np.column_stack(D))
 
 
 def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3) -> Fit:
     """Fit a shape from start values: searched numbers and noise in turn until the likelihood stands still."""
-    now: Fit | None = None
+    before = np.inf
     for _ in range(rounds):
-        before = np.inf if now is None else now.deviance
-        solver = Solver(problem, whitener(noise, problem.used, problem.interval))
+        solver = Solver(problem, noise)
         shape = descend(solver, shape)
         noise = refit_noise(solver, shape, noise)
         now = finished(problem, shape, noise)
         if now.deviance > before - 0.5:
             break
-    return now or finished(problem, shape, noise)
+        before = now.deviance
+    return now
 
 
 def refit_noise(solver: Solver, shape: Shape, first: Noise) -> Noise:
@@ -348,12 +305,11 @@ def refit_noise(solver: Solver, shape: Shape, first: Noise) -> Noise:
 
 def finished(problem: Problem, shape: Shape, noise: Noise) -> Fit:
     """Return the fit of a shape whose searched numbers stand."""
-    white = whitener(noise, problem.used, problem.interval)
-    coefficients, rss, _ = Solver(problem, white).solve(shape)
-    raw = raw_error(problem, shape, coefficients)
-    used = problem.used
+    solver = Solver(problem, noise)
+    coefficients, rss, _ = solver.solve(shape)
+    raw, used = raw_error(problem, shape, coefficients), problem.used
     rmse = float(np.sqrt(np.mean(raw[used] ** 2)))
-    return Fit(shape, coefficients, noise, white.deviance(rss), np.where(used, raw, np.nan), rmse)
+    return Fit(shape, coefficients, noise, solver.white.deviance(rss), np.where(used, raw, np.nan), rmse)
 
 
 def raw_error(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatArray:
@@ -362,26 +318,39 @@ def raw_error(problem: Problem, shape: Shape, coefficients: FloatArray) -> Float
     return error
 
 
+def predicted_by(problem: Problem, fitted: Fit, seen: Problem | None = None) -> FloatArray:
+    """Return PV predicted by a fit on the whole grid, (samples,); seen: the problem as the fit sees it, all by default:
+    the load is read from those samples only."""
+    predicted = predict(problem, fitted.shape, fitted.coefficients)
+    return with_load(problem if seen is None else seen, predicted, fitted.noise)
+
+
+def with_load(seen: Problem, predicted: FloatArray, noise: Noise | None) -> FloatArray:
+    """Return a prediction from OP (samples,), with the load as known some time before where the loop is driven by it.
+
+    noise: of the model; None: fitted to what the prediction misses.
+    """
+    if not seen.by_load:
+        return predicted
+    error, h = seen.measurement - predicted, seen.interval
+    return predicted + known_load(error, seen.used, h, noise or fitted_noise(error, seen.used, h), seen.ahead)
+
+
 def linear_values(problem: Problem, fitted: Fit) -> list[dict[str, float | tuple[float, ...]]]:
     """Return for each part all its values, those that were solved for included, in the effect's own units."""
     out = []
-    column = 2 + len(problem.holes) + 1
+    solved = iter((fitted.coefficients[3 + len(problem.holes) :] / fitted.gain).tolist())
     for part in fitted.shape.parts:
-        values = dict(part.values)
-        if part.is_linear:
-            for name in part.effect.fitting.linear:
-                several = isinstance(values.get(name), tuple)
-                count = len(as_tuple(values[name])) if several else 1
-                found = []
-                for _ in range(count):
-                    if part.effect.fitting.phase:
-                        inphase, quadrature = fitted.coefficients[column : column + 2] / fitted.gain
-                        found.append(float(np.hypot(inphase, quadrature)))
-                        values[part.effect.fitting.phase] = float(np.arctan2(quadrature, inphase))
-                        column += 2
-                    else:
-                        found.append(float(fitted.coefficients[column] / fitted.gain))
-                        column += 1
-                values[name] = tuple(found) if several else found[0]
+        values, phase = dict(part.values), part.effect.fitting.phase
+        for name in part.effect.fitting.linear:
+            found = []
+            for _ in as_tuple(values[name]):
+                number = next(solved)
+                if phase:
+                    quadrature = next(solved)
+                    values[phase] = float(np.arctan2(quadrature, number))
+                    number = float(np.hypot(number, quadrature))
+                found.append(number)
+            values[name] = tuple(found) if isinstance(values[name], tuple) else found[0]
         out.append(values)
     return out

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray
-from .fit import Fit, Solver, descend, finished, raw_error
-from .noise import Noise, fitted_noise, known_load, whitener
+from .fit import Fit, Solver, descend, finished, predicted_by
+from .noise import Noise
 from .pipeline import Part
 from .problem import Problem
 from .recorder import distance, fitted_problem
@@ -50,44 +49,15 @@ def folds(problem: Problem, lag: float) -> list[NDArray[np.bool_]]:
 
 def tested(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, rounds: int = 2) -> Tested:
     """Return the errors of a fit; searched numbers start from the whole record's and are refined on each fold."""
-    seen, everywhere = fitted_problem(problem, recorders), replace(problem, used=np.ones_like(problem.used))
-    squares, count = 0.0, 0
+    seen = fitted_problem(problem, recorders)
+    unseen = []
     for left_out in folds(problem, problem.settings.Ti or fitted.shape.lag):
-        part = seen.masked(~left_out)
-        solver = Solver(part, whitener(fitted.noise, part.used, part.interval))
+        solver = Solver(seen.masked(~left_out), fitted.noise)
         shape = descend(solver, fitted.shape, rounds=rounds) if rounds else fitted.shape
-        coefficients = solver.solve(shape)[0]
-        predicted = prediction(problem, everywhere, seen, replace(fitted, shape=shape, coefficients=coefficients))
-        error = distance(problem, recorders, predicted)[left_out & problem.used]
-        squares += float(error @ error)
-        count += error.size
-    error = distance(problem, recorders, prediction(problem, everywhere, seen, fitted))[problem.used]
-    return Tested(fitted, float(np.sqrt(np.mean(error**2))), float(np.sqrt(squares / max(count, 1))))
-
-
-def predicted_by(problem: Problem, fitted: Fit) -> FloatArray:
-    """Return PV predicted by a fit on the whole grid, (samples,)."""
-    return prediction(problem, replace(problem, used=np.ones_like(problem.used)), problem, fitted)
-
-
-def prediction(problem: Problem, everywhere: Problem, seen: Problem, fitted: Fit) -> FloatArray:
-    """Return PV predicted by a fit (samples,); `everywhere` is the problem with all samples used, `seen` as a fit sees
-    it: the load is read from those samples only."""
-    predicted = problem.measurement - raw_error(everywhere, fitted.shape, fitted.coefficients)
-    return with_load(problem, seen.measurement, seen.used, predicted, fitted.noise)
-
-
-def with_load(
-    problem: Problem, measurement: FloatArray, used: NDArray[np.bool_], predicted: FloatArray, noise: Noise | None
-) -> FloatArray:
-    """Return a prediction from OP (samples,), with the load as known some time before where the loop is driven by it.
-
-    noise: of the model; None: fitted to what the prediction misses.
-    """
-    if not problem.by_load:
-        return predicted
-    error, h = measurement - predicted, problem.interval
-    return predicted + known_load(error, used, h, noise or fitted_noise(error, used, h), problem.ahead)
+        there = replace(fitted, shape=shape, coefficients=solver.solve(shape)[0])
+        unseen.append(distance(problem, recorders, predicted_by(problem, there, seen))[left_out & problem.used])
+    error = distance(problem, recorders, predicted_by(problem, fitted, seen))[problem.used]
+    return Tested(fitted, *(float(np.sqrt(e @ e / max(e.size, 1))) for e in (error, np.concatenate(unseen))))
 
 
 def least_squares(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> Fit:
@@ -97,9 +67,8 @@ def least_squares(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (
     """
     if problem.by_load:
         return fitted
-    seen = fitted_problem(problem, recorders)
-    noise = Noise(1e-3, fitted.noise.slow, fitted.noise.fast)
-    shape = descend(Solver(seen, whitener(noise, seen.used, seen.interval)), fitted.shape, rounds=6)
+    seen, noise = fitted_problem(problem, recorders), Noise(1e-3, fitted.noise.slow, fitted.noise.fast)
+    shape = descend(Solver(seen, noise), fitted.shape, rounds=6)
     return finished(seen, shape, noise)
 
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import Effect, Parameter, Stage
+from ..effects.fitting import Values
 from ..record import FloatArray
 from ..results import FittedEffect, FittedParameter
 from .fit import Fit, Free, Solver, descend, free_numbers, get, linear_values, put, slopes
 from .locate import turning_points
-from .noise import whitener
 from .pipeline import Part, as_tuple
 from .problem import Problem
 
@@ -37,9 +37,6 @@ class Known:
     wider: float = 1.0
 
 
-UNKNOWN = Known(0.0, float("nan"))
-
-
 def covariance(problem: Problem, fitted: Fit) -> tuple[dict[Key, Known], FloatArray]:
     """Return each searched number with its deviation, and the covariance of the coefficients (columns, columns).
 
@@ -47,7 +44,7 @@ def covariance(problem: Problem, fitted: Fit) -> tuple[dict[Key, Known], FloatAr
     that of the sums of slope times rest over stretches, which holds for a rest of any colour (White 1980; Newey and
     West 1987).
     """
-    solver = Solver(problem, whitener(fitted.noise, problem.used, problem.interval))
+    solver = Solver(problem, fitted.noise)
     free = free_numbers(problem, fitted.shape)
     _, rss, rest = solver.rest(fitted.shape)
     others = solver.columns(fitted.shape)
@@ -78,37 +75,51 @@ def _inverse(G: FloatArray) -> FloatArray:
 
 
 def profile(problem: Problem, fitted: Fit, known: Mapping[Key, Known]) -> dict[Key, tuple[float, float]]:
-    """Return the 95 % interval of each searched number of the effects: where the deviance has risen by 3.84.
+    """Return where the deviance has risen by 3.84 below and above each searched number of the effects.
 
     All other numbers are fitted anew at each end (profile likelihood), because the error is not a parabola: a gap
     that is a little wider closes at other samples. Where the rest is not white the rise is larger, by the square of
     how much wider its deviation is.
     """
-    solver = Solver(problem, whitener(fitted.noise, problem.used, problem.interval))
+    solver = Solver(problem, fitted.noise)
     lowest = solver.white.deviance(solver.rss(fitted.shape))
     out: dict[Key, tuple[float, float]] = {}
     for f in free_numbers(problem, fitted.shape):
-        key = (f.place, f.name, f.item)
-        if f.place >= 0 and not f.nuisance and len(out) < MOST_PROFILES and np.isfinite(known[key].deviation):
-            value = known[key].value
-            low, high = (_end(solver, fitted, f, known[key], side, lowest) for side in (-1.0, 1.0))
-            off = unsure(problem, fitted.shape.parts[f.place].effect, f.name, value)
-            below, above = (float(np.hypot(end - value, off)) for end in (low, high))
-            above += unseen_travel(problem, fitted.shape.parts[f.place].effect, f.name, value)
-            out[key] = (max(value - below, f.low), min(value + above, f.high))
+        number = known[f.place, f.name, f.item]
+        if f.place >= 0 and not f.nuisance and len(out) < MOST_PROFILES and np.isfinite(number.deviation):
+            low, high = (_end(solver, fitted, f, number, side, lowest) for side in (-1.0, 1.0))
+            out[f.place, f.name, f.item] = low, high
     return out
 
 
-def unsure(problem: Problem, effect: Effect, name: str, value: float) -> float:
-    """Return how far a number may be off whatever the error says: the process is simpler in the model, OP was rounded.
+def _end(solver: Solver, fitted: Fit, f: Free, number: Known, side: float, lowest: float) -> float:
+    value, rise_wanted = number.value, CHI2_95 * number.wider**2
+    bound = f.low if side < 0.0 else f.high
+    reach = min(NORMAL_95 * number.deviation, abs(bound - value))
+    for _ in range(TRIES):
+        end = float(np.clip(value + side * reach, f.low, f.high))
+        shape = descend(solver, put(fitted.shape, [f], np.array([end])), rounds=2, hold=f)
+        rise = solver.white.deviance(solver.rss(shape)) - lowest
+        if abs(rise / rise_wanted - 1.0) < 0.15 or (end == bound and rise < rise_wanted):
+            break
+        reach *= float(np.clip(np.sqrt(rise_wanted / max(rise, 0.03 * rise_wanted)), 0.5, 2.0))
+    return end
 
-    What a valve does with OP shows in PV no better than OP was recorded, to half a step either way.
+
+def widened(
+    problem: Problem, effect: Effect, q: Parameter, value: float, ends: tuple[float, float]
+) -> tuple[float, float] | None:
+    """Return the 95 % interval of a number whose error alone gives `ends`; None where that is not known.
+
+    The process is simpler in the model than it is, and what a valve does with OP shows in PV no better than OP was
+    recorded, to half a step either way. The time of an event and the period of a swing are told by the clock.
     """
-    if on_the_clock(effect, name):
-        return 0.0
-    unit = next(q.unit for q in effect.parameters if q.name == name)
-    rounded_off = 0.5 * problem.output_step if effect.stage == Stage.VALVE and unit == "span" else 0.0
-    return float(np.hypot(MODEL_ERROR * value, rounded_off))
+    if not np.isfinite([value, *ends]).all():
+        return None
+    rounded_off = 0.5 * problem.output_step if effect.stage == Stage.VALVE and q.unit == "span" else 0.0
+    off = 0.0 if q.name in effect.fitting.dear else float(np.hypot(MODEL_ERROR * value, rounded_off))
+    below, above = (float(np.hypot(end - value, off)) for end in ends)
+    return max(value - below, q.low), min(value + above + unseen_travel(problem, effect, q.name, value), q.high)
 
 
 def unseen_travel(problem: Problem, effect: Effect, name: str, value: float) -> float:
@@ -126,25 +137,6 @@ def unseen_travel(problem: Problem, effect: Effect, name: str, value: float) -> 
     return HALVINGS * float(np.mean(np.maximum(cut, 0.0))) if cut else 0.0
 
 
-def on_the_clock(effect: Effect, name: str) -> bool:
-    """True for the time of an event or the period of a swing: the clock tells it, whatever the process is like."""
-    return name in effect.fitting.dear
-
-
-def _end(solver: Solver, fitted: Fit, f: Free, number: Known, side: float, lowest: float) -> float:
-    value, rise_wanted = number.value, CHI2_95 * number.wider**2
-    bound = f.low if side < 0.0 else f.high
-    reach = min(NORMAL_95 * number.deviation, abs(bound - value))
-    for _ in range(TRIES):
-        end = float(np.clip(value + side * reach, f.low, f.high))
-        shape = descend(solver, put(fitted.shape, [f], np.array([end])), rounds=2, hold=f)
-        rise = solver.white.deviance(solver.rss(shape)) - lowest
-        if abs(rise / rise_wanted - 1.0) < 0.15 or (end == bound and rise < rise_wanted):
-            break
-        reach *= float(np.clip(np.sqrt(rise_wanted / max(rise, 0.03 * rise_wanted)), 0.5, 2.0))
-    return end
-
-
 def fitted_effects(
     problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, careful: bool = False
 ) -> list[FittedEffect]:
@@ -153,67 +145,41 @@ def fitted_effects(
     careful: intervals from the profile of the likelihood instead of its slopes.
     """
     known, C = covariance(problem, fitted)
-    ends = profile(problem, fitted, known) if careful else {}
-    column = 2 + len(problem.holes) + 1
+    profiles = profile(problem, fitted, known) if careful else {}
+    variances = iter(np.diag(C)[3 + len(problem.holes) :] / fitted.gain**2)
     out = []
     for place, (part, values) in enumerate(zip(fitted.shape.parts, linear_values(problem, fitted), strict=True)):
-        solved: dict[str, list[float]] = {}
-        if part.is_linear:
-            for name in part.effect.fitting.linear:
-                for _ in as_tuple(values[name]):
-                    turns = 2 if part.effect.fitting.phase else 1
-                    own = C[column : column + turns, column : column + turns]
-                    solved.setdefault(name, []).append(float(np.sqrt(np.trace(own) / turns)) / abs(fitted.gain))
-                    column += turns
-        out.append(_effect(problem, part, place, values, known, solved, ends))
-    out += [_effect(problem, part, -2, dict(part.values), {}, {}, {}) for part in recorders]
-    return out
+        fitting = part.effect.fitting
+        deviations = {key[1:]: number.deviation for key, number in known.items() if key[0] == place}
+        for name in fitting.linear:
+            for item in range(len(as_tuple(values[name]))):
+                own = [next(variances) for _ in range(2 if fitting.phase else 1)]
+                deviations[name, item] = float(np.sqrt(np.mean(own)))
+        ends = {(name, item): (low, high) for (at, name, item), (low, high) in profiles.items() if at == place}
+        out.append(_effect(problem, part, values, deviations, ends))
+    return [*out, *(_effect(problem, part, part.values, {}, {}) for part in recorders)]
 
 
 def _effect(
-    problem: Problem,
-    part: Part,
-    place: int,
-    values: Mapping[str, float | tuple[float, ...]],
-    known: Mapping[Key, Known],
-    solved: Mapping[str, list[float]],
-    ends: Mapping[Key, tuple[float, float]],
+    problem: Problem, part: Part, values: Values, deviations: Mapping[tuple[str, int], float],
+    ends: Mapping[tuple[str, int], tuple[float, float]],
 ) -> FittedEffect:
-    e = part.effect
-    parameters = {}
+    e, parameters = part.effect, {}
     for q in e.parameters:
         if q.name not in values or (q.nuisance and q.many and not values[q.name]):
             continue
-        numbers = as_tuple(values[q.name])
-        deviations = [known.get((place, q.name, i), UNKNOWN).deviation for i in range(len(numbers))]
-        deviations = solved.get(q.name, deviations)
-        intervals = [
-            ends.get((place, q.name, i), _interval(q, v, s, unsure(problem, e, q.name, v), problem, e))
-            for i, (v, s) in enumerate(zip(numbers, deviations, strict=True))
-        ]
-        ci = None if any(i is None for i in intervals) or not intervals else intervals
-        parameters[q.name] = FittedParameter(
-            value=numbers if q.many else numbers[0],
-            unit=q.unit,
-            ci95=None if ci is None else (tuple(ci) if q.many else ci[0]),  # type: ignore[arg-type]
-            meaning=q.meaning,
-            nuisance=q.nuisance,
-            level=e.stage == "valve" and q.unit == "span" and not np.isfinite(q.neutral),
-        )
+        numbers, intervals = as_tuple(values[q.name]), []
+        for i, v in enumerate(numbers):
+            wide = NORMAL_95 * deviations.get((q.name, i), np.nan)
+            intervals.append(widened(problem, e, q, v, ends.get((q.name, i), (v - wide, v + wide))))
+        ci = None if None in intervals or not intervals else tuple(intervals) if q.many else intervals[0]
+        level = e.stage == Stage.VALVE and q.unit == "span" and not np.isfinite(q.neutral)
+        parameters[q.name] = FittedParameter(numbers if q.many else numbers[0], q.unit, ci,  # type: ignore[arg-type]
+                                             q.meaning, q.nuisance, level)
     return FittedEffect(e.name, parameters, part.column, e.sentence, e.fitting.meaning, str(e.stage))
 
 
-def _interval(
-    q: Parameter, value: float, deviation: float, off: float, problem: Problem, effect: Effect
-) -> tuple[float, float] | None:
-    if not np.isfinite(deviation) or not np.isfinite(value):
-        return None
-    wide = float(np.hypot(NORMAL_95 * deviation, off))
-    above = wide + unseen_travel(problem, effect, q.name, value)
-    return float(max(value - wide, q.low)), float(min(value + above, q.high))
-
-
-def moved_to(found: FittedEffect, values: Mapping[str, float | tuple[float, ...]]) -> tuple[FittedEffect, bool]:
+def moved_to(found: FittedEffect, values: Values) -> tuple[FittedEffect, bool]:
     """Return an effect with the values of another fit of the same model, and whether its intervals allow them.
 
     A number that its interval excludes has no interval then.
@@ -232,23 +198,20 @@ def moved_to(found: FittedEffect, values: Mapping[str, float | tuple[float, ...]
 def process_parameters(problem: Problem, fitted: Fit) -> dict[str, FittedParameter]:
     """Return Kp, tau, theta (where it is part of the model) and offset with their intervals."""
     known, C = covariance(problem, fitted)
-
-    def number(value: float, deviation: float, size: float, unit: str, meaning: str) -> FittedParameter:
-        wide = float(np.hypot(NORMAL_95 * deviation, MODEL_ERROR * size))
-        return FittedParameter(value, unit, (value - wide, value + wide) if np.isfinite(wide) else None, meaning)
-
-    def searched(name: str, meaning: str) -> FittedParameter:
-        found = known[-1, name, 0]
-        return number(found.value, found.deviation, found.value, "s", meaning)
-
-    sd = np.sqrt(np.maximum(np.diag(C), 0.0))
+    sd = np.sqrt(np.maximum(np.diag(C), 0.0)).tolist()
+    lag, delay, offset = known[-1, "lag", 0], known.get((-1, "delay", 0)), float(fitted.coefficients[1])
     # a gain that is 1 % off turns PV about its mean, which moves what it would be at no output
     turned = fitted.gain * float(np.mean(problem.output[problem.used]))
-    out = {
-        "Kp": number(fitted.gain, float(sd[0]), fitted.gain, "1", "static gain, PV span per OP span"),
-        "tau": searched("lag", "time constant"),
-        "offset": number(float(fitted.coefficients[1]), float(sd[1]), turned, "PV span", "PV at no output"),
+    rows = {
+        "Kp": (fitted.gain, sd[0], fitted.gain, "1", "static gain, PV span per OP span"),
+        "tau": (lag.value, lag.deviation, lag.value, "s", "time constant"),
+        "offset": (offset, sd[1], turned, "PV span", "PV at no output"),
     }
-    if problem.delay is not None:
-        out["theta"] = searched("delay", "dead time of the settings, refined")
+    if delay is not None:
+        rows["theta"] = delay.value, delay.deviation, delay.value, "s", "dead time of the settings, refined"
+    out = {}
+    for name, (value, deviation, size, unit, meaning) in rows.items():
+        wide = float(np.hypot(NORMAL_95 * deviation, MODEL_ERROR * size))
+        ends = (value - wide, value + wide) if np.isfinite(wide) else None
+        out[name] = FittedParameter(value, unit, ends, meaning)
     return out

@@ -37,25 +37,20 @@ def regions(problem: Problem, error: FloatArray, lag: float, delay: float, start
         if samples < max(SMALLEST_SHARE_OF_SAMPLES * count, 5) or samples == count or total <= 0.0:
             continue
         squares = float(np.sum(error[inside] ** 2))
-        share, expected = squares / total, samples / count
-        rmse = float(np.sqrt(squares / samples))
-        said = _said(sentence, share, expected) + _one_way(float(np.mean(error[inside])), rmse)
-        out.append(Region(name, rmse, share, samples, kind, expected, said, _stretches(mask, h, start)))
+        share, expected, rmse = squares / total, samples / count, float(np.sqrt(squares / samples))
+        times, mean = share / expected, float(np.mean(error[inside]))
+        worse = f"{times:.1f} times what its" if times >= 1.15 else "no more than its"
+        said = (f"{sentence}: {100 * share:.0f} % of the squared error in {100 * expected:.0f} % of the samples, "
+                f"{worse} length would give.")
+        if abs(mean) >= ONE_WAY * rmse:
+            side = "above" if mean > 0.0 else "below"
+            said += f" PV lies {100 * abs(mean):.2g} % of span {side} the prediction on average."
+        edge = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+        ends = zip(np.flatnonzero(edge == 1), np.flatnonzero(edge == -1) - 1, strict=True)
+        stretches = tuple((float(start + h * a), float(start + h * b)) for a, b in ends)
+        out.append(Region(name, rmse, share, samples, kind, expected, said, stretches))
     out += _frequencies(problem, error, lag, total, count)
     return tuple(sorted(out, key=lambda r: (-(r.share - (r.expected or 0.0)), r.region)))
-
-
-def _said(sentence: str, share: float, expected: float) -> str:
-    times = share / expected
-    worse = f"{times:.1f} times what its length would give" if times >= 1.15 else "no more than its length would give"
-    return f"{sentence}: {100 * share:.0f} % of the squared error in {100 * expected:.0f} % of the samples, {worse}."
-
-
-def _one_way(mean: float, rmse: float) -> str:
-    """Say on which side PV lies, where the error has a side."""
-    if abs(mean) < ONE_WAY * rmse:
-        return ""
-    return f" PV lies {100 * abs(mean):.2g} % of span {'above' if mean > 0.0 else 'below'} the prediction on average."
 
 
 def _time(seconds: float) -> str:
@@ -166,16 +161,9 @@ def _frequencies(problem: Problem, error: FloatArray, lag: float, total: float, 
         ("fast changes", f"In changes faster than {_time(2 * lag)}", frequency > fast),
     ):
         squares = float(power[pick].sum()) / problem.samples
-        if total <= 0.0 or not np.any(pick):
-            continue
-        share, expected = squares / total, float(np.mean(pick))
-        white = f"white noise would have {100 * expected:.0f} % there"
-        sentence = f"{said}: {100 * share:.0f} % of the squared error; {white}."
-        out.append(Region(name, float(np.sqrt(squares / count)), share, count, "frequency", expected, sentence))
+        if total > 0.0 and np.any(pick):
+            share, expected = squares / total, float(np.mean(pick))
+            sentence = (f"{said}: {100 * share:.0f} % of the squared error; white noise would have "
+                        f"{100 * expected:.0f} % there.")
+            out.append(Region(name, float(np.sqrt(squares / count)), share, count, "frequency", expected, sentence))
     return out
-
-
-def _stretches(mask: Mask, h: float, start: float) -> tuple[tuple[float, float], ...]:
-    edge = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
-    first, last = np.flatnonzero(edge == 1), np.flatnonzero(edge == -1) - 1
-    return tuple((float(start + h * a), float(start + h * b)) for a, b in zip(first, last, strict=True))

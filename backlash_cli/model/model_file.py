@@ -13,103 +13,56 @@
 
 from __future__ import annotations
 
-import math
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from typing import Any
+from typing import Annotated, Any
 
-from ..effects import Effect
+import msgspec
+
 from ..effects.registry import load_effect
 from ..errors import MetadataError, nearest
 from ..results import Model, ModelEffect
 
-
-class TomlPage:
-    """A parsed TOML text that knows where its keys stand. Raises MetadataError when the text is no TOML."""
-
-    def __init__(self, text: str, where: str) -> None:
-        self.where = where
-        self.lines = [line.strip() for line in text.splitlines()]
-        try:
-            self.document: Mapping[str, Any] = tomllib.loads(text.removeprefix("\ufeff"))
-        except tomllib.TOMLDecodeError as error:
-            line = re.search(r"\(at line (\d+)", str(error))
-            place = f"{where}, line {line[1]}" if line else where
-            remedy = "mend that line (text in quotes, every bracket closed, every key once)"
-            raise MetadataError(f"invalid TOML: {error}", where=place, remedy=remedy) from None
-        except (RecursionError, ValueError, OverflowError):
-            raise MetadataError("invalid TOML: nested too deeply or a number too long", where=where) from None
-
-    def at(self, head: str = "", key: str = "", place: int = 0) -> str:
-        """Name file and line of a key below the heading numbered `place` of that name; else the file alone."""
-        first = 0
-        if head:
-            heads = [i for i, line in enumerate(self.lines) if line.replace(" ", "").startswith(head)]
-            if place >= len(heads):
-                return self.where
-            first = heads[place] + 1
-            if not key:
-                return f"{self.where}, line {first}"
-        for number, line in enumerate(self.lines[first:], first + 1):
-            if line.startswith("["):
-                break
-            if re.match(rf"['\"]?{re.escape(key)}['\"]?\s*=", line):
-                return f"{self.where}, line {number}"
-        return self.where
-
-    def wrong(self, what: str, remedy: str, head: str = "", key: str = "", place: int = 0) -> MetadataError:
-        """Return the error to raise for a key."""
-        return MetadataError(what, where=self.at(head, key, place), remedy=remedy)
-
-    def known(self, table: Mapping[str, Any], names: Iterable[str], head: str = "", place: int = 0) -> None:
-        """Refuse keys that are not among `names`."""
-        for key in table:
-            if key not in names:
-                raise self.wrong(f"unknown key '{key}'", nearest(key, list(names)), head, key, place)
-
-    def table(self, value: object, head: str, place: int = 0) -> Mapping[str, Any]:
-        """Return a value that must be a table."""
-        if not isinstance(value, Mapping):
-            raise self.wrong(f"{value!r} is not a table", f"write {head} on a line of its own", head, place=place)
-        return value
-
-    def number(self, value: object, key: str, head: str = "") -> float:
-        """Return a value that must be a finite number."""
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise self.wrong(f"{key} = {value!r} is not a number", "give one number", head, key)
-        return float(value)
-
-    def span(self, value: object, key: str) -> tuple[float, float]:
-        """Return a value that must be two rising numbers."""
-        remedy = f"write {key} = [0, 100]"
-        if not isinstance(value, list) or len(value) != 2:
-            raise self.wrong(f"{key} must be two numbers", remedy, key=key)
-        low, high = (self.number(v, key) for v in value)
-        if not low < high:
-            raise self.wrong(f"{key} must rise", remedy, key=key)
-        return low, high
-
-    def moment(self, value: object, key: str) -> float:
-        """Return a value that must be a date and time, or epoch seconds, as epoch seconds; without zone it is UTC."""
-        if isinstance(value, datetime):
-            return (value if value.tzinfo else value.replace(tzinfo=UTC)).timestamp()
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            return self.number(value, key)
-        raise self.wrong(f"{key} = {value!r} is not a time", f"write {key} = 2026-03-02T06:00:00Z", key=key)
-
-
-TIMES, NUMBERS, SPANS = ("start", "end"), ("interval", "rmse_holdout"), ("pv_range", "op_range", "output")
-TOP = ("loop", *TIMES, *NUMBERS, *SPANS, "baseline", "effects")
+Number = Annotated[float, msgspec.Meta(gt=-1e300, lt=1e300)]
+Seconds = Annotated[float, msgspec.Meta(ge=0.0, lt=1e300)]
+Moment = datetime | Number | None
+Span = tuple[Number, Number] | None
+# what a number is, or an example of it
 BASELINE = {
     "Kp": "static gain [PV span / OP span]",
     "tau": "time constant [s]",
     "theta": "dead time [s]",
     "offset": "PV at no output [PV span]",
 }
-ENTRY = "[[effects]]"
-Value = float | tuple[float, ...]
+EXAMPLES = {"loop": '"FIC101"', "start": "2026-03-02T06:00:00Z", "end": "2026-03-02T18:00:00Z", "pv_range": "[0, 100]",
+            "op_range": "[0, 100]", "output": "[0.2, 0.6]"}  # fmt: skip
+HEADS = {"baseline": "[baseline]", "effects": "[[effects]]"}
+
+
+class Baseline(msgspec.Struct, forbid_unknown_fields=True):
+    """The numbers below [baseline]."""
+
+    Kp: Number
+    tau: Annotated[float, msgspec.Meta(gt=0.0, lt=1e300)]
+    theta: Seconds = 0.0
+    offset: Number = 0.0
+
+
+class Page(msgspec.Struct, forbid_unknown_fields=True):
+    """A model file; what stands below [[effects]] is checked by the effects themselves."""
+
+    loop: Annotated[str, msgspec.Meta(min_length=1)]
+    baseline: Baseline
+    effects: list[dict[str, Any]] = []
+    start: Moment = None
+    end: Moment = None
+    interval: Number | None = None
+    pv_range: Span = None
+    op_range: Span = None
+    rmse_holdout: Number | None = None
+    output: Span = None
 
 
 def parse_model(text: str, where: str = "model file") -> Model:
@@ -117,75 +70,93 @@ def parse_model(text: str, where: str = "model file") -> Model:
 
     Raises MetadataError with file, line and the nearest known names for whatever is not understood.
     """
-    page = TomlPage(text, where)
-    document = page.document
-    page.known(document, TOP)
-    loop = document.get("loop")
-    if not isinstance(loop, str) or not loop:
-        raise page.wrong("the model does not say which loop it is of", 'add loop = "FIC101"', key="loop")
-    entries = document.get("effects", [])
-    if not isinstance(entries, list):
-        raise page.wrong("effects must be a list", f"write {ENTRY} above each effect", key="effects")
-    return Model(
-        loop=loop,
-        **_baseline(page),
-        effects=tuple(_effect(page, entry, place) for place, entry in enumerate(entries)),
-        **_known_about_the_record(page),
-    )
+    try:
+        document = tomllib.loads(text.removeprefix("\ufeff"))
+    except tomllib.TOMLDecodeError as error:
+        line = re.search(r"\(at line (\d+)", str(error))
+        raise MetadataError(f"invalid TOML: {error}", where=f"{where}, line {line[1]}" if line else where,
+                            remedy="mend that line (text in quotes, every bracket closed, every key once)") from None
+    except (RecursionError, ValueError, OverflowError):
+        raise MetadataError("invalid TOML: nested too deeply or a number too long", where=where) from None
+
+    def wrong(what: str, remedy: str, head: str = "", key: str = "", place: int = 0) -> MetadataError:
+        return MetadataError(what, where=_line(text, where, head, key, place), remedy=remedy)
+
+    try:
+        page = msgspec.convert(document, Page)
+    except msgspec.ValidationError as error:
+        raise _mistake(str(error), document, wrong) from None
+    for key in ("pv_range", "op_range", "output"):
+        span = getattr(page, key)
+        if span is not None and not span[0] < span[1]:
+            raise wrong(f"{key} must rise", f"write {key} = {EXAMPLES[key]}", key=key)
+    known = {f: getattr(page, f) for f in page.__struct_fields__ if f not in ("baseline", "effects")}
+    # a time without a zone is UTC
+    known |= {k: (v if v.tzinfo else v.replace(tzinfo=UTC)).timestamp() for k, v in known.items()
+              if isinstance(v, datetime)}
+    return Model(**known, **msgspec.structs.asdict(page.baseline),
+                 effects=tuple(_effect(entry, place, wrong) for place, entry in enumerate(page.effects)))
 
 
-def _known_about_the_record(page: TomlPage) -> dict[str, Any]:
-    document = page.document
-    return {
-        **{key: page.number(document[key], key) for key in NUMBERS if key in document},
-        **{key: page.moment(document[key], key) for key in TIMES if key in document},
-        **{key: page.span(document[key], key) for key in SPANS if key in document},
-    }
+def _line(text: str, where: str, head: str, key: str, place: int) -> str:
+    """Name file and line of a key below the heading numbered `place` of that name; else the file alone."""
+    lines = [line.strip() for line in text.splitlines()]
+    heads = [i + 1 for i, line in enumerate(lines) if head and line.replace(" ", "").startswith(head)]
+    if head and place >= len(heads):
+        return where
+    first = heads[place] if head else 0
+    for number, line in enumerate(lines[first:], first + 1):
+        if not key or line.startswith("["):
+            break
+        if re.match(rf"['\"]?{re.escape(key)}['\"]?\s*=", line):
+            return f"{where}, line {number}"
+    return f"{where}, line {first}" if head and not key else where
 
 
-def _baseline(page: TomlPage) -> dict[str, Any]:
-    head = "[baseline]"
-    table = page.table(page.document.get("baseline", {}), head)
-    page.known(table, BASELINE, head)
-    for key in ("Kp", "tau"):
-        if key not in table:
-            raise page.wrong(f"{key} is missing", f"add {key} = ... below {head}: {BASELINE[key]}", head)
-    numbers = {key: page.number(value, key, head) for key, value in table.items()}
-    for key, possible in (("tau", numbers["tau"] > 0.0), ("theta", numbers.get("theta", 0.0) >= 0.0)):
-        if not possible:
-            raise page.wrong(f"{key} = {numbers[key]:g} s is not possible", "give seconds", head, key)
-    return numbers
+def _mistake(said: str, document: Mapping[str, Any], wrong: Callable[..., MetadataError]) -> MetadataError:
+    """Say in words what does not fit the page; said: what msgspec says of it, with the way to it."""
+    what, _, way = said.partition(" - at `$")
+    table, _, key = way.strip(".`").split("[")[0].rpartition(".")
+    head = HEADS.get(table, "")
+    if name := re.search(r"(unknown|missing required) field `(.+)`$", what):
+        head = HEADS.get(key, "")
+        if name[1] == "unknown":
+            return wrong(f"unknown key '{name[2]}'", nearest(name[2], Baseline.__struct_fields__ if head else
+                                                             Page.__struct_fields__), head, name[2])
+        if name[2] == "loop":
+            return wrong("the model does not say which loop it is of", 'add loop = "FIC101"', key="loop")
+        return wrong(f"{name[2]} is missing", f"add {name[2]} = ... below {head or name[2]}", head)
+    if key in HEADS:
+        return wrong(f"{document[key]!r} is no {HEADS[key]}", f"write {HEADS[key]} on a line of its own", key=key)
+    value = (document[table] if table else document)[key]
+    remedy = f"write {key} = {EXAMPLES[key]}" if key in EXAMPLES else f"give one number: {BASELINE.get(key, key)}"
+    return wrong(f"{key} = {value!r} is not possible", remedy, head, key)
 
 
-def _effect(page: TomlPage, entry: object, place: int) -> ModelEffect:
-    table = page.table(entry, ENTRY, place)
-    name, column = table.get("effect"), table.get("column", "")
+def _effect(table: Mapping[str, Any], place: int, wrong: Callable[..., MetadataError]) -> ModelEffect:
+    name, column, head = table.get("effect"), table.get("column", ""), HEADS["effects"]
     if not isinstance(name, str):
-        raise page.wrong("an entry names no effect", 'add effect = "backlash"', ENTRY, place=place)
+        raise wrong("an entry names no effect", 'add effect = "backlash"', head, place=place)
     try:
         effect = load_effect(name)
     except MetadataError as error:
-        raise page.wrong(error.what, error.remedy, ENTRY, "effect", place) from error
+        raise wrong(error.what, error.remedy, head, "effect", place) from error
     if not isinstance(column, str) or (effect.column and not column):
         key = "column" if "column" in table else ""
-        raise page.wrong(f"{effect.name} needs the name of a measured column", 'add column = "DV1"', ENTRY, key, place)
+        raise wrong(f"{effect.name} needs the name of a measured column", 'add column = "DV1"', head, key, place)
     given = {k: v for k, v in table.items() if k not in ("effect", "column")}
     names = [q.name for q in effect.parameters]
     for key in given:
         if key not in names:
-            raise page.wrong(f"unknown key '{key}' of {effect.name}", nearest(key, names), ENTRY, key, place)
-        _check(page, effect, given, key, place)
-    values: dict[str, Value] = {k: tuple(map(float, v)) if isinstance(v, list) else float(v) for k, v in given.items()}
+            raise wrong(f"unknown key '{key}' of {effect.name}", nearest(key, names), head, key, place)
+        # one value at a time; lists go together, because their lengths must agree
+        some = {k: v for k, v in given.items() if k == key or (isinstance(v, list) and isinstance(given[key], list))}
+        try:
+            effect.pack(some)
+        except MetadataError as error:
+            raise wrong(f"{key} = {given[key]}: {error.what}", error.remedy, head, key, place) from error
+    values = {k: tuple(map(float, v)) if isinstance(v, list) else float(v) for k, v in given.items()}
     return ModelEffect(effect.name, values, column, name if ":" in name else "")
-
-
-def _check(page: TomlPage, effect: Effect, given: Mapping[str, object], key: str, place: int) -> None:
-    """Have the effect check one value; lists go together, because their lengths must agree."""
-    some = {k: v for k, v in given.items() if k == key or (isinstance(v, list) and isinstance(given[key], list))}
-    try:
-        effect.pack(some)
-    except MetadataError as error:
-        raise page.wrong(f"{key} = {given[key]}: {error.what}", error.remedy, ENTRY, key, place) from error
 
 
 def model_text(model: Model) -> str:
@@ -219,7 +190,7 @@ def model_text(model: Model) -> str:
 def _entry(entry: ModelEffect) -> list[str]:
     """The lines of one effect; values that do nothing are left out."""
     effect = load_effect(entry.reference)
-    out = [f"# {_comment(effect.sentence)}", ENTRY, f"effect = {_text(entry.reference)}"]
+    out = [f"# {_comment(effect.sentence)}", HEADS["effects"], f"effect = {_text(entry.reference)}"]
     if entry.column:
         out.append(f"column = {_text(entry.column)}")
     for q in effect.parameters:

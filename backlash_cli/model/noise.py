@@ -7,21 +7,22 @@ prediction error holds in closed loop too (Ljung, System Identification, chapter
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, logit
 
 from .. import kernels
 from ..record import FloatArray
+from .levenberg import downhill
 
 # what wanders more slowly than this share of the record is no noise about a mean: it is a drift
 SLOWEST = 0.1
 # deviances closer than this tell nothing about the noise
 CLOSE_ENOUGH = 0.02
-# a search starts at least this share of its range from its ends, with a step of this share of where it starts
-NEAR_END, FIRST_STEP = 0.3, 1.0
+# a search starts at least this share of its range from its ends; its steps, at most, and for slopes, in logits of it
+NEAR_END, MOST_MOVE, SMALL, ROUNDS, DAMPING = 0.3, 1.0, 3e-3, 20, 0.1
 
 
 @dataclass(frozen=True)
@@ -87,30 +88,33 @@ def fit_noise(error: FloatArray, used: NDArray[np.bool_], h: float, first: Noise
     """Return the noise of greatest likelihood for an error (samples,), 0 where not `used`, searched from `first`.
 
     With the noise variance profiled out the likelihood is greatest where the sum of squares of the innovations, each
-    times (product of their variances)^(1 / 2n), is smallest: a problem of least squares (MINPACK).
+    times (product of their variances)^(1 / 2n), is smallest.
     """
-    from scipy.optimize import leastsq
-
     longest = SLOWEST * h * len(error)
     low, high = np.log([[1e-3, 1e3], [0.5 * h, longest], [0.1 * h, longest]]).T
-    count, none = np.count_nonzero(used), (np.empty((0, 2)), np.empty(0))
+    count, none = int(np.count_nonzero(used)), (np.empty((0, 2)), np.empty(0))
 
-    def noise(x: FloatArray) -> FloatArray:
-        # from any number to one within its range
-        found: FloatArray = np.exp(low + (high - low) * expit(x))
-        return found
+    def noise(x: FloatArray) -> Noise:
+        # from any numbers to those within their ranges
+        ratio, slow, fast = np.exp(low + (high - low) / (1.0 + np.exp(-x))).tolist()
+        return Noise(ratio, slow, fast)
 
     def innovations(x: FloatArray) -> FloatArray:
-        white, log_det = kernels.kalman(error, used, *Noise(*noise(x)).at_rest(h), *none)
+        white, log_det = kernels.kalman(error, used, *noise(x).at_rest(h), *none)
         scaled: FloatArray = white * np.exp(0.5 * log_det / count)
         return scaled
 
-    start = (np.log([first.ratio, first.slow, first.fast]) - low) / (high - low)
-    # the full answer comes without a warning where the trials are used up: a valley so flat needs no more of them
-    found = leastsq(innovations, logit(np.clip(start, NEAR_END, 1.0 - NEAR_END)), ftol=CLOSE_ENOUGH / count,
-                    epsfcn=1e-5, maxfev=60, factor=FIRST_STEP, full_output=True)  # fmt: skip
-    ratio, slow, fast = noise(found[0]).tolist()
-    return Noise(ratio, max(slow, fast), min(slow, fast))
+    def local(x: FloatArray) -> tuple[FloatArray, FloatArray, Callable[[FloatArray], FloatArray]]:
+        here = innovations(x)
+        J = np.column_stack([(innovations(x + move) - here) / SMALL for move in SMALL * np.eye(3)])
+        return J.T @ J, J.T @ here, lambda move: x + np.clip(move, -MOST_MOVE, MOST_MOVE)
+
+    share = (np.log([first.ratio, first.slow, first.fast]) - low) / (high - low)
+    share = np.clip(share, NEAR_END, 1.0 - NEAR_END)
+    x = downhill(np.log(share / (1.0 - share)), lambda x: float(np.sum(innovations(x) ** 2)), local, count, ROUNDS,
+                 CLOSE_ENOUGH, DAMPING)
+    found = noise(x)
+    return Noise(found.ratio, max(found.slow, found.fast), min(found.slow, found.fast))
 
 
 def fitted_noise(error: FloatArray, used: NDArray[np.bool_], h: float) -> Noise:

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ..effects import EFFECTS, Effect, Stage
 from ..effects.fitting import Values
-from ..effects.lags import late
+from ..effects.process import delayed_lag, forgotten, late
 from ..record import FloatArray
-from .problem import Hole, Problem
-from .response import delayed_lag, forgotten
+from .problem import Problem
 
 ORDER = {stage: i for i, stage in enumerate(Stage)}
+PLACE = {effect.name: i for i, effect in enumerate(EFFECTS)}
 # a load moves PV by less than this [span]
 USUAL_SPAN = 0.5
-MOST_REMEMBERED, FEW_REMEMBERED = 60, 16
 # move of PV [span] by which the slopes of a transmitter are taken
 SMALL_MOVE = 1e-4
-PLACE = {effect.name: i for i, effect in enumerate(EFFECTS)}
 
 
 @dataclass(frozen=True)
@@ -31,9 +30,10 @@ class Part:
     values: Values
     column: str = ""
 
-    def with_values(self, **values: float | tuple[float, ...]) -> Part:
-        """Return the part with some values replaced."""
-        return replace(self, values={**self.values, **values})
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What tells the part from another."""
+        return (self.effect.name, self.column, *self.values.items())
 
     @property
     def is_linear(self) -> bool:
@@ -79,9 +79,9 @@ class Shape:
 
     def with_values(self, place: int, **values: float | tuple[float, ...]) -> Shape:
         """Return the shape with values of the part at `place` replaced."""
-        parts = list(self.parts)
-        parts[place] = parts[place].with_values(**values)
-        return replace(self, parts=tuple(parts))
+        part = self.parts[place]
+        part = replace(part, values={**part.values, **values})
+        return replace(self, parts=(*self.parts[:place], part, *self.parts[place + 1 :]))
 
     @property
     def sensors(self) -> tuple[Part, ...]:
@@ -105,58 +105,51 @@ def moved_output(problem: Problem, parts: Sequence[Part]) -> FloatArray:
     if not movers:
         return problem.output
     # most trials of a fit change the process or the loads only
-    key = tuple([(part.effect.name, part.column, *part.values.items()) for part in movers])
-    if key not in problem.moved:
-        signal = problem.output
-        for part in movers:
-            signal = after(problem, part, signal)
-        while len(problem.moved) >= FEW_REMEMBERED:
-            del problem.moved[next(iter(problem.moved))]
-        problem.moved[key] = signal
-    return problem.moved[key]
+    moved: FloatArray = problem.moved.of(tuple(p.key for p in movers), lambda: through(problem, movers, problem.output))
+    return moved
 
 
-def packed(part: Part) -> FloatArray:
-    """Return the parameter array of a part; without the checks of `Effect.pack`, as a fit stays within the bounds."""
-    parameters = part.effect.parameters
-    if any(q.many for q in parameters):
-        return part.effect.pack(part.values)
-    return np.array([part.values.get(q.name, q.neutral) for q in parameters], dtype=np.float64)
+def through(problem: Problem, parts: Sequence[Part], signal: FloatArray) -> FloatArray:
+    """Return the signal (samples,) after some effects."""
+    for part in parts:
+        effect, values = part.effect, part.values
+        # without the checks of `Effect.pack`, as a fit stays within the bounds
+        p = effect.pack(values) if any(q.many for q in effect.parameters) else np.array(
+            [values.get(q.name, q.neutral) for q in effect.parameters], dtype=np.float64)
+        if effect.fitting.whole is not None:
+            signal = effect.fitting.whole(signal, p, problem.interval)
+        else:
+            signal = effect.apply(signal, p, problem.interval, series=series_of(problem, part))
+    return signal
 
 
-def after(problem: Problem, part: Part, signal: FloatArray) -> FloatArray:
-    """Return the signal (samples,) after one effect."""
-    p = packed(part)
-    if part.effect.fitting.whole is not None:
-        return part.effect.fitting.whole(signal, p, problem.interval)
-    series: FloatArray | tuple[float, ...] = problem.columns[part.column] if part.column else ()
-    return part.effect.apply(signal, p, problem.interval, series=series)
+def series_of(problem: Problem, part: Part) -> FloatArray:
+    """Return the samples of the measured column of an effect that needs one, (samples,); else none."""
+    return problem.columns[part.column] if part.column else np.empty(0)
 
 
 def load_columns(problem: Problem, part: Part) -> list[FloatArray]:
-    """Return what a linear effect adds to the process input per unit of each linear value, one (samples,) each."""
+    """Return what a linear effect adds to the process input per unit of each linear value, one (samples,) each.
+
+    A swing whose phase is not known takes two columns for each value: in phase, and a quarter of a period before.
+    """
     effect, fitting = part.effect, part.effect.fitting
-    key = (effect.name, part.column, *((k, v) for k, v in part.values.items() if k not in fitting.linear), *(
-        (k, len(as_tuple(part.values[k]))) for k in fitting.linear))
-    if key in problem.memory:
-        return problem.memory[key]
-    if len(problem.memory) > MOST_REMEMBERED:
-        problem.memory.clear()
-    series: FloatArray | tuple[float, ...] = problem.columns[part.column] if part.column else ()
-    many = {q.name: q.many for q in effect.parameters}
-    sizes = {n: len(as_tuple(part.values.get(n, ()))) for n in fitting.linear}
-    none = {n: (0.0,) * size if many[n] else 0.0 for n, size in sizes.items()}
-    rest = {k: v for k, v in part.values.items() if k not in fitting.linear}
-    turns: list[dict[str, float]] = [{fitting.phase: 0.0}, {fitting.phase: 0.5 * np.pi}] if fitting.phase else [{}]
-    out = []
-    for name, size in sizes.items():
-        for i in range(size if many[name] else 1):
-            unit = tuple(float(j == i) for j in range(size)) if many[name] else 1.0
-            for turn in turns:
-                p = effect.pack({**rest, **none, name: unit, **turn})
-                out.append(effect.apply(np.zeros(problem.samples), p, problem.interval, series=series))
-    problem.memory[key] = out
-    return out
+    none = {name: tuple(0.0 for _ in as_tuple(part.values[name])) for name in fitting.linear}
+
+    def make() -> list[FloatArray]:
+        out = []
+        for name, zeros in none.items():
+            for i in range(len(zeros)):
+                for turn in (0.0, 0.5 * np.pi) if fitting.phase else (0.0,):
+                    units = {**none, name: (*zeros[:i], 1.0, *zeros[i + 1 :])}
+                    p = effect.pack({**part.values, **units, **({fitting.phase: turn} if fitting.phase else {})})
+                    out.append(effect.apply(np.zeros(problem.samples), p, problem.interval,
+                                            series=series_of(problem, part)))
+        return out
+
+    key = (effect.name, part.column, *((k, v if k not in none else len(none[k])) for k, v in part.values.items()))
+    columns: list[FloatArray] = problem.loads.of(key, make)
+    return columns
 
 
 def as_tuple(value: object) -> tuple[float, ...]:
@@ -182,19 +175,14 @@ def moved_process(problem: Problem, shape: Shape) -> FloatArray:
     return delayed_lag(moved, problem.interval, shape.lag, delay)
 
 
-def sensed(problem: Problem, shape: Shape, process: FloatArray) -> FloatArray:
-    """Return what the transmitter shows of the process's own value (samples,)."""
-    return through(problem, shape.sensors, process)
-
-
 def sensed_slopes(problem: Problem, shape: Shape, process: FloatArray, columns: FloatArray) -> FloatArray:
     """Return how what the transmitter shows changes per unit of each column (samples, columns) added to `process`."""
     if not shape.sensors:
         return columns
-    here = sensed(problem, shape, process)
+    here = through(problem, shape.sensors, process)
     steps = SMALL_MOVE / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
-    return np.column_stack(
-        [(sensed(problem, shape, process + e * x) - here) / e for e, x in zip(steps, columns.T, strict=True)])
+    return np.column_stack([(through(problem, shape.sensors, process + e * x) - here) / e
+                            for e, x in zip(steps, columns.T, strict=True)])
 
 
 def beside_output(problem: Problem, shape: Shape) -> list[Part]:
@@ -211,48 +199,42 @@ def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
     """
     own = beside_output(problem, shape)
     delay = shape.delay if problem.holes else 0.0
-    key = (shape.lag, delay, *[(p.effect.name, p.column, tuple(p.values.items())) for p in own])
-    if problem.others.get("key") != key:
+
+    def make() -> FloatArray:
         h, n, tau = problem.interval, problem.samples, shape.lag
         process = [part for part in own if part.on_output]
         lags = [part for part in process if part.effect.fitting.on_loads]
         columns = [np.ones(n), forgotten(n, h, tau)]
         for hole in problem.holes:
-            columns.append(delayed_lag(through(problem, process, pulse(problem, hole)), h, tau, delay))
+            columns.append(delayed_lag(through(problem, process, pulse(n, hole.first, hole.last)), h, tau, delay))
         for part in own:
             if part.is_linear:
                 columns += [delayed_lag(through(problem, lags, c), h, tau, 0.0) for c in load_columns(problem, part)]
-        columns += [delayed_lag(after(problem, lag, kick(problem, tau)), h, tau, 0.0) for lag in lags]
-        problem.others.update(key=key, columns=np.column_stack(columns))
-    found: FloatArray = problem.others["columns"]
+        # what a further lag has to forget is a push of about one time constant at the start
+        kick = pulse(n, 1, 1 + max(int(tau / h), 1))
+        columns += [delayed_lag(through(problem, [lag], kick), h, tau, 0.0) for lag in lags]
+        return np.column_stack(columns)
+
+    found: FloatArray = problem.others.of((shape.lag, delay, *(part.key for part in own)), make)
     return found
 
 
-def through(problem: Problem, parts: Sequence[Part], signal: FloatArray) -> FloatArray:
-    """Return the signal (samples,) after some effects."""
-    for part in parts:
-        signal = after(problem, part, signal)
-    return signal
-
-
-def pulse(problem: Problem, hole: Hole) -> FloatArray:
-    """Return 1 within a hole of OP and 0 elsewhere, (samples,)."""
-    out = np.zeros(problem.samples)
-    out[hole.first : hole.last] = 1.0
+def pulse(samples: int, first: int, last: int) -> FloatArray:
+    """Return 1 from `first` to before `last` and 0 elsewhere, (samples,)."""
+    out = np.zeros(samples)
+    out[first:last] = 1.0
     return out
 
 
-def kick(problem: Problem, lag: float) -> FloatArray:
-    """Return a push of about one time constant at the start, (samples,): what a further lag has to forget."""
-    out = np.zeros(problem.samples)
-    out[1 : 1 + max(int(lag / problem.interval), 1)] = 1.0
-    return out
+def regressors(problem: Problem, shape: Shape) -> FloatArray:
+    """Return all columns whose sum predicts PV, (samples, columns): moved process, then the others."""
+    return np.column_stack([moved_process(problem, shape), load_regressors(problem, shape)])
 
 
 def predict(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatArray:
     """Return predicted PV (samples,): `regressors` times coefficients as the transmitter shows them."""
     others = load_regressors(problem, shape) @ coefficients[1:]
-    return sensed(problem, shape, coefficients[0] * moved_process(problem, shape) + others)
+    return through(problem, shape.sensors, coefficients[0] * moved_process(problem, shape) + others)
 
 
 def spreads(problem: Problem, columns: FloatArray) -> FloatArray:
@@ -260,15 +242,6 @@ def spreads(problem: Problem, columns: FloatArray) -> FloatArray:
 
     Without it a column that the samples at hand do not show, such as the end of a hole, could take any value.
     """
-    size = np.sqrt(np.einsum("ij,ij->j", columns, columns) / len(columns))
-    out = USUAL_SPAN / np.maximum(size, 1e-12)
-    out[0] = 1e3
-    out[1] = USUAL_SPAN
-    for i, hole in enumerate(problem.holes):
-        out[2 + i] = hole.doubt
+    out = USUAL_SPAN / np.maximum(np.sqrt(np.einsum("ij,ij->j", columns, columns) / len(columns)), 1e-12)
+    out[: 2 + len(problem.holes)] = [1e3, USUAL_SPAN, *(hole.doubt for hole in problem.holes)]
     return out
-
-
-def regressors(problem: Problem, shape: Shape) -> FloatArray:
-    """Return all columns whose sum predicts PV, (samples, columns): moved process, then the others."""
-    return np.column_stack([moved_process(problem, shape), load_regressors(problem, shape)])

@@ -1,24 +1,45 @@
-"""One loop's recording as a model sees it: a gapless grid of OP and PV, with a mask of the samples that count."""
+"""One loop's recording as a model sees it: a gapless grid of OP and PV, with a mask of the samples that count.
+
+What OP tells by itself: who moves it, the setpoint and the operator or the load, and in which steps it was recorded.
+
+A model that predicts PV from OP alone can be judged by its error only where OP moved for another reason than PV. Where
+the loop answers to its load, OP is a mirror of that load: there a wrong model with a small gain has the smaller error
+(Ljung, System Identification, section 13.4: output error is biased in closed loop, prediction errors are not).
+
+The controller moved the valve by OP as it was, the historian may have kept it rounded. Where the record stays at one
+level for a while and then at the next, OP crossed the middle between them at that time; between such times it went on
+evenly, and where it turned it came on average as far as the level. Whether the valve got the rounded OP or the one
+before rounding is not known beforehand: a search tries both.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..effects.process import delayed_lag
 from ..errors import LoopError
 from ..record import FloatArray, LoopSettings, Record, SampleState
-from .output import MOSTLY, between_steps, horizon, moved_from_outside, step_of
 
 # fewer samples than this cannot carry a model with three parameters, a hold-out and a search
 FEWEST_SAMPLES = 100
-
-
 # holes of OP that get a free mean; the others are bridged by a straight line
 MOST_HOLES = 12
+LAGS = 7  # shapes of the answer of OP to a setpoint move: lags from one sample to a quarter of the record
+# shares above this: the record shows what OP does to PV, and the error of the prediction from OP alone is the measure
+MOSTLY = 0.5
+# a load-driven loop is predicted this share of Ti ahead: well before OP can answer to what came meanwhile
+AHEAD = 0.5
+# without Ti: until PV has moved by this many times its noise, but not longer than a part of the record
+VISIBLE, PART = 2.0, 50.0
+# fewer moves than this tell nothing about a step; a record of which fewer rows repeat is not rounded coarsely
+FEWEST_MOVES, REPEATS = 50, 0.3
+# moves of this many steps at once are jumps of OP, no crossings
+JUMP = 1.5
 
 
 @dataclass(frozen=True)
@@ -30,6 +51,21 @@ class Hole:
     doubt: float
 
 
+class Memory(dict[object, Any]):
+    """The latest `most` results, by what they were made of."""
+
+    def __init__(self, most: int) -> None:
+        self.most = most
+
+    def of(self, key: object, make: Callable[[], Any]) -> Any:
+        """Return the result known by that key, made where it is not known."""
+        if key not in self:
+            while len(self) >= self.most:
+                del self[next(iter(self))]
+            self[key] = make()
+        return self[key]
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Uniform grid of one loop: all arrays (samples,), normalised, without nan.
@@ -37,11 +73,11 @@ class Problem:
     output: OP, straight lines over holes. measurement: PV, 0 where `used` is False. recorded: PV with nan in holes.
     setpoint: SP, held over holes. columns: means of further measured columns up to the next sample, holes interpolated.
     delay: dead time [s] known from the settings, None when the settings give none. holes: where OP is not known.
-    floor: standard deviation of the measurement noise [span], from third differences. memory, moved, others: load
-    columns, moved outputs and the columns of the last shape, shared by problems that differ in their mask only.
-    driven: share of OP's motion that comes from the setpoint or the operator. output_step: in which OP was recorded
-    [span], 0 when it hardly matters.
-    ahead: samples that a loop driven by its load is predicted ahead (see `output`).
+    floor: standard deviation of the measurement noise [span], from third differences. driven: share of OP's motion that
+    comes from the setpoint or the operator. ahead: samples that a loop driven by its load is predicted ahead.
+    output_step: in which OP was recorded [span], 0 when it hardly matters. seed: of the random trials of a search.
+    loads, moved, others: load columns, moved outputs and the columns of the last shape, shared by problems that differ
+    in their mask only.
     """
 
     loop: str
@@ -59,18 +95,17 @@ class Problem:
     driven: float = 1.0
     ahead: int = 1
     output_step: float = 0.0
-    memory: dict[object, list[FloatArray]] = field(default_factory=dict, repr=False)
-    moved: dict[object, FloatArray] = field(default_factory=dict, repr=False)
-    others: dict[str, Any] = field(default_factory=dict, repr=False)
+    seed: int = 0
+    loads: Memory = field(default_factory=lambda: Memory(60), repr=False)
+    moved: Memory = field(default_factory=lambda: Memory(16), repr=False)
+    others: Memory = field(default_factory=lambda: Memory(1), repr=False)
 
     @property
     def samples(self) -> int:
-        """Grid points, holes included."""
         return len(self.output)
 
     @property
     def duration(self) -> float:
-        """Length of the record [s]."""
         return self.samples * self.interval
 
     @property
@@ -87,8 +122,8 @@ class Problem:
         return replace(self, measurement=np.where(used, measurement, 0.0), used=used)
 
 
-def problem_from_record(record: Record) -> Problem:
-    """Lay a record on its grid for a model.
+def problem_from_record(record: Record, seed: int = 0) -> Problem:
+    """Lay a record on its grid for a model; seed: of the random trials of a search.
 
     Raises LoopError when OP is absent or constant, PV is constant, or too few samples can be used.
     """
@@ -132,24 +167,15 @@ def problem_from_record(record: Record) -> Problem:
     for name, values in record.disturbances.items():
         grid = on_grid(values)
         if np.count_nonzero(np.isfinite(grid)) >= 0.5 * samples and np.nanstd(grid) > 0:
-            columns[name] = _until_next(_interpolate(grid))
+            # the mean from each sample to the next: unlike OP it moves on between scans
+            signal = _interpolate(grid)
+            columns[name] = 0.5 * (signal + np.append(signal[1:], signal[-1]))
     moved, setpoint, floor = _interpolate(output), hold(on_grid(record.setpoint)), noise_floor(recorded)
+    driven = moved_from_outside(moved, setpoint, state == SampleState.MANUAL, used, record.interval)
     return Problem(
-        loop=record.loop,
-        interval=record.interval,
-        output=moved,
-        measurement=np.where(used, measurement, 0.0),
-        recorded=recorded,
-        setpoint=setpoint,
-        used=used,
-        columns=columns,
-        delay=record.settings.theta or None,
-        settings=record.settings,
-        holes=_holes(output),
-        floor=floor,
-        driven=moved_from_outside(moved, setpoint, state == SampleState.MANUAL, used, record.interval),
-        output_step=step_of(moved),
-        ahead=horizon(recorded, floor, record.interval, record.settings.Ti),
+        record.loop, record.interval, moved, np.where(used, measurement, 0.0), recorded, setpoint, used, columns,
+        record.settings.theta or None, record.settings, _holes(output), floor, driven,
+        horizon(recorded, floor, record.interval, record.settings.Ti), step_of(moved), seed,
     )
 
 
@@ -169,7 +195,8 @@ def finer(problem: Problem) -> Problem | None:
     """Return the problem with OP as it may have been before rounding, None when OP was not rounded coarsely."""
     if not problem.output_step:
         return None
-    return replace(problem, output=between_steps(problem.output, problem.output_step), memory={}, moved={}, others={})
+    return replace(problem, output=between_steps(problem.output, problem.output_step), loads=Memory(60),
+                   moved=Memory(16), others=Memory(1))
 
 
 def usual_output(problem: Problem) -> tuple[float, float] | None:
@@ -215,19 +242,88 @@ def _holes(output: FloatArray) -> tuple[Hole, ...]:
 def hold(values: FloatArray) -> FloatArray:
     """Repeat the last number over holes; holes at the start take the first number."""
     good = np.isfinite(values)
-    if not np.any(good):
-        return np.zeros_like(values)
-    last = np.maximum.accumulate(np.where(good, np.arange(len(values)), -1))
-    last[last < 0] = int(np.argmax(good))
-    out: FloatArray = values[last]
-    return out
-
-
-def _until_next(values: FloatArray) -> FloatArray:
-    """Return the mean of a signal (samples,) from each sample to the next: unlike OP it moves on between scans."""
-    return 0.5 * (values + np.append(values[1:], values[-1]))
+    last = np.maximum.accumulate(np.where(good, np.arange(len(values)), np.argmax(good)))
+    return np.nan_to_num(values[last])
 
 
 def _interpolate(values: FloatArray) -> FloatArray:
     good = np.flatnonzero(np.isfinite(values))
     return np.interp(np.arange(len(values)), good, values[good])
+
+
+def moved_from_outside(
+    output: FloatArray, setpoint: FloatArray, manual: NDArray[np.bool_], used: NDArray[np.bool_], h: float
+) -> float:
+    """Return the share of the variance of OP, 0..1, that setpoint moves or a hand on the output explain.
+
+    All arrays (samples,); h: interval [s]. The answer of OP to the setpoint is fitted as a sum of lags.
+    """
+    y = output[used]
+    spread = float(np.var(y))
+    if spread <= 0.0:
+        return 0.0
+    columns = [np.ones_like(output)]
+    if np.ptp(setpoint[used]) > 0.0:
+        taus = np.geomspace(h, max(0.25 * h * len(output), 2.0 * h), LAGS)
+        columns += [setpoint, *(delayed_lag(setpoint, h, tau, 0.0) for tau in taus)]
+    by_hand = manual & used
+    if np.count_nonzero(by_hand) > 1 and np.ptp(output[by_hand]) > 0.0:
+        columns += [by_hand.astype(np.float64), np.where(by_hand, output - np.mean(output[by_hand]), 0.0)]
+    X = np.column_stack(columns)[used]
+    X -= X.mean(axis=0)
+    X /= np.maximum(X.std(axis=0), 1e-12)
+    A = X.T @ X + 1e-6 * len(y) * np.eye(X.shape[1])
+    rest = y - y.mean() - X @ np.linalg.solve(A, X.T @ (y - y.mean()))
+    return float(np.clip(1.0 - np.var(rest) / spread, 0.0, 1.0))
+
+
+def trust(share: float) -> float:
+    """Return how much the error of the prediction from OP alone tells, 0..1, for a share moved from outside.
+
+    As in a Wiener filter: 1 / (1 + (load / signal)^2), with the variances of OP as load and signal.
+    """
+    return share**2 / (share**2 + (1.0 - share) ** 2)
+
+
+def horizon(recorded: FloatArray, floor: float, h: float, Ti: float | None) -> int:
+    """Return how many samples ahead a load-driven loop is predicted; recorded: (samples,) PV, nan in holes."""
+    most = max(int(len(recorded) / PART), 1)
+    if Ti:
+        return int(np.clip(round(AHEAD * Ti / h), 1, most))
+    m = 1
+    while m < most:
+        move = recorded[m:] - recorded[:-m]
+        if np.nanmean(move**2) >= 2.0 * (VISIBLE * floor) ** 2:
+            break
+        m = max(m + 1, int(1.25 * m))
+    return min(m, most)
+
+
+def step_of(output: FloatArray) -> float:
+    """Return the step in which OP (samples,) was recorded, 0 when it was not recorded in coarse steps."""
+    move = np.abs(np.diff(output))
+    moved = move[move > 1e-9]
+    if moved.size < FEWEST_MOVES or moved.size > (1.0 - REPEATS) * move.size:
+        return 0.0
+    step = float(np.quantile(moved, 0.1))
+    off = np.abs(moved / step - np.rint(moved / step))
+    levels = np.unique(np.rint(output / step)).size
+    # an operator's moves are few and large; rounding leaves mostly moves of one step
+    usual = float(np.mean(moved < JUMP * step))
+    return step if np.mean(off < 0.05) > 0.9 and usual > 0.5 and levels < 0.5 * moved.size else 0.0
+
+
+def between_steps(output: FloatArray, step: float) -> FloatArray:
+    """Return OP (samples,) as it may have been before it was rounded to `step`."""
+    at = np.flatnonzero(np.abs(np.diff(output)) > 1e-9) + 1
+    first, last = np.append(0, at), np.append(at, len(output)) - 1
+    level = output[first]
+    before, after = np.append(0.0, np.diff(level)), np.append(np.diff(level), 0.0)
+    came, goes = np.abs(before) > JUMP * step, np.abs(after) > JUMP * step
+    turned, crosses = (before * after <= 0.0) & (last > first), (after != 0.0) & ~goes
+    where = np.concatenate([[0], first[came], (0.5 * (first + last))[turned], last[goes], last[crosses] + 0.5,
+                            last[-1:]])
+    value = np.concatenate([level[:1], level[came], level[turned], level[goes], (level + 0.5 * after)[crosses],
+                            level[-1:]])
+    order = np.argsort(where, kind="stable")
+    return np.interp(np.arange(len(output), dtype=np.float64), where[order], value[order])

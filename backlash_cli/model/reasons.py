@@ -12,11 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..record import Note
-from ..results import Candidate, FittedEffect, FittedParameter, Model, gap_size
+from ..results import Candidate, FittedEffect, Model, gap_size
 from .fit import Solver, finished, fit
 from .holdout import Tested, better, tested
 from .locate import turning_points
-from .noise import whitener
 from .pipeline import Part, Shape, moved_output, moved_process
 from .problem import Problem, usual_output
 from .recorder import fitted_problem
@@ -42,30 +41,22 @@ def marked(problem: Problem, gain: float, effects: Iterable[FittedEffect]) -> tu
 def _small(problem: Problem, gain: float, d: float | None) -> list[Note]:
     if d is None:
         return []
-    out = []
-    if d < HEALTHY:
-        message = f"{100 * d:.2g} % of span is less than the {100 * HEALTHY:.0f} % that a good valve may have"
-        out.append(Note("small_gap", message, {"size": d, "limit": HEALTHY}))
-    move = usual_move(problem)
-    if move > 0.0 and d < FEW_SAMPLES * move:
-        message = f"OP crosses the gap within {d / move:.1f} samples: recorded too coarsely to be sure of it"
-        out.append(Note("coarse_samples", message, {"samples": d / move}))
-    if abs(gain) * d < TIMES_NOISE * problem.floor:
-        times = abs(gain) * d / problem.floor
-        message = f"the gap moves PV by only {times:.1f} times its noise"
-        out.append(Note("small_against_noise", message, {"times": times}))
-    return out
+    move, times = usual_move(problem), abs(gain) * d / problem.floor
+    samples = d / move if move > 0.0 else np.inf
+    notes = [
+        (d < HEALTHY, Note("small_gap", f"{100 * d:.2g} % of span is less than the {100 * HEALTHY:.0f} % that a good "
+                           "valve may have", {"size": d, "limit": HEALTHY})),
+        (samples < FEW_SAMPLES, Note("coarse_samples", f"OP crosses the gap within {samples:.1f} samples: recorded too "
+                                     "coarsely to be sure of it", {"samples": samples})),
+        (times < TIMES_NOISE, Note("small_against_noise", f"the gap moves PV by only {times:.1f} times its noise",
+                                   {"times": times})),
+    ]
+    return [note for holds, note in notes if holds]
 
 
 def with_reasons(
-    problem: Problem,
-    gain: float,
-    candidates: Sequence[Candidate],
-    accepted: Sequence[str],
-    alike: Sequence[tuple[str, str]],
-    siblings: Mapping[str, Sequence[str]],
-    reason: Note | None,
-    enough: float,
+    problem: Problem, gain: float, candidates: Sequence[Candidate], accepted: Sequence[str],
+    alike: Sequence[tuple[str, str]], siblings: Mapping[str, Sequence[str]], reason: Note | None, enough: float,
 ) -> tuple[Candidate, ...]:
     """Return the candidates, each that was not accepted with the reason.
 
@@ -108,13 +99,9 @@ LOWER = 1.0 - 1.0 / 1.08**2
 
 def _does_nothing(c: Candidate) -> bool:
     """True where the sizes of an effect went to nothing: zero, or a limit at infinity."""
-    sizes = [p for p in c.parameters.values() if not p.nuisance and p.unit not in ("s", "0 or 1")]
-    return bool(sizes) and all(_nothing(p) for p in sizes)
-
-
-def _nothing(p: FittedParameter) -> bool:
-    values = np.atleast_1d(np.asarray(p.value, dtype=np.float64))
-    return bool(np.all(np.isinf(values) | (np.abs(values) < 1e-5)))
+    sizes = [p.value for p in c.parameters.values() if not p.nuisance and p.unit not in ("s", "0 or 1")]
+    numbers = np.hstack(sizes) if sizes else np.ones(1)
+    return bool(np.all(np.isinf(numbers) | (np.abs(numbers) < 1e-5)))
 
 
 # errors closer than this share say the same
@@ -131,12 +118,7 @@ SHARES = np.geomspace(0.2, 5.0, 13)
 
 
 def why_not(
-    problem: Problem,
-    model: Model,
-    shape: Shape,
-    recorders: tuple[Part, ...],
-    plain: Tested,
-    holdout: float,
+    problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], plain: Tested, holdout: float,
     error_of: Callable[[Model, Shape], float | None],
 ) -> tuple[Note, ...]:
     """Return the reasons why a kept model predicts a record no better than the plain one fitted to it; () if it does.
@@ -174,22 +156,12 @@ def _place(problem: Problem, model: Model) -> list[Note]:
     )]  # fmt: skip
 
 
-def _gone(
-    model: Model, shape: Shape, holdout: float, error_of: Callable[[Model, Shape], float | None]
-) -> list[Note]:
+def _gone(model: Model, shape: Shape, holdout: float, error_of: Callable[[Model, Shape], float | None]) -> list[Note]:
     """Effects without which the kept model does better here."""
-    out = []
-    for part in shape.parts:
-        name = part.effect.name
-        less = error_of(model.without(name), shape.without(name))
-        if less is not None and less < (1.0 - ABOUT) * holdout:
-            words = name.replace("_", " ")
-            out.append(Note(
-                "effect_not_here",
-                f"{words} does not fit this record: without it the model's error is {100 * less:.3g} % instead of "
-                f"{100 * holdout:.3g} %", {"effect": name, "rmse_holdout": less},
-            ))  # fmt: skip
-    return out
+    without = {name: error_of(model.without(name), shape.without(name)) for name in shape.names}
+    return [Note("effect_not_here", f"{name.replace('_', ' ')} does not fit this record: without it the model's error "
+                 f"is {100 * less:.3g} % instead of {100 * holdout:.3g} %", {"effect": name, "rmse_holdout": less})
+            for name, less in without.items() if less is not None and less < (1.0 - ABOUT) * holdout]
 
 
 def _process(
@@ -197,7 +169,7 @@ def _process(
 ) -> list[Note]:
     """Whether the effects hold with a gain and a time constant of this record, or else with other numbers of theirs."""
     noise = plain.fit.noise
-    solver = Solver(problem, whitener(noise, problem.used, problem.interval))
+    solver = Solver(problem, noise)
     seen = fitted_problem(problem, recorders)
 
     def best(lags: Sequence[float]) -> Shape:

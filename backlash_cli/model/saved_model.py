@@ -20,26 +20,14 @@ from .problem import Problem, usual_output
 
 def kept_model(record: Record, problem: Problem, fitted: Fit, recorders: Sequence[Part], rmse_holdout: float) -> Model:
     """Return a fit as a model of its own, every number in it."""
-    entries = [
-        ModelEffect(part.effect.name, values, part.column, reference(part.effect))
-        for part, values in zip(fitted.shape.parts, linear_values(problem, fitted), strict=True)
-    ]
-    entries += [ModelEffect(p.effect.name, dict(p.values), p.column, reference(p.effect)) for p in recorders]
-    times = record.time
+    values = [*linear_values(problem, fitted), *(dict(p.values) for p in recorders)]
+    entries = [ModelEffect(p.effect.name, v, p.column, reference(p.effect))
+               for p, v in zip((*fitted.shape.parts, *recorders), values, strict=True)]
+    start, end = record.time[[0, -1]].tolist()
     return Model(
-        loop=record.loop,
-        Kp=fitted.gain,
-        tau=fitted.shape.lag,
-        theta=fitted.shape.delay,
-        offset=float(fitted.coefficients[1]),
-        effects=tuple(entries),
-        start=float(times[0]),
-        end=float(times[-1]),
-        interval=record.interval,
-        pv_range=record.settings.pv_range,
-        op_range=record.settings.op_range,
-        rmse_holdout=rmse_holdout,
-        output=usual_output(problem),
+        record.loop, fitted.gain, fitted.shape.lag, float(fitted.coefficients[1]), fitted.shape.delay, tuple(entries),
+        start, end, record.interval, record.settings.pv_range, record.settings.op_range, rmse_holdout,
+        usual_output(problem),
     )
 
 
@@ -48,10 +36,9 @@ def reference(effect: Effect) -> str:
     if any(effect is own for own in EFFECTS):
         return ""
     module = getattr(effect.step, "__module__", "")
-    for name, value in vars(sys.modules.get(module, object)).items() if module in sys.modules else ():
-        if value is effect:
-            return f"{module}:{name}"
-    return ""
+    names = [name for name, value in vars(sys.modules.get(module)).items() if value is effect
+             ] if module in sys.modules else []
+    return f"{module}:{names[0]}" if names else ""
 
 
 def apart(model: Model, problem: Problem, start: float) -> bool:
@@ -74,13 +61,11 @@ def loads_left_out(model: Model, problem: Problem, start: float) -> tuple[Note, 
     out = []
     if gone := [e.name for e in effects if of_its_day(e)]:
         names = " and ".join(name.replace("_", " ") for name in gone)
-        message = (f"{names} of the model belong{'s' * (len(gone) == 1)} to the time it was fitted to and cannot be "
-                   "foretold: left out here")
-        out.append(Note("loads_of_another_day", message, {"effects": ", ".join(gone)}))
+        out.append(Note("loads_of_another_day", f"{names} of the model belong{'s' * (len(gone) == 1)} to the time it "
+                        "was fitted to and cannot be foretold: left out here", {"effects": ", ".join(gone)}))
     if swings := [e.name for e in effects if e.fitting.phase]:
-        message = ("the swing from outside keeps its period and size; where it stood when this record began was "
-                   "matched to this record")
-        out.append(Note("swing_matched", message, {"effects": ", ".join(swings)}))
+        out.append(Note("swing_matched", "the swing from outside keeps its period and size; where it stood when this "
+                        "record began was matched to this record", {"effects": ", ".join(swings)}))
     return tuple(out)
 
 
@@ -105,13 +90,12 @@ def parts_of(model: Model, problem: Problem, start: float) -> tuple[Part, ...]:
                 code="missing_column",
             )  # fmt: skip
         values = {q.name: entry.parameters.get(q.name, () if q.many else q.neutral) for q in effect.parameters}
-        out.append(Part(effect, _moved(effect, values, later, problem), entry.column))
+        out.append(Part(effect, _moved(effect, values, later), entry.column))
     return in_order(out)
 
 
-def _moved(
-    effect: Effect, values: dict[str, float | tuple[float, ...]], later: float, problem: Problem
-) -> dict[str, float | tuple[float, ...]]:
+def _moved(effect: Effect, values: dict[str, float | tuple[float, ...]], later: float
+           ) -> dict[str, float | tuple[float, ...]]:
     """Move what is told in seconds from the first sample; what ended before the record stays as a constant push."""
     if later == 0.0 or not effect.fitting.linear:
         return values
@@ -159,13 +143,10 @@ def shape_of(model: Model, parts: Sequence[Part]) -> Shape:
 
 def coefficients_of(model: Model, problem: Problem, shape: Shape) -> FloatArray:
     """Return the coefficients of all regressors as the model has them; start and holes are 0."""
-    out = [model.Kp, model.offset, 0.0, *(0.0 for _ in problem.holes)]
+    out: list[float] = []
     for part in shape.parts:
-        for name in part.effect.fitting.linear if part.is_linear else ():
-            for value in as_tuple(part.values[name]):
-                if part.effect.fitting.phase:
-                    turn = as_tuple(part.values[part.effect.fitting.phase])[0]
-                    out += [model.Kp * value * np.cos(turn), model.Kp * value * np.sin(turn)]
-                else:
-                    out.append(model.Kp * value)
-    return np.array(out, dtype=np.float64)
+        phase = part.effect.fitting.phase
+        turn = as_tuple(part.values[phase])[0] if phase else 0.0
+        for value in [v for name in part.effect.fitting.linear for v in as_tuple(part.values[name])]:
+            out += [value * np.cos(turn), value * np.sin(turn)] if phase else [value]
+    return np.concatenate([[model.Kp, model.offset, 0.0], np.zeros(len(problem.holes)), model.Kp * np.array(out)])

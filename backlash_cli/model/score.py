@@ -9,9 +9,8 @@ import numpy as np
 
 from ..effects import Effect
 from .fit import Fit
-from .output import trust
 from .pipeline import Part, Shape, as_tuple
-from .problem import Problem
+from .problem import Problem, trust
 
 # a load behind the process forgets within about three lags, so that six lags hold one independent error
 LAGS_PER_STRETCH = 6.0
@@ -31,15 +30,16 @@ def jumpy(effect: Effect) -> bool:
 
 @dataclass(frozen=True)
 class Judge:
-    """Scores fits of one loop. log_samples: ln of the usable samples. stretches: independent errors in the record.
-    sign: of the gain of the process, which is that of the controller; 0 when the settings do not tell.
+    """Scores fits of the loop `problem`. log_samples: ln of the usable samples. stretches: independent errors in the
+    record. sign: of the gain of the process, which is that of the controller; 0 when the settings do not tell.
 
     The deviance knows how well each sample follows from those before it. A random load that may wander without
     limit explains a drift or a step as well as the real cause does; it does not predict PV from OP. The error of
     that prediction, over as many stretches as are independent, decides where the deviance cannot. It tells nothing
-    where OP only answers to the load, so that it counts for less the more it does (see `output`).
+    where OP only answers to the load, so that it counts for less the more it does (see `problem`).
     """
 
+    problem: Problem
     log_samples: float
     stretches: float
     sign: float = 0.0
@@ -76,4 +76,4 @@ def judge_for(problem: Problem, lag: float) -> Judge:
     stretches = problem.duration / (LAGS_PER_STRETCH * max(lag, problem.interval))
     within = float(np.clip(stretches, LEAST_STRETCHES, MOST_STRETCHES))
     sign = float(np.sign(problem.settings.K or problem.settings.Kp or 0.0))
-    return Judge(float(np.log(np.count_nonzero(problem.used))), within * trust(problem.driven), sign)
+    return Judge(problem, float(np.log(np.count_nonzero(problem.used))), within * trust(problem.driven), sign)

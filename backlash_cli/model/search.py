@@ -12,7 +12,7 @@ from .adequacy import Left, left_by
 from .candidates import candidate, table, wander
 from .fit import Fit, Solver, descend, fit, refit_noise
 from .holdout import better
-from .noise import Noise, whitener
+from .noise import Noise
 from .pipeline import Part, Shape, as_tuple, moved_process, predict, through
 from .problem import Problem
 from .score import ENOUGH, Judge, judge_for, jumpy
@@ -27,6 +27,16 @@ SHARE_ALIKE = 0.09
 MOST_EFFECTS = 4
 # lags this close (natural logarithm) are the same
 SAME_LAG = 0.02
+# without an effect that is worth telling, the error on unseen samples is at least this many times larger
+WORTH_TELLING = 1.08
+# with this gain in score it may also be a little smaller
+BEYOND_DOUBT = 200.0
+# a short way ahead most of the error is load that nobody can know and noise: there it must be larger at all
+WORTH_AHEAD = 1.002
+# random trials of an effect with many valleys after another was taken out
+LOOK_AROUND = 150
+# an effect that moves PV by less than this share of its noise does nothing
+NOTHING = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +80,6 @@ class Found:
 
 def baseline(problem: Problem) -> Fit:
     """Fit gain, lag and offset, plus the dead time of the settings where they give one."""
-    delay = problem.delay or 0.0
     guess = problem.settings.Ti or problem.duration / 60.0
     found: list[Fit] = []
     seen: list[float] = []
@@ -78,135 +87,126 @@ def baseline(problem: Problem) -> Fit:
         lag = min(max(share * guess, problem.interval), problem.duration / 10.0)
         # a wandering load can hide that the model is poor: start from the smallest error, too
         for ratio in (1.0, 1e-3):
-            noise = Noise(ratio, 3.0 * lag, lag)
-            solver = Solver(problem, whitener(noise, problem.used, problem.interval))
-            shape = descend(solver, Shape(lag, delay))
+            solver = Solver(problem, Noise(ratio, 3.0 * lag, lag))
+            shape = descend(solver, Shape(lag, problem.delay or 0.0))
             # starts that came to the same lag come to the same fit
             if all(abs(np.log(shape.lag / other)) > SAME_LAG for other in seen):
-                first = Noise(1.0, noise.slow, noise.fast)
-                found.append(fit(problem, shape, refit_noise(solver, shape, first)))
+                found.append(fit(problem, shape, refit_noise(solver, shape, Noise(1.0, 3.0 * lag, lag))))
             seen.append(shape.lag)
-    judge = judge_for(problem, min(f.shape.lag for f in found))
-    return judge.best(found)
+    return judge_for(problem, min(f.shape.lag for f in found)).best(found)
 
 
-def search(problem: Problem, effects: Sequence[Effect], start: Fit, *, seed: int = 0) -> Found:
+def search(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
     """Search with the usual effects; where they leave more than noise and load, try the seldom ones, too."""
-    found = climb(problem, [e for e in effects if not e.fitting.seldom], start, seed)
+    found = climb(problem, [e for e in effects if not e.fitting.seldom], start)
     if not found.adequate:
-        found = with_seldom(problem, found, [e for e in effects if e.fitting.seldom], start, seed)
-    return rivals(problem, found, effects, seed)
+        found = with_seldom(found, [e for e in effects if e.fitting.seldom], start)
+    return rivals(found, effects)
 
 
-def with_seldom(problem: Problem, found: Found, seldom: Sequence[Effect], start: Fit, seed: int) -> Found:
-    """Return what a search finds with one of the seldom effects in the model, where that does clearly better."""
-    judge, final = found.judge, found.final
-    given = {part.effect.name for part in start.shape.parts}
-    usual = replace(final.shape, parts=tuple(
-        p for p in final.shape.parts if p.is_linear or p.effect.stage == Stage.PROCESS or p.effect.name in given))
-    grounds = [final, start] if usual.parts == start.shape.parts else [final, start, fit(problem, usual, final.noise)]
-    trials = [fitted for ground in grounds for fitted in table(problem, judge, ground, seldom, seed).values()]
-    if not trials or judge.score(judge.best(trials)) > judge.score(final) - ENOUGH:
-        return found
-    now, without = prune(problem, judge, judge.best(trials), start, trials, seed)
-    if judge.score(now) > judge.score(final) - ENOUGH:
-        return found
-    return replace(found, final=now, without=without, left=left_by(problem, now, now.rmse))
-
-
-def climb(problem: Problem, effects: Sequence[Effect], start: Fit, seed: int) -> Found:
+def climb(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
     """Add effects to `start` while each brings enough, then improve and prune."""
     judge = judge_for(problem, min(start.shape.lag, problem.settings.Ti or start.shape.lag))
     now = start
     first: dict[str, Fit] = {}
     known: list[Fit] = []
     while len(now.shape.parts) < MOST_EFFECTS:
-        trials = table(problem, judge, now, effects, seed)
+        trials = table(judge, now, effects)
         first = first or trials
         known += trials.values()
-        if not trials:
-            break
-        best = next_best(problem, judge, now, trials, effects, seed)
+        best = next_best(judge, now, trials, effects) if trials else None
         if best is None:
             break
-        now = improve(problem, judge, best, effects, seed, known) if now.shape.parts else best
+        now = improve(judge, best, effects, known) if now.shape.parts else best
         known.append(now)
-    now = longest_first(problem, judge, now)
-    now, without = prune(problem, judge, now, start, known, seed)
+    now, without = prune(judge, longest_first(judge, now), start, known)
     if problem.by_load and without and better(problem, now).rmse_holdout > better(problem, start).rmse_holdout:
         # the likeliest model of a load need not be the one that knows what comes
         now, without = start, {}
-    return Found(start, first, now, without, judge, left_by(problem, now, now.rmse))
+    return Found(start, first, now, without, judge, left_by(problem, now))
 
 
-def rivals(problem: Problem, found: Found, effects: Sequence[Effect], seed: int) -> Found:
+def with_seldom(found: Found, seldom: Sequence[Effect], start: Fit) -> Found:
+    """Return what a search finds with one of the seldom effects in the model, where that does clearly better."""
+    judge, final = found.judge, found.final
+    usual = replace(final.shape, parts=tuple(p for p in final.shape.parts if p.is_linear or p.effect.name in
+                                             start.shape.names or p.effect.stage == Stage.PROCESS))
+    grounds = [final, start]
+    if usual.parts != start.shape.parts:
+        grounds.append(fit(judge.problem, usual, final.noise))
+    trials = [fitted for ground in grounds for fitted in table(judge, ground, seldom).values()]
+    enough = judge.score(final) - ENOUGH
+    if not trials or judge.score(judge.best(trials)) > enough:
+        return found
+    now, without = prune(judge, judge.best(trials), start, trials)
+    if judge.score(now) > enough:
+        return found
+    return replace(found, final=now, without=without, left=left_by(judge.problem, now))
+
+
+def rivals(found: Found, effects: Sequence[Effect]) -> Found:
     """Try look-alikes and rivals in the place of each accepted effect; take one that does better."""
     judge, by_name = found.judge, {effect.name: effect for effect in effects}
     instead: dict[tuple[str, str], Fit] = {}
     for part in found.final.shape.parts:
-        name, fitting = part.effect.name, part.effect.fitting
+        name, near = part.effect.name, (*part.effect.fitting.siblings, *part.effect.fitting.rivals)
         if name not in found.without:
             continue
         if len(found.final.shape.parts) == 1:
             # each of them was tried alone already
             instead.update({(name, other): fit for other, fit in found.first.items() if other != name})
-        # what gains little is compared with everything
-        weak = found.gain(name) < WEAK and part.effect.stage != Stage.LOAD
-        for other in by_name if weak else (*fitting.siblings, *fitting.rivals):
-            effect = by_name.get(other)
-            if weak and other not in (*fitting.siblings, *fitting.rivals) and effect is not None and (
-                    effect.fitting.seldom or jumpy(effect) or not effect.fitted or effect.fitting.bounds):
-                continue
+        if found.gain(name) < WEAK and part.effect.stage != Stage.LOAD:
+            # what gains little is compared with everything
+            near = tuple(n for n, e in by_name.items() if n in near or not (
+                e.fitting.seldom or jumpy(e) or not e.fitted or e.fitting.bounds))
+        for other in near:
             if other in by_name and other not in found.final.shape.names and (name, other) not in instead:
-                there = candidate(problem, judge, found.without[name], by_name[other], known={name: found.final},
-                                  seed=seed, must=True)
+                there = candidate(judge, found.without[name], by_name[other], known={name: found.final}, must=True)
                 if there is not None:
                     instead[name, other] = there
     if not instead:
         return found
-    pair = min(instead, key=lambda both: judge.score(instead[both]))
-    best = instead[pair]
-    swap = replace(found, instead=instead)
-    if judge.score(best) >= judge.score(found.final) - (ENOUGH if by_name[pair[1]].fitting.seldom else 0.0):
-        return swap
-    turned = {(pair[1], pair[0]): found.final}
-    without = {pair[1] if n == pair[0] else n: fit for n, fit in found.without.items()}
-    return replace(found, final=best, without=without, instead=turned,
-                   left=left_by(problem, best, best.rmse))
+    name, other = min(instead, key=lambda both: judge.score(instead[both]))
+    best = instead[name, other]
+    if judge.score(best) >= judge.score(found.final) - (ENOUGH if by_name[other].fitting.seldom else 0.0):
+        return replace(found, instead=instead)
+    without = {other if n == name else n: fit for n, fit in found.without.items()}
+    return replace(found, final=best, without=without, instead={(other, name): found.final},
+                   left=left_by(judge.problem, best))
 
 
-def next_best(
-    problem: Problem, judge: Judge, now: Fit, trials: dict[str, Fit], effects: Sequence[Effect], seed: int
-) -> Fit | None:
+def next_best(judge: Judge, now: Fit, trials: dict[str, Fit], effects: Sequence[Effect]) -> Fit | None:
     """Return the model to go on with: one more effect, or two that show only together; None when nothing is worth it.
 
     Where OP answers to the load, an effect must also lower the error a short way ahead: the likeliest model of a load
     need not be the one that knows what comes.
     """
+    problem = judge.problem
     worth = [t for t in sorted(trials.values(), key=judge.score) if judge.score(now) - judge.score(t) >= ENOUGH]
     if problem.by_load and worth:
         limit = better(problem, now).rmse_holdout
         worth = [t for t in worth if better(problem, t).rmse_holdout < limit] or worth
-    if now.shape.parts or (worth and not worth[0].shape.parts[0].is_linear):
-        return worth[0] if worth else None
+    best = worth[0] if worth else None
+    if now.shape.parts or (best is not None and not best.shape.parts[0].is_linear):
+        return best
     # the best effect on the way of the output beside the loads: friction hides what a load did and the other way, and
     # several load steps do what one stop does
     valve = [t for t in (worth or trials.values()) if not t.shape.parts[0].is_linear]
     if not valve:
-        return worth[0] if worth else None
+        return best
     near = min(valve, key=lambda t: t.deviance)
-    pairs = table(problem, judge, near, [e for e in effects if e.fitting.linear], seed)
-    both = judge.best(list(pairs.values())) if pairs else None
-    if not worth:
-        return both if both is not None and judge.score(now) - judge.score(both) >= 2.0 * ENOUGH else None
-    if both is None:
-        return worth[0]
+    pairs = table(judge, near, [e for e in effects if e.fitting.linear])
+    if not pairs:
+        return best
+    both = judge.best(list(pairs.values()))
+    if best is None:
+        return both if judge.score(now) - judge.score(both) >= 2.0 * ENOUGH else None
     own = [e for e in effects if e.name == near.shape.parts[0].effect.name]
-    other = judge.best([worth[0], *table(problem, judge, worth[0], own, seed).values()])
-    return both if judge.score(both) < judge.score(other) - 1e-6 else worth[0]
+    other = judge.best([best, *table(judge, best, own).values()])
+    return both if judge.score(both) < judge.score(other) - 1e-6 else best
 
 
-def longest_first(problem: Problem, judge: Judge, now: Fit) -> Fit:
+def longest_first(judge: Judge, now: Fit) -> Fit:
     """Return the model with the longest lag as that of the process: which of two lags comes first makes no odds."""
     for place, part in enumerate(now.shape.parts):
         names = [q.name for q in part.effect.parameters if q.unit == "s"]
@@ -214,44 +214,29 @@ def longest_first(problem: Problem, judge: Judge, now: Fit) -> Fit:
             other = float(part.values[names[0]])  # type: ignore[arg-type]
             if other > now.shape.lag:
                 turned = replace(now.shape, lag=other).with_values(place, **{names[0]: now.shape.lag})
-                found = fit(problem, turned, now.noise)
+                found = fit(judge.problem, turned, now.noise)
                 now = found if judge.score(found) < judge.score(now) + ENOUGH / 10.0 else now
     return now
 
 
-def improve(
-    problem: Problem, judge: Judge, now: Fit, effects: Sequence[Effect], seed: int, known_fits: list[Fit]
-) -> Fit:
+def improve(judge: Judge, now: Fit, effects: Sequence[Effect], known_fits: list[Fit]) -> Fit:
     """Look at each effect of a model again, now that the others are there: other start values, or its look-alike."""
     by_name = {effect.name: effect for effect in effects}
     for part in now.shape.parts:
         if part.effect.name not in now.shape.names or part.is_recorder:
             continue
-        less = fit(problem, now.shape.without(part.effect.name), now.noise, rounds=1)
+        less = fit(judge.problem, now.shape.without(part.effect.name), now.noise, rounds=1)
         known: dict[str, Fit] = {}
         likes = [by_name[n] for n in part.effect.fitting.siblings
                  if n in by_name and n not in now.shape.names and not jumpy(by_name[n])]
         # the smooth one first: it shows the jumpy one where to look
         for effect in sorted([part.effect, *likes], key=jumpy):
-            found = candidate(problem, judge, less, effect, known=known, seed=seed)
+            found = candidate(judge, less, effect, known=known)
             if found is not None:
                 known[effect.name] = found
                 known_fits.append(found)
-                if judge.score(found) < judge.score(now):
-                    now = found
+                now = found if judge.score(found) < judge.score(now) else now
     return now
-
-
-# without an effect that is worth telling, the error on unseen samples is at least this many times larger
-WORTH_TELLING = 1.08
-# with this gain in score it may also be a little smaller
-BEYOND_DOUBT = 200.0
-# a short way ahead most of the error is load that nobody can know and noise: there it must be larger at all
-WORTH_AHEAD = 1.002
-# random trials of an effect with many valleys after another was taken out
-LOOK_AROUND = 150
-# an effect that moves PV by less than this share of its noise does nothing
-NOTHING = 0.05
 
 
 def idle(problem: Problem, fitted: Fit, part: Part) -> bool:
@@ -262,10 +247,11 @@ def idle(problem: Problem, fitted: Fit, part: Part) -> bool:
         process = predict(problem, replace(fitted.shape, parts=tuple(p for p in fitted.shape.parts if not p.on_sensor)),
                           fitted.coefficients)
         moved = through(problem, (part,), process) - process
-        return float(np.std(moved[problem.used])) < NOTHING * problem.floor
-    there = Shape(fitted.shape.lag, fitted.shape.delay, tuple(p for p in fitted.shape.parts if not p.is_linear))
-    moved = moved_process(problem, there) - moved_process(problem, there.without(part.effect.name))
-    return float(np.std(moved[problem.used])) * abs(fitted.gain) < NOTHING * problem.floor
+    else:
+        there = replace(fitted.shape, parts=tuple(p for p in fitted.shape.parts if not p.is_linear))
+        moved = moved_process(problem, there) - moved_process(problem, there.without(part.effect.name))
+        moved *= fitted.gain
+    return float(np.std(moved[problem.used])) < NOTHING * problem.floor
 
 
 def best_known(judge: Judge, fitted: Fit, known: Sequence[Fit]) -> Fit:
@@ -273,68 +259,63 @@ def best_known(judge: Judge, fitted: Fit, known: Sequence[Fit]) -> Fit:
 
     Slopes alone may end in a poorer valley, and an effect taken out may leave the other look-alike the better one.
     """
-    return judge.best([fitted, *(k for k in known if families(k.shape) == families(fitted.shape))])
+    return judge.best([fitted, *(k for k in known if families(k.shape.parts) == families(fitted.shape.parts))])
 
 
-def families(shape: Shape) -> list[str]:
-    """Return for each effect of a model the first name among it and its look-alikes."""
-    return sorted(min(part.effect.name, *part.effect.fitting.siblings, "~") for part in shape.parts)
+def families(parts: Sequence[Part]) -> list[str]:
+    """Return for each effect the first name among it and its look-alikes."""
+    return sorted(min(part.effect.name, *part.effect.fitting.siblings, "~") for part in parts)
 
 
-def taken_out(problem: Problem, judge: Judge, now: Fit, name: str, seed: int) -> Fit:
+def taken_out(judge: Judge, now: Fit, name: str) -> Fit:
     """Return the model without one effect, the others refitted; an effect with many valleys looks around for a better.
 
     Else the effect taken out would seem to be worth what the other lost by staying in its valley.
     """
+    problem = judge.problem
     less = fit(problem, now.shape.without(name), now.noise)
     if not any(jumpy(part.effect) for part in less.shape.parts):
         return less
-    solver = Solver(problem, whitener(less.noise, problem.used, problem.interval))
-    moved = wander(solver, less.shape, np.random.default_rng(seed), LOOK_AROUND)
+    moved = wander(Solver(problem, less.noise), less.shape, np.random.default_rng(problem.seed), LOOK_AROUND)
     return judge.best([less, fit(problem, moved, less.noise)])
 
 
-def prune(
-    problem: Problem, judge: Judge, now: Fit, start: Fit, known: Sequence[Fit], seed: int
-) -> tuple[Fit, dict[str, Fit]]:
+def prune(judge: Judge, now: Fit, start: Fit, known: Sequence[Fit]) -> tuple[Fit, dict[str, Fit]]:
     """Take out effects that are not worth their price, the least worthy first; return also the fits without each."""
-    kept = {part.effect.name for part in start.shape.parts}
+    problem = judge.problem
     while True:
-        now = thinned(problem, judge, best_known(judge, now, known))
-        without = {
-            name: best_known(judge, taken_out(problem, judge, now, name, seed), known)
-            for name in now.shape.names if name not in kept
-        }
-        worth = {name: judge.score(less) - judge.score(now) for name, less in without.items()}
+        now = thinned(judge, best_known(judge, now, known))
+        parts = {part.effect.name: part for part in now.shape.parts if part.effect.name not in start.shape.names}
+        without = {name: best_known(judge, taken_out(judge, now, name), known) for name in parts}
         # an effect whose numbers ended where it does nothing is no effect, whatever the fit around it gained
-        parts = [part for part in now.shape.parts if part.effect.name in worth]
-        worth.update({part.effect.name: -np.inf for part in parts if idle(problem, now, part)})
+        worth = {name: -np.inf if idle(problem, now, parts[name]) else judge.score(less) - judge.score(now)
+                 for name, less in without.items()}
         if worth and min(worth.values()) < ENOUGH:
             now = without[min(worth, key=lambda name: worth[name])]
             continue
         best = better(problem, now).rmse_holdout
         lower = {name: better(problem, less).rmse_holdout / best for name, less in without.items()}
-        # so much likelihood is no accident, even where what is known of OP does not let PV be predicted much better
-        sure = {name for name in lower if worth[name] >= BEYOND_DOUBT and lower[name] > 1.0 / WORTH_TELLING}
-        lower = {name: ratio for name, ratio in lower.items() if name not in sure or problem.by_load}
+        if not problem.by_load:
+            # so much likelihood is no accident, even where what is known of OP does not let PV be predicted much better
+            lower = {name: ratio for name, ratio in lower.items()
+                     if worth[name] < BEYOND_DOUBT or ratio <= 1.0 / WORTH_TELLING}
         if not lower or min(lower.values()) >= (WORTH_AHEAD if problem.by_load else WORTH_TELLING):
             return now, without
         now = without[min(lower, key=lambda name: lower[name])]
 
 
-def thinned(problem: Problem, judge: Judge, now: Fit) -> Fit:
+def thinned(judge: Judge, now: Fit) -> Fit:
     """Take out single events, such as one of several load steps, that are not worth their place and size."""
     for place, part in enumerate(now.shape.parts):
         many = [q.name for q in part.effect.parameters if q.many and q.name in part.values]
-        events = part.effect.fitting.dear and many
-        while events and (count := len(as_tuple(now.shape.parts[place].values[many[0]]))) > 1:
-            values = now.shape.parts[place].values
-            less = [
-                fit(problem, now.shape.with_values(place, **{
-                    name: tuple(v for j, v in enumerate(as_tuple(values[name])) if j != i) for name in many
-                }), now.noise, rounds=1) for i in range(count)
-            ]  # fmt: skip
-            best = judge.best(less)
+        while part.effect.fitting.dear and many:
+            values = {name: as_tuple(now.shape.parts[place].values[name]) for name in many}
+            count = len(values[many[0]])
+            if count < 2:
+                break
+            fewer = [{name: v[:i] + v[i + 1 :] for name, v in values.items()} for i in range(count)]
+            best = judge.best([fit(judge.problem, now.shape.with_values(place, **less), now.noise, rounds=1)
+                               for less in fewer])
             if judge.score(best) > judge.score(now):
                 break
             now = best

@@ -17,11 +17,10 @@ from ..errors import LoopError
 from ..estimator.criteria import CLEARED
 from ..estimator.quality import data_quality
 from ..record import FloatArray, Note, Record
-from ..results import UNDECIDED, LoopReport, Verdict
+from ..results import NOTHING_SAID, UNDECIDED, LoopReport, Verdict
 from ..results.plan import Course, LoopPlan, PlanOption
 from ..scanning import scan
-from .tests import KINDS, TENTH, Move, Test
-from .twin import Twin, behind, twin_of
+from .twin import KINDS, TENTH, Move, Test, Twin, behind, twin_of
 from .words import logging_words, model_words, option_words, too_small
 
 TARGET = 0.02  # span: dead band that matters, where the record has no limit of detection
@@ -108,23 +107,26 @@ def plan(record: Record, options: PlanOptions | None = None, report: LoopReport 
     known = replace(record, settings=s.with_values("identified", K=s.K, Ti=s.Ti))
     rounding = (quality.pv.step, quality.op.step if quality.op else 0.0)
     try:
-        subject = Subject(known, twin_of(known, target, rounding), twin_of(known, 0.0, rounding), options, target)
+        subject = Subject(known, twin_of(known, target, rounding), twin_of(known, 0.0, rounding), options, target,
+                          report.verdict)
     except LoopError as error:
         return found if logging else replace(found, options=(PlanOption("logging", f"{error.what}: {error.remedy}"),))
-    tried = [subject.least(rungs) for rungs in subject.ladders(report.verdict)]
+    tried = [subject.least(rungs) for rungs in subject.ladders()]
     return replace(found, model=model_words(subject.healthy),
                    options=(*logging, *sorted(tried, key=lambda option: not option.decides)))
 
 
 @dataclass
 class Subject:
-    """One loop on the desk: its record, its twins with the target's dead band and with none."""
+    """One loop on the desk: its record and what the scan said of it, its twins with the target's dead band and with
+    none."""
 
     record: Record
     worn: Twin
     healthy: Twin
     options: PlanOptions
     target: float
+    before: Verdict
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -132,12 +134,12 @@ class Subject:
         s, o = self.record.settings, self.options
         return o.max_pv_move.share(s.pv_range), o.max_op_move.share(s.op_range)
 
-    def ladders(self, verdict: Verdict) -> Iterator[list[Test] | PlanOption]:
+    def ladders(self) -> Iterator[list[Test] | PlanOption]:
         """For every kind of test its candidates, the least first; a PlanOption where the limits allow none."""
         makers = {"wait": self._waits, "setpoint_steps": self._setpoint_steps, "manual_test": self._manual_tests}
         for kind in self.options.kinds:
             # what oscillates goes on as it is, and a step would be lost in its swing
-            if kind == "manual_test" or verdict is not Verdict.OSCILLATING:
+            if kind == "manual_test" or self.before is not Verdict.OSCILLATING:
                 yield makers[kind]()
 
     def _waits(self) -> list[Test]:
@@ -213,7 +215,9 @@ class Subject:
                 except LoopError:  # a limit cycle that leaves the span: this test says nothing
                     said[Verdict.ERROR] += 1
                     continue
-                report = scan(behind(self.record, later))
+                # a test in manual speaks for itself where ordinary operation said nothing
+                alone = test.kind == "manual_test" and self.before in NOTHING_SAID
+                report = scan(later if alone else behind(self.record, later))
                 verdict = report.verdict
                 if verdict is Verdict.NO_BACKLASH and (excluded(report) or 0.0) > TOLD * self.target:
                     verdict = Verdict.CANNOT_TELL  # cleared, but of a larger dead band than the one that matters

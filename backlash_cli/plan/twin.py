@@ -21,7 +21,6 @@ from ..kernels import play
 from ..record import FloatArray, LoopSettings, Record
 from ..results.compensation import ProcessModel
 from ..simulator import Applied, Controller, Manual, Process, Recorder, Scenario, Signal, Trace, export, trace, use
-from .tests import Test
 
 HOLE = 20  # samples; a longer one ends the stretch that is played again
 LONGEST = 200_000  # samples of it, the last ones
@@ -32,6 +31,44 @@ SPREAD, ASSUMED_SPREAD = 0.15, 0.4  # of gain, lag and dead time from repeat to 
 SETTLE = 12.0  # integral times that the simulated loop has before the record of it begins
 TRIES = 5  # to draw a process that this controller can hold
 DEAD_TIME, CLOSED = 0.2, 0.8  # of an assumed process, in integral times: dead time, and closed-loop time constant
+
+
+@dataclass(frozen=True)
+class Move:
+    """A limit on a move: a share of the span, or in units of the loop."""
+
+    size: float
+    of_span: bool = True
+
+    def share(self, span: tuple[float, float]) -> float:
+        """The limit as a share of a span from low to high."""
+        return self.size if self.of_span else self.size / abs(span[1] - span[0])
+
+
+KINDS = ("wait", "setpoint_steps", "manual_test")  # the least trouble first
+TENTH = Move(0.1)
+
+
+@dataclass(frozen=True)
+class Test:
+    """kind: wait, setpoint_steps or manual_test. levels: of SP or OP one after the other, in moves [span], each held
+    for hold [s]. A wait has one level of no move."""
+
+    kind: str
+    hold: float
+    move: float = 0.0
+    levels: tuple[float, ...] = (0.0,)
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return self.hold * len(self.levels)
+
+    def course(self, time: FloatArray) -> FloatArray:
+        """The move [span] at times [s] from its start, (samples,); none before and after."""
+        at = np.floor(time / self.hold).astype(np.int64)
+        within = (at >= 0) & (at < len(self.levels))
+        return np.where(within, self.move * np.array(self.levels)[at.clip(0, len(self.levels) - 1)], 0.0)
 
 
 @dataclass(frozen=True, eq=False)

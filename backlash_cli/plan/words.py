@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
-from ..record import LoopSettings, Note
+from ..record import LoopSettings, Note, duration
 
 if TYPE_CHECKING:
     from ..results.plan import PlanOption
@@ -22,18 +23,7 @@ _REMEDIES = {
 }
 _SAMPLING = ("sampling_too_coarse", "sampling_coarse", "scanned_slowly")
 PER_TI = 10.0  # samples in an integral time that are asked for
-
-
-def lasting(seconds: float) -> str:
-    """A length of time, rounded as one says it.
-
-    >>> [lasting(x) for x in (44.0, 400.0, 9000.0, 200_000.0)]
-    ['44 s', '7 min', '2.5 h', '2.3 d']
-    """
-    for unit, length in (("d", 86400.0), ("h", 3600.0)):
-        if seconds >= 1.5 * length:
-            return f"{seconds / length:.2g} {unit}"
-    return f"{seconds:.0f} s" if seconds < 90.0 else f"{seconds / 60.0:.0f} min"
+lasting = partial(duration, digits=2)  # as one says it
 
 
 def amount(share: float, span: tuple[float, float]) -> str:
@@ -48,8 +38,7 @@ def logging_words(notes: Sequence[Note], settings: LoopSettings) -> list[str]:
     found = [_REMEDIES[n.code] for n in notes if n.code in _REMEDIES]
     if any(n.code in _SAMPLING for n in notes):
         every = "at least ten times per integral time" if settings.Ti is None else \
-            f"every {lasting(settings.Ti / PER_TI)} or faster" if settings.Ti > PER_TI else \
-            f"every {settings.Ti / PER_TI:.1g} s or faster"
+            f"every {lasting(settings.Ti / PER_TI)} or faster"
         found.append(f"sample SP, PV and OP {every}")
     return [f"First: {text}." for text in dict.fromkeys(found)]
 

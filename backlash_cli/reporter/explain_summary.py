@@ -9,18 +9,16 @@ from typing import Any
 
 from ..record import Note
 from ..results import Candidate, Explanation, FittedEffect, PlantExplanation, gap_size
-from .console import WIDTH, Screen
-from .explain_json import explanation
-from .explain_words import NOT_EXPLAINED, NOT_TRIED, WHY, error_size, plain_name, share, verdict
-from .json_report import header, json_text, strict
-from .loop_page import note_table
-from .page import Cell, Section, Table, page
+from .console import WIDTH, screen
+from .figures import axis
+from .json_report import explanation, header, json_text, strict
+from .page import page
 from .parameter_words import said_numbers, several
-from .safe import shorten, terminal
 from .tables import csv_text
+from .templates import sentence
+from .words import plain_name
 
-NOTHING = "nothing"
-SILENT = ("too_little_motion", NOT_EXPLAINED)
+SILENT = ("too_little_motion", "not_explained")
 COLUMNS = ("loop", "missing_effect", "effects", "numbers", "rmse_baseline", "rmse_final", "noise_floor",
            "error_reduction", "unexplained", "look_alikes", "gap_small", "no_gap", "no_gap_because", "verdict",
            "warnings", "failure")
@@ -40,8 +38,8 @@ class Tally:
 
     @property
     def words(self) -> str:
-        """The reasons, the most frequent first; those of whole loops are told once (`silent_words`)."""
-        return "; ".join(f"{k} {WHY.get(code, code)}" for code, k in self.why.items() if code not in SILENT)
+        """The reasons, the most frequent first; those of whole loops are told once (`silent` of the sentences)."""
+        return "; ".join(f"{k} {sentence('why', code)}" for code, k in self.why.items() if code not in SILENT)
 
 
 def tallies(plant: PlantExplanation) -> list[Tally]:
@@ -61,7 +59,7 @@ def _tally(plant: PlantExplanation, words: str, names: Sequence[str]) -> Tally:
     small = [x.loop for x in have if any(e.notes for e in x.effects if e.effect in names)]
     why = Counter(reason(x, names)[0] for x in plant.loops if x not in have)
     if plant.failures:
-        why[NOT_EXPLAINED] = len(plant.failures)
+        why["not_explained"] = len(plant.failures)
     return Tally(words, tuple(x.loop for x in have), tuple(small), dict(why.most_common()))
 
 
@@ -73,7 +71,7 @@ def reason(x: Explanation, names: Iterable[str]) -> tuple[str, str]:
     tried = [(c.evidence if c.evidence is not None else float("-inf"), c.why)
              for name in names for c in x.candidates if c.effect == name and c.why is not None]
     if not tried:
-        return NOT_TRIED, WHY[NOT_TRIED]
+        return "not_tried", sentence("why", "not_tried")
     best = max(tried, key=lambda one: one[0])[1]
     return best.code, best.message
 
@@ -85,38 +83,16 @@ def valve_reason(x: Explanation) -> tuple[str, str] | None:
     return reason(x, [c.effect for c in x.candidates if gap_size(c) is not None])
 
 
-def gap_notes(x: Explanation) -> str:
-    """What makes an accepted gap of a loop doubtful or harmless."""
-    return "; ".join(note.message for e in x.effects for note in e.notes)
-
-
-def silent_words(plant: PlantExplanation) -> str:
-    """How many loops tell nothing about any effect; empty when all do."""
-    still = sum(any(n.code in SILENT for n in x.reasons) for x in plant.loops)
-    said = [f"in {still} PV moves too little to tell"] if still else []
-    said += [f"{len(plant.failures)} could not be explained"] if plant.failures else []
-    total, rest = len(plant.loops) + len(plant.failures), len(plant.loops) - still
-    return f"Of {total} loops, {' and '.join(said)}. In the other {rest}:" if said else ""
-
-
 def counts(plant: PlantExplanation) -> dict[str, int]:
     """Return in how many loops each effect is missing, most first; "nothing" counts the loops that lack none."""
     found = Counter(e.effect for x in plant.loops for e in x.effects)
     without = sum(not x.effects for x in plant.loops)
-    return {**dict(found.most_common()), **({NOTHING: without} if without else {})}
+    return {**dict(found.most_common()), **({"nothing": without} if without else {})}
 
 
 def summary_line(plant: PlantExplanation) -> str:
     """Return the counts in one sentence."""
-    n = len(plant.loops)
-    said = ", ".join(f"{plain_name(name)} in {k}" for name, k in counts(plant).items())
-    return f"{n} loop{'s' * (n != 1)} explained; missing: {said or NOTHING}. Hold-out errors in % of the PV span."
-
-
-def rows(plant: PlantExplanation) -> list[dict[str, Any]]:
-    """Return one dict per loop with the COLUMNS; loops that could not be explained come last with their reason."""
-    lost = [{"loop": n.values.get("loop", n.values.get("file", "")), "failure": n.message} for n in plant.failures]
-    return [{**dict.fromkeys(COLUMNS), **row} for row in [*map(_row, plant.loops), *lost]]
+    return sentence("summary", plant, counts(plant))
 
 
 def _row(x: Explanation) -> dict[str, Any]:
@@ -125,8 +101,8 @@ def _row(x: Explanation) -> dict[str, Any]:
         "loop": x.loop, "missing_effect": x.missing_effect, "effects": "; ".join(e.effect for e in x.effects),
         "numbers": _numbers(x, brief=False), "rmse_baseline": before, "rmse_final": after, "noise_floor": x.noise_floor,
         "error_reduction": 1.0 - (after / before) ** 2 if before > 0 else None, "unexplained": x.unexplained,
-        "look_alikes": "; ".join(" = ".join(pair) for pair in x.look_alikes), "verdict": verdict(x),
-        "gap_small": gap_notes(x),
+        "look_alikes": "; ".join(" = ".join(pair) for pair in x.look_alikes), "verdict": sentence("verdict", x),
+        "gap_small": "; ".join(n.message for e in x.effects for n in e.notes),
         **dict(zip(("no_gap", "no_gap_because"), valve_reason(x) or ("", ""), strict=True)),
         "warnings": "; ".join(n.code for n in x.warnings),
     }
@@ -140,8 +116,10 @@ def _numbers(x: Explanation, *, brief: bool = True) -> str:
 
 
 def to_csv(plant: PlantExplanation) -> str:
-    """Return one row per loop as CSV; errors in parts of the PV span (0.01 = 1 %)."""
-    return csv_text([COLUMNS, *(strict([*row.values()]) for row in rows(plant))])
+    """Return one row per loop as CSV, those that could not be explained last; errors in parts of the PV span."""
+    lost = [{"loop": n.values.get("loop", n.values.get("file", "")), "failure": n.message} for n in plant.failures]
+    return csv_text([COLUMNS, *(strict([row.get(name) for name in COLUMNS])
+                                for row in [*map(_row, plant.loops), *lost])])
 
 
 def to_json(plant: PlantExplanation) -> str:
@@ -155,53 +133,20 @@ def to_json(plant: PlantExplanation) -> str:
 
 def to_text(plant: PlantExplanation, *, colour: bool = False, width: int = WIDTH) -> str:
     """Return the summary for a terminal, why each effect is not in the other loops, and which gaps are small."""
-    screen = Screen(colour=colour, width=width)
-    screen.table(("Loop", ">Baseline", ">Final", ">Noise", "Missing effects"), [
-        [terminal(x.loop, 40), *map(error_size, (x.baseline.rmse_holdout, x.rmse_holdout, x.noise_floor)),
-         terminal(_numbers(x) or "nothing is missing", 300)] for x in plant.loops], most=20)
-    screen.say("\n" + summary_line(plant))
-    if found := tallies(plant):
-        said = silent_words(plant)
-        screen.say(said and "\n" + said)
-        screen.table(("Effect", ">Loops", "Why not in the others"),
-                     [[t.name, str(len(t.loops)), t.words] for t in found])
-    if small := [x for x in plant.loops if gap_notes(x)]:
-        screen.say("\nFound, but small:")
-        for x in small:
-            screen.say(f"{terminal(x.loop, 40)}: {gap_notes(x)}", indent=2)
-    screen.notes("Could not be explained:", plant.failures)
-    return screen.text()
+    return screen("effects.txt", colour=colour, width=width, **_content(plant))
 
 
 def to_page(plant: PlantExplanation, links: Mapping[str, str] | None = None, plotly_file: str = "") -> str:
     """Return the summary as a page; links: addresses of the loops' own pages."""
-    links, found, told = links or {}, counts(plant), tallies(plant)
+    found = counts(plant)
     bars = {"data": [{"type": "bar", "orientation": "h", "x": list(found.values())[::-1],
                       "y": [plain_name(k) for k in found][::-1], "hovertemplate": "%{y}: %{x} loops<extra></extra>"}],
-            "layout": {"xaxis": {"title": {"text": "loops"}}, "height": 140 + 32 * len(found)}}
-    why = Section(
-        "Why found, why not", text=[*filter(None, [silent_words(plant)])], anchor="why",
-        table=Table(["Effect", "Loops", "Small", "Why not in the others"],
-                    [[t.name, len(t.loops), len(t.small) or None, t.words or None] for t in told]),
-        note="Small: less than 1 % of span, as a good valve may have; or crossed by OP within a few samples; or moving "
-             "PV hardly more than its noise. The page of the loop tells which.")
-    table = Table(
-        ["Loop", "Missing effects", "Baseline", "Final", "Noise", "Unexplained", "Looks like", "Numbers"],
-        [[Cell(x.loop, text=shorten(x.loop, 80), href=links.get(x.loop, "")),
-          " + ".join(plain_name(e.effect) for e in x.effects) or NOTHING,
-          *(Cell(v, text=error_size(v)) for v in (x.baseline.rmse_holdout, x.rmse_holdout, x.noise_floor)),
-          Cell(x.unexplained, text=share(x.unexplained)),
-          "; ".join(plain_name(other) for _, other in x.look_alikes) or None, shorten(_numbers(x), 300) or None]
-         for x in plant.loops],
-        filterable=True, choices="Missing effects",
-    )
-    sections = [
-        Section("Missing in how many loops", text=[summary_line(plant)], figure=bars if found else None),
-        *([why] if told else []),
-        Section("Loops", table=table, note="Hold-out errors: root mean square, in % of the PV span, on samples the fit "
-                                           "did not see. Looks like: explains the record about equally well, so that "
-                                           "it cannot be told apart from what was taken."),
-    ]
-    if plant.failures:
-        sections.append(Section("Could not be explained", table=note_table(plant.failures)))
-    return page("Missing effects", sections, subtitle=f"{len(plant.loops)} loops", plotly_file=plotly_file)
+            "layout": {"xaxis": axis("loops"), "height": 140 + 32 * len(found)}}
+    return page("effects.html", "Missing effects", subtitle=f"{len(plant.loops)} loops", plotly_file=plotly_file,
+                links=links or {}, bars=bars if found else None, **_content(plant))
+
+
+def _content(plant: PlantExplanation) -> dict[str, Any]:
+    still = sum(any(n.code in SILENT for n in x.reasons) for x in plant.loops)
+    return {"plant": plant, "told": tallies(plant), "still": still, "counts": counts(plant),
+            "said": {x.loop: _numbers(x) for x in plant.loops}}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,49 @@ SIZES = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # per cent, labelled o
 
 SETPOINT, MEASUREMENT, OUTPUT, EVIDENCE, QUIET = "#7a8793", "#2878c8", "#c77700", "#d1345b", "#8d99a5"
 STEM = "#0b8a9e"
-STILL = "rgba(11,138,158,0.16)"
+GREEN = "#2a9d5c"
 Figure = dict[str, Any]
 Flank = tuple[FloatArray, FloatArray]
+
+
+def axis(title: str, **more: Any) -> Figure:
+    """An axis with its title."""
+    return {"title": {"text": title}, **more}
+
+
+def trace(x: Sequence[Any], y: Sequence[Any], name: str, colour: str, *, mode: str = "lines", hover: str = "%{y}",
+          width: float = 1.5, dash: str = "solid", symbol: str = "circle", size: float = 8, **more: Any) -> Figure:
+    """A line, or markers, or both as the mode says. more: further keys as plotly knows them."""
+    looks: Figure = {}
+    if "lines" in mode:
+        looks["line"] = {"color": colour, "width": width, "dash": dash}
+    if "markers" in mode:
+        looks["marker"] = {"color": colour, "symbol": symbol, "size": size}
+    if hover:
+        looks["hovertemplate"] = hover
+    return {"type": "scatter", "mode": mode, "name": picture(name), "x": x, "y": y, **looks, **more}
+
+
+def across(which: str, at: float | tuple[float, float], colour: str, *, name: str = "", width: float = 1.0,
+           dash: str = "solid", **more: Any) -> Figure:
+    """A line over the whole panel where the axis `which`, "x" or "y", is `at`; a band from one value to another.
+
+    name: its words in the legend, if it stands there.
+    """
+    other = "y" if which == "x" else "x"
+    looks: Figure = {"type": "line", "line": {"color": colour, "width": width, "dash": dash}}
+    low, high = at if isinstance(at, tuple) else (at, at)
+    if isinstance(at, tuple):
+        looks = {"type": "rect", "fillcolor": colour, "opacity": 0.15, "line": {"width": 0}}
+    if name:
+        looks |= {"name": name, "showlegend": True}
+    return {f"{which}0": low, f"{which}1": high, f"{other}ref": "paper", f"{other}0": 0, f"{other}1": 1, **looks,
+            **more}
+
+
+def written(text: str, x: float, y: float, **more: Any) -> Figure:
+    """Words at a place."""
+    return {"text": text, "x": x, "y": y, "showarrow": False, **more}
 
 
 def trend(record: Record, report: LoopReport, window: slice | None = None, points: int = POINTS,
@@ -36,33 +77,35 @@ def trend(record: Record, report: LoopReport, window: slice | None = None, point
     """
     part = record if window is None else record.slice(window.start, window.stop)
     pv_span, op_span = scale(record.settings.pv_range), scale(record.settings.op_range)
-    lines = [
-        _line(part, part.setpoint, pv_span, "SP", SETPOINT, points, width=1.2, dash="dot"),
-        _line(part, part.measurement, pv_span, "PV", MEASUREMENT, points),
-    ]
+
+    def line(values: FloatArray, span: tuple[float, float], name: str, colour: str, **more: Any) -> Figure:
+        return over_time(part.time, values, span, name, colour, index=part.index, points=points, **more)
+
+    lines = [line(part.setpoint, pv_span, "SP", SETPOINT, width=1.2, dash="dot"),
+             line(part.measurement, pv_span, "PV", MEASUREMENT)]
     used = used_in(part, report)
     marked = np.where(_inside(part, used), part.measurement, np.nan)
     if np.isfinite(marked).any():
-        lines.append(_line(part, marked, pv_span, "PV in the half periods used", EVIDENCE, points, width=3))
-    layout: Figure = {"xaxis": {"type": "date"}, "yaxis": {"title": {"text": f"SP, PV ({unit(pv_span)})"}},
-                      "hovermode": "x"}
-    if room is not None and (notes := _written(used, part, room)):
+        lines.append(line(marked, pv_span, "PV in the half periods used", EVIDENCE, width=3))
+    layout: Figure = {"xaxis": {"type": "date"}, "yaxis": axis(f"SP, PV ({unit(pv_span)})"), "hovermode": "x"}
+    if room is not None and (notes := _sizes_written(used, part, room)):
         both = np.concatenate([part.measurement, part.setpoint])
         both = both[np.isfinite(both)]
         layout["annotations"] = notes
         if both.size and (width := np.ptp(both)) > 0.0:
             layout["yaxis"]["range"] = units(np.array([both.min() - 0.05 * width, both.max() + 0.25 * width]), pv_span)
     if part.output is not None:
-        lines.append(_line(part, part.output, op_span, "OP", OUTPUT, points) | {"yaxis": "y2"})
+        lines.append(line(part.output, op_span, "OP", OUTPUT, yaxis="y2"))
         d = size(report)
         if window is not None and d is not None and record.output is not None:
-            stem = stem_of(record.output, d)
-            place = slice(window.start, window.stop)
-            lines.append(_line(part, stem[place], op_span, f"stem: OP through {percent(d)} of play", STEM, points)
-                         | {"yaxis": "y2"})
-            layout["shapes"] = _still(part, stem[place], d)
+            stem = stem_of(record.output, d)[window]
+            lines.append(line(stem, op_span, f"stem: OP through {percent(d)} of play", STEM, yaxis="y2"))
+            layout["shapes"] = [
+                across("x", (ms(part.time[first]), ms(part.time[last])), STEM, opacity=0.16, layer="below",
+                       legendgroup="still", name="stem stands still in the gap", showlegend=number == 0)
+                for number, (first, last) in enumerate(stands_still(part.output, stem, d))]
         layout["yaxis"]["domain"] = [0.42, 1.0]
-        layout |= {"yaxis2": {"title": {"text": f"OP ({unit(op_span)})"}, "domain": [0.0, 0.36]},
+        layout |= {"yaxis2": axis(f"OP ({unit(op_span)})", domain=[0.0, 0.36]),
                    "xaxis": {"type": "date", "anchor": "y2"}, "height": 480}
     return {"data": lines, "layout": layout}
 
@@ -71,11 +114,11 @@ def stem_of(output: FloatArray, size: float) -> FloatArray:
     """Return where the stem is, (samples,) [span]: OP through a gap of `size`; it stays where OP is not known."""
     from ..kernels import play
 
-    known = np.flatnonzero(np.isfinite(output))
-    if not len(known):
+    known = np.isfinite(output)
+    if not known.any():
         return output
-    last = known[np.maximum(np.searchsorted(known, np.arange(len(output)), side="right") - 1, 0)]
-    return np.asarray(play(output[last], size, float(output[known[0]])))
+    last = np.maximum.accumulate(np.where(known, np.arange(len(output)), known.argmax()))
+    return np.asarray(play(output[last], size, float(output[last[0]])))
 
 
 def stands_still(output: FloatArray, stem: FloatArray, size: float) -> list[tuple[int, int]]:
@@ -89,29 +132,17 @@ def stands_still(output: FloatArray, stem: FloatArray, size: float) -> list[tupl
     return list(zip(starts[kept].tolist(), ends[kept].tolist(), strict=True))
 
 
-def _still(part: Record, stem: FloatArray, d: float) -> list[Figure]:
-    assert part.output is not None
-    time = part.time
-    return [{"type": "rect", "yref": "paper", "y0": 0, "y1": 1, "x0": ms(time[first]), "x1": ms(time[last]),
-             "fillcolor": STILL, "line": {"width": 0}, "layer": "below", "legendgroup": "still",
-             "name": "stem stands still in the gap", "showlegend": number == 0}
-            for number, (first, last) in enumerate(stands_still(part.output, stem, d))]
-
-
-def _written(used: list[Estimate], part: Record, room: float) -> list[Figure]:
+def _sizes_written(used: list[Estimate], part: Record, room: float) -> list[Figure]:
     """The estimates where they were made, those left out that would hide each other."""
-    if not used:
-        return []
-    first, width = part.time[0], float(part.time[-1] - part.time[0]) or 1.0
     notes: list[Figure] = []
-    written = 0.0
+    before = 0.0
     for e in used:
         middle = 0.5 * (e.start + e.end)
-        place = (middle - first) / width
-        if written + room <= place <= 0.98:
-            written = place
-            notes.append({"x": ms(middle), "y": 0.99, "yref": "y domain", "yanchor": "top", "textangle": -90,
-                          "text": f"{100 * e.d:.1f} %", "showarrow": False, "font": {"size": 10}})
+        place = (middle - part.time[0]) / (part.time[-1] - part.time[0] or 1.0)
+        if before + room <= place <= 0.98:
+            before = place
+            notes.append(written(f"{100 * e.d:.1f} %", ms(middle), 0.99, yref="y domain", yanchor="top", textangle=-90,
+                                 font={"size": 10}))
     return notes
 
 
@@ -120,39 +151,30 @@ def plane(record: Record, window: slice, report: LoopReport, points: int = POINT
 
     Where a size is claimed, it is drawn as wide as it is, with the two flanks of the valve where PV follows it.
     """
-    assert record.output is not None
-    s = record.settings
-    op_span, pv_span = scale(s.op_range), scale(s.pv_range)
-    every = slice(None, None, max(1, len(record) // points))
-    near = record.slice(window.start, window.stop)
-    assert near.output is not None
+    op_span, pv_span = scale(record.settings.op_range), scale(record.settings.pv_range)
+    near, every = record.slice(window.start, window.stop), slice(None, None, max(1, len(record) // points))
+    assert record.output is not None and near.output is not None
 
-    def path(op: FloatArray, pv: FloatArray) -> Figure:
-        return {"type": "scatter", "x": units(op, op_span), "y": units(pv, pv_span),
-                "hovertemplate": "OP %{x}, PV %{y}"}
+    def path(op: FloatArray, pv: FloatArray, name: str, colour: str, **more: Any) -> Figure:
+        return trace(units(op, op_span), units(pv, pv_span), name, colour, hover="OP %{x}, PV %{y}", **more)
 
-    lines = [
-        path(record.output[every], record.measurement[every])
-        | {"mode": "markers", "name": "whole record", "marker": {"size": 3, "color": QUIET}},
-        path(means(near.output, 150), means(near.measurement, 150))
-        | {"mode": "lines", "name": "close look", "line": {"color": EVIDENCE, "width": 1.5}},
-    ]
+    lines = [path(record.output[every], record.measurement[every], "whole record", QUIET, mode="markers", size=3),
+             path(means(near.output, 150), means(near.measurement, 150), "close look", EVIDENCE)]
     d = size(report)
-    y_axis: Figure = {"title": {"text": f"PV ({unit(pv_span)})"}}
+    y_axis = axis(f"PV ({unit(pv_span)})")
     if d is not None and np.isfinite(record.measurement).any() and np.isfinite(record.output).any():
         for (op, pv), name, dash in zip(flanks(near, d) or (), ("valve opening", "valve closing"), ("dash", "dot"),
                                         strict=False):
-            lines.append(path(op, pv) | {"mode": "lines", "name": name, "line": {"color": STEM, "dash": dash}})
+            lines.append(path(op, pv, name, STEM, dash=dash))
         low, high = float(np.nanmin(record.measurement)), float(np.nanmax(record.measurement))
         middle, level = 0.5 * float(np.nanmin(record.output) + np.nanmax(record.output)), low - 0.12 * (high - low)
         if high > low:
             y_axis["range"] = units(np.array([low - 0.2 * (high - low), high + 0.05 * (high - low)]), pv_span)
-        gap = path(np.array([middle - d / 2, middle, middle + d / 2]), np.full(3, level))
-        lines.append(gap | {
-            "mode": "lines+text", "text": ["", f"dead band {percent(d)}", ""], "textposition": "top center",
-            "showlegend": False, "line": {"color": STEM, "width": 4}, "hoverinfo": "skip"})
-    return {"data": lines, "layout": {
-        "xaxis": {"title": {"text": f"OP ({unit(op_span)})"}}, "yaxis": y_axis, "hovermode": "closest", "height": 420}}
+        gap = middle + d * np.array([-0.5, 0.0, 0.5])
+        lines.append(path(gap, np.full(3, level), "", STEM, mode="lines+text", width=4, showlegend=False,
+                          text=["", f"dead band {percent(d)}", ""], textposition="top center", hoverinfo="skip"))
+    return {"data": lines, "layout": {"xaxis": axis(f"OP ({unit(op_span)})"), "yaxis": y_axis, "hovermode": "closest",
+                                      "height": 420}}
 
 
 def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
@@ -161,6 +183,8 @@ def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
     None where PV does not follow. The valve position is OP through a gap of `size`; PV is compared with it at the delay
     that suits best.
     """
+    from scipy.stats import linregress
+
     if near.output is None:
         return None
     good = np.isfinite(near.output) & np.isfinite(near.measurement)
@@ -168,19 +192,14 @@ def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
     if len(op) < 20 or np.ptp(op) <= size or np.ptp(pv) == 0.0:
         return None
     valve = stem_of(op, size)
-    best, gain, offset = 0.0, 0.0, 0.0
-    for delay in range(0, len(op) // 8, max(1, len(op) // 200)):
-        x, y = valve[: len(op) - delay], pv[delay:]
-        if np.ptp(x) == 0.0:
-            continue
-        r = float(np.corrcoef(x, y)[0, 1])
-        if r * r > best:
-            best, gain = r * r, r * float(np.std(y) / np.std(x))
-            offset = float(np.mean(y) - gain * np.mean(x))
-    if best < FOLLOWS:
+    fits = [linregress(valve[: len(op) - delay], pv[delay:]) for delay in range(0, len(op) // 8, max(1, len(op) // 200))
+            if np.ptp(valve[: len(op) - delay]) > 0.0]
+    best = max(fits, key=lambda fit: fit.rvalue**2, default=None)
+    if best is None or best.rvalue**2 < FOLLOWS:
         return None
     ends = np.array([op.min(), op.max()])
-    return (ends, gain * (ends - size / 2) + offset), (ends, gain * (ends + size / 2) + offset)
+    opening, closing = (best.slope * (ends - side * size / 2) + best.intercept for side in (1, -1))
+    return (ends, opening), (ends, closing)
 
 
 def estimates(report: LoopReport) -> Figure:
@@ -190,29 +209,20 @@ def estimates(report: LoopReport) -> Figure:
     for accepted, name, colour, symbol in kinds:
         # finite ones, and of very many the latest
         chosen = [e for e in report.estimates if e.accepted is accepted and math.isfinite(e.d)][-POINTS:]
-        groups.append({
-            "type": "scatter", "mode": "markers", "name": f"{name} ({len(chosen)})",
-            "x": [ms(e.start) for e in chosen], "y": [round(100 * e.d, 4) for e in chosen],
-            "text": [picture(f"{e.why}, {e.dt_s:.4g} s") for e in chosen], "hovertemplate": "%{y:.2f} % (%{text})",
-            "marker": {"color": colour, "symbol": symbol, "size": 8},
-        })
+        groups.append(trace([ms(e.start) for e in chosen], [round(100 * e.d, 4) for e in chosen],
+                            f"{name} ({len(chosen)})", colour, mode="markers", symbol=symbol,
+                            text=[picture(f"{e.why}, {e.dt_s:.4g} s") for e in chosen], hover="%{y:.2f} % (%{text})"))
     top = max(groups[1]["y"], default=0.0)
-    layout: Figure = {"xaxis": {"type": "date"}, "yaxis": {"title": {"text": "dead band [% of OP span]"}},
-                      "hovermode": "closest"}
+    layout: Figure = {"xaxis": {"type": "date"}, "yaxis": axis("dead band [% of OP span]"), "hovermode": "closest"}
     if (c := report.cluster) is not None:
-        base: Figure = {"xref": "paper", "x0": 0, "x1": 1}
-        layout["shapes"] = [
-            base | {"type": "rect", "y0": 100 * c.ci95[0], "y1": 100 * c.ci95[1], "fillcolor": EVIDENCE,
-                    "opacity": 0.15, "line": {"width": 0}},
-            base | {"type": "line", "y0": 100 * c.d, "y1": 100 * c.d, "line": {"color": EVIDENCE, "width": 1.5},
-                    "showlegend": True, "name": f"{percent(c.d)} ({interval(c.ci95)})"},
-        ]
-        top = max(top, 100 * c.ci95[1])
+        low, high = (100 * end for end in c.ci95)
+        layout["shapes"] = [across("y", (low, high), EVIDENCE),
+                            across("y", 100 * c.d, EVIDENCE, width=1.5, name=f"{percent(c.d)} ({interval(c.ci95)})")]
+        top = max(top, high)
     if top > 0:
         layout["yaxis"]["range"] = [0, 1.25 * top]
     if not report.estimates:
-        layout["annotations"] = [{"xref": "paper", "x": 0.5, "yref": "paper", "y": 0.5, "showarrow": False,
-                                  "text": "no half period was long enough"}]
+        layout["annotations"] = [written("no half period was long enough", 0.5, 0.5, xref="paper", yref="paper")]
     return {"data": groups, "layout": layout}
 
 
@@ -221,28 +231,21 @@ def profile(report: LoopReport) -> Figure:
     c = report.confirmation
     assert c is not None
     x = [round(100 * d, 4) for d, _ in c.profile if d > 0.0]
-    y = [evidence for d, evidence in c.profile if d > 0.0]
-    line = {"type": "scatter", "mode": "lines+markers", "x": x, "y": y, "line": {"color": MEASUREMENT},
-            "marker": {"size": 5, "color": MEASUREMENT}, "showlegend": False, "hovertemplate": "%{x} %: %{y:.3g}"}
-    upright: Figure = {"yref": "paper", "y0": 0, "y1": 1}
-
-    def at(d: float, words: str, **line: object) -> Figure:
-        return upright | {"type": "line", "x0": 100 * d, "x1": 100 * d, "line": line, "name": words, "showlegend": True}
-
-    shapes = [upright | {"type": "rect", "x0": 100 * c.ci95[0], "x1": 100 * c.ci95[1], "fillcolor": EVIDENCE,
-                         "opacity": 0.15, "line": {"width": 0}},
-              at(c.d, f"PV against OP: {percent(c.d)}", color=EVIDENCE, width=2)]
+    line = trace(x, [evidence for d, evidence in c.profile if d > 0.0], "", MEASUREMENT, mode="lines+markers", size=5,
+                 showlegend=False, hover="%{x} %: %{y:.3g}")
+    shapes = [across("x", (100 * c.ci95[0], 100 * c.ci95[1]), EVIDENCE),
+              across("x", 100 * c.d, EVIDENCE, width=2, name=f"PV against OP: {percent(c.d)}")]
     if used := [e.d for e in report.estimates if e.accepted and math.isfinite(e.d)]:
-        shapes.append(at(float(np.median(used)), f"half periods, median: {percent(float(np.median(used)))}",
-                         color=SETPOINT, width=2, dash="dot"))
+        middle = float(np.median(used))
+        shapes.append(across("x", 100 * middle, SETPOINT, width=2, dash="dot",
+                             name=f"half periods, median: {percent(middle)}"))
     limit = c.limit_of_detection
     if limit is not None and x and min(x) < 100 * limit <= 100 * c.d:
-        shapes.append(upright | {"type": "rect", "x0": min(x), "x1": 100 * limit, "fillcolor": QUIET, "opacity": 0.15,
-                                 "line": {"width": 0}, "name": "too small to see", "showlegend": True})
+        shapes.append(across("x", (min(x), 100 * limit), QUIET, name="too small to see"))
     ticks = [s for s in SIZES if x and min(x) <= s <= max(x)]
     return {"data": [line], "layout": {
-        "xaxis": {"title": {"text": "dead band tried [% of OP span]"}, "type": "log", "tickvals": ticks},
-        "yaxis": {"title": {"text": "evidence (log likelihood)"}}, "shapes": shapes, "hovermode": "closest"}}
+        "xaxis": axis("dead band tried [% of OP span]", type="log", tickvals=ticks),
+        "yaxis": axis("evidence (log likelihood)"), "shapes": shapes, "hovermode": "closest"}}
 
 
 def close_look(record: Record, report: LoopReport) -> slice:
@@ -273,26 +276,25 @@ def used_in(record: Record, report: LoopReport) -> list[Estimate]:
 
 def _inside(record: Record, used: list[Estimate]) -> NDArray[np.bool_]:
     """(samples,) True within a half period that was used."""
-    change, time = np.zeros(len(record) + 1, dtype=np.int64), record.time
-    np.add.at(change, np.searchsorted(time, [e.start for e in used]), 1)
-    np.add.at(change, np.searchsorted(time, [e.end for e in used]), -1)
-    return np.cumsum(change[:-1]) > 0
+    inside = np.zeros(len(record), dtype=bool)
+    for first, last in np.searchsorted(record.time, [(e.start, e.end) for e in used]):
+        inside[first:last] = True
+    return inside
 
 
-def _line(
-    record: Record, values: FloatArray, span: tuple[float, float], name: str, colour: str, points: int,
-    width: float = 1.5, dash: str = "solid",
-) -> Figure:
-    chosen, gaps = thin(record.index, values, points)
-    x: list[int | None] = (record.time[chosen] * 1000).astype(np.int64).tolist()
-    y: list[float | None] = units(values[chosen], span)
+def over_time(time: FloatArray, values: FloatArray, span: tuple[float, float], name: str, colour: str, *,
+              index: IntArray | None = None, points: int = POINTS, digits: int = 4, **more: Any) -> Figure:
+    """A signal in engineering units; it breaks where it is not known, and where grid numbers of `index` are left out.
+
+    time: (samples,) epoch seconds; values: (samples,) normalised.
+    """
+    chosen, gaps = thin(np.arange(len(values)) if index is None else index, values, points)
+    x: list[int | None] = (time[chosen] * 1000).astype(np.int64).tolist()
+    y: list[float | None] = units(values[chosen], span, digits)
     for position in reversed(gaps):
         x.insert(position, x[position])
         y.insert(position, None)
-    return {
-        "type": "scatter", "mode": "lines", "name": name, "x": x, "y": y,
-        "line": {"color": colour, "width": width, "dash": dash}, "hovertemplate": "%{y}",
-    }
+    return trace(x, y, name, colour, **more)
 
 
 def thin(index: IntArray, values: FloatArray, points: int = POINTS) -> tuple[IntArray, list[int]]:
@@ -328,6 +330,11 @@ def units(values: FloatArray, span: tuple[float, float], digits: int = 4) -> lis
     low, high = span
     places = max(0, digits - math.floor(math.log10(abs(high - low) or 1.0)))
     return [v if math.isfinite(v) else None for v in np.round(low + (high - low) * values, places).tolist()]
+
+
+def digits(values: FloatArray) -> list[float]:
+    """Five digits of each number: what a plot can show, and a page a third of the size."""
+    return [float(f"{v:.5g}") for v in values.tolist()]
 
 
 def scale(span: tuple[float, float]) -> tuple[float, float]:

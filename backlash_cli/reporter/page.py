@@ -1,112 +1,80 @@
 """Report pages: one HTML file that holds everything, works from disk and offline, and lets nothing out.
 
-Build `Section`s from plain values and call `page`. All text is escaped by the template engine; scripts are allowed by
-their fingerprint only, so markup in a tag name can neither show nor run.
+What a page says stands in templates/NAME.html, built from the sections, tables and figures of templates/parts.html.
+All text is escaped by the template engine; scripts are allowed by their fingerprint only, so markup in a tag name can
+neither show nor run.
 """
 
 from __future__ import annotations
 
 import base64
+import contextlib
 import gzip
 import hashlib
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+import re
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
 from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from .._version import __version__
+from .files import make_folder, write_text
+from .safe import file_names, shorten
+from .templates import environment
+
 if TYPE_CHECKING:
-    import jinja2
+    from markupsafe import Markup
+
+
+_PAGES = re.compile(r"loops-[0-9a-f]{12}")
 
 
 @dataclass(frozen=True)
-class Cell:
-    """A table cell with more than a value: shown `text`, a link, a mark (`good`, `warn`, `bad`, `quiet`).
+class LoopPart:
+    """One loop of a report: name, mark, one line on it; template of its part, and what makes the content of that."""
 
-    `value` is what the column is sorted by (a number or text). `href` must be one the report made itself.
-    """
-
-    value: object
-    text: str = ""
-    href: str = ""
-    mark: str = ""
+    name: str
+    mark: str
+    brief: str
+    template: str
+    content: Callable[[], Mapping[str, Any]]
 
 
-@dataclass(frozen=True)
-class Table:
-    """Columns and rows of plain values (text, numbers, bool, None) or Cells.
-
-    `filterable` adds a search box; `choices` names a column whose values are
-    offered as a list beside it. `sortable`: for lists of the same kind of thing; not for facts with their values.
-    """
-
-    columns: Sequence[str]
-    rows: Sequence[Sequence[object]]
-    filterable: bool = False
-    choices: str = ""
-    sortable: bool = True
-
-
-@dataclass(frozen=True)
-class Section:
-    """A heading with paragraphs, a table, a figure (plotly Figure, its dict, or JSON text) and a note below them.
-
-    `parts` are sections inside this one. `folded` shows only the heading until it is opened; figures are drawn when
-    they come into view. `anchor` is the section's address within the page, unique.
-    """
-
-    title: str
-    text: Sequence[str] = ()
-    table: Table | None = None
-    figure: Any = None
-    note: str = ""
-    parts: Sequence[Section] = ()
-    folded: bool = False
-    anchor: str = ""
-    mark: str = ""
-    summary: str = ""
-
-
-def drawn(sections: Sequence[Section]) -> list[Section]:
-    """The same sections with figures as JSON text, a fifth of the memory that their numbers take."""
-    return [replace(s, figure=None if s.figure is None else _json(s.figure), parts=drawn(s.parts)) for s in sections]
-
-
-def page(
-    title: str,
-    sections: Sequence[Section],
-    *,
-    subtitle: str = "",
-    plotly_file: str = "",
-    back: tuple[str, str] | None = None,
-) -> str:
+def page(template: str, title: str, *, subtitle: str = "", plotly_file: str = "", back: tuple[str, str] | None = None,
+         **content: Any) -> str:
     """Return the HTML of a whole page, self-contained: styles, scripts, data and the plotting library are inside.
 
-    Figures and library are packed, a third of their size, and the browser unpacks them. plotly_file: relative address
-    of a plotly.js beside the page, for folders of many pages, instead of the library inside. back: (address, words)
-    of a link above the title.
+    template: file that says what stands on the page; content: the values it asks for. Figures (plotly Figure, or its
+    dict) and library are packed, a third of their size, and the browser unpacks them. plotly_file: relative address of
+    a plotly.js beside the page, for folders of many pages, instead of the library inside. back: (address, words) of a
+    link above the title.
     """
-    figures = list(_figures(sections))
+    figures: list[str] = []  # as text, a fifth of the memory that their numbers take
+    body = environment("html").get_template(template).render(plot=partial(_plot, figures), cell=cell, **content)
     inside = bool(figures) and not plotly_file
     script = _asset("page.js")
     allowed = " ".join(_fingerprint(s) for s in (*[plotly_script()] * inside, script))
     if figures and plotly_file:
         allowed += " 'self' file:"  # a page opened from disk has no origin of its own; file: is its folder
-    return _template().render(
-        title=title,
-        subtitle=subtitle,
-        sections=sections,
-        style=_asset("page.css"),
-        script=script,
-        figures=_pack(f"[{','.join(figures)}]") if figures else "",
-        plotly=_packed_plotly() if inside else "",
-        plotly_file=plotly_file if figures else "",
-        allowed=allowed,
-        back=back,
-    )
+    return environment("html").get_template("page.html").render(
+        title=title, subtitle=subtitle, body=body, style=_asset("page.css"), script=script, allowed=allowed, back=back,
+        figures=_pack(f"[{','.join(figures)}]") if figures else "", plotly=_packed_plotly() if inside else "",
+        plotly_file=plotly_file if figures else "")
+
+
+def _plot(figures: list[str], figure: Any) -> Markup:
+    """Keep a figure as JSON, where numbers that JSON does not know are null, and return the place where it is drawn."""
+    from markupsafe import Markup
+
+    figures.append(figure.to_json() if hasattr(figure, "to_json") else
+                   msgspec.json.encode(figure, enc_hook=lambda value: value.tolist()).decode())
+    return Markup('<div class="plot"></div>')
 
 
 @cache
@@ -127,14 +95,6 @@ def _pack(text: str) -> str:
     return base64.b64encode(gzip.compress(text.encode("utf-8"), mtime=0)).decode("ascii")
 
 
-def _figures(sections: Sequence[Section]) -> Iterator[str]:
-    """JSON of the figures in the order in which the page shows them."""
-    for s in sections:
-        if s.figure is not None:
-            yield _json(s.figure)
-        yield from _figures(s.parts)
-
-
 @cache
 def _asset(name: str) -> str:
     return files("backlash_cli.reporter").joinpath("templates", name).read_text("utf-8")
@@ -145,51 +105,73 @@ def _fingerprint(script: str) -> str:
     return f"'sha256-{base64.b64encode(digest).decode()}'"
 
 
-@cache
-def _template() -> jinja2.Template:
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("backlash_cli.reporter"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["cell"] = _cell
-    return environment.get_template("page.html")
-
-
-def _cell(value: object) -> dict[str, object]:
-    """What the template needs of a cell: text, sort key, link, mark, and whether it is a number."""
-    cell = value if isinstance(value, Cell) else Cell(value)
-    raw = cell.value.item() if hasattr(cell.value, "item") else cell.value
+def cell(value: Any, text: str = "") -> dict[str, Any]:
+    """Return what a table needs to know of a value: how it is shown and sorted, and whether it is a number."""
+    raw = value.item() if hasattr(value, "item") else value
     number = isinstance(raw, int | float) and not isinstance(raw, bool) and math.isfinite(raw)
-    return {
-        "text": cell.text or _words(raw),
-        "key": repr(raw) if number else "" if raw is None or isinstance(raw, float) else _words(raw),
-        "number": number,
-        "href": cell.href,
-        "mark": cell.mark,
-    }
+    shown = str(raw)
+    if raw is None or (isinstance(raw, float) and not number):
+        shown = "–"
+    elif isinstance(raw, bool):
+        shown = "yes" if raw else "no"
+    elif isinstance(raw, float):
+        shown = f"{raw:.4g}"
+    return {"text": text or shown, "key": repr(raw) if number else "" if shown == "–" else shown, "number": number}
 
 
-def _words(value: object) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.4g}" if math.isfinite(value) else "–"
-    return str(value)
+def one_page(title: str, subtitle: str, loops: Sequence[LoopPart], overview: str, content: Mapping[str, Any]) -> str:
+    """Return one self-contained page with every loop folded below the overview, the template of that name."""
+    links = {one.name: f"#loop-{i}" for i, one in enumerate(loops)}
+    return page("loops.html", title, subtitle=subtitle, loops=loops, overview=overview, links=links, **content)
 
 
-def _json(figure: Any) -> str:
-    """JSON of a figure; numbers that JSON does not know are null."""
-    if isinstance(figure, str):
-        return figure
-    return figure.to_json() if hasattr(figure, "to_json") else msgspec.json.encode(figure, enc_hook=_plain).decode()
+def write_folder_of(folder: Path, title: str, subtitle: str, loops: Sequence[LoopPart], overview: str,
+                    content: Mapping[str, Any], told: object, step: Callable[[], None] = lambda: None) -> None:
+    """Write index.html and a page per loop, which is loaded when it is opened; `step` is called after each page.
+
+    told: tells this report from others. The old report is whole until the new one is; see `write_pages`.
+    """
+    names = file_names(one.name for one in loops)
+
+    def pages() -> Iterator[tuple[str, str]]:
+        for one in loops:
+            yield names[one.name], page(one.template, shorten(one.name, 120), subtitle=one.brief, x=one.content(),
+                                        plotly_file="plotly.js", back=("../index.html", "All loops"))
+            step()
+
+    write_pages(folder, (__version__, told), pages(), lambda subfolder: page(
+        overview, title, subtitle=subtitle, links=links_to(names, subfolder), plotly_file=f"{subfolder}/plotly.js",
+        **content))
 
 
-def _plain(value: Any) -> Any:
-    return value.tolist() if hasattr(value, "tolist") else dict(value)
+def write_pages(folder: Path, told: object, pages: Iterable[tuple[str, str]], index: Callable[[str], str]) -> None:
+    """Write `pages`, (file name without suffix, HTML), into a subfolder and then index.html.
+
+    told: tells this report from others by what it says. index: gives the HTML of index.html for the subfolder's name.
+    index.html is replaced last, in one step: until then the old report is whole. Pages of older runs, except those of
+    the report just replaced, are removed at the end.
+    """
+    mark = hashlib.sha256(repr(told).encode("utf-8", "backslashreplace")).hexdigest()[:12]
+    subfolder = folder / f"loops-{mark}"
+    previous = ""  # the subfolder that the present index.html points to
+    with contextlib.suppress(OSError, ValueError):
+        found = _PAGES.search((folder / "index.html").read_text("utf-8"))
+        previous = found.group() if found else ""
+    make_folder(subfolder)
+    try:
+        write_text(subfolder / "plotly.js", plotly_script())
+        for name, text in pages:
+            write_text(subfolder / f"{name}.html", text)
+        write_text(folder / "index.html", index(subfolder.name))
+    except BaseException:
+        if subfolder.name != previous:
+            shutil.rmtree(subfolder, ignore_errors=True)
+        raise
+    for old in folder.iterdir():
+        if _PAGES.fullmatch(old.name) and old.name not in (subfolder.name, previous):
+            shutil.rmtree(old, ignore_errors=True)
+
+
+def links_to(names: Mapping[str, str], subfolder: str) -> dict[str, str]:
+    """Return the address of every item's page as seen from index.html."""
+    return {item: f"{subfolder}/{name}.html" for item, name in names.items()}

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
 from string import Formatter
 
 from ..record import LoopSettings
@@ -53,6 +55,11 @@ def quantity(
     return said + _engineering(p, stage, settings)
 
 
+def plain_quantity(p: FittedParameter) -> str:
+    """A parameter of the process, without engineering units."""
+    return quantity(p, "process", LoopSettings())
+
+
 def _several(p: FittedParameter, stage: str, settings: LoopSettings, start: float | None, brief: bool) -> str:
     assert isinstance(p.value, tuple)
     if p.unit == "s" and start is not None and start > A_DATE:
@@ -72,12 +79,9 @@ def clock_times(times: Sequence[float]) -> str:
     >>> clock_times([1773734400.0, 1773738000.5])
     '2026-03-17 08:00:00, 09:00:00 UTC'
     """
-    said: list[str] = []
-    day = ""
-    for time in times[:SHOWN_EVENTS]:
-        today, _, clock = (iso_time(float(round(time))) or "–").rstrip("Z").partition("T")
-        said.append(clock if today == day else f"{today} {clock}")
-        day = today
+    stamps = [(iso_time(float(round(time))) or "–").rstrip("Z").partition("T") for time in times[:SHOWN_EVENTS]]
+    days = groupby(stamps, key=lambda stamp: stamp[0])
+    said = (f"{day} {', '.join(clock for *_, clock in stamps)}" for day, stamps in days)
     return ", ".join(said) + _more(len(times)) + " UTC"
 
 
@@ -144,6 +148,24 @@ def said_numbers(effect: FittedEffect | Candidate, settings: LoopSettings, start
                  brief: bool = False) -> str:
     """The same on one line."""
     return ", ".join(f"{k} = {v}" for k, v in numbers(effect, settings, start, brief=brief).items())
+
+
+def events(
+    effect: FittedEffect, settings: LoopSettings, start: float | None
+) -> tuple[list[str], list[list[str]]] | None:
+    """An effect of several events as columns and rows, one event in a row; None for any other."""
+    lists = {n: p for n, p in effect.parameters.items() if isinstance(p.value, tuple) and not p.nuisance}
+    counts = {len(p.value) for p in lists.values() if isinstance(p.value, tuple)}
+    if len(lists) < 2 or len(counts) != 1:
+        return None
+
+    def one(p: FittedParameter, i: int) -> str:
+        assert isinstance(p.value, tuple)
+        own = None if p.ci95 is None else (p.ci95[i],)
+        only = replace(p, value=(p.value[i],), ci95=own)  # type: ignore[arg-type]
+        return quantity(only, effect.stage, settings, start)
+
+    return list(lists), [[one(p, i) for p in lists.values()] for i in range(counts.pop())]
 
 
 def several(effect: FittedEffect, settings: LoopSettings) -> str:

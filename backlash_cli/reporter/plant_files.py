@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import io
 import json
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import BacklashError, UsageError
-from ..record import FloatArray, LoopSettings, Record, SampleState
+from ..record import FloatArray, Record, SampleState
 from .files import write_bytes, write_text
 from .json_report import strict
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
+SETTINGS = ("K", "Ti", "Td", "Tf", "Kp", "theta", "pv_range", "op_range")
 # finest step of a written number, in spans: far below any transmitter's resolution
 FINEST = 1e-6
 
@@ -61,7 +63,8 @@ def write_settings(path: Path, records: Iterable[Record]) -> None:
     lines = ["# Settings of the loops: gains on signals normalised by the ranges, times in seconds."]
     for record in records:
         lines += ["", f"[loops.{_key(record.loop)}]"]
-        lines += [f"{name} = {json.dumps(strict(value))}" for name, value in _settings(record.settings)]
+        lines += [f"{name} = {json.dumps(strict(value))}" for name in SETTINGS
+                  if (value := getattr(record.settings, name)) is not None and not (name == "Td" and value == 0.0)]
     write_text(path, "\n".join(lines) + "\n")
 
 
@@ -74,43 +77,32 @@ def write_truth(path: Path, rows: Iterable[Sequence[object]]) -> None:
 def _wide(records: Sequence[Record], finest: float) -> pa.Table:
     import pyarrow as pa
 
-    first = records[0]
-    for record in records[1:]:
-        if len(record) != len(first) or record.interval != first.interval or record.start != first.start:
+    first, *others = records
+    for record in others:
+        if (len(record), record.interval, record.start) != (len(first), first.interval, first.start):
             raise BacklashError(
-                f"{record.loop} and {first.loop} have different times",
-                remedy="write them with --layout long, or give all loops the same duration, record_interval and start",
-                code="bad_metadata",
-            )
-    columns: dict[str, Any] = {"timestamp": _times(first)}
-    for record in records:
-        columns |= {f"{record.loop}.{name}": values for name, values in _signals(record, finest).items()}
-    return pa.table(columns)
+                f"{record.loop} and {first.loop} have different times", code="bad_metadata",
+                remedy="write them with --layout long, or give all loops the same duration, record_interval and start")
+    signals = {f"{r.loop}.{name}": values for r in records for name, values in _signals(r, finest).items()}
+    return pa.table({"timestamp": _times(first), **signals})
 
 
 def _long(records: Sequence[Record], finest: float) -> pa.Table:
     import pyarrow as pa
 
-    parts = []
-    for record in records:
-        times = _times(record)
-        for name, values in _signals(record, finest).items():
-            tag = pa.array([f"{record.loop}.{name}"] * len(record))
-            parts.append(pa.table({"tag": tag, "timestamp": times, "value": pa.array(values)}))
-    types = {part.schema.field("value").type for part in parts}
-    if len(types) > 1:
+    parts = [pa.table({"tag": [f"{r.loop}.{name}"] * len(r), "timestamp": _times(r), "value": values})
+             for r in records for name, values in _signals(r, finest).items()]
+    if len({part.schema.field("value").type for part in parts}) > 1:
         # one value column holds numbers and modes, so it is text, as historians export it
-        parts = [part.set_column(2, "value", part.column(2).cast(pa.string())) for part in parts]
+        parts = [part.set_column(2, "value", part["value"].cast(pa.string())) for part in parts]
     return pa.concat_tables(parts)
 
 
 def _signals(record: Record, finest: float) -> dict[str, Any]:
     """Columns of one loop in engineering units, name -> (samples,); MODE only where the loop was ever in manual."""
     settings = record.settings
-    columns: dict[str, Any] = {
-        "SP": _engineering(record.setpoint, settings.pv_range, finest),
-        "PV": _engineering(record.measurement, settings.pv_range, finest),
-    }
+    columns: dict[str, Any] = {"SP": _engineering(record.setpoint, settings.pv_range, finest),
+                               "PV": _engineering(record.measurement, settings.pv_range, finest)}
     if record.output is not None:
         columns["OP"] = _engineering(record.output, settings.op_range, finest)
     manual = record.state == SampleState.MANUAL
@@ -132,28 +124,19 @@ def _engineering(values: FloatArray, span: tuple[float, float], finest: float) -
 def _times(record: Record) -> Any:
     import pyarrow as pa
 
-    milliseconds = np.round(record.time * 1e3).astype(np.int64)
-    return pa.array(milliseconds, type=pa.timestamp("ms", tz="UTC"))
+    return pa.array(np.round(record.time * 1e3).astype(np.int64), type=pa.timestamp("ms", tz="UTC"))
 
 
 def _times_as_text(table: pa.Table) -> pa.Table:
     """ISO 8601 with Z; milliseconds only where a time has them."""
     import pyarrow as pa
+    import pyarrow.compute as pc
 
+    times = table["timestamp"]
+    with contextlib.suppress(pa.ArrowInvalid):
+        times = times.cast(pa.timestamp("s", tz="UTC"))
     place = table.schema.get_field_index("timestamp")
-    stamps = np.asarray(table.column(place).to_numpy(), dtype="datetime64[ms]")
-    whole = bool(np.all(stamps == stamps.astype("datetime64[s]")))
-    text = np.char.add(np.datetime_as_string(stamps, unit="s" if whole else "ms"), "Z")
-    return table.set_column(place, "timestamp", pa.array(text))
-
-
-def _settings(settings: LoopSettings) -> Iterable[tuple[str, object]]:
-    for name in ("K", "Ti", "Td", "Tf", "Kp", "theta"):
-        value = getattr(settings, name)
-        if value is not None and not (name == "Td" and value == 0.0):
-            yield name, value
-    yield "pv_range", settings.pv_range
-    yield "op_range", settings.op_range
+    return table.set_column(place, "timestamp", pc.strftime(times, "%Y-%m-%dT%H:%M:%SZ"))
 
 
 def _key(name: str) -> str:

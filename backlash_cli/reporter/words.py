@@ -1,11 +1,13 @@
-"""How verdicts, sizes and times are said to a person, the same in the terminal and on a page."""
+"""How verdicts, sizes, times, errors and effects are said to a person, the same in the terminal and on a page."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 
-from ..results import Compensator, LoopReport, Verdict
+from ..results import Candidate, Explanation, FittedEffect, LoopReport, Region, Step, Verdict
 from .json_report import iso_time
+from .safe import terminal
 
 # words, and good, warn, bad, quiet: the mark of a page and the colour of a terminal; in the order of a work list
 _SAID = {
@@ -19,6 +21,7 @@ _SAID = {
 }
 VERDICTS, MARKS = ({verdict: said[k] for verdict, said in _SAID.items()} for k in (0, 1))
 _ORDER = {v: i for i, v in enumerate(VERDICTS)}
+WORSE = 1.15  # share of the error over share of the time, from which a region is worth a line
 
 
 def by_size(reports: Sequence[LoopReport]) -> list[LoopReport]:
@@ -38,14 +41,41 @@ def excluded(report: LoopReport) -> float | None:
     return report.limit_of_detection if report.verdict is Verdict.NO_BACKLASH else None
 
 
+def in_percent(value: float, digits: int = 2) -> str:
+    """A number in per cent, for a column that says so, e.g. '3.02'."""
+    return f"{100 * value:.{digits}f}"
+
+
 def percent(value: float | None, digits: int = 2) -> str:
     """A share of the span in per cent, e.g. '3.02 %'."""
-    return "–" if value is None else f"{100 * value:.{digits}f} %"
+    return "–" if value is None else f"{in_percent(value, digits)} %"
 
 
 def interval(ci95: tuple[float, float]) -> str:
     """An interval in per cent, e.g. '2.85 to 3.20 %'."""
     return f"{100 * ci95[0]:.2f} to {100 * ci95[1]:.2f} %"
+
+
+def change(value: float, base: float) -> str:
+    """How far a value is from the one without compensator.
+
+    >>> change(0.8, 1.0), change(3.0, 1.0), change(0.999, 1.0)
+    ('-20 %', '+200 %', '0 %')
+    """
+    if not base > 0.0:
+        return "–"
+    more = round(100.0 * (value / base - 1.0))
+    return f"{more:+d} %" if more else "0 %"
+
+
+def counted(number: int, what: str) -> str:
+    """A number of things, e.g. '1 loop', '2 loops'."""
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
+def joined(texts: Iterable[object], between: str = ", ") -> str:
+    """Texts or days one after the other."""
+    return between.join(map(str, texts))
 
 
 def moment(epoch: float | None) -> str:
@@ -54,12 +84,9 @@ def moment(epoch: float | None) -> str:
     return "–" if text is None else text[:16].replace("T", " ") + " UTC"
 
 
-def duration(seconds: float) -> str:
-    """A duration in the unit that suits it, e.g. '5.3 h'."""
-    for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
-        if seconds >= 2 * length:
-            return f"{seconds / length:.3g} {unit}"
-    return f"{seconds:.3g} s"
+def day(epoch: float) -> str:
+    """A day, e.g. '2026-03-17'."""
+    return (iso_time(epoch) or "–")[:10]
 
 
 def advice(report: LoopReport) -> str:
@@ -69,7 +96,44 @@ def advice(report: LoopReport) -> str:
     return report.reasons[0].message if report.reasons else ""
 
 
-def compensator_words(found: Compensator) -> list[str]:
-    """The advice in full, and whose decision it is."""
-    return [f"Compensator gain {percent(found.gain)} of the output span, scheme {found.scheme}. {found.reason}",
-            "This is advice to a person; nothing is written to the control system."]
+def error_size(value: float | None) -> str:
+    """An error in per cent of the measurement span with three digits, e.g. '0.812 %'."""
+    return "–" if value is None or not math.isfinite(value) else f"{100 * value:.3g} %"
+
+
+def share(value: float | None) -> str:
+    """A share of a whole in whole per cent, e.g. '41 %'; two digits of small ones."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    if abs(value) >= 0.0995 or abs(value) < 0.0005:
+        return f"{100 * value:.0f} %"
+    return f"{100 * value:.2g} %"
+
+
+def plain_name(effect: str) -> str:
+    """The name of an effect in words: 'dead time' for dead_time."""
+    return terminal(effect.replace("_", " "), 60)
+
+
+def rung(step: Step) -> str:
+    """What a step of the ladder added: 'baseline', '+ dead time'."""
+    return "baseline" if step.added is None else f"+ {plain_name(step.added)}"
+
+
+def gap_sizes(e: Explanation, pair: tuple[str, str]) -> list[float]:
+    """The gap that each of these effects had where it was tried [span]."""
+    tried: list[FittedEffect | Candidate] = [*e.effects, *e.candidates]
+    return [p.value for x in tried if x.effect in pair for n, p in x.parameters.items()
+            if n in ("d", "S") and isinstance(p.value, float)]
+
+
+def effect_name(effect: str, e: Explanation) -> str:
+    """The name of an accepted effect, with its twin where the record cannot tell them apart; whether it is likely."""
+    twin = [b for a, b in e.look_alikes if a == effect and {a, b} == {"backlash", "stiction"}]
+    likely = any(x.effect == effect and x.confidence == "likely" for x in e.effects)
+    return " or ".join(plain_name(name) for name in sorted([effect, *twin])) + " (likely)" * likely
+
+
+def fails(regions: Sequence[Region]) -> list[Region]:
+    """The regions whose share of the error is clearly larger than their share of the time, worst first."""
+    return [r for r in regions if r.expected is None or r.share >= WORSE * r.expected]

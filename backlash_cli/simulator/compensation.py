@@ -5,7 +5,7 @@ Noise and loads are those of the record. Advice to a person: nothing here reache
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from .controller import Compensator, Controller, Scheme
 from .limit_cycle import limit_cycle
 from .loop import Trace, trace
 from .process import Process
-from .scenario import Scenario, use
+from .scenario import Applied, Scenario, use
 
 SMALLEST_LOAD, LARGEST_LOAD = 1.5, 0.2  # dead bands; span of output
 SHARES = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)  # gains shown, in dead bands
@@ -103,6 +103,18 @@ class Study:
     rule_reason: str
     seed: int = 0
 
+    @property
+    def slowest(self) -> float:
+        """Time scale of the loop [s]: integral time, or the process's lags and dead time."""
+        return max(self.controller.Ti, self.process.dead_time + sum(self.process.lags))
+
+    def scenario(self, duration: float, gain: float, *effects: Applied) -> Scenario:
+        """The loop at rest in the middle of its range, with compensator (9) of this gain, met by these effects."""
+        # fine enough for the filter, whose noise would be lost otherwise
+        step = max(self.controller.filter_time / 4.0, duration / MOST_SAMPLES)
+        return Scenario(self.controller, self.process, duration, step, (use("backlash", d=self.d), *effects),
+                        compensator=Compensator(gain, Scheme.ERROR, hysteresis=self.hysteresis), seed=self.seed)
+
 
 def noise_gains(controller: Controller) -> tuple[float, float]:
     """Return standard deviations of filtered measurement and output per square root of the noise density [s^-1/2].
@@ -121,47 +133,32 @@ def study(
     """Simulate all gains and choose one. Raises LoopError when the loop is unstable even without compensator."""
     allowed = [back * s.rule_gain for back in STEPS_BACK]
     gains = {0.0, *(share * s.d for share in SHARES), *allowed, *(gain * MARGIN for gain in allowed)}
-    scenario = load_scenario(s)
-    runs = {gain: trace(with_gain(scenario, s, gain)) for gain in sorted(gains)}
+    spacing, loads = load_steps(s)
+    runs = {gain: trace(s.scenario(spacing * (LOAD_STEPS + 0.5), gain, *loads)) for gain in sorted(gains)}
     trials = {gain: judge(run, s, gain) for gain, run in runs.items()}
     recommended, reason, refusals = choose(s, trials)
     listed = {0.0, *(share * s.d for share in SHARES), *([recommended, MARGIN * recommended] if recommended else [])}
     shown = tuple(trials[gain] for gain in sorted(listed))
-    spell = glimpse_window(scenario)
+    before, after = (None if gain is None else glimpse(runs[gain], gain, (4.0 * spacing, 6.0 * spacing))
+                     for gain in (0.0, recommended))
     return CompensationStudy(
         loop=loop,
         settings={"K": s.controller.K, "Ti": s.controller.Ti, "Td": s.controller.Td, "Tf": s.controller.filter_time},
         d=s.d, interval=s.interval, d_source=d_source, process=model,
         output_noise=noise_gains(s.controller)[1] * float(np.sqrt(s.density)),
         hysteresis=s.hysteresis, load=s.load, trials=shown, rule_gain=s.rule_gain, recommended=recommended,
-        reason=reason, refusals=refusals, warnings=warnings, before=glimpse(runs[0.0], 0.0, spell),
-        after=None if recommended is None else glimpse(runs[recommended], recommended, spell),
+        reason=reason, refusals=refusals, warnings=warnings, before=before, after=after,
     )
 
 
-def slowest(s: Study) -> float:
-    """Return the time scale of the loop [s]: integral time, or the process's lags and dead time."""
-    return max(s.controller.Ti, s.process.dead_time + sum(s.process.lags))
-
-
-def load_scenario(s: Study) -> Scenario:
-    """Return the loop at rest in the middle of its range, met by load steps up and down, without compensator."""
-    spacing = SPACING * slowest(s)
+def load_steps(s: Study) -> tuple[float, list[Applied]]:
+    """Return how far apart [s] load steps up and down come, and these steps with the noise of the measurement."""
+    spacing = SPACING * s.slowest
     random = np.random.default_rng(s.seed)
     sizes = s.load * random.uniform(0.5, 1.5, LOAD_STEPS) * np.where(np.arange(LOAD_STEPS) % 2, -1.0, 1.0)
     times = spacing * (0.5 + np.arange(LOAD_STEPS) + random.uniform(-0.2, 0.2, LOAD_STEPS))
-    duration = spacing * (LOAD_STEPS + 0.5)
-    # fine enough for the filter, whose noise would be lost otherwise
-    step = max(s.controller.filter_time / 4.0, duration / MOST_SAMPLES)
-    effects = [use("backlash", d=s.d), use("load_step", times=times.tolist(), sizes=sizes.tolist())]
-    if s.density > 0.0:
-        effects.append(use("measurement_noise", density=s.density))
-    return Scenario(s.controller, s.process, duration, step, tuple(effects), seed=s.seed)
-
-
-def with_gain(scenario: Scenario, s: Study, gain: float) -> Scenario:
-    """Return the same scenario with compensator (9)."""
-    return replace(scenario, compensator=Compensator(gain, Scheme.ERROR, hysteresis=s.hysteresis))
+    steps = use("load_step", times=times.tolist(), sizes=sizes.tolist())
+    return spacing, [steps, *([use("measurement_noise", density=s.density)] if s.density > 0.0 else [])]
 
 
 def judge(run: Trace, s: Study, gain: float) -> Trial:
@@ -179,11 +176,8 @@ def judge(run: Trace, s: Study, gain: float) -> Trial:
 
 def goes_on_oscillating(s: Study, gain: float) -> bool:
     """True when the loop, pushed once and then left alone without noise, still turns its valve over and over."""
-    duration = 120.0 * slowest(s)
-    step = max(s.controller.filter_time / 4.0, duration / MOST_SAMPLES)
-    push = use("load_step", times=[0.0], sizes=[2.0 * s.d])
-    quiet = Scenario(s.controller, s.process, duration, step, (use("backlash", d=s.d), push))
-    run = trace(with_gain(quiet, s, gain))
+    duration = 120.0 * s.slowest
+    run = trace(s.scenario(duration, gain, use("load_step", times=[0.0], sizes=[2.0 * s.d])))
     valve = run.valve[run.time > 0.7 * duration]
     moves = np.diff(valve)
     turns = np.count_nonzero(np.diff(np.sign(moves[np.abs(moves) > 1e-9])))
@@ -230,13 +224,8 @@ def objections(base: Trial, trial: Trial, beyond: Trial) -> list[Note]:
     return notes
 
 
-def glimpse_window(scenario: Scenario) -> tuple[float, float]:
-    """Return the stretch that is drawn: two load steps in the middle."""
-    spacing = scenario.duration / (LOAD_STEPS + 0.5)
-    return 4.0 * spacing, 6.0 * spacing
-
-
 def glimpse(run: Trace, gain: float, window: tuple[float, float]) -> Glimpse:
+    """Return the stretch of a run that is drawn, within a window of seconds."""
     inside = np.flatnonzero((run.time >= window[0]) & (run.time < window[1]))
     pick = inside[:: max(1, len(inside) // 1500)]
     return Glimpse(gain, run.time[pick] - window[0], run.process_output[pick], run.setpoint[pick], run.output[pick],

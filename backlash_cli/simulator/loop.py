@@ -61,7 +61,7 @@ class Table:
     @classmethod
     def build(cls, s: Scenario, samples: int, columns: Mapping[str, FloatArray], random: Numbers) -> Table:
         """Start every effect at rest, in the order a signal meets them."""
-        from ..effects.compiled import compiled
+        from ..effects.shape import compiled
         from ..kernels import SLOTS
 
         order = list(Stage)

@@ -89,38 +89,24 @@ class Process:
         """Chain of small blocks: far better conditioned than one polynomial of high order."""
         from scipy.signal import tf2ss
 
-        blocks: list[tuple[Any, ...]] = [(np.array([[-1 / t]]), np.array([[1 / t]]), np.eye(1), 0.0) for t in self.lags]
-        if self.integrating:
-            blocks.append((np.zeros((1, 1)), np.eye(1), np.eye(1), 0.0))
-        numerator = np.array(self.numerator)
-        if len(self.denominator) > 1:
-            if len(np.trim_zeros(self.numerator, "f")) > len(self.denominator):
-                return self._one_polynomial()
-            a, b, c, d = tf2ss(np.trim_zeros(numerator, "f"), self.denominator)
+        numerator, denominator = np.trim_zeros(np.array(self.numerator), "f"), np.array(self.denominator)
+        poles = [*((lag, 1.0) for lag in self.lags), *([(1.0, 0.0)] if self.integrating else [])]
+        while len(numerator) > len(self.denominator) and poles:  # no block may answer before its input
+            denominator = np.polymul(denominator, poles.pop(0))
+        fraction = len(denominator) > 1
+        scale = 1.0 if fraction else numerator[-1] / denominator[0]
+        blocks: list[tuple[Any, ...]] = [(np.array([[-low / high]]), np.array([[1 / high]]), np.eye(1), 0.0)
+                                         for high, low in poles]
+        if fraction:
+            a, b, c, d = tf2ss(numerator, denominator)
             blocks.append((a, b, c, float(d[0, 0])))
-        elif len(np.trim_zeros(self.numerator, "f")) > 1:
-            return self._one_polynomial()
-        else:
-            blocks[0] = (*blocks[0][:1], blocks[0][1] * numerator[-1] / self.denominator[0], *blocks[0][2:])
         a, b, c, d = blocks[0]
         for next_a, next_b, next_c, next_d in blocks[1:]:
             a = np.block([[a, np.zeros((len(a), len(next_a)))], [next_b @ c, next_a]])
             b = np.vstack([b, next_b * d])
             c = np.hstack([next_d * c, next_c])
             d = next_d * d
-        return a, b, c * self.gain
-
-    def _one_polynomial(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """A numerator of higher degree than its own denominator needs the lags in the same fraction."""
-        from scipy.signal import tf2ss
-
-        denominator = np.array(self.denominator)
-        for lag in self.lags:
-            denominator = np.polymul(denominator, [lag, 1.0])
-        if self.integrating:
-            denominator = np.polymul(denominator, [1.0, 0.0])
-        a, b, c, _ = tf2ss(np.trim_zeros(np.array(self.numerator), "f") * self.gain, denominator)
-        return a, b, c
+        return a, b * scale, c * self.gain
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,14 @@ Ljung, System Identification, 2nd ed., chapter 13), and large shocks count littl
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.signal import lfilter
+from scipy.special import huber
 
 from ..errors import LoopError
 from ..kernels import play
@@ -83,13 +85,6 @@ def decimated(record: Record, d: float) -> Decimated:
     return Decimated(x, y, per * record.interval, tuple(starts))
 
 
-def whitened(data: Decimated, values: FloatArray, whitening: FloatArray) -> FloatArray:
-    """Return changes from block to block, zero across gaps, through the whitening filter."""
-    change = np.diff(values, prepend=values[0])
-    change[list(data.starts)] = 0.0
-    return np.asarray(lfilter(whitening, [1.0], change))
-
-
 def lagged(data: Decimated, lag: float, second: float) -> FloatArray:
     """Return the valve position through one or two lags [s] (samples,); each piece starts at rest.
 
@@ -119,8 +114,7 @@ def late(data: Decimated, values: FloatArray, delay: float) -> FloatArray:
     return out
 
 
-@dataclass(frozen=True)
-class Shape:
+class Shape(NamedTuple):
     """First and second lag and dead time [s]."""
 
     lag: float
@@ -128,38 +122,119 @@ class Shape:
     delay: float
 
 
-@dataclass(frozen=True)
-class Sought:
-    """What a fit may assume: the sign of the gain and, when the settings tell it, the gain itself (else 0)."""
+@dataclass
+class Fit:
+    """The fit of one record. sign: of the gain; known_gain: the gain itself, None where the settings do not tell it.
 
+    whitening: (ORDER + 1,) the filter behind which PV and prediction are compared.
+    """
+
+    data: Decimated
+    Ti: float
     sign: float
-    gain: float = 0.0
+    known_gain: float | None
+    whitening: FloatArray
+
+    def white(self, values: FloatArray) -> FloatArray:
+        """Return changes from block to block (samples,), zero across gaps, through the whitening filter."""
+        change = np.diff(values, prepend=values[0])
+        change[list(self.data.starts)] = 0.0
+        return np.asarray(lfilter(self.whitening, [1.0], change))
+
+    def predicted(self, shape: Shape) -> FloatArray:
+        """Return the whitened answer (samples,) of a process of this shape with gain 1."""
+        return late(self.data, self.white(lagged(self.data, shape.lag, shape.second)), shape.delay)
 
     def gain_of(self, along: float, power: float) -> float:
         """Return the gain for <prediction, measurement> and <prediction, prediction>, 0 for the wrong sign."""
-        if self.gain:
-            return self.gain
+        if self.known_gain:
+            return self.known_gain
         return along / max(power, 1e-300) if along * self.sign > 0.0 else 0.0
 
+    def search(self) -> Shape:
+        """Return the best shape of the grid; shocks count less, judged on what no model explains."""
+        y = self.white(self.data.y)
+        weight = shock_weights(y)
+        best, most = Shape(self.Ti, 0.0, 0.0), 0.0
+        for lag, share in product(LAGS * self.Ti, SECOND):
+            if lag < SHORTEST * self.data.interval:
+                continue
+            prompt = self.white(lagged(self.data, lag, share * lag))
+            for delay in np.multiply(DELAYS, self.Ti):
+                g = weight * late(self.data, prompt, delay)
+                along, power = float(g @ (weight * y)), float(g @ g)
+                gain = self.gain_of(along, power)
+                if (gained := gain * (2.0 * along - gain * power)) > most:
+                    best, most = Shape(float(lag), float(share * lag), float(delay)), gained
+        return best
 
-def fit_process(
-    record: Record, d: float, known_gain: float | None = None, *, integrating: bool = False
-) -> ProcessModel:
+    def match(self, shape: Shape) -> tuple[float, float]:
+        """Return the evidence for one shape, a fall of -2 log likelihood, and its gain; robust against shocks."""
+        y, g = self.white(self.data.y), self.predicted(shape)
+        weight, gain = np.ones(len(y)), 0.0
+        for _ in range(3):
+            gain = self.gain_of(float(np.sum(weight * g * y)), float(np.sum(weight * g * g)))
+            weight = shock_weights(y - gain * g)
+        if gain == 0.0:
+            return 0.0, 0.0
+        scale = spread(y - gain * g)
+        return float(2.0 * np.sum(huber(SHOCK, y / scale) - huber(SHOCK, (y - gain * g) / scale))), gain
+
+    def whitened_by(self, shape: Shape) -> Fit:
+        """Return the fit with the filter that whitens what a shape leaves: autoregression by weighted least squares."""
+        as_it_is = replace(self, whitening=np.ones(1))
+        rest = as_it_is.white(self.data.y) - self.match(shape)[1] * as_it_is.predicted(shape)
+        rows, target = sliding_window_view(rest, ORDER)[:-1, ::-1], rest[ORDER:]
+        weight = np.ones(len(target))
+        for _ in range(2):
+            root = np.sqrt(weight)
+            a = np.linalg.lstsq(rows * root[:, None], target * root, rcond=None)[0]
+            weight = shock_weights(target - rows @ a)
+        return replace(self, whitening=np.concatenate([[1.0], -a]))
+
+    def refine(self, start: Shape) -> Shape:
+        """Return the best shape near a start."""
+        from scipy.optimize import minimize
+
+        def shape_of(p: FloatArray) -> Shape:
+            second = start.lag * np.exp(p[1]) if start.second > 0.0 else 0.0
+            lag = max(start.lag * np.exp(p[0]), SHORTEST * self.data.interval)
+            return Shape(float(lag), float(second), float(max(p[2], 0.0) * self.data.interval))
+
+        def cost(p: FloatArray) -> float:
+            return -self.match(shape_of(p))[0]
+
+        first = np.array([0.0, np.log(max(start.second, 1e-9) / start.lag), start.delay / self.data.interval])
+        reach = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.7]])
+        options: Any = {"initial_simplex": first + reach, "maxfev": 80, "xatol": 0.02, "fatol": 0.05}
+        return shape_of(np.asarray(minimize(cost, first, method="Nelder-Mead", options=options).x))
+
+
+def spread(values: FloatArray) -> float:
+    """Return the standard deviation of the bulk of some values."""
+    return 1.4826 * float(np.median(np.abs(values))) + 1e-12
+
+
+def shock_weights(values: FloatArray) -> FloatArray:
+    """Return Huber weights (samples,): 1 for ordinary values, less for shocks (Huber 1964)."""
+    return np.minimum(1.0, SHOCK * spread(values) / np.maximum(np.abs(values), 1e-12))
+
+
+def fit_process(record: Record, d: float, known_gain: float | None = None, *, integrating: bool = False
+                ) -> ProcessModel:
     """Return the process that explains PV best from OP behind a dead band d [span].
 
     The record's settings must hold K and Ti. known_gain: static gain, when it is known. integrating: whether the answer
     may be an integrating process, of which only the ratio of gain to lag can be seen. Raises LoopError when OP is
     absent or rests, the record is too short, PV does not answer to OP, or the process integrates and may not.
     """
-    data = decimated(record, d)
-    K, Ti = float(record.settings.K or 1.0), float(record.settings.Ti or 1.0)
-    whitening = np.concatenate([[1.0], np.zeros(ORDER)])
-    sought = Sought(float(np.sign(K)), known_gain or 0.0)
+    data, K, Ti = decimated(record, d), float(record.settings.K or 1.0), float(record.settings.Ti or 1.0)
+    fit = Fit(data, Ti, float(np.sign(K)), known_gain, np.concatenate([[1.0], np.zeros(ORDER)]))
     for _ in range(3):
-        best = search(data, whitening, Ti, sought)
-        whitening = white_filter(unexplained(data, best, match(data, best, whitening, sought)[1]))
-    best = refine(data, best, whitening, sought)
-    evidence, gain = match(data, best, whitening, sought)
+        best = fit.search()
+        fit = fit.whitened_by(best)
+    best = fit.refine(best)
+    evidence, gain = fit.match(best)
     if gain == 0.0 or evidence < LEAST_EVIDENCE:
         raise LoopError("the measurement does not answer to the output: no process can be fitted", where=record.loop,
                         remedy="give it with --process K=..,T=..,L=..", code="no_process")
@@ -171,96 +246,6 @@ def fit_process(
             "with --process K=..,T=..,L=..", code="integrating",
         )
     lags = tuple(lag for lag in (0.0 if integrates else best.lag, best.second) if lag > 0.0)
-    profile = tuple((share * d, match(decimated(record, share * d), best, whitening, sought)[0]) for share in SHARES)
+    profile = tuple((share * d, replace(fit, data=decimated(record, share * d)).match(best)[0]) for share in SHARES)
     gain = gain / best.lag if integrates else gain
     return ProcessModel(gain, lags, best.delay, integrates, "fitted", evidence, profile)
-
-
-def search(data: Decimated, whitening: FloatArray, Ti: float, sought: Sought) -> Shape:
-    """Return the best shape of the grid; shocks count less, judged on what no model explains."""
-    y = whitened(data, data.y, whitening)
-    weight = shock_weights(y)
-    best, most = Shape(Ti, 0.0, 0.0), 0.0
-    for lag, share in product(LAGS * Ti, SECOND):
-        if lag < SHORTEST * data.interval:
-            continue
-        prompt = whitened(data, lagged(data, lag, share * lag), whitening)
-        for delay in np.multiply(DELAYS, Ti):
-            g = weight * late(data, prompt, delay)
-            along, power = float(g @ (weight * y)), float(g @ g)
-            gain = sought.gain_of(along, power)
-            gained = gain * (2.0 * along - gain * power)
-            if gained > most:
-                best, most = Shape(float(lag), float(share * lag), float(delay)), gained
-    return best
-
-
-def match(data: Decimated, shape: Shape, whitening: FloatArray, sought: Sought) -> tuple[float, float]:
-    """Return the evidence for one shape, a fall of -2 log likelihood, and its gain; robust against shocks."""
-    y = whitened(data, data.y, whitening)
-    g = late(data, whitened(data, lagged(data, shape.lag, shape.second), whitening), shape.delay)
-    weight: FloatArray = np.ones(len(y))
-    gain = 0.0
-    for _ in range(3):
-        gain = sought.gain_of(float(np.sum(weight * g * y)), float(np.sum(weight * g * g)))
-        weight = shock_weights(y - gain * g)
-    if gain == 0.0:
-        return 0.0, 0.0
-    scale = spread(y - gain * g)
-    return float(2.0 * np.sum(huber(y / scale) - huber((y - gain * g) / scale))), gain
-
-
-def spread(values: FloatArray) -> float:
-    """Return the standard deviation of the bulk of some values."""
-    return 1.4826 * float(np.median(np.abs(values))) + 1e-12
-
-
-def shock_weights(values: FloatArray) -> FloatArray:
-    """Return Huber weights (samples,): 1 for ordinary values, less for shocks."""
-    return np.minimum(1.0, SHOCK * spread(values) / np.maximum(np.abs(values), 1e-12))
-
-
-def huber(values: FloatArray) -> FloatArray:
-    """Return Huber's loss: half the square up to SHOCK, straight beyond (Huber 1964)."""
-    size = np.abs(values)
-    return np.where(size < SHOCK, 0.5 * size**2, SHOCK * size - 0.5 * SHOCK**2)
-
-
-def unexplained(data: Decimated, shape: Shape, gain: float) -> FloatArray:
-    """Return the changes of PV that the shape does not explain (samples,)."""
-    as_it_is = np.ones(1)
-    g = late(data, whitened(data, lagged(data, shape.lag, shape.second), as_it_is), shape.delay)
-    return whitened(data, data.y, as_it_is) - gain * g
-
-
-def white_filter(rest: FloatArray) -> FloatArray:
-    """Return the filter (ORDER + 1,) that whitens a signal: autoregression by weighted least squares."""
-    n = len(rest)
-    rows = np.column_stack([rest[ORDER - k : n - k] for k in range(1, ORDER + 1)])
-    target = rest[ORDER:]
-    weight: FloatArray = np.ones(len(target))
-    a: FloatArray = np.zeros(ORDER)
-    for _ in range(2):
-        gram = (rows * weight[:, None]).T @ rows
-        gram[np.diag_indices(ORDER)] += 1e-9 * np.trace(gram) / ORDER + 1e-300
-        a = np.asarray(np.linalg.solve(gram, (rows * weight[:, None]).T @ target), dtype=np.float64)
-        weight = shock_weights(target - rows @ a)
-    return np.concatenate([[1.0], -a])
-
-
-def refine(data: Decimated, start: Shape, whitening: FloatArray, sought: Sought) -> Shape:
-    """Return the best shape near a start."""
-    from scipy.optimize import minimize
-
-    def shape_of(p: FloatArray) -> Shape:
-        second = start.lag * np.exp(p[1]) if start.second > 0.0 else 0.0
-        lag = max(start.lag * np.exp(p[0]), SHORTEST * data.interval)
-        return Shape(float(lag), float(second), float(max(p[2], 0.0) * data.interval))
-
-    first = np.array([0.0, np.log(max(start.second, 1e-9) / start.lag), start.delay / data.interval])
-    reach = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.7]])
-    def cost(p: FloatArray) -> float:
-        return -match(data, shape_of(p), whitening, sought)[0]
-
-    options: Any = {"initial_simplex": first + reach, "maxfev": 80, "xatol": 0.02, "fatol": 0.05}
-    return shape_of(np.asarray(minimize(cost, first, method="Nelder-Mead", options=options).x))

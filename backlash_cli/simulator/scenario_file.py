@@ -11,26 +11,31 @@
     setpoint = { level = 0.44, effects = [{ effect = "load_step", times = [600], sizes = [0.02] }] }
     output = 0.3
     effects = [{ effect = "backlash", d = 0.03 }]
+
+The keys of a table are the fields of what it describes: Scenario, Controller, Process, Compensator, Manual, Signal.
 """
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import fields, replace
+from dataclasses import MISSING, fields, replace
 from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints
 
 from ..errors import MetadataError, UsageError, nearest
-from .controller import Compensator, Controller
 from .process import Process
-from .scenario import Applied, Manual, Recorder, Scenario, Signal, use
+from .scenario import Applied, Recorder, Scenario, Signal, use
 
 SIMULATION = ("duration", "step", "sample_time", "record_interval", "seed", "start")
-LOOP = (*SIMULATION, "controller", "process", "setpoint", "output", "effects", "compensator", "manual", "columns",
-        "recorder", "pv_range", "op_range", "hidden")  # fmt: skip
+PROCESS = "for example --process K=1.3,T=20,L=2 (static gain, lag and dead time in seconds; more lags: T2=..)"
+_PROCESS_NAMES = {
+    **dict.fromkeys(("k", "kp", "gain"), "gain"), **dict.fromkeys(("l", "theta", "dead_time"), "dead_time"),
+    **dict.fromkeys(("t", "t1", "t2", "t3", "t4", "tau", "tau1", "tau2"), "lag"),
+}
 
 
 def read_toml(path: Path) -> Mapping[str, Any]:
@@ -64,8 +69,8 @@ def _scenarios(document: Mapping[str, Any], where: str) -> tuple[Scenario, ...]:
     if not _table(loops, f"{where}: [loops]"):
         raise MetadataError("there is no loop", where=where, remedy="add a table [loops.NAME]")
     return tuple(
-        _loop(str(name), {**common, **_table(entry, f"{where}: [loops.{name}]")}, f"{where}: [loops.{name}]", k)
-        for k, (name, entry) in enumerate(loops.items())
+        _loop(str(name), {**common, **_table(entry, f"{where}: [loops.{name}]")}, f"{where}: [loops.{name}]", place)
+        for place, (name, entry) in enumerate(loops.items())
     )
 
 
@@ -75,68 +80,68 @@ def loop_seed(seed: int, place: int) -> int:
 
 
 def _loop(name: str, entry: Mapping[str, Any], where: str, place: int) -> Scenario:
-    _known(entry, LOOP, where)
-    for needed in ("controller", "process", "duration", "step"):
-        if needed not in entry:
-            raise MetadataError(f"'{needed}' is missing", where=where, remedy=f"add {needed} = ...")
-    plain = {key: _number(entry[key], f"{where} {key}") for key in (*LOOP[:4], "output") if key in entry}
-    number = _number(entry.get("seed", 0), f"{where} seed")
-    if not 0.0 <= number < 1e12 or number % 1.0:
-        raise MetadataError(f"{number:g} is not a seed", where=f"{where} seed", remedy="0, 1, 2, ...")
-    seed = loop_seed(int(number), place)
-    try:
-        return Scenario(
-            controller=build(Controller, entry["controller"], f"{where} controller"),
-            process=build(Process, entry["process"], f"{where} process"),
-            effects=_effects(entry.get("effects", ()), f"{where} effects"),
-            setpoint=_signal(entry.get("setpoint", {}), f"{where} setpoint"),
-            compensator=build(Compensator, entry.get("compensator", {}), f"{where} compensator"),
-            manual=tuple(build(Manual, m, f"{where} manual") for m in _list(entry.get("manual", ()), where)),
-            columns={
-                str(k): _signal(v, f"{where} columns.{k}")
-                for k, v in _table(entry.get("columns", {}), f"{where} columns").items()
-            },
-            recorder=tuple(_recorder(r, f"{where} recorder") for r in _list(entry.get("recorder", ()), where)),
-            pv_range=_range(entry.get("pv_range", (0.0, 1.0)), f"{where} pv_range"),
-            op_range=_range(entry.get("op_range", (0.0, 1.0)), f"{where} op_range"),
-            hidden=tuple(str(h) for h in _list(entry.get("hidden", ()), where)),
-            name=name,
-            seed=seed,
-            start=_start(entry.get("start", 0.0), f"{where} start"),
-            **plain,
-        )
-    except MetadataError as error:
-        if error.where.startswith(where):
-            raise
-        raise MetadataError(error.what, where=where, remedy=error.remedy) from error
+    seed = loop_seed(_value(int, entry.get("seed", 0), f"{where} seed"), place)
+    start = entry.get("start", 0.0)
+    if isinstance(start, str):
+        try:
+            start = datetime.fromisoformat(start)
+        except ValueError:
+            raise MetadataError(f"'{start}' is not a time", where=f"{where} start",
+                                remedy="2026-03-02T06:00:00Z") from None
+    if isinstance(start, datetime):
+        start = (start if start.tzinfo else start.replace(tzinfo=UTC)).timestamp()
+    return build(Scenario, {**entry, "name": name, "seed": seed, "start": start}, where)
 
 
 def build(cls: Any, entry: object, where: str) -> Any:
-    """Make a description object from a table whose keys are its fields."""
-    table = _table(entry, where)
-    types = {f.name: str(f.type) for f in fields(cls)}
-    _known(table, types, where)
-    values = {key: _value(value, types[key], f"{where}.{key}") for key, value in table.items()}
+    """Make a description object from a table whose keys are its fields. Raises MetadataError for whatever is wrong."""
+    table, kinds = _table(entry, where), get_type_hints(cls)
+    _known(table, kinds, where)
+    missing = [f.name for f in fields(cls) if f.name not in table and f.default is f.default_factory is MISSING]
+    if missing:
+        raise MetadataError(f"needs {', '.join(missing)}", where=where, remedy=f"add {missing[0]} = ...")
+    between = " " if where.endswith("]") else "."
+    values = {key: _value(kinds[key], value, f"{where}{between}{key}") for key, value in table.items()}
     try:
         return cls(**values)
-    except TypeError as error:
-        missing = [f.name for f in fields(cls) if f.name not in table and repr(f.default).startswith("<dataclasses")]
-        raise MetadataError(f"needs {', '.join(missing) or error}", where=where) from error
     except MetadataError as error:
         raise MetadataError(error.what, where=where, remedy=error.remedy) from error
 
 
-def _value(value: object, kind: str, where: str) -> object:
-    """Read a value as the type that its field is declared with: a switch, a list of numbers, or a number."""
-    if kind == "bool":
+def _value(kind: Any, value: object, where: str) -> Any:
+    """Read a value as what its field is declared as."""
+    inner, origin = get_args(kind), get_origin(kind)
+    if origin is UnionType:
+        return _value(inner[0], value, where)
+    if origin is tuple:
+        if not isinstance(value, list | tuple):
+            raise MetadataError(f"{value!r} is not a list", where=where, remedy="write [ ... ]")
+        items = tuple(_value(inner[0], item, where) for item in value)
+        if inner[1] is not Ellipsis and (len(items) != 2 or items[0] == items[1]):
+            raise MetadataError(f"{value} is not a range", where=where, remedy="give [low, high]")
+        return items
+    if origin is not None:
+        return {str(k): _value(inner[1], v, f"{where}.{k}") for k, v in _table(value, where).items()}
+    if kind is str:
+        return str(value)
+    if kind is bool:
         if not isinstance(value, bool):
             raise MetadataError(f"{value!r} is not true or false", where=where)
         return value
-    return tuple(_number(v, where) for v in _list(value, where)) if kind.startswith("tuple") else _number(value, where)
-
-
-def _effects(entries: object, where: str) -> tuple[Applied, ...]:
-    return tuple(_effect(_table(e, where), where) for e in _list(entries, where))
+    if kind is Applied:
+        return _effect(_table(value, where), where)
+    if kind is Recorder:
+        table = dict(_table(value, where))
+        signals = tuple(s.upper() for s in _value(tuple[str, ...], table.pop("signals", ("PV", "OP")), where))
+        _known(signals, ("SP", "PV", "OP"), f"{where} signals")
+        return Recorder(lines=bool(table.pop("lines", False)), applied=_effect(table, where), signals=signals)
+    if not issubclass(kind, int | float) and not (kind is Signal and isinstance(value, int | float)):
+        return build(kind, value, where)
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
+        raise MetadataError(f"{value!r} is not a number", where=where)
+    if kind is int and (value % 1.0 or not 0 <= value < 1e18):
+        raise MetadataError(f"{value:g} is not possible", where=where, remedy="0, 1, 2, ...")
+    return int(value) if kind is int else Signal(float(value)) if kind is Signal else float(value)
 
 
 def _effect(table: Mapping[str, Any], where: str) -> Applied:
@@ -152,65 +157,16 @@ def _effect(table: Mapping[str, Any], where: str) -> Applied:
         raise MetadataError(error.what, where=f"{where} {error.where}".strip(), remedy=error.remedy) from error
 
 
-def _signal(entry: object, where: str) -> Signal:
-    if isinstance(entry, int | float) and not isinstance(entry, bool):
-        return Signal(float(entry))
-    table = _table(entry, where)
-    _known(table, ("level", "effects"), where)
-    return Signal(_number(table.get("level", 0.0), f"{where}.level"), _effects(table.get("effects", ()), where))
-
-
-def _recorder(entry: object, where: str) -> Recorder:
-    table = dict(_table(entry, where))
-    signals = tuple(str(s).upper() for s in _list(table.pop("signals", ("PV", "OP")), where))
-    for signal in signals:
-        _known({signal: 0}, ("SP", "PV", "OP"), f"{where} signals")
-    lines = bool(table.pop("lines", False))
-    return Recorder(_effect(table, where), signals, lines)
-
-
-def _start(value: object, where: str) -> float:
-    """Epoch seconds, a TOML date-time, or an ISO text; without a zone it is UTC."""
-    if isinstance(value, str):
-        try:
-            value = datetime.fromisoformat(value)
-        except ValueError:
-            raise MetadataError(f"'{value}' is not a time", where=where, remedy="2026-03-02T06:00:00Z") from None
-    if isinstance(value, datetime):
-        return (value if value.tzinfo else value.replace(tzinfo=UTC)).timestamp()
-    return _number(value, where)
-
-
-def _range(value: object, where: str) -> tuple[float, float]:
-    ends = [_number(v, where) for v in _list(value, where)]
-    if len(ends) != 2 or ends[0] == ends[1]:
-        raise MetadataError(f"{value} is not a range", where=where, remedy="give [low, high]")
-    return ends[0], ends[1]
-
-
-def _number(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
-        raise MetadataError(f"{value!r} is not a number", where=where)
-    return float(value)
-
-
 def _table(value: object, where: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise MetadataError(f"{value!r} is not a table", where=where, remedy="write { key = value, ... }")
     return value
 
 
-def _list(value: object, where: str) -> Iterable[Any]:
-    if not isinstance(value, list | tuple):
-        raise MetadataError(f"{value!r} is not a list", where=where, remedy="write [ ... ]")
-    return value
-
-
-def _known(table: Mapping[str, Any], known: Iterable[str], where: str) -> None:
-    names = list(known)
-    for key in table:
-        if key not in names:
-            raise MetadataError(f"unknown key '{key}'", where=where, remedy=nearest(str(key), names))
+def _known(keys: Iterable[str], known: Iterable[str], where: str) -> None:
+    for key in keys:
+        if key not in known:
+            raise MetadataError(f"unknown key '{key}'", where=where, remedy=nearest(str(key), known))
 
 
 def scenario_names() -> tuple[str, ...]:
@@ -247,3 +203,30 @@ def with_seed(scenarios: Iterable[Scenario], seed: int | None) -> tuple[Scenario
     if seed is None:
         return tuple(scenarios)
     return tuple(replace(s, seed=loop_seed(seed, place)) for place, s in enumerate(scenarios))
+
+
+def parse_process(text: str) -> Process:
+    """Return the process that a person writes as `K=..,T=..,L=..`, or that of a TOML file.
+
+    Raises MetadataError for unknown names, what is no number, and processes that cannot be.
+
+    >>> parse_process("K=1.3, T=20, T2=3, L=2")
+    Process(gain=1.3, lags=(20.0, 3.0), dead_time=2.0, integrating=False, numerator=(1.0,), denominator=(1.0,))
+    """
+    if text.endswith(".toml"):
+        table = read_toml(Path(text))
+        return build(Process, table.get("process", table), text)
+    given: dict[str, float] = {}
+    for part in filter(None, (p.strip() for p in text.replace(";", ",").split(","))):
+        name, _, value = (x.strip().lower() for x in part.partition("="))
+        if name not in _PROCESS_NAMES or name in given:
+            what = f"{name} is given twice" if name in given else f"'{part}' is not understood"
+            raise MetadataError(what, where="--process", remedy=f"{nearest(name, ['K', 'T', 'T2', 'L'])} {PROCESS}")
+        try:
+            given[name] = float(value.removesuffix("s"))
+        except ValueError:
+            raise MetadataError(f"{part} is not a number", where="--process", remedy=PROCESS) from None
+    if not (lags := tuple(v for name, v in given.items() if _PROCESS_NAMES[name] == "lag")):
+        raise MetadataError("no lag is given", where="--process", remedy=PROCESS)
+    named = {_PROCESS_NAMES[name]: value for name, value in given.items()}
+    return Process(named.get("gain", 1.0), lags, named.get("dead_time", 0.0))

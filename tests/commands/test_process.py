@@ -167,6 +167,14 @@ def test_help_answers_at_once(arguments):
     assert best < 0.3
 
 
+@pytest.mark.parametrize("shell", ["zsh", "fish"])
+def test_the_shell_completes_commands(shell):
+    assert "_BACKLASH_COMPLETE" in process(env={**os.environ, "_BACKLASH_COMPLETE": f"{shell}_source"}).stdout
+    typed = {"COMP_WORDS": "backlash comp", "COMP_CWORD": "comp" if shell == "fish" else "1"}
+    done = process(env={**os.environ, "_BACKLASH_COMPLETE": f"{shell}_complete", **typed})
+    assert "compare" in done.stdout and "compensate" in done.stdout and "scan" not in done.stdout
+
+
 def test_an_unexpected_fault_is_one_message(plant, tmp_path):
     script = tmp_path / "faulty.py"
     text = "import backlash_cli.api as a\nimport backlash_cli.__main__ as m\na.analyse = None\nm.main()\n"

@@ -3,11 +3,12 @@
 import csv
 import io
 import json
+from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from backlash_cli.reporter.rules import met, parse_rules
+from backlash_cli.reporter.scan_report import met, parse_rules
 from tests.commands.run import files, run
 from tests.reporter.reports import HOSTILE, report
 from tests.small_plant import TRUTH, write_plant
@@ -205,3 +206,17 @@ def test_hostile_loop_names_in_every_form(capfd, tmp_path, name):
     run(capfd, "scan", path, "--no-confirm", "--format", "html", "--output", tmp_path / "pages")
     made = set(files(tmp_path)) - set(before)
     assert all(m.startswith("pages/") for m in made) and len(made) == 5
+
+
+def test_the_demo_needs_no_export_and_says_what_the_sample_says(capfd):
+    shipped = run(capfd, "scan", Path(__file__).parents[2] / "sample_data" / "plant.csv", "--format", "csv")
+    demo = run(capfd, "scan", "--demo", "--format", "csv")
+    assert demo.status == 0 and demo.out == shipped.out
+    assert demo.err.count("\n") == 1 and "demo: twelve simulated loops" in demo.err
+    assert run(capfd, "scan", "--demo", "--quiet").err == ""
+
+
+def test_nothing_to_scan_is_one_message_that_names_the_demo(capfd, plant):
+    done = run(capfd, "scan")
+    assert done.status == 2 and "nothing to scan" in done.err and "--demo" in done.err
+    assert "do not fit together" in run(capfd, "scan", plant, "--demo").err

@@ -6,8 +6,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from backlash_cli.commands.effects import effects
-from backlash_cli.commands.simulate import simulate
+from backlash_cli.commands.simulate import effects, simulate
 from backlash_cli.effects import EFFECTS
 from backlash_cli.errors import BacklashError
 

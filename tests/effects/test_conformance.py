@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from backlash_cli.effects import EFFECTS, Stage
-from backlash_cli.effects.compiled import compiled
+from backlash_cli.effects.shape import compiled
 from backlash_cli.errors import MetadataError
 
 INTERVAL = 0.7

@@ -17,7 +17,7 @@ from backlash_cli.engines.cluster import watch
 from backlash_cli.errors import BacklashError, UsageError
 from backlash_cli.history.unfinished import Unfinished
 from backlash_cli.loaders import ReadOptions
-from backlash_cli.loaders.parquet import _open
+from backlash_cli.loaders.columns import open_parquet
 from backlash_cli.loaders.plant import open_plant
 from backlash_cli.loaders.scratch import Room
 from backlash_cli.reporter.json_report import to_json
@@ -205,7 +205,7 @@ def test_files_that_a_worker_does_not_see_are_named(client, plant, tmp_path):
     path.write_bytes((plant / "set" / "loop=FIC101-0" / "part-0.parquet").read_bytes())
     opened = open_plant([path])
     path.unlink()
-    _open.clear()
+    open_parquet.cache_clear()
     with pytest.raises(BacklashError, match=r"does not see this file.*s3://") as caught:
         scan(opened, QUICK, client=client)
     assert caught.value.code == "not_shared"

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from backlash_cli.engines.explain_all import explain_all
+from backlash_cli.engines.local import answers
+from backlash_cli.model import explain
 from tests.commands.run import files, run
 from tests.small_plant import records, write_plant
 
@@ -50,7 +51,7 @@ class Deadly:
 def test_a_loop_whose_workers_die_is_named_and_the_others_are_explained(client):
     first, second = records()[:2]
     deadly = replace(first, disturbances={"x": Deadly()})
-    found = list(explain_all([deadly, second], client=client))
+    found = list(answers([deadly, second], explain, client=client))
     assert "killed every time" in found[0].message and found[0].values["loop"] == first.loop
     assert found[1].loop == second.loop and found[1].steps
 

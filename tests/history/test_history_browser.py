@@ -5,7 +5,7 @@ import pytest
 from backlash_cli.history.limits import read_limits
 from backlash_cli.history.plant import plant_history
 from backlash_cli.history.store import History
-from backlash_cli.reporter.history_page import write_report
+from backlash_cli.reporter.history_report import write_report
 from backlash_cli.results import Verdict
 from tests.history.nights import growing, made, result
 from tests.reporter.chromium import quiet_page, settled  # noqa: F401  the first acts on every test here

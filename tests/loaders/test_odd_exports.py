@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from backlash_cli.errors import BacklashError, InputError
-from backlash_cli.loaders import read
+from backlash_cli.loaders import ReadOptions, read
 from backlash_cli.record import SampleState
 
 from .exports import ROWS, SETTINGS, SIGNALS, STAMPS, arrow, cell, iso, long, wide
@@ -218,3 +218,11 @@ def test_a_byte_that_is_no_text_in_a_row_too_short_is_silent(tmp_path, capfd):
     plant = read(save(tmp_path, b"\n".join(lines) + b"\n"))
     assert "ragged_rows" in codes(plant.warnings) and len(plant) == 2
     assert capfd.readouterr().err == ""
+
+
+def test_stamps_in_a_wrong_unit_are_refused(tmp_path):
+    """Spreadsheet days taken for milliseconds: 17 rows lie within each microsecond."""
+    day = (STAMPS[0] - dt.datetime(1899, 12, 30)) / dt.timedelta(days=1)
+    path = save(tmp_path, wide(lambda t: f"{day + (t - STAMPS[0]) / dt.timedelta(days=1):.9f}"))
+    with pytest.raises(BacklashError, match="most rows repeat a time stamp"):
+        read(path, options=ReadOptions(time_format="epoch_ms"))

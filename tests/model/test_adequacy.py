@@ -7,12 +7,11 @@ import pytest
 
 from backlash_cli.effects.registry import load_effect
 from backlash_cli.model import explain
-from backlash_cli.model.adequacy import left_by
+from backlash_cli.model.adequacy import chance_above, left_by
 from backlash_cli.model.candidates import candidate
-from backlash_cli.model.explain import recorders
 from backlash_cli.model.intervals import unseen_travel
-from backlash_cli.model.problem import problem_from_record
-from backlash_cli.model.recorder import only_reports, recorded_floor
+from backlash_cli.model.problem import Memory, problem_from_record
+from backlash_cli.model.recorder import only_reports, recorded_floor, recorders
 from backlash_cli.model.score import judge_for
 from backlash_cli.model.search import baseline
 from backlash_cli.record import FloatArray, LoopSettings, Record, record_from_arrays
@@ -31,7 +30,7 @@ def test_noise_and_a_wandering_load_alone_go_with_nothing() -> None:
     for seed in range(12):
         problem = problem_from_record(loop(noise=0.001, load=0.01, seed=seed))
         fitted = baseline(problem)
-        alarms += bool(left_by(problem, fitted, fitted.rmse).goes_with)
+        alarms += bool(left_by(problem, fitted).goes_with)
     # four groups at a chance of 1e-5 each
     assert alarms == 0
 
@@ -39,12 +38,13 @@ def test_noise_and_a_wandering_load_alone_go_with_nothing() -> None:
 def test_what_is_missing_shows_in_what_it_goes_with_until_it_is_there() -> None:
     problem = problem_from_record(loop(d=0.03))
     plain = baseline(problem)
-    before = left_by(problem, plain, plain.rmse)
+    before = left_by(problem, plain)
     assert before.goes_with[0].startswith("the direction of travel") and not before.adequate([])
-    right = candidate(problem, judge_for(problem, 20.0), plain, load_effect("backlash"))
+    right = candidate(judge_for(problem, 20.0), plain, load_effect("backlash"))
     assert right is not None
-    after = left_by(problem, right, right.rmse)
-    assert after.goes_with == () and after.adequate([]) and after.times_noise == pytest.approx(1.0, abs=0.15)
+    after = left_by(problem, right)
+    assert after.goes_with == () and after.adequate([])
+    assert right.rmse == pytest.approx(problem.floor, rel=0.15)
 
 
 def test_a_stand_in_is_called_one_and_a_right_effect_clear() -> None:
@@ -90,7 +90,7 @@ def test_a_gap_may_be_wider_where_op_turned_between_the_stored_samples() -> None
 def problem_with(problem, output):  # type: ignore[no-untyped-def]
     from dataclasses import replace
 
-    return replace(problem, output=output, memory={}, moved={})
+    return replace(problem, output=output, moved=Memory(16))
 
 
 def test_repeated_values_are_an_exception_test_or_rounding_with_their_own_floor() -> None:
@@ -109,3 +109,12 @@ def test_repeated_values_are_an_exception_test_or_rounding_with_their_own_floor(
         assert part.effect.name == name and next(iter(part.values.values())) == pytest.approx(step, rel=0.05)
         assert only_reports(problem, (part,)) is (name == "exception_compression")
         assert 0.0005 < recorded_floor(problem, (part,), base) < 0.01
+
+
+@pytest.mark.parametrize("columns", range(8))
+def test_the_chance_of_chi_squared_is_that_of_scipy(columns: int) -> None:
+    from scipy.special import chdtrc
+
+    for score in (0.0, 0.3, 4.0, 40.0, 900.0):
+        expected = float(chdtrc(columns, score)) if columns else 1.0
+        assert chance_above(score, columns) == pytest.approx(expected, rel=1e-12)

@@ -13,7 +13,7 @@ from backlash_cli.model.intervals import MODEL_ERROR, covariance, fitted_effects
 from backlash_cli.model.noise import Noise
 from backlash_cli.model.pipeline import Part, Shape
 from backlash_cli.model.problem import Problem, problem_from_record
-from backlash_cli.model.rounding import expected, rounded, through_rounding
+from backlash_cli.model.recorder import expected, rounded, through_rounding
 from backlash_cli.record import Record
 
 from .loops import loop

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from backlash_cli.effects.process import delayed_lag, lag_transposed
 from backlash_cli.effects.registry import load_effect
 from backlash_cli.model.fit import Solver
 from backlash_cli.model.noise import Noise, fit_noise, whitener
 from backlash_cli.model.pipeline import Part, Shape
 from backlash_cli.model.problem import problem_from_record
-from backlash_cli.model.response import delayed_lag, lag_transposed
 
 from .loops import loop, process, steps
 
@@ -76,7 +76,7 @@ def test_adjoints_turn_the_inner_product_around() -> None:
 
 def test_many_starts_at_once_leave_what_each_leaves_by_itself() -> None:
     problem = problem_from_record(loop(d=0.03, load=0.01))
-    solver = Solver(problem, whitener(Noise(2.0, 40.0, 10.0), problem.used, problem.interval))
+    solver = Solver(problem, Noise(2.0, 40.0, 10.0))
     gap = load_effect("backlash")
     shapes = [Shape(20.0, 3.0, (Part(gap, {"d": d, "position": 0.2}),)) for d in (0.005, 0.02, 0.05)]
     # the ridge that keeps columns nobody sees from any value is left out of many at once

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from backlash_cli import explain, read
-from backlash_cli.model.output import between_steps, step_of
+from backlash_cli.model.problem import between_steps, step_of
 from backlash_cli.record import LoopSettings, SampleState, record_from_arrays
 from tests.benchmarks.hidden_effects import draw
 

@@ -11,7 +11,7 @@ from backlash_cli.effects import Effect, Parameter, Stage
 from backlash_cli.effects.registry import load_effect
 from backlash_cli.model import compare, explain
 from backlash_cli.model.fit import Solver
-from backlash_cli.model.noise import Noise, whitener
+from backlash_cli.model.noise import Noise
 from backlash_cli.model.pipeline import Part, Shape, predict
 from backlash_cli.model.problem import problem_from_record
 from backlash_cli.record import FloatArray, LoopSettings, Record, record_from_arrays
@@ -104,7 +104,7 @@ def test_linear_numbers_behind_a_bent_sensor_are_those_of_a_plain_search() -> No
     problem = problem_from_record(record(pv, u, noise=0.0))
     shape = Shape(LAG, 0.0, (Part(own("own", Stage.SENSOR), {"bend": -0.4}),))
     noise = Noise(1e-3, 100.0, 20.0)
-    c, rss, _ = Solver(problem, whitener(noise, problem.used, H)).solve(shape)
+    c, rss, _ = Solver(problem, noise).solve(shape)
     assert c[:2] == pytest.approx([GAIN, -0.1], rel=1e-3)
     assert predict(problem, shape, c) == pytest.approx(pv, abs=1e-5)
     assert rss < 1e-6

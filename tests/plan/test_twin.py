@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from backlash_cli.plan.tests import Move, Test
-from backlash_cli.plan.twin import HOLE, behind, longest_stretch, response, twin_of
+from backlash_cli.plan.twin import HOLE, Move, Test, behind, longest_stretch, response, twin_of
 from backlash_cli.record import LoopSettings, record_from_arrays
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, use
 

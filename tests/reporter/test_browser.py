@@ -5,7 +5,7 @@ import json
 import pytest
 
 from backlash_cli.reporter.files import write_text
-from backlash_cli.reporter.html import single_page, write_folder
+from backlash_cli.reporter.scan_report import single_page, write_folder
 from backlash_cli.results import Verdict
 from tests.reporter.chromium import quiet_page, settled  # noqa: F401  the first acts on every test here
 from tests.reporter.reports import HOSTILE, record, report, result

@@ -8,7 +8,6 @@ from dataclasses import replace
 from backlash_cli.record import LoopSettings, Note
 from backlash_cli.reporter.explain_summary import (
     reason,
-    silent_words,
     tallies,
     to_csv,
     to_json,
@@ -17,6 +16,7 @@ from backlash_cli.reporter.explain_summary import (
     valve_reason,
 )
 from backlash_cli.reporter.parameter_words import quantity
+from backlash_cli.reporter.templates import sentence
 from backlash_cli.results import Candidate, FittedParameter, PlantExplanation
 from tests.reporter.explanations import backlash, explanation, nothing
 
@@ -49,8 +49,8 @@ def test_gaps_are_counted_together_and_each_alone():
         "no_better_prediction": 1, "too_little_motion": 1, "not_explained": 1}
     assert other.name == "stiction" and other.loops == () and sum(other.why.values()) == 4
     said = "Of 4 loops, in 1 PV moves too little to tell and 1 could not be explained."
-    assert silent_words(plant()).startswith(said)
-    assert silent_words(PlantExplanation(plant().loops[:2])) == ""
+    assert sentence("silent", plant(), 1).startswith(said)
+    assert sentence("silent", PlantExplanation(plant().loops[:2]), 0) == ""
     assert reason(plant().loops[1], ["dead_time"])[0] == "not_tried"
     assert valve_reason(plant().loops[0]) is None and valve_reason(plant().loops[1])[0] == "below_resolution"
 

@@ -8,10 +8,11 @@ import pytest
 
 from backlash_cli.effects import EFFECTS
 from backlash_cli.record import LoopSettings
-from backlash_cli.reporter.explain_json import to_json
-from backlash_cli.reporter.explain_text import comparison_text, explanation_text
-from backlash_cli.reporter.explain_words import error_size, ladder, share, verdict
+from backlash_cli.reporter.explain_report import comparison_text, explanation_text
+from backlash_cli.reporter.json_report import model_json as to_json
 from backlash_cli.reporter.parameter_words import fill, meaning, quantity
+from backlash_cli.reporter.templates import sentence
+from backlash_cli.reporter.words import error_size, share
 from backlash_cli.results import FittedEffect, FittedParameter, Rest, Step
 from tests.reporter.explanations import SETTINGS, comparison, explanation, nothing
 from tests.reporter.reports import HOSTILE
@@ -19,7 +20,8 @@ from tests.reporter.reports import HOSTILE
 
 def test_the_ladder_is_one_line():
     steps = [Step(None, 0.032), Step("dead_time", 0.021), Step("backlash", 0.008)]
-    assert ladder(steps, 0.0075) == "baseline 3.2 % -> + dead time 2.1 % -> + backlash 0.8 % (noise floor 0.75 %)"
+    said = "baseline 3.2 % -> + dead time 2.1 % -> + backlash 0.8 % (noise floor 0.75 %)"
+    assert sentence("ladder", steps, 0.0075) == said
 
 
 @pytest.mark.parametrize(("parameter", "stage", "said"), [
@@ -159,7 +161,7 @@ def test_the_answer_says_how_sure_it_is_and_what_is_left():
 
     def told(confidence, **more):
         sure = replace(e, effects=(replace(first, confidence=confidence), *others), **more)
-        return " ".join(explanation_text(sure).split()), verdict(sure)
+        return " ".join(explanation_text(sure).split()), sentence("verdict", sure)
 
     text, said = told("clear", look_alikes=(), adequate=True, rest=Rest(1.2))
     assert said.startswith("Missing in the plain model: backlash") and "conditional" not in text

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from backlash_cli.record import Note
-from backlash_cli.reporter import figures, html
-from backlash_cli.reporter.html import single_page, write_folder
+from backlash_cli.reporter import figures, scan_report
+from backlash_cli.reporter.scan_report import single_page, write_folder
 from backlash_cli.results import Verdict
 from tests.reporter.reports import HOSTILE, record, report, result
 from tests.reporter.test_page import Reader, unpacked
@@ -28,7 +28,7 @@ def test_one_file_holds_every_loop_with_its_evidence():
 
 
 def test_many_loops_in_one_file_keep_numbers_and_name_the_folder(monkeypatch):
-    monkeypatch.setattr(html, "DRAWN", 2)
+    monkeypatch.setattr(scan_report, "DRAWN", 2)
     loops = [report(f"L{i}", 0.01 * (i + 1)) for i in range(4)]
     page = single_page(result(*loops), {r.loop: record(r.loop) for r in loops})
     assert "--output FOLDER" in page and len(Reader(page).named("details")) == 4
@@ -111,7 +111,7 @@ def test_lines_break_at_gaps():
 def test_the_picture_of_the_plant_has_sizes_intervals_bounds_and_words():
     loops = [report("a", 0.05), report("b", 0.02), report("c", 0.004, Verdict.NO_BACKLASH, confirmation=None),
              report("d", None, Verdict.CANNOT_TELL)]
-    found = {trace["name"]: trace for trace in html.plant_picture(loops)["data"]}
+    found = {trace["name"]: trace for trace in scan_report.plant_picture(loops)["data"]}
     sizes = found["backlash (2)"]
     assert sizes["x"] == [5.0, 2.0] and sizes["y"] == [0, 1] and sizes["text"] == ["", ""]
     assert sizes["error_x"]["array"] == pytest.approx([0.5, 0.2])
@@ -120,7 +120,7 @@ def test_the_picture_of_the_plant_has_sizes_intervals_bounds_and_words():
     assert found["cannot tell (1)"]["text"] == ["cannot tell"] and not found["cannot tell (1)"]["showlegend"]
 
 
-@pytest.mark.parametrize("loops", [12, html.DRAWN])
+@pytest.mark.parametrize("loops", [12, scan_report.DRAWN])
 def test_a_page_of_noisy_loops_stays_below_3_mb(loops):
     rng = np.random.default_rng(1)
     noisy = {f"L{k}": record(f"L{k}", 20_000) for k in range(loops)}

@@ -13,7 +13,7 @@ LOOPS = 12
 WRITER = f"FORMS, LOOPS = {FORMS!r}, {LOOPS}" + """
 import sys
 from pathlib import Path
-from backlash_cli.reporter.delivery import write
+from backlash_cli.reporter.scan_report import write
 from tests.reporter.reports import record, report, result
 runs = [result(*(report(f"L{i}", d) for i in range(LOOPS))) for d in (0.01, 0.03)]
 folder, once = Path(sys.argv[1]), len(sys.argv) > 2

@@ -7,10 +7,12 @@ import json
 import re
 from html.parser import HTMLParser
 
+import jinja2
 import numpy as np
 import pytest
 
-from backlash_cli.reporter.page import Cell, Section, Table, page
+from backlash_cli.reporter import templates
+from backlash_cli.reporter.page import page as whole
 from tests.reporter.reports import HOSTILE
 
 FIGURE = {"data": [{"x": np.arange(3), "y": [1.0, float("nan"), float("inf")], "name": "</script><b>"}], "layout": {}}
@@ -50,15 +52,32 @@ def unpacked(script: str) -> str:
     return gzip.decompress(base64.b64decode(script, validate=True)).decode()
 
 
+def page(title: str, body: str, **content: object) -> str:
+    """A page whose template is `body`, with the parts of all pages."""
+    environment = templates.environment("html").overlay()
+    imports = '{% from "parts.html" import section, table, td, paragraphs with context %}'
+    loader = jinja2.ChoiceLoader([jinja2.DictLoader({"test.html": imports + body}), environment.loader])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(environment, "loader", loader)
+        patch.setattr("backlash_cli.reporter.page.environment", lambda kind: environment)
+        return whole("test.html", title, **content)
+
+
+FULL = """
+{% call section("Overview") %}{{ paragraphs(names) }}
+{% call(n) table("Overview", ["Loop", "Size", "x", "y", "z"], names or ["FIC101"], choices="Loop") %}
+{{ td(n) }}{{ td(0.03, "3 %", mark="bad") }}{{ td(1.5) }}{{ td(none) }}{{ td(true) }}
+{% endcall %}{% endcall %}
+{% for n in names %}
+{% call section(n, note=n, anchor="a" ~ loop.index, folded=true, brief=n) %}{{ section(n, deeper=1) }}{% endcall %}
+{% endfor %}
+{{ section("Figure", figure, "one") }}
+"""
+
+
 def full(*names: str) -> str:
-    rows = [[name, Cell(0.03, "3 %", mark="bad"), 1.5, None, True] for name in names or ("FIC101",)]
-    table = Table(["Loop", "Size", "x", "y", "z"], rows, filterable=True, choices="Loop")
-    sections = [
-        Section("Overview", text=names, table=table),
-        *(Section(n, folded=True, anchor=f"a{i}", summary=n, note=n, parts=[Section(n)]) for i, n in enumerate(names)),
-        Section("Figure", figure=FIGURE, note="one"),
-    ]
-    return page(names[0] if names else "T", sections, subtitle="s", back=("../index.html", "All loops"))
+    return page(names[0] if names else "T", FULL, names=names, figure=FIGURE, subtitle="s",
+                back=("../index.html", "All loops"))
 
 
 @pytest.fixture(scope="module")
@@ -102,15 +121,16 @@ def test_figure_data_is_strict_json(hostile):
 def test_plotly_figures_are_taken_too():
     import plotly.graph_objects as go
 
-    html = page("T", [Section("F", figure=go.Figure(FIGURE))])
+    html = page("T", '{{ section("F", f) }}', f=go.Figure(FIGURE))
     assert json.loads(unpacked(Reader(html).scripts[0]))[0]["data"][0]["name"] == "</script><b>"
 
 
 def test_figures_keep_the_order_of_the_page_and_the_library_is_packed():
-    def one(name, **more):
-        return Section(name, figure={"data": [], "layout": {"name": name}}, **more)
-
-    html = page("T", [one("a", parts=[one("b"), Section("s", parts=[one("c")])]), one("d")])
+    drawn = {name: {"data": [], "layout": {"name": name}} for name in "abcd"}
+    html = page("T", """
+{{ section("a", f.a) }}
+{% call section("s") %}{{ section("b", f.b, deeper=1) }}{{ section("c", f.c, deeper=1) }}{% endcall %}
+{{ section("d", f.d) }}""", f=drawn)
     read = Reader(html)
     assert [f["aria-label"] for f in read.named("figure")] == [*"abcd"]
     assert [f["layout"]["name"] for f in json.loads(unpacked(read.scripts[0]))] == [*"abcd"]
@@ -118,11 +138,11 @@ def test_figures_keep_the_order_of_the_page_and_the_library_is_packed():
 
 
 def test_without_figures_the_plotting_library_stays_out():
-    assert len(page("T", [Section("S", text=["words"])])) < 20_000
+    assert len(page("T", '{% call section("S") %}words{% endcall %}')) < 20_000
 
 
 def test_the_library_may_stand_beside_the_page():
-    html = page("T", [Section("F", figure=FIGURE)], plotly_file="plotly.js")
+    html = page("T", '{{ section("F", f) }}', f=FIGURE, plotly_file="plotly.js")
     assert len(html) < 30_000 and Reader(html).named("script")[1] == {"src": "plotly.js"}
 
 

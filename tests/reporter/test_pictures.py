@@ -21,7 +21,7 @@ from backlash_cli.reporter.figures import (
     trend,
     unit,
 )
-from backlash_cli.reporter.pictures import draw_loop, loop_figure
+from backlash_cli.reporter.still import draw_loop, loop_figure
 from backlash_cli.results import Cluster, Confirmation, Estimate, LoopReport, Verdict
 
 N = 6000

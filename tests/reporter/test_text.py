@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from backlash_cli.record import Note
-from backlash_cli.reporter.text import to_text
+from backlash_cli.reporter.scan_report import to_text
 from backlash_cli.results import Verdict
 from tests.reporter.reports import HOSTILE, report, result
 
@@ -47,6 +47,11 @@ def test_foreign_names_carry_no_control_characters(name, verbose):
     text = to_text(result(report(name, None, warnings=(Note("w", name),), reasons=(Note("r", name),))), verbose=verbose)
     assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\ud800-\udfff]", text)
     assert "FIC\n101" not in text
+
+
+def test_a_stroke_in_a_name_opens_no_new_cell():
+    row = table_rows(to_text(result(report("|a|b|"))))[0]
+    assert re.split(r"\s{2,}", row)[:3] == ["|a|b|", "backlash", "3.00"]
 
 
 def test_colour_only_when_asked():

@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from backlash_cli.commands.options import dead_band
 from backlash_cli.compensate import compensate, contradiction, gain_margin
-from backlash_cli.errors import LoopError, MetadataError
+from backlash_cli.errors import LoopError, MetadataError, UsageError
 from backlash_cli.record import record_from_arrays
-from backlash_cli.reporter.compensation import ADVICE, compensation_page, to_document, to_text
+from backlash_cli.reporter.compensation import ADVICE, compensation_page, to_json, to_text
 from backlash_cli.results.compensation import ProcessModel
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, trace, use
 from backlash_cli.simulator.compensation import (
@@ -24,8 +25,7 @@ from backlash_cli.simulator.compensation import (
     white_deviation,
 )
 from backlash_cli.simulator.process_fit import fit_process
-from backlash_cli.simulator.process_text import parse_dead_band, parse_process
-from backlash_cli.simulator.scenario_file import load_scenarios, with_dead_band
+from backlash_cli.simulator.scenario_file import load_scenarios, parse_process, with_dead_band
 
 FLOW = Process(gain=1.3, lags=(20.0, 4.0), dead_time=3.0)
 PI = Controller(K=0.6, Ti=28.0)
@@ -275,7 +275,7 @@ def test_outputs(advice):
     text = to_text(advice)
     assert max(map(len, text.splitlines())) <= 100
     assert ADVICE[:30] in text
-    document = json.loads(json.dumps(to_document(advice), allow_nan=False))
+    document = json.loads(to_json(advice))
     assert document["recommended"]["gain"] == advice.recommended
     assert len(document["trials"]) == len(advice.trials)
     html = compensation_page(advice)
@@ -315,5 +315,5 @@ def test_process_file_that_cannot_be(tmp_path, content):
 
 @pytest.mark.parametrize("text", ["x", "0", "-0.1", "0.8", "60%", "nan", ""])
 def test_dead_band_that_cannot_be(text):
-    with pytest.raises(MetadataError):
-        parse_dead_band(text)
+    with pytest.raises(UsageError, match="--dead-band"):
+        dead_band(text)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import signal as ss
 
 from backlash_cli.effects import Effect, Stage, backlash
-from backlash_cli.effects.compiled import compiled
+from backlash_cli.effects.shape import compiled
 from backlash_cli.errors import LoopError, MetadataError
 from backlash_cli.record import SampleState
 from backlash_cli.simulator import (

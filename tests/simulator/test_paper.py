@@ -6,14 +6,21 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from backlash_cli.commands.paper import paper as command
+from backlash_cli.commands.simulate import paper as command
 from backlash_cli.estimator.haegglund import published_estimates
-from backlash_cli.reporter.paper import paper_page, to_document, to_text
+from backlash_cli.reporter.paper import paper_page, to_json, to_text
 from backlash_cli.simulator import simulate
-from backlash_cli.simulator.paper import reproduce
-from backlash_cli.simulator.paper.estimates import default_gain
-from backlash_cli.simulator.paper.published import ESTIMATES, PUBLISHED
-from backlash_cli.simulator.paper.simulated import absolute_error, cycle_of, example_1, example_2
+from backlash_cli.simulator.paper import (
+    absolute_error,
+    cycle_of,
+    default_gain,
+    example_1,
+    example_2,
+    published,
+    reproduce,
+)
+
+PUBLISHED, ESTIMATES = published()
 
 
 @pytest.fixture(scope="module")
@@ -21,14 +28,14 @@ def report():
     return reproduce(published_estimates)
 
 
-@pytest.mark.parametrize("published", PUBLISHED, ids=lambda p: p.key)
-def test_row(report, published):
-    row = next(r for r in report.rows if r.published is published)
-    if published.why:
+@pytest.mark.parametrize("number", PUBLISHED, ids=lambda p: p.key)
+def test_row(report, number):
+    row = next(r for r in report.rows if r.published == number)
+    if number.why:
         assert not row.agrees, "the reason why it differs is out of date"
-        assert abs(row.ours - published.certified) <= published.certified_tolerance
+        assert abs(row.ours - number.certified) <= number.certified_tolerance
     else:
-        assert row.agrees, f"paper {published.value}, ours {row.ours}"
+        assert row.agrees, f"paper {number.value}, ours {row.ours}"
 
 
 def test_every_row_belongs_to_a_figure(report):
@@ -86,8 +93,8 @@ def test_outputs(report):
     text = to_text(report)
     assert all(p.quantity[:40] in text for p in PUBLISHED)
     assert max(map(len, text.splitlines())) <= 120
-    document = to_document(report)
-    assert len(json.loads(json.dumps(document))["rows"]) == len(PUBLISHED)
+    document = json.loads(to_json(report))
+    assert len(document["rows"]) == len(PUBLISHED)
     html = paper_page(report)
     assert html.count("<h2") >= len(report.figures)
 

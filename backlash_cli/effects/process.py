@@ -1,0 +1,230 @@
+"""What the process does: its first lag, and beyond it dead time, a second lag, a gain that drifts.
+
+The measurement of a scan is taken before the output of the same scan acts, so x[k+1] depends on u[k] and older.
+
+Dead time: the process answers only after the material has travelled, for example along a pipe.
+
+Any theta >= 0. With theta = (n + f) samples the delayed, held signal changes inside the sample interval; the output
+sample is its mean over the interval, (1 - f) u[k-n] + f u[k-n-1].
+
+>>> p = DEAD_TIME.pack(theta=1.25)
+>>> DEAD_TIME.apply([0.0, 1.0, 1.0, 1.0, 0.0], p, interval=1.0).tolist()
+[0.0, 0.0, 0.75, 1.0, 1.0]
+
+Second lag: a further first-order lag in series, for example a thermowell, an actuator or a filter.
+
+dx/dt = (u - x) / tau2 with u held over the sample. The output sample is the mean of x over the interval, so that a
+lag behind it sees the right area.
+
+>>> p = SECOND_LAG.pack(tau2=2.0)
+>>> SECOND_LAG.apply([0.0, 1.0, 1.0, 1.0], p, interval=1.0).round(4).tolist()
+[0.0, 0.2131, 0.5227, 0.7105]
+
+Drifting gain: the same move of the valve does more and more, or less and less, as with fouling or a catalyst.
+
+The signal's distance from `pivot` grows by `growth` per hour, counted from the first sample.
+
+>>> p = GAIN_DRIFT.pack(growth=0.5, pivot=0.4)
+>>> GAIN_DRIFT.apply([0.5, 0.5, 0.4], p, interval=3600.0).round(3).tolist()
+[0.5, 0.55, 0.4]
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import MetadataError
+from ..record import FloatArray
+from .fitting import Clues, Fitting, Propose, Values
+from .shape import Effect, Parameter, Stage
+
+# delayed samples are kept in memory
+MOST_SAMPLES = 10_000_000
+
+
+def ring(p: FloatArray, interval: float, first: float) -> FloatArray:
+    """State: [next place in the ring, fraction f, ring of the last n + 1 inputs]."""
+    samples = p[0] / interval
+    if samples > MOST_SAMPLES:
+        raise MetadataError(f"a dead time of {p[0]:g} s is {samples:.0f} samples", remedy="sample more coarsely")
+    # a theta written as k intervals must not turn into k - 1 intervals and a fraction of 1 - 1e-16
+    whole = np.floor(samples + 1e-9)
+    return np.concatenate([[0.0, max(samples - whole, 0.0)], np.full(int(whole) + 1, first)])
+
+
+def delay_step(state: FloatArray, value: float, p: FloatArray) -> float:
+    if p[0] == 0.0:
+        return value
+    size = state.size - 2
+    place = int(state[0])
+    fraction = state[1]
+    older = state[2 + place]
+    state[2 + place] = value
+    place = (place + 1) % size
+    state[0] = place
+    newer = state[2 + place]
+    if fraction == 0.0:
+        return newer
+    return newer + fraction * (older - newer)
+
+
+def delayed(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
+    return values if p[0] == 0.0 else late(values, p[0] / interval)
+
+
+def late(values: FloatArray, samples: float) -> FloatArray:
+    """Return a signal (samples,) delayed by any number of samples; before the first it was constant."""
+    whole = int(np.floor(samples + 1e-9))
+    part = max(samples - whole, 0.0)
+    n = len(values)
+    out = np.full(n, values[0])
+    if whole < n:
+        out[whole:] = values[: n - whole]
+    if part > 0.0 and whole + 1 < n:
+        out[whole + 1 :] += part * (values[: n - whole - 1] - values[1 : n - whole])
+    return out
+
+
+def delayed_lag(u: FloatArray, h: float, tau: float, delay: float) -> FloatArray:
+    """Return how a first-order lag of time constant `tau` [s] follows the held samples u after `delay` [s].
+
+    u: (samples,); h: sampling interval [s]. Exact for a zero-order hold, also when the delay is not a multiple of
+    h. Before the first sample u is taken as constant. Formula: x[k+1] = a x[k] + (e-a) u[k-n-1] + (1-e) u[k-n]
+    with delay = (n+f) h, a = exp(-h/tau), e = exp(-(1-f) h/tau) (Astrom and Wittenmark, Computer-Controlled
+    Systems, section 3.2).
+    """
+    whole = int(delay / h)
+    a, e = float(np.exp(-h / tau)), float(np.exp(-(1.0 - (delay / h - whole)) * h / tau))
+    from ..kernels import lag
+
+    followed: FloatArray = lag(u, a, e - a, 1.0 - e, whole)
+    return followed
+
+
+def lag_transposed(z: FloatArray, h: float, tau: float) -> FloatArray:
+    """Return the transposed lag of z (samples,): <lagged u, z> = <u, lag_transposed z> for u that starts at 0."""
+    return delayed_lag(np.append(0.0, z[::-1]), h, tau, 0.0)[:0:-1]
+
+
+def forgotten(samples: int, h: float, tau: float) -> FloatArray:
+    """Return exp(-t/tau) at t = 0, h, 2 h ..., (samples,): how a lag forgets its start."""
+    out = np.zeros(samples)
+    # after 40 time constants nothing is left that a float could tell from 0
+    some = min(samples, int(40.0 * tau / h) + 1)
+    out[:some] = np.exp(-h / tau * np.arange(some))
+    return out
+
+
+def shares_of_lag(name: str, *shares: float) -> Propose:
+    """Return start values of a time that are shares of the process lag."""
+    return lambda clues: [{name: share * clues.lag} for share in shares]
+
+
+DEAD_TIME = Effect(
+    name="dead_time",
+    stage=Stage.PROCESS,
+    sentence="Dead time: nothing happens at the measurement until a transport delay has passed.",
+    source="Transport delay exp(-s theta), sampled as in Astrom and Wittenmark, Computer-Controlled Systems (1997)",
+    parameters=(Parameter("theta", "s", "dead time", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
+    start=ring,
+    step=delay_step,
+    fitting=Fitting(
+        whole=delayed,
+        propose=shares_of_lag("theta", 0.1, 0.25, 0.5, 0.8, 1.2, 2.0),
+        siblings=("second_lag",),
+        meaning="The process answers {theta} after the valve moves. Give the dead time in the loop's settings and "
+        "check the tuning; look for long pipes, slow analysers and sample lines.",
+    ),
+)
+
+
+def lag_start(p: FloatArray, interval: float, first: float) -> FloatArray:
+    """State: [x at the start of the sample, decay over one sample, mean weight of the old x]."""
+    ratio = interval / p[0] if p[0] > 0.0 else np.inf
+    return np.array([first, np.exp(-ratio), -np.expm1(-ratio) / ratio])
+
+
+def lag_step(state: FloatArray, value: float, p: FloatArray) -> float:
+    away = state[0] - value
+    if p[0] == 0.0 or away == 0.0:
+        state[0] = value
+        return value
+    state[0] = value + away * state[1]
+    return value + away * state[2]
+
+
+def lagged(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
+    from ..kernels import lag
+
+    if p[0] == 0.0:
+        return values
+    ratio = interval / p[0]
+    decay = np.exp(-ratio)
+    # its mean over each sample, from where it stands at the sample's start
+    return values - np.expm1(-ratio) / ratio * (np.asarray(lag(values, decay, 0.0, 1.0 - decay, 0)) - values)
+
+
+SECOND_LAG = Effect(
+    name="second_lag",
+    stage=Stage.PROCESS,
+    sentence="Second lag: the process has a further time constant that makes its answer start slowly.",
+    source="First-order lag 1/(1 + s tau2), exact for held input (Astrom and Wittenmark 1997)",
+    parameters=(Parameter("tau2", "s", "time constant of the second lag", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
+    start=lag_start,
+    step=lag_step,
+    fitting=Fitting(
+        whole=lagged,
+        propose=shares_of_lag("tau2", 0.1, 0.25, 0.5, 0.9),
+        on_loads=True,
+        siblings=("dead_time",),
+        meaning="The process has a second lag of {tau2}, for example a thermowell, a heavy filter or the actuator. "
+        "Derivative action or faster hardware helps.",
+    ),
+)
+
+
+def drift_start(p: FloatArray, interval: float, first: float) -> FloatArray:
+    """State: [sample number, interval in hours]."""
+    return np.array([0.0, interval / 3600.0])
+
+
+def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
+    hours = state[0] * state[1]
+    state[0] += 1.0
+    if p[0] == 0.0:
+        return value
+    return value + p[0] * hours * (value - p[1])
+
+
+def drifted(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
+    if p[0] == 0.0:
+        return values
+    return values + p[0] * (interval / 3600.0) * np.arange(len(values)) * (values - p[1])
+
+
+def drifts(clues: Clues) -> list[Values]:
+    """Return gains that change by a third to once over the record, about the mean of the output and about nothing."""
+    hours = clues.duration / 3600.0
+    places = (0.0, float(np.mean(clues.output)))
+    return [{"growth": g / hours, "pivot": place} for g in (-0.6, -0.3, 0.3, 1.0) for place in places]
+
+
+GAIN_DRIFT = Effect(
+    name="gain_drift",
+    stage=Stage.PROCESS,
+    sentence="Drifting gain: with time the same move of the valve does more, or less, as with fouling or wear.",
+    source="Time-varying process gain, e.g. Astrom and Wittenmark, Adaptive Control (1995), section 1.4",
+    parameters=(
+        Parameter("growth", "1/h", "growth of the gain per hour, as a share", 0.0, -1e3, 1e3, (-0.1, 0.1)),
+        Parameter("pivot", "OP span", "signal at which it does not show", 0.0, -2.0, 3.0, (0.0,), nuisance=True),
+    ),
+    start=drift_start,
+    step=drift_step,
+    fitting=Fitting(
+        whole=drifted,
+        propose=drifts,
+        seldom=True,
+        meaning="The gain of the process changes by {growth}. Look for fouling, a plugging filter, a catalyst that "
+        "ages, or another product; retune or schedule the controller.",
+    ),
+)

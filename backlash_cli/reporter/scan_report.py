@@ -1,0 +1,214 @@
+"""The report of a scan in the form that was asked for: text, JSON, CSV, Parquet, pages for a browser, pictures."""
+
+from __future__ import annotations
+
+import operator
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from .._version import __version__
+from ..errors import UsageError, nearest
+from ..record import Note, Record
+from ..results import UNDECIDED, LoopReport, ScanResult, Verdict
+from . import figures
+from .console import WIDTH, screen
+from .figures import POINTS, Figure
+from .files import make_folder, replacing, write_parts
+from .json_report import json_parts
+from .page import LoopPart, one_page, write_folder_of
+from .plant_figures import PlantRow, plant_figure
+from .safe import file_names
+from .tables import columns_of, csv_parts, write_parquet
+from .templates import sentence
+from .words import MARKS, VERDICTS, by_size, excluded, moment, percent, size
+
+DRAWN = 40  # loops in the picture of the plant, and with figures of their own in a single file; a folder has no limit
+FINE = 12  # of them with lines as fine as a screen; more share the room, so that a page stays below 3 MB
+_TITLE = "Dead band report"
+_SUFFIXES = {".json": "json", ".csv": "csv", ".parquet": "parquet", ".html": "html", ".htm": "html", ".txt": "table"}
+_COLOURS = {"bad": "bold red", "warn": "yellow", "good": "green", "quiet": "dim"}
+
+Rule = Callable[[LoopReport], bool]
+
+_RULE = re.compile(r"d\s*(>=|>)\s*(\d+(?:\.\d*)?|\.\d+)\s*(%?)")
+_RULES: dict[str, tuple[Verdict, ...]] = {
+    **{str(v): (v,) for v in (Verdict.BACKLASH, Verdict.OSCILLATING, Verdict.CANNOT_TELL, Verdict.INSUFFICIENT_DATA,
+                              Verdict.ERROR)},
+    "suspected": (Verdict.BACKLASH, Verdict.SUSPECTED),
+    "any": (Verdict.BACKLASH, Verdict.SUSPECTED, Verdict.OSCILLATING),
+}
+
+
+def check_delivery(form: str | None, output: Path | None, table: str) -> str | None:
+    """Return the form to write, from `form` or else the suffix of `output`; None when neither says.
+
+    Raises UsageError for what cannot be, before any work is done.
+    """
+    columns_of(table)
+    if form is None and output is not None:
+        form = _SUFFIXES.get(output.suffix.lower(), "table")
+    if form == "parquet" and output is None:
+        raise UsageError("Parquet is not for a terminal", where="--format parquet", remedy="add --output FILE.parquet")
+    if table != "loops" and form not in ("csv", "parquet"):
+        raise UsageError("there are tables in CSV and Parquet only", where=f"--table {table}",
+                         remedy="add --format csv")
+    if output is not None and form != "html" and output.is_dir():
+        raise UsageError("this is a folder", where=f"--output {output}", remedy="give the name of a file")
+    return form
+
+
+def render(
+    result: ScanResult, records: Mapping[str, Record], form: str, table: str = "loops", *, verbose: bool = False,
+    colour: bool = False,
+) -> Iterator[str]:
+    """Return the report as text in one of the forms table, json, csv, html; piece by piece, loop by loop."""
+    if form == "json":
+        return json_parts(result)
+    if form == "csv":
+        return csv_parts(result, table)
+    return iter([single_page(result, records) if form == "html" else to_text(result, verbose=verbose, colour=colour)])
+
+
+def write(
+    result: ScanResult, records: Mapping[str, Record], form: str, output: Path, table: str = "loops", *,
+    verbose: bool = False, step: Callable[[], None] = lambda: None,
+) -> None:
+    """Write the report to a file, or as pages to a folder; the old report stays until the new one is whole.
+
+    Raises BacklashError when the place cannot be written.
+    """
+    if form == "parquet":
+        with replacing(output) as temporary:
+            write_parquet(result, temporary, table)
+    elif form == "html" and output.suffix.lower() not in (".html", ".htm"):
+        write_folder(output, result, records, step)
+    else:
+        write_parts(output, render(result, records, form, table, verbose=verbose))
+
+
+def draw(
+    result: ScanResult, records: Mapping[str, Record], folder: Path, step: Callable[[], None] = lambda: None
+) -> int:
+    """Draw a picture (PNG) of each loop's evidence into `folder`, made if need be; return how many.
+
+    Loops that could not be read have no record and no picture. Raises BacklashError when the place cannot be written.
+    """
+    from .still import draw_loop
+
+    make_folder(folder)
+    reports = [r for r in result.loops if r.loop in records and r.samples]
+    names = file_names(r.loop for r in reports)
+    for r in reports:
+        draw_loop(records[r.loop], r, folder, name=names[r.loop])
+        step()
+    return len(reports)
+
+
+def to_text(result: ScanResult, *, verbose: bool = False, colour: bool = False, width: int = WIDTH) -> str:
+    """Return a line per loop, largest dead band first; `verbose` adds every reason and warning of every loop."""
+    reports = by_size(result.loops)
+    counts = Counter(r.verdict for r in reports)
+    said = ", ".join(f"{counts[v]} {words}" for v, words in VERDICTS.items() if counts[v])
+    kinds: dict[str, dict[str, Note]] = {}  # code of a warning -> loop -> its first one
+    for report in reports:
+        for note in report.warnings:
+            kinds.setdefault(note.code, {}).setdefault(report.loop, note)
+    return screen("scan.txt", colour=colour, width=min(width, WIDTH), result=result, reports=reports, verbose=verbose,
+                  said=said, kinds=kinds, colours=_COLOURS, undecided=sum(counts[v] for v in UNDECIDED))
+
+
+def single_page(result: ScanResult, records: Mapping[str, Record]) -> str:
+    """Return one self-contained page; figures for the first 40 loops of the work list, numbers for all."""
+    reports = by_size(result.loops)
+    points = min(POINTS, POINTS * FINE // max(1, min(len(reports), DRAWN)))
+    loops = [*_loops(reports[:DRAWN], records, points), *_loops(reports[DRAWN:], {})]
+    return one_page(_TITLE, _subtitle(result), loops, "scan.html", overview(result, cut=len(reports) > DRAWN))
+
+
+def write_folder(folder: Path, result: ScanResult, records: Mapping[str, Record],
+                 step: Callable[[], None] = lambda: None) -> None:
+    """Write index.html and a page per loop, which is loaded when it is opened; `step` is called after each page."""
+    write_folder_of(folder, _TITLE, _subtitle(result), _loops(by_size(result.loops), records), "scan.html",
+                    overview(result), result, step)
+
+
+def _loops(reports: Sequence[LoopReport], records: Mapping[str, Record], points: int = POINTS) -> list[LoopPart]:
+    return [LoopPart(r.loop, MARKS[r.verdict], sentence("brief", r), "loop.html",
+                     partial(_evidence, r, records, points)) for r in reports]
+
+
+def _evidence(r: LoopReport, records: Mapping[str, Record], points: int) -> dict[str, Any]:
+    """What can be seen with bare eyes first; points: of each line over time."""
+    record = records.get(r.loop)  # one at a time is in memory
+    found = {"report": r, "undecided": r.verdict in UNDECIDED}
+    if record is None or not len(record):
+        return {**found, "drawn": {}}
+    window = figures.close_look(record, r)
+    drawn = {"close": figures.trend(record, r, window, points, room=0.06),
+             "trend": figures.trend(record, r, points=points)}
+    if record.output is not None:
+        drawn["plane"] = figures.plane(record, window, r, points)
+    if r.estimates:
+        drawn["estimates"] = figures.estimates(r)
+    if r.confirmation is not None and r.confirmation.profile:
+        drawn["profile"] = figures.profile(r)
+    return {**found, "drawn": drawn, "part": window.stop - window.start < len(record)}
+
+
+def overview(result: ScanResult, *, cut: bool = False) -> dict[str, Any]:
+    """Return what the overview shows; cut: the page has figures of the first loops only."""
+    reports = by_size(result.loops)
+    return {"result": result, "reports": reports, "shown": reports[:DRAWN], "cut": cut,
+            "picture": plant_picture(reports[:DRAWN])}
+
+
+def plant_picture(reports: Sequence[LoopReport]) -> Figure:
+    """The loops of the work list, worst on top: size with its 95 % interval, or what is excluded; colour by verdict."""
+    rows = []
+    for r in reports:
+        d, below = size(r), excluded(r)
+        words = "" if d is not None else VERDICTS[r.verdict] if below is None else f"below {percent(below)}"
+        rows.append(PlantRow(r.loop, VERDICTS[r.verdict], MARKS[r.verdict], d, r.cluster.ci95 if r.cluster else None,
+                             below, None if d is None else r.limit_of_detection, words, sentence("brief", r)))
+    return plant_figure(rows, "limit of detection")
+
+
+def _subtitle(result: ScanResult) -> str:
+    starts = [r.start for r in result.loops if r.start is not None]
+    ends = [r.end for r in result.loops if r.end is not None]
+    first, last = (moment(min(starts)), moment(max(ends))) if starts and ends else (None, None)
+    return sentence("made", len(result.loops), first, last, __version__)
+
+
+def parse_rules(texts: Iterable[str], where: str = "--fail-on") -> list[Rule]:
+    """Return the rules of the given texts; raises UsageError with the known ones for a rule that is none."""
+    return [_rule(part.strip(), where) for text in texts for part in text.split(",")]
+
+
+def met(rules: Sequence[Rule], reports: Iterable[LoopReport]) -> list[str]:
+    """Names of the loops that meet one of the rules."""
+    return [r.loop for r in reports if any(rule(r) for rule in rules)]
+
+
+def _rule(text: str, where: str) -> Rule:
+    known = _RULES.get(text.lower().replace("-", "_"))
+    if known is not None:
+        return lambda report: report.verdict in known
+    found = _RULE.fullmatch(text.lower())
+    if found is None:
+        known_rules = [*_RULES, "d>0.03", "d>3%"]
+        hint = nearest(text, known_rules)
+        if hint.startswith("did"):
+            hint = f"{hint} Rules: {', '.join(known_rules)}"
+        raise UsageError(f"no rule {text!r}", where=where, remedy=hint)
+    sign, number, per_cent = found.groups()
+    limit = float(number) / (100.0 if per_cent else 1.0)
+    if limit > 1.0:
+        raise UsageError(f"a dead band of {limit:g} spans cannot be", where=f"{where} {text}",
+                         remedy=f"d is a part of the span (0.03 is 3 %); did you mean d{sign}{number}% ?")
+    compare = operator.gt if sign == ">" else operator.ge
+    return lambda report: (d := size(report)) is not None and compare(d, limit)
