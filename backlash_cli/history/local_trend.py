@@ -28,7 +28,8 @@ MONTH = 30.0  # days over which the slope is told
 TRUST = 30.0  # nights that the noise of the nights is sure of; it is known from neighbouring nights
 WIDE = 10.0  # times its own error, that a night which lies apart may be off
 APART = 0.03  # share of nights that lie apart, and of nights after which the level steps, before they are looked at
-STEPS = 0.01
+STEPS = 0.02
+DOUBT = 0.5  # of that, for a step that single nights speak for and the search has not found
 JUMP = 0.5  # usual size of a step, in usual levels
 MAYBE = 2.0  # standard errors of a step that may have come; OPEN of these are kept in mind
 OPEN = 4
@@ -221,11 +222,11 @@ class Trend:
 def fit(nights: Nights, shocks: Shocks, ways: Iterable[Way] = tuple(BELIEF)) -> Trend:
     """Return the trend through the nights: all ways to bend, and steps that may just have come, by their evidence."""
     ways, (data, given) = tuple(ways), _thinned(nights, shocks)
-    tried = [(given, Fit(data, way, given)) for way in ways]
+    tried = [(given.belief(), Fit(data, way, given)) for way in ways]
     for k in _maybe_steps(data, given, max((f for _, f in tried), key=lambda f: f.evidence)):
         other = Shocks(tuple(j for j in given.apart if not k <= j < k + LEAST), tuple(sorted((*given.steps, k))))
-        tried += [(other, Fit(data, way, other)) for way in ways]
-    score = np.array([f.evidence + s.belief() + np.log(BELIEF[f.way]) for s, f in tried])
+        tried += [(other.belief() + float(np.log(DOUBT)), Fit(data, way, other)) for way in ways]
+    score = np.array([belief + f.evidence + np.log(BELIEF[f.way]) for belief, f in tried])
     weight = np.exp(score - score.max())
     weight /= weight.sum()
     straight = float(sum(w for w, (_, f) in zip(weight, tried, strict=True) if f.way == LINE))
