@@ -39,10 +39,6 @@ class SampleState(IntEnum):
     FROZEN = 5  # measurement repeats the same number for too long
     IMPLAUSIBLE = 6  # far outside the span (spike)
 
-    @property
-    def usable(self) -> bool:
-        return self <= SampleState.FILLED
-
 
 @dataclass(frozen=True)
 class Note:

@@ -22,8 +22,8 @@ from .scan import Job, kept, undated
 from .terminal import emit, say, several
 
 if TYPE_CHECKING:
-    from ..history import exports
-    from ..history.nightly_config import NightlyConfig
+    from ..history.nightly import Export as Found
+    from ..history.nightly import NightlyConfig
     from ..history.plant import PlantHistory
     from ..history.store import History
     from ..record import Record
@@ -50,8 +50,7 @@ def nightly(config: Path, check: bool) -> int:
     Exit status: 0 done; 1 a fail_on rule was met; 2 wrong use, another job works, or nothing could be read; 3 done,
     but some export or loop could not be analysed.
     """
-    from ..history.exports import missing_dates
-    from ..history.nightly_config import read_config
+    from ..history.nightly import missing_dates, read_config
 
     settings = read_config(config)
     if check:
@@ -59,7 +58,7 @@ def nightly(config: Path, check: bool) -> int:
         lines = [f"{e.name}: {', '.join(terminal(path.name) for path in e.files)}" for e in found]
         emit("\n".join([*lines, *(f"{day}: missing" for day in missing_dates(found))]) + "\n")
         return 0
-    with open_log(settings.log_file, settings.log_format) as log:
+    with open_log(settings.log.file, settings.log.format) as log:
         summary, status = run(settings, log)
     emit(summary + "\n")
     return status
@@ -117,11 +116,10 @@ def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
 
     Raises BacklashError when nothing can be done: wrong configuration, another job, no export that can be read.
     """
-    from ..history.exports import missing_dates
-    from ..history.lock import lock
+    from ..history.nightly import lock, missing_dates
     from ..history.plant import plant_history
     from ..history.store import History
-    from ..reporter.rules import met, parse_rules
+    from ..reporter.scan_report import met, parse_rules
 
     limits = read_profile(config.limits, config.loops)
     rules = parse_rules((rule for rule in config.fail_on if rule != PULL), f"{config.path}, fail_on")
@@ -147,8 +145,8 @@ def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
     return summary, 1 if hits else 3 if night.failed or night.incomplete else 0
 
 
-def _exports(config: NightlyConfig) -> list[exports.Export]:
-    from ..history.exports import find_exports
+def _exports(config: NightlyConfig) -> list[Found]:
+    from ..history.nightly import find_exports
 
     found = find_exports(config.inputs, together=config.together, look_back=config.look_back)
     if not found:
@@ -157,12 +155,12 @@ def _exports(config: NightlyConfig) -> list[exports.Export]:
     return found
 
 
-def _scan_all(config: NightlyConfig, found: Sequence[exports.Export], store: History, night: Night, log: Log) -> None:
+def _scan_all(config: NightlyConfig, found: Sequence[Found], store: History, night: Night, log: Log) -> None:
     from ..loaders import ReadOptions
     from ..loaders.sources import find_sidecars, find_sources
     from ..scanning import ScanOptions
 
-    def lost(export: exports.Export, reason: str) -> None:
+    def lost(export: Found, reason: str) -> None:
         night.failed.append(export.name)
         log("failed", "error", night=export.name, reason=reason)
 
@@ -202,14 +200,14 @@ def _scan_all(config: NightlyConfig, found: Sequence[exports.Export], store: His
             late=export.name in night.late)
         for note in scan.failures:
             log("not analysed", "warning", night=export.name, reason=note.message)
-        if config.scan is not None:
-            _write_scan(config.scan, config.keep, export.name, scan, job.records, log)
+        if config.outputs.scan is not None:
+            _write_scan(config.outputs.scan, config.outputs.keep, export.name, scan, job.records, log)
 
 
 def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records: Mapping[str, Record],
                 log: Log) -> None:
     """Write the report of one night and remove the oldest ones beyond `keep`."""
-    from ..history.exports import expand, matches
+    from ..history.nightly import expand, matches
     from ..reporter.scan_report import check_delivery, write
 
     target = Path(expand(pattern, name))
@@ -225,13 +223,13 @@ def _write_reports(config: NightlyConfig, plant: PlantHistory, store: History, l
     from ..reporter.files import write_text
     from ..reporter.history_report import trend_json, write_report
 
-    if config.report is not None:
-        config.report.parent.mkdir(parents=True, exist_ok=True)
-        write_report(config.report, plant.places, plant.wears, plant.nights, store.recent_half_periods)
-        log("report", path=str(config.report))
-    if config.trend is not None:
-        config.trend.parent.mkdir(parents=True, exist_ok=True)
-        write_text(config.trend, trend_json(plant.wears, plant.places))
+    if config.outputs.report is not None:
+        config.outputs.report.parent.mkdir(parents=True, exist_ok=True)
+        write_report(config.outputs.report, plant.places, plant.wears, plant.nights, store.recent_half_periods)
+        log("report", path=str(config.outputs.report))
+    if config.outputs.trend is not None:
+        config.outputs.trend.parent.mkdir(parents=True, exist_ok=True)
+        write_text(config.outputs.trend, trend_json(plant.wears, plant.places))
 
 
 def _summary(config: NightlyConfig, night: Night, plant: PlantHistory, hits: Sequence[str]) -> str:
@@ -248,8 +246,8 @@ def _summary(config: NightlyConfig, night: Night, plant: PlantHistory, hits: Seq
                for action, words in (("pull", "pull"), ("room", "pull if room"), ("watch", "watch"))}
     said = {**actions, "late": night.late, "missing": night.missing, "failed": night.failed, "alarm": hits}
     parts += [f"{words} {_names(names)}" for words, names in said.items() if names]
-    if config.report is not None:
-        parts.append(f"report {config.report}")
+    if config.outputs.report is not None:
+        parts.append(f"report {config.outputs.report}")
     return terminal("; ".join(parts))
 
 

@@ -74,8 +74,7 @@ def scan(export: Export, demo: bool, form: str | None, output: Path | None, tabl
     Exit status: 0 done; 1 a --fail-on rule was met; 2 wrong use, or nothing could be read; 3 done, but some file or
     loop could not be analysed. When both 1 and 3 apply it is 1.
     """
-    from ..reporter.rules import met, parse_rules
-    from ..reporter.scan_report import check_delivery, draw
+    from ..reporter.scan_report import check_delivery, draw, met, parse_rules
     from ..scanning import ScanOptions
 
     if demo == bool(export.inputs):
@@ -160,12 +159,10 @@ class Job:
     def plant(self) -> OpenPlant:
         return self._open(self.export.inputs)
 
-    @cached_property
+    @property
     def records(self) -> Mapping[str, Record]:
         """The loops by name, each read again when it is asked for: pictures need the samples."""
-        from ..loaders.plant import RecordsByName
-
-        return RecordsByName(self.plant.recipes)
+        return self.plant
 
     def scan(self, inputs: Sequence[Path | Remote] | None = None) -> ScanResult:
         """Return the result of all inputs, or of these."""

@@ -199,9 +199,9 @@ def _deliver(found: Found, page: Callable[[Found], str], text: Callable[..., str
     if html is not None:
         put(html, page(found), "page")
     if json_file is not None:
-        from ..reporter.explain_json import to_json
+        from ..reporter.json_report import model_json
 
-        put(json_file, to_json(found), "numbers")
+        put(json_file, model_json(found), "numbers")
     if str(json_file) != "-":
         put(None, text(found, verbose=verbose, colour=sys.stdout.isatty()))
 
@@ -261,10 +261,10 @@ def explain_plant(export: Export, effects: tuple[str, ...], output: Path | None,
 def _write_folder(folder: Path, loops: Sequence[str], found: Iterator[Explanation], kept: list[Explanation],
                   summary: Callable[[], PlantExplanation], told: str) -> None:
     """Write a page per loop as it comes, then the index, the table and the numbers. told: what the report is about."""
-    from ..reporter.explain_json import to_json
     from ..reporter.explain_report import explain_page
     from ..reporter.explain_summary import to_page
     from ..reporter.files import write_text
+    from ..reporter.json_report import model_json
     from ..reporter.page import links_to, write_pages
     from ..reporter.safe import file_names
 
@@ -274,7 +274,7 @@ def _write_folder(folder: Path, loops: Sequence[str], found: Iterator[Explanatio
 
     def index(subfolder: str) -> str:
         for x in kept:
-            write_text(folder / subfolder / f"{names[x.loop]}.json", to_json(x))
+            write_text(folder / subfolder / f"{names[x.loop]}.json", model_json(x))
         links = links_to({x.loop: names[x.loop] for x in kept}, subfolder)
         return to_page(summary(), links, plotly_file=f"{subfolder}/plotly.js")
 

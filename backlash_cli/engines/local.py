@@ -62,7 +62,7 @@ def analyse(loops: Sequence[Loop], options: ScanOptions | None = None, *, jobs: 
     missing = [loop for loop, known in zip(loops, kept, strict=True) if known is None]
     fresh = _analysed(missing, options or ScanOptions(), jobs, keep, client)
     for known in kept:
-        yield next(fresh) if known is None else known.report
+        yield next(fresh) if known is None else known
 
 
 def _analysed(loops: list[Loop], options: ScanOptions, jobs: int | None, keep: Unfinished | None,

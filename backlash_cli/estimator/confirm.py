@@ -38,6 +38,7 @@ SHORTEST = 10.0  # integral times: a shorter record holds no loop's behaviour
 FEWEST_BLOCKS = 60  # of Ti/8: no prediction can be fitted to fewer
 WIDEST = 20.0  # % of span: the widest width tried
 WIDTHS, FINE = 16, 9  # how many of them, and how many between the neighbours of the best
+AS_GOOD = 0.8  # of what the best imitation gains, that a gap must gain at least
 LEAST_INTERVAL, IMPERFECTION = 0.08, 0.6  # of d, each way: floor, and what imitations gain as a share of the gap's gain
 GAP = 20  # samples; a hole as long ends a recording
 MOST_SAMPLES = 1 << 22  # kept of one loop; of a longer record the last ones
@@ -220,6 +221,9 @@ def memory(values: FloatArray) -> float:
 def _evidence(asked: Sequence[Asked]) -> float:
     """Evidence [nats] for the best width: the mean of the two block lengths that show it best. In one of them the
     answer must be a possible one; slow parts of it are known too badly to ask that of both."""
-    possible = np.max([a.net for a in asked], axis=0)
-    second = np.sort([a.fitting for a in asked], axis=0)[-2] if len(asked) > 1 else 0.0
+    # where an imitation does clearly better than the gap there is no evidence: so it is under a load that switches
+    kept = [np.where(a.test.fit > AS_GOOD * a.imitation, np.inf, 0.0) for a in asked]
+    possible = np.max([np.minimum(a.net, k) for a, k in zip(asked, kept, strict=True)], axis=0)
+    fitting = [np.minimum(a.fitting, k) for a, k in zip(asked, kept, strict=True)]
+    second = np.sort(fitting, axis=0)[-2] if len(asked) > 1 else 0.0
     return float(np.max(np.where(possible > 0.0, 0.5 * (possible + second), np.minimum(possible, 0.0))))

@@ -2,16 +2,42 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import msgspec
 
 from ..errors import MetadataError, nearest
 from ..results.history import Limit
+from .pages import Page, checked, read_page, toml
+
+
+class _Profile(Page, frozen=True):
+    default: str | None = None
+    classes: Mapping[str, Any] = {}
+    assign: Sequence[Any] = ()
+    loops: Mapping[str, Any] = {}
+
+
+class _Entry(Page, frozen=True):
+    limit: Annotated[float, msgspec.Meta(gt=0, le=100)]
+    source: str = "not given"
+
+
+class _OfClass(Page, frozen=True):
+    name: str = msgspec.field(name="class")
+
+
+class _Assign(_OfClass, frozen=True):
+    loops: str | Annotated[list[str], msgspec.Meta(min_length=1)]
+
+
+_WORDS = {"": "a table with a number `limit`", "limit": "a number of per cent between 0 and 100",
+          "loops": "a name, a pattern, or a list of them"}
 
 
 @dataclass(frozen=True)
@@ -21,16 +47,20 @@ class Limits:
     classes: Mapping[str, Limit]
     default: str
     assign: tuple[tuple[str, str], ...] = ()
-    loops: Mapping[str, Limit] | None = None
+    loops: Mapping[str, Limit] = field(default_factory=dict)
 
     def of(self, loop: str) -> Limit:
         """Return the limit of a loop: its own, else that of the first pattern that fits, else the default's."""
-        if self.loops and loop in self.loops:
+        if loop in self.loops:
             return self.loops[loop]
-        for pattern, name in self.assign:
-            if fnmatchcase(loop.lower(), pattern.lower()):
-                return self.classes[name]
-        return self.classes[self.default]
+        fitting = (name for pattern, name in self.assign if fnmatchcase(loop.lower(), pattern.lower()))
+        return self.classes[next(fitting, self.default)]
+
+    def known(self, name: str, where: str) -> str:
+        """Return the name of a class. Raises MetadataError where the profile has none of that name."""
+        if name not in self.classes:
+            raise MetadataError(f"no class {name!r}", where=where, remedy=nearest(name, self.classes))
+        return name
 
     def with_classes(self, chosen: Mapping[str, str], default: str | None, where: str) -> Limits:
         """Return a copy in which loops have the class that their settings name; the profile's own loops go first.
@@ -38,10 +68,10 @@ class Limits:
         chosen: loop -> class, default: class of the loops that have none, both from the loops file `where`.
         Raises MetadataError for a class that the profile does not know.
         """
-        for name in [*chosen.values(), *([default] if default is not None else [])]:
-            _class(name, self.classes, f"{where}, limit_class")
-        loops = {loop: self.classes[name] for loop, name in chosen.items()}
-        return replace(self, default=default or self.default, loops={**loops, **(self.loops or {})})
+        where = f"{where}, limit_class"
+        loops = {loop: self.classes[self.known(name, where)] for loop, name in chosen.items()}
+        return replace(self, default=self.default if default is None else self.known(default, where),
+                       loops={**loops, **self.loops})
 
 
 def read_limits(path: str | Path | None = None) -> Limits:
@@ -51,74 +81,33 @@ def read_limits(path: str | Path | None = None) -> Limits:
     """
     if path is None:
         return parse_limits(files("backlash_cli.history").joinpath("limits.toml").read_text("utf-8"), "limits.toml")
-    try:
-        text = Path(path).read_text("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise MetadataError(f"cannot read the limits profile: {getattr(error, 'strerror', None) or 'not UTF-8 text'}",
-                            where=str(path), remedy="check the path given to --limits") from None
-    return parse_limits(text, str(path))
+    return parse_limits(read_page(path, "the limits profile", "check the path given to --limits"), str(path))
 
 
 def parse_limits(text: str, where: str) -> Limits:
     """Read a limits profile from TOML text; limits in per cent of the output span."""
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise MetadataError(f"invalid TOML syntax: {error}", where=where, remedy="mend that line") from None
-    _known(document, ("default", "classes", "assign", "loops"), where, "the profile")
-    classes = {name: _limit(entry, name, f"{where}, [classes.{name}]")
-               for name, entry in _table(document.get("classes", {}), where, "classes").items()}
+    page = checked(toml(text, where), _Profile, where, remedy="see the profile that comes with the tool")
+    classes = {name: _limit(entry, name, f"{where}, [classes.{name}]") for name, entry in page.classes.items()}
     if not classes:
         raise MetadataError("no class of limits", where=where, remedy="add [classes.NAME] with limit = 3.0")
-    default = document.get("default", next(iter(classes)))
-    _class(default, classes, f"{where}, default")
+    limits = Limits(classes, next(iter(classes)) if page.default is None else page.default)
+    limits.known(limits.default, f"{where}, default")
     assign = []
-    entries = document.get("assign", [])
-    if not isinstance(entries, list):
-        raise MetadataError("'assign' must be a list", where=where, remedy="write [[assign]] with loops and class")
-    for number, entry in enumerate(entries, 1):
+    for number, entry in enumerate(page.assign, 1):
         place = f"{where}, [[assign]] number {number}"
-        _known(_table(entry, place, "assign"), ("loops", "class"), place, "assign")
-        patterns = entry.get("loops", [])
-        patterns = [patterns] if isinstance(patterns, str) else patterns
-        if not isinstance(patterns, list) or not patterns or not all(isinstance(p, str) for p in patterns):
-            raise MetadataError("'loops' must be a name, a pattern, or a list of them", where=place,
-                                remedy='for example loops = ["FIC1*"]')
-        _class(entry.get("class"), classes, place)
-        assign += [(pattern, entry["class"]) for pattern in patterns]
-    loops: dict[str, Limit] = {}
-    for name, entry in _table(document.get("loops", {}), where, "loops").items():
+        one = checked(entry, _Assign, place, words=_WORDS, remedy='for example loops = ["FIC1*"] and class = "fine"')
+        patterns = [one.loops] if isinstance(one.loops, str) else one.loops
+        assign += [(pattern, limits.known(one.name, place)) for pattern in patterns]
+    loops = {}
+    for name, entry in page.loops.items():
         place = f"{where}, [loops.{name}]"
-        if "class" in _table(entry, place, name):
-            _known(entry, ("class",), place, name)
-            _class(entry["class"], classes, place)
-            loops[name] = classes[entry["class"]]
+        if isinstance(entry, dict) and "class" in entry:
+            loops[name] = classes[limits.known(checked(entry, _OfClass, place, remedy="see the classes").name, place)]
         else:
             loops[name] = _limit(entry, name, place)
-    return Limits(classes, default, tuple(assign), loops)
+    return replace(limits, assign=tuple(assign), loops=loops)
 
 
 def _limit(entry: Any, name: str, where: str) -> Limit:
-    _known(_table(entry, where, name), ("limit", "source"), where, name)
-    value = entry.get("limit")
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= 100.0:
-        raise MetadataError(f"'limit' must be a number of per cent between 0 and 100, not {value!r}", where=where,
-                            remedy="for example limit = 3.0")
-    return Limit(value / 100.0, name, str(entry.get("source", "not given")))
-
-
-def _class(name: Any, classes: Mapping[str, Limit], where: str) -> None:
-    if not isinstance(name, str) or name not in classes:
-        raise MetadataError(f"no class {name!r}", where=where, remedy=nearest(str(name), classes))
-
-
-def _known(entry: Mapping[str, Any], keys: tuple[str, ...], where: str, name: str) -> None:
-    for key in entry:
-        if key not in keys:
-            raise MetadataError(f"unknown key {key!r} in {name}", where=where, remedy=nearest(key, keys))
-
-
-def _table(value: Any, where: str, name: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise MetadataError(f"{name!r} must be a table", where=where, remedy=f"write it as [{name}] with keys below")
-    return value
+    found = checked(entry, _Entry, where, words=_WORDS, remedy="for example limit = 3.0")
+    return Limit(found.limit / 100.0, name, found.source)

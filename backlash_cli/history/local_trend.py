@@ -196,37 +196,26 @@ class Trend:
     shocks: Shocks
     straight: float
 
-    @property
-    def risen(self) -> bool:
-        """Whether the dead band is larger than at the first night for sure."""
-        return bool(self.low[self.nights - 1] > self.high[0])
-
     def at(self, days: FloatArray | float) -> FloatArray:
         """Return level and both ends of its interval at days, (3, points)."""
         return np.array([np.interp(days, self.days, y) for y in (self.level, self.low, self.high)])
 
     def reaches(self, limit: float) -> tuple[float, float, float]:
         """Return the day on which the level reaches `limit`, and the interval of that day; inf where it never does."""
-        found = []
-        for y, other in ((self.level, 0), (self.high, -2), (self.low, 1)):
-            k = self._crossing(y, limit)
-            if k in self.shocks.steps and other:  # the step itself may have come a night earlier or later
-                day = float(self.days[min(max(k + other, 0), self.nights - 1)])
-            elif 0 < k < len(y) and y[k] > y[k - 1]:
-                day = float(np.interp(limit, y[k - 1 : k + 1], self.days[k - 1 : k + 1]))
-            else:
-                day = float(self.days[k]) if k < len(y) else inf
-            found.append(day)
-        value, early, late = found
-        return value, min(early, value), max(late, value)
+        value, early, late = (self._crossing(y, limit) for y in (self.level, self.high, self.low))
+        night = float(np.median(np.diff(self.days[: self.nights])))  # when in it that was, no night knows
+        return value, min(early, value) - night, max(late, value) + night
 
-    def _crossing(self, y: FloatArray, limit: float) -> int:
-        """Return the position from which y is above the limit: since when it is, or else when first it will be."""
+    def _crossing(self, y: FloatArray, limit: float) -> float:
+        """Return the day from which y is above the limit: since when it is, or else when first it will be."""
         n = self.nights
-        found = np.flatnonzero(y[:n] < limit) if y[n - 1] >= limit else n - 1 + np.flatnonzero(y[n:] >= limit)
         if y[n - 1] >= limit:
-            return int(found[-1]) + 1 if len(found) else 0
-        return int(found[0]) + 1 if len(found) else len(y)
+            k = n - int(np.argmax(np.append(y[:n][::-1] < limit, True)))
+        else:
+            k = n + int(np.argmax(np.append(y[n:] >= limit, True)))
+        if k in (0, len(y)):
+            return float(self.days[0]) if k == 0 else inf
+        return float(np.interp(limit, y[k - 1 : k + 1], self.days[k - 1 : k + 1]))
 
 
 def fit(nights: Nights, shocks: Shocks, ways: Iterable[Way] = tuple(BELIEF)) -> Trend:

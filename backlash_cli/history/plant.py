@@ -84,7 +84,7 @@ def rows_of(history: History, table: str, loops: list[str]) -> list[dict[str, An
         return [{"loop": loop, "time": r.time, "date": r.date.isoformat(), "note": r.note}
                 for loop in loops for r in history.repairs(loop)]
     if table == "half_periods":
-        return [asdict(p) for loop in loops for p in history.half_periods(loop)]
+        return [{"loop": loop, **asdict(p)} for loop in loops for p in history.half_periods(loop)]
     return [night for loop in loops for night in map(_night_values, history.nights(loop))]
 
 
@@ -93,9 +93,8 @@ def _night_values(night: Night) -> dict[str, Any]:
     return {
         "loop": night.loop, "date": night.date.isoformat(), "start": night.start, "end": night.end,
         "verdict": str(night.verdict), "confidence": night.confidence, "d": night.d, "d_low": low, "d_high": high,
-        "source": night.source, "limit_of_detection": night.limit_of_detection, "samples": night.samples,
-        "interval_s": night.interval_s, "half_periods": night.half_periods, "detections": night.detections,
-        "output_travel_per_hour": night.travel, "K": night.settings.get("K"), "Ti": night.settings.get("Ti"),
-        "Kp": night.settings.get("Kp"), "reasons": "; ".join(n.message for n in night.reasons),
-        "warnings": "; ".join(n.code for n in night.warnings),
+        **{name: getattr(night, name) for name in ("source", "limit_of_detection", "samples", "interval_s",
+                                                   "half_periods", "detections")},
+        "output_travel_per_hour": night.travel, **{name: night.settings.get(name) for name in ("K", "Ti", "Kp")},
+        "reasons": "; ".join(n.message for n in night.reasons), "warnings": "; ".join(n.code for n in night.warnings),
     }

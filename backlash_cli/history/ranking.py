@@ -15,7 +15,7 @@ over the plant's median.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,7 +36,7 @@ ORDER = tuple(TITLES)
 
 @dataclass(frozen=True)
 class _Facts:
-    """What the rule looks at, for one loop."""
+    """What the rule looks at, for one loop: the last nights since the repair, and how many of them say what."""
 
     wear: Wear
     confidence: float
@@ -52,71 +52,48 @@ def rank(wears: Sequence[Wear], nights: Mapping[str, Sequence[Night]], horizon: 
     last = max((n.end for found in nights.values() for n in found), default=0.0)
     facts = [_facts(wear, nights.get(wear.loop, ()), last) for wear in wears]
     travels = [f.travel for f in facts if f.travel]
-    usual = float(np.median(travels)) if travels else None
     rows = []
     for f in facts:
+        now, limit, expected = f.wear.now, f.wear.limit.value, 0.0
+        factor = float(np.clip(np.sqrt(f.travel / np.median(travels)), 0.7, 1.5)) if f.travel else 1.0
+        if now is not None:  # only growth that is sure counts
+            expected = max(now.level + (now.slope * horizon if now.growing and now.slope else 0.0), 0.0) / limit
         action = _action(f, horizon)
-        factor = _travel_factor(f.travel, usual)
-        ratio = _ratio(f.wear)
-        score = _expected(f.wear, horizon) * f.confidence * factor
-        rows.append((ORDER.index(action), -score, f.wear.loop, action, ratio, f, factor))
+        rows.append((ORDER.index(action), -expected * f.confidence * factor, f.wear.loop, Place(
+            f.wear.loop, 0, action, TITLES[action], _why(f, action, factor, horizon),
+            None if now is None else now.level / limit, f.confidence)))
     rows.sort(key=lambda row: row[:3])
-    return [Place(loop, number, action, TITLES[action], _why(f, action, factor, horizon), ratio, f.confidence)
-            for number, (_, _, loop, action, ratio, f, factor) in enumerate(rows, 1)]
+    return [replace(place, rank=number) for number, (*_, place) in enumerate(rows, 1)]
 
 
 def _facts(wear: Wear, nights: Sequence[Night], last: float) -> _Facts:
     since = wear.repairs[-1].time if wear.repairs else -np.inf
     recent = [n for n in sorted(nights, key=lambda n: n.time) if n.time >= since][-RECENT:]
-    sized = [n for n in recent if n.measured]
     silent, swinging = (sum(n.verdict is v for n in recent) for v in (Verdict.NO_BACKLASH, Verdict.OSCILLATING))
-    answered = sized if sized else [n for n in recent if n.verdict is Verdict.NO_BACKLASH]
-    share = len(answered) / len(recent) if recent else 0.0
-    confidence = share * float(np.mean([n.confidence for n in answered])) if answered else 0.0
+    answers = [n.confidence for n in recent if n.measured] or [
+        n.confidence for n in recent if n.verdict is Verdict.NO_BACKLASH]
     travels = [n.travel for n in recent if n.travel is not None]
-    left = (wear.limit_date[0] - last) / DAY if wear.limit_date else None
-    return _Facts(wear, confidence, float(np.median(travels)) if travels else None, silent, swinging,
-                  len(recent), left)
+    return _Facts(wear, float(np.sum(answers)) / max(len(recent), 1), float(np.median(travels)) if travels else None,
+                  silent, swinging, len(recent), (wear.limit_date[0] - last) / DAY if wear.limit_date else None)
 
 
 def _action(f: _Facts, horizon: float) -> str:
-    now = f.wear.now
-    if now is None or now.level is None:
+    now, limit = f.wear.now, f.wear.limit.value
+    if now is None:
         return "leave" if f.silent and f.silent >= 0.5 * f.recent else "check"
     if f.silent > 0.5 * f.recent:
-        return "watch" if now.level > f.wear.limit.value else "leave"
-    sure = now.level_ci95 is not None and now.level_ci95[0] > f.wear.limit.value
-    if sure and f.confidence >= AGREE and now.nights >= ENOUGH:
+        return "watch" if now.level > limit else "leave"
+    if now.level_ci95[0] > limit and f.confidence >= AGREE and now.nights >= ENOUGH:
         return "pull"
-    if now.level > f.wear.limit.value or (f.days_left is not None and f.days_left <= horizon):
+    if now.level > limit or (f.days_left is not None and f.days_left <= horizon):
         return "room"
-    if now.growing or now.level > NEAR * f.wear.limit.value or f.wear.state == "too_few_nights":
-        return "watch"
-    return "leave"
-
-
-def _ratio(wear: Wear) -> float | None:
-    now = wear.now
-    return None if now is None or now.level is None else now.level / wear.limit.value
-
-
-def _expected(wear: Wear, horizon: float) -> float:
-    """Dead band at the horizon over the limit; only growth that is sure counts."""
-    now = wear.now
-    if now is None or now.level is None:
-        return 0.0
-    grown = now.slope * horizon if now.growing and now.slope else 0.0
-    return max(now.level + grown, 0.0) / wear.limit.value
-
-
-def _travel_factor(travel: float | None, usual: float | None) -> float:
-    return float(np.clip(np.sqrt(travel / usual), 0.7, 1.5)) if travel and usual else 1.0
+    return "watch" if now.growing or now.level > NEAR * limit or f.wear.state == "too_few_nights" else "leave"
 
 
 def _why(f: _Facts, action: str, factor: float, horizon: float) -> tuple[str, ...]:
     """Say in words what decided: size over limit, confidence, trend, travel."""
     wear, now, limit = f.wear, f.wear.now, f.wear.limit
-    if now is None or now.level is None:
+    if now is None:
         if action == "leave":
             return (f"{f.silent} of the last {f.recent} nights saw no dead band.",)
         if f.swinging > 0.5 * f.recent:
@@ -125,15 +102,14 @@ def _why(f: _Facts, action: str, factor: float, horizon: float) -> tuple[str, ..
         reasons = sorted({code for _, code in wear.gaps[-RECENT:]})
         return ("No night gave an answer" + (f": {', '.join(reasons)}." if reasons else "."),
                 "See the reasons of the last night and mend the export or the settings.")
+    low, high = now.level_ci95
+    where = "all above" if low > limit.value else "all below" if high < limit.value else "on both sides of"
     words = [f"Dead band {percent(now.level)}, {now.level / limit.value:.1f} times the limit of {percent(limit.value)} "
-             f"({limit.source})."]
-    if now.level_ci95:
-        low, high = now.level_ci95
-        where = "all above" if low > limit.value else "all below" if high < limit.value else "on both sides of"
-        words.append(f"95 % interval {percent(max(low, 0.0))} to {percent(high)}: {where} the limit.")
-    words.append(f"Confidence {f.confidence:.0%} over the last {f.recent} nights"
-                 + (f"; {f.silent} of them saw no dead band." if f.silent else "."))
-    words.append(_trend_words(f, horizon))
+             f"({limit.source}).",
+             f"95 % interval {percent(max(low, 0.0))} to {percent(high)}: {where} the limit.",
+             f"Confidence {f.confidence:.0%} over the last {f.recent} nights"
+             + (f"; {f.silent} of them saw no dead band." if f.silent else "."),
+             _trend_words(f, horizon)]
     if factor > 1.1:
         words.append("The valve moves more than most: it wears faster and its dead band does more harm.")
     elif factor < 0.9:

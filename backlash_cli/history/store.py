@@ -8,54 +8,31 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sqlite3
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
+import msgspec
+
 from .. import __version__
+from ..estimator.carry import unpack
 from ..record import Note
-from ..results import LoopReport, ScanResult
+from ..results import LoopReport, ScanResult, Verdict
 from ..results.history import DAY, HalfPeriod, Night, Outcome, Repair, Run, day_of
-from .connection import PATIENCE, Say, connect, in_words, transaction
-from .joins import active, distinct, rejoin
-from .rows import (
-    HALF_PERIOD_COLUMNS,
-    NIGHT_COLUMNS,
-    as_json,
-    half_period_of,
-    half_period_row,
-    insert,
-    night_of,
-    night_row,
-    timed,
-)
+from .database import Database
+from .joins import active, distinct, half_period_row, moment, rejoin, short
+
+EARLIEST, LATEST = 6e10, 2.5e11  # epoch seconds: year 68 to 9892
+_EVIDENCE = {"cluster": ("d", "n", "share", "spread"), "confirmation": ("d", "delta_bic", "error_reduction"),
+             "compensator": ("gain", "scheme", "reason")}  # what the report page shows of a night beside its size
 
 
-def _silent(text: str) -> None:
-    """Say nothing."""
-
-
-class History:
-    """An open history file; use it in a `with` block.
-
-    path: the SQLite file. create: make it where it does not exist. patience: seconds to wait for another run.
-    say: is told when this run waits for another one. Raises BacklashError with the remedy for all that can go wrong.
-    """
-
-    def __init__(self, path: str | Path, *, create: bool = False, patience: float = PATIENCE,
-                 say: Say = _silent) -> None:
-        self.path, self.patience, self.say = Path(path), patience, say
-        self.db = connect(self.path, create=create, patience=patience, say=say)
-        self.db.row_factory = sqlite3.Row
+class History(Database):
+    """An open history with its nights, half periods, repairs and runs; see Database for how it is opened."""
 
     def __enter__(self) -> History:
         return self
-
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None,
-                 trace: TracebackType | None) -> None:
-        self.db.close()
 
     def add(self, result: ScanResult) -> Outcome:
         """Store a scan; nights that are known with the same content stay untouched."""
@@ -66,77 +43,63 @@ class History:
 
         export: name and fingerprint of the export they come from, for the nightly job to know it again.
         """
-        new: list[tuple[str, str]] = []
-        unchanged: list[tuple[str, str]] = []
-        revised: list[tuple[str, str]] = []
+        done: dict[str, list[tuple[str, str]]] = {"new": [], "unchanged": [], "revised": []}
         untimed: list[str] = []
-        with transaction(self.db, self.path, self.patience, self.say):
+        with self.transaction():
             for result in results:
                 rows = []
                 for report in result.loops:
-                    if not timed(report):
+                    if not all(t is not None and -EARLIEST < t < LATEST for t in (report.start, report.end)):
                         untimed.append(report.loop)
                         continue
-                    rows.append(row := night_row(report))
-                    known = self._digest(row)
-                    entry = (row["loop"], day_of(0.5 * (row["start"] + row["end"])).isoformat())
-                    (new if known is None else unchanged if known == row["digest"] else revised).append(entry)
-                    if known != row["digest"]:
+                    row = night_row(report)
+                    rows.append(row)
+                    known = self.rows("SELECT digest FROM nights WHERE loop = ? AND start = ? AND end = ?",
+                                      row["loop"], row["start"], row["end"])
+                    same = bool(known) and known[0]["digest"] == row["digest"]
+                    done["unchanged" if same else "revised" if known else "new"].append(
+                        (row["loop"], day_of(0.5 * (row["start"] + row["end"])).isoformat()))
+                    if not same:
                         self._write(row, report)
                 if rows:
                     self._write_run(rows, result)
-            for loop in dict.fromkeys(loop for loop, _ in (*new, *revised)):
-                rejoin(self.db, loop)
+            for loop in dict.fromkeys(loop for loop, _ in (*done["new"], *done["revised"])):
+                rejoin(self, loop)
             if export is not None:
-                self.db.execute("INSERT OR REPLACE INTO exports VALUES (?, ?)", export)
-        return Outcome(tuple(new), tuple(unchanged), tuple(revised), tuple(untimed))
+                self.insert("exports", [dict(zip(("name", "fingerprint"), export, strict=True))])
+        return Outcome(**{name: tuple(nights) for name, nights in done.items()}, untimed=tuple(untimed))
 
-    def _digest(self, row: dict[str, Any]) -> str | None:
-        """Return the fingerprint of the night as it is in the file."""
-        known = self.db.execute("SELECT digest FROM nights WHERE loop = ? AND start = ? AND end = ?",
-                                (row["loop"], row["start"], row["end"])).fetchone()
-        return None if known is None else str(known["digest"])
+    def _write(self, row: dict[str, Any], report: LoopReport) -> None:
+        self.db.execute("DELETE FROM half_periods WHERE (loop, night_start, night_end) = (:loop, :start, :end)", row)
+        self.insert("nights", [{**row, "carry": report.carry}])
+        self.insert("half_periods", [half_period_row(row, e, joined=False) for e in report.estimates], "IGNORE")
 
-    def _write(self, row: dict[str, object], report: LoopReport) -> None:
-        key = (row["loop"], row["start"], row["end"])
-        self.db.execute("DELETE FROM half_periods WHERE loop = ? AND night_start = ? AND night_end = ?", key)
-        insert(self.db, "nights", (*NIGHT_COLUMNS, "carry"),
-               [[*(row[name] for name in NIGHT_COLUMNS), report.carry]])
-        insert(self.db, "half_periods", HALF_PERIOD_COLUMNS,
-               [half_period_row(row, e, joined=False) for e in report.estimates], "IGNORE")
-
-    def _write_run(self, rows: list[dict[str, object]], result: ScanResult) -> None:
+    def _write_run(self, rows: list[dict[str, Any]], result: ScanResult) -> None:
         inputs = sorted({Path(name).name for name in result.inputs})
-        failures = [{"code": n.code, "message": n.message} for n in result.failures]
-        nights = sorted((str(r["loop"]), float(r["start"]), float(r["end"])) for r in rows)  # type: ignore[arg-type]
-        digest = hashlib.sha256(as_json([nights, inputs]).encode("utf-8", "backslashreplace")).hexdigest()[:32]
-        self.db.execute("INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (
-            digest, min(n[1] for n in nights), max(n[2] for n in nights), len({n[0] for n in nights}), len(nights),
-            as_json(inputs), as_json(failures), __version__))
+        nights = sorted((r["loop"], r["start"], r["end"]) for r in rows)
+        self.insert("runs", [{
+            "digest": _digest(as_json([nights, inputs])), "first": min(n[1] for n in nights),
+            "last": max(n[2] for n in nights), "loops": len({n[0] for n in nights}), "nights": len(nights),
+            "inputs": as_json(inputs), "failures": _notes(result.failures), "tool": __version__}])
 
     def export_fingerprint(self, name: str) -> str | None:
         """Return the fingerprint with which an export was scanned last, None when it never was."""
-        with in_words(self.path):
-            row = self.db.execute("SELECT fingerprint FROM exports WHERE name = ?", (name,)).fetchone()
-        return None if row is None else str(row["fingerprint"])
+        found = self.rows("SELECT fingerprint FROM exports WHERE name = ?", name)
+        return str(found[0]["fingerprint"]) if found else None
 
     def loops(self) -> list[str]:
         """Return the names of all loops, in order."""
-        with in_words(self.path):
-            return [row[0] for row in self.db.execute("SELECT DISTINCT loop FROM nights ORDER BY loop")]
+        return [row[0] for row in self.rows("SELECT DISTINCT loop FROM nights ORDER BY loop")]
 
     def nights(self, loop: str) -> list[Night]:
         """Return the nights of a loop in time order; an export inside a longer one is left out."""
-        with in_words(self.path):
-            rows = self.db.execute(f"SELECT {', '.join(NIGHT_COLUMNS)} FROM nights WHERE loop = ? ORDER BY start, end",
-                                   (loop,)).fetchall()
+        rows = self.rows("SELECT * FROM nights WHERE loop = ? ORDER BY start, end", loop)
         counting = set(active([(row["start"], row["end"]) for row in rows]))
-        return [night_of(row) for row in rows if (row["start"], row["end"]) in counting]
+        return [night_of(dict(row)) for row in rows if (row["start"], row["end"]) in counting]
 
     def recent_half_periods(self, loop: str, days: float = 14.0) -> list[HalfPeriod]:
         """Return the half periods of a loop's last `days`."""
-        with in_words(self.path):
-            last = self.db.execute("SELECT max(end) FROM nights WHERE loop = ?", (loop,)).fetchone()[0]
+        last = self.rows("SELECT max(end) FROM nights WHERE loop = ?", loop)[0][0]
         return self.half_periods(loop, (last or 0.0) - days * DAY)
 
     def half_periods(self, loop: str, since: float = -1e300) -> list[HalfPeriod]:
@@ -144,45 +107,96 @@ class History:
 
         since: epoch seconds; only nights that end later.
         """
-        with in_words(self.path):
-            spans = self.db.execute("SELECT start, end FROM nights WHERE loop = ?", (loop,)).fetchall()
-            rows = self.db.execute(
-                "SELECT h.*, j.of AS joint, j.until FROM half_periods h LEFT JOIN joins j ON j.loop = h.loop AND "
-                "j.start = h.night_start AND j.end = h.night_end WHERE h.loop = ? AND h.night_end > ?",
-                (loop, since)).fetchall()
+        spans = self.rows("SELECT start, end FROM nights WHERE loop = ?", loop)
+        # a night's own ones are replaced by those that go over the cut before it
+        rows = self.rows(
+            "SELECT h.* FROM half_periods h LEFT JOIN joins j ON j.loop = h.loop AND j.start = h.night_start AND "
+            "j.end = h.night_end WHERE h.loop = ? AND h.night_end > ? AND "
+            "(h.joined OR j.of IS NULL OR h.start >= j.until - 0.002)", loop, since)
         counting = set(active([(row["start"], row["end"]) for row in spans]))
-        return distinct([half_period_of(row) for row in rows if (row["night_start"], row["night_end"]) in counting
-                         and not _replaced(row)])
+        return distinct([msgspec.convert(dict(row), HalfPeriod, strict=False) for row in rows
+                         if (row["night_start"], row["night_end"]) in counting])
 
     def repairs(self, loop: str) -> list[Repair]:
         """Return the repairs that people marked for a loop, in time order."""
-        with in_words(self.path):
-            rows = self.db.execute("SELECT * FROM repairs WHERE loop = ? ORDER BY time", (loop,)).fetchall()
-        return [Repair(row["loop"], row["time"], row["note"]) for row in rows]
+        return [Repair(**row) for row in self.rows("SELECT * FROM repairs WHERE loop = ? ORDER BY time", loop)]
 
     def mark_repair(self, loop: str, time: float, note: str) -> bool:
         """Enter a repair of a loop's valve at `time` (epoch seconds); False when it is already there like this."""
-        with transaction(self.db, self.path, self.patience, self.say):
-            known = self.db.execute("SELECT note FROM repairs WHERE loop = ? AND time = ?", (loop, time)).fetchone()
-            self.db.execute("INSERT OR REPLACE INTO repairs VALUES (?, ?, ?)", (loop, time, note))
-        return known is None or known["note"] != note
+        with self.transaction():
+            known = Repair(loop, time, note) in self.repairs(loop)
+            self.insert("repairs", [{"loop": loop, "time": time, "note": note}])
+        return not known
 
     def remove_repair(self, loop: str, time: float) -> bool:
         """Take back a repair; False when there was none."""
-        with transaction(self.db, self.path, self.patience, self.say):
+        with self.transaction():
             done = self.db.execute("DELETE FROM repairs WHERE loop = ? AND time = ?", (loop, time)).rowcount
         return bool(done)
 
     def runs(self) -> list[Run]:
         """Return the runs that added to the history, in the order of their data."""
-        with in_words(self.path):
-            rows = self.db.execute("SELECT * FROM runs ORDER BY first, last, digest").fetchall()
-        return [Run(r["first"], r["last"], r["loops"], r["nights"], tuple(json.loads(r["inputs"])),
-                    tuple(Note(n["code"], n["message"]) for n in json.loads(r["failures"])), r["tool"]) for r in rows]
+        return [msgspec.convert({**row, "inputs": json.loads(row["inputs"]), "failures": json.loads(row["failures"])},
+                                Run) for row in map(dict, self.rows("SELECT * FROM runs ORDER BY first, last, digest"))]
 
 
-def _replaced(row: sqlite3.Row) -> bool:
-    """Whether a night's own half period is replaced by those that go over the cut before it."""
-    if row["joined"] or row["joint"] is None:
-        return False
-    return row["until"] is None or row["start"] < row["until"] - 0.002
+def night_row(report: LoopReport) -> dict[str, Any]:
+    """Return the row of table `nights` for a report that has a time, rounded so that rounding errors are no news.
+
+    digest: fingerprint of the row, the half periods and the carry.
+    """
+    assert report.start is not None and report.end is not None
+    d, ci95, source = size_of(report)
+    s = report.settings
+    found = ((name, getattr(report, name)) for name in _EVIDENCE)
+    row: dict[str, Any] = {
+        # what is no valid text (broken encodings) is spelled out
+        "loop": report.loop.encode("utf-8", "backslashreplace").decode("utf-8"),
+        "start": moment(report.start), "end": moment(report.end),
+        "verdict": str(report.verdict), "confidence": short(report.confidence) or 0.0,
+        "d": short(d), "d_low": short(ci95[0]) if ci95 else None, "d_high": short(ci95[1]) if ci95 else None,
+        "source": source, "limit_of_detection": short(report.limit_of_detection), "samples": report.samples,
+        "interval_s": short(report.interval_s), "half_periods": report.half_periods, "detections": report.detections,
+        "settings": as_json({**{name: short(getattr(s, name)) for name in ("K", "Ti", "Td", "Tf", "Kp", "theta")},
+                             "pv_range": s.pv_range, "op_range": s.op_range, "source": dict(s.source)}),
+        "reasons": _notes(report.reasons), "warnings": _notes(report.warnings),
+        "travel": short(unpack(report.carry).travel) if report.carry else None,
+        "details": as_json({name: {key: short(v) if isinstance(v := getattr(value, key), float) else v
+                                   for key in _EVIDENCE[name]} for name, value in found if value is not None}),
+    }
+    halves = [list(half_period_row(row, e, joined=False).values()) for e in report.estimates]
+    row["digest"] = _digest(as_json([row, halves]), report.carry or b"")
+    return row
+
+
+def night_of(row: Mapping[str, Any]) -> Night:
+    """Return a row of table `nights` as a Night."""
+    plain = {**row, **{name: json.loads(row[name]) for name in ("settings", "reasons", "warnings", "details")}}
+    return msgspec.convert({**plain, "ci95": None if row["d_low"] is None else (row["d_low"], row["d_high"])}, Night)
+
+
+def size_of(report: LoopReport) -> tuple[float | None, tuple[float, float] | None, str]:
+    """Return the dead band that a report stands for, its interval, and where it comes from.
+
+    The measurement against the output goes before the half periods, which read low in noise. No size without the
+    verdict backlash or suspected: a number that the verdict refused is not a point of the wear.
+    """
+    if report.verdict in (Verdict.BACKLASH, Verdict.SUSPECTED):
+        for source in ("confirmation", "cluster"):
+            found = getattr(report, source)
+            if found is not None and math.isfinite(found.d) and found.d > 0:
+                return found.d, found.ci95, source
+    return None, None, ""
+
+
+def as_json(value: object) -> str:
+    """Return JSON that is the same for the same value."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
+
+
+def _notes(notes: Sequence[Note]) -> str:
+    return as_json([{"code": n.code, "message": n.message} for n in notes])
+
+
+def _digest(text: str, more: bytes = b"") -> str:
+    return hashlib.sha256(text.encode("utf-8", "backslashreplace") + more).hexdigest()[:32]

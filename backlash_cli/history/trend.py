@@ -11,7 +11,8 @@ The time of a night is the middle of its data; the clock is never asked.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -33,22 +34,20 @@ HIDDEN = 0.25  # share of the last nights, on which a straight line and the loca
 UNLIKELY = 1.0  # times its belief that the nights have to leave a line, not to have failed
 CLEAR = 1.0  # log likelihood of the hidden nights by which a line has to be worse, to have failed
 DRAWN = 120.0  # days beyond the last night that a figure shows at most
-Fitted = dict[tuple[float, int], Trend]  # trends by first night and number of nights
 
 
 def wear(loop: str, nights: Sequence[Night], marked: Sequence[Repair], limit: Limit) -> Wear:
     """Return the wear of one loop from its nights, in any order, and the repairs that people marked."""
     nights = sorted(nights, key=lambda n: n.time)
     points, gaps = points_of(nights)
-    fitted: Fitted = {}
-    repairs = sorted([*marked, *_found(loop, points, marked, fitted)], key=lambda r: r.time)
-    parts = _between(points, repairs)
-    known = [_segment(part, fitted) for part in parts if part]
+    parts = [_Part(part) for part in _between(points, marked)]
+    repairs = sorted([*marked, *_found(loop, parts)], key=lambda r: r.time)
+    if len(repairs) > len(marked):
+        parts = [_Part(part) for part in _between(points, repairs)]
+    out = Wear(loop, len(nights), limit, "no_estimate", "", tuple(part.segment() for part in parts if part.nights),
+               tuple(repairs), None, tuple(gaps), tuple(missing_days(nights)))
     # after the last repair nothing may have been measured yet: then no older slope speaks for the valve
-    segment, trend = known[-1] if known and parts[-1] else (None, None)
-    out = Wear(loop, len(nights), limit, "no_estimate", "", tuple(s for s, _ in known), tuple(repairs), None,
-               tuple(gaps), tuple(missing_days(nights)))
-    return _outlook(out, segment, trend, parts[-1])
+    return _outlook(out, parts[-1])
 
 
 def _between(points: Sequence[Night], repairs: Sequence[Repair]) -> list[list[Night]]:
@@ -57,13 +56,41 @@ def _between(points: Sequence[Night], repairs: Sequence[Repair]) -> list[list[Ni
     return [[p for p in points if first <= p.time < last] for first, last in pairwise(edges)]
 
 
-def _trend(part: Sequence[Night], fitted: Fitted) -> Trend:
-    """Return the trend through the nights of which at least five have a size; each is worked out once."""
-    key = (part[0].time, len(part))
-    if key not in fitted:
-        nights = measurements(part)
-        fitted[key] = fit(nights, find_shocks(nights))
-    return fitted[key]
+@dataclass(frozen=True)
+class _Part:
+    """Nights between two repairs, with what is measured and fitted of them; each is worked out once."""
+
+    nights: Sequence[Night]
+
+    @cached_property
+    def sized(self) -> list[Night]:
+        return [p for p in self.nights if p.d is not None]
+
+    @cached_property
+    def measured(self) -> Nights:
+        return measurements(self.nights)
+
+    @cached_property
+    def trend(self) -> Trend | None:
+        """The trend through the nights, None where fewer than five have a size."""
+        return fit(self.measured, find_shocks(self.measured)) if len(self.sized) >= ENOUGH else None
+
+    def segment(self) -> Segment:
+        """Return the wear in words of the report."""
+        part, trend = self.nights, self.trend
+        out = Segment(part[0].time, part[-1].time, len(self.sized), len(part) - len(self.sized))
+        if not self.sized:  # nothing but bounds: somewhere below
+            bound = float(np.median([p.limit_of_detection or 0.0 for p in part]))
+            return replace(out, level_first=0.5 * bound, level=0.5 * bound, level_ci95=(0.0, bound))
+        if trend is None:
+            size = self.measured.size
+            level = float(np.median(size))
+            spread = 1.96 * float(np.median(self.measured.error)) + float(np.abs(size - level).max())
+            return replace(out, level_first=level, level=level, level_ci95=(max(level - spread, 0.0), level + spread))
+        now, low, high = (float(x) for x in trend.at(part[-1].time / DAY))
+        slope, *ends = trend.slope
+        return replace(out, slope=slope, slope_ci95=(ends[0], ends[1]), level_first=float(trend.level[0]), level=now,
+                       level_ci95=(max(low, 0.0), high), path=_points(trend, trend.days[: trend.nights]))
 
 
 def points_of(nights: Sequence[Night]) -> tuple[list[Night], list[tuple[str, str]]]:
@@ -119,50 +146,44 @@ def _running_median(x: FloatArray) -> FloatArray:
 
 def missing_days(nights: Sequence[Night]) -> list[str]:
     """Return the UTC days between the first and the last night that no export covers."""
-    if len(nights) < 2:
-        return []
-    first, last = int(nights[0].start // DAY), int(nights[-1].end // DAY)
-    covered = np.zeros(last - first + 1)
-    for night in nights:
-        for day in range(int(night.start // DAY), int(night.end // DAY) + 1):
-            covered[day - first] += max(min(night.end, (day + 1) * DAY) - max(night.start, day * DAY), 1.0)
-    covered[0] = covered[-1] = DAY
-    return [day_of((first + int(k)) * DAY).isoformat() for k in np.flatnonzero(covered == 0.0)]
+    covered = {day for n in nights for day in range(int(n.start // DAY), int(n.end // DAY) + 1)}
+    return [day_of(day * DAY).isoformat() for day in range(min(covered, default=0), max(covered, default=0))
+            if day not in covered]
 
 
-def _found(loop: str, points: Sequence[Night], marked: Sequence[Repair], fitted: Fitted) -> list[Repair]:
+def _found(loop: str, parts: Sequence[_Part]) -> list[Repair]:
     """Return repairs seen in the data that nobody marked; searched between the marked ones."""
     out = []
-    parts = _between(points, marked)
     for number, part in enumerate(parts):
-        for k, before, after in drops(part, fitted):
-            if (number and k <= SAME_REPAIR) or (number + 1 < len(parts) and len(part) - k <= SAME_REPAIR):
+        nights = part.nights
+        for k, before, after in drops(part):
+            if (number and k <= SAME_REPAIR) or (number + 1 < len(parts) and len(nights) - k <= SAME_REPAIR):
                 continue
-            midnight = part[k].time // DAY * DAY
-            time = midnight if midnight > part[k - 1].time else 0.5 * (part[k - 1].time + part[k].time)
+            midnight = nights[k].time // DAY * DAY
+            time = midnight if midnight > nights[k - 1].time else 0.5 * (nights[k - 1].time + nights[k].time)
             note = f"found: dead band fell from {percent(before)} to {percent(after)}"
             out.append(Repair(loop, float(time), note, True, before, after))
     return out
 
 
-def drops(part: Sequence[Night], fitted: Fitted) -> list[tuple[int, float, float]]:
+def drops(part: _Part) -> list[tuple[int, float, float]]:
     """Return where the dead band is suddenly and lastingly smaller: (position, dead band before, after).
 
     Wear makes a dead band grow slowly; nothing but a repair makes it fall at once. Either a step of the sizes down
     (`find_shocks`), or nights that nearly all see no dead band where nearly all did before.
     """
-    places = [k for k, p in enumerate(part) if p.d is not None]
     found = []
-    if len(places) >= 2 * LEAST:
-        trend = _trend(part, fitted)
-        for k in trend.shocks.steps:
-            before, after = float(trend.level[k - 1]), float(trend.level[k])
-            if before - after >= SMALLEST and after <= (1 - SMALLEST_SHARE) * before:
-                found.append((places[k], before, after))
-    for k, before, after in _falls_silent(part):
-        if all(abs(k - other) > WINDOW for other, _, _ in found):
-            found.append((k, before, after))
-    return sorted(found)
+    if part.trend is not None and len(part.sized) >= 2 * LEAST:
+        for k in part.trend.shocks.steps:
+            before, after = float(part.trend.level[k - 1]), float(part.trend.level[k])
+            found.append((part.nights.index(part.sized[k]), before, after))
+    found = [drop for drop in found if _fell(*drop[1:])]
+    silent = [drop for drop in _falls_silent(part.nights) if all(abs(drop[0] - k) > WINDOW for k, _, _ in found)]
+    return sorted([*found, *silent])
+
+
+def _fell(before: float, after: float) -> bool:
+    return before - after >= SMALLEST and after <= (1 - SMALLEST_SHARE) * before
 
 
 def _falls_silent(part: Sequence[Night]) -> list[tuple[int, float, float]]:
@@ -180,29 +201,9 @@ def _falls_silent(part: Sequence[Night]) -> list[tuple[int, float, float]]:
             continue
         high, low = float(np.median(sizes[-WINDOW:])), float(np.median(value[k : k + QUIET][after]))
         missed = (before.sum() + 1.0) / (len(before) + 2.0)
-        if (high - low >= SMALLEST and low <= (1 - SMALLEST_SHARE) * high
-                and binom.sf(s - 1, m, missed) * len(part) < CHANCE):
+        if _fell(high, low) and binom.sf(s - 1, m, missed) * len(part) < CHANCE:
             found.append((k, high, low))
     return found
-
-
-def _segment(part: Sequence[Night], fitted: Fitted) -> tuple[Segment, Trend | None]:
-    """Return the wear between two repairs, and the trend behind it where there are enough nights."""
-    sized = [p for p in part if p.d is not None]
-    out = Segment(part[0].time, part[-1].time, len(sized), len(part) - len(sized))
-    if not sized:  # nothing but bounds: somewhere below
-        bound = float(np.median([p.limit_of_detection or 0.0 for p in part]))
-        return replace(out, level_first=0.5 * bound, level=0.5 * bound, level_ci95=(0.0, bound)), None
-    nights = measurements(part)
-    if len(sized) < ENOUGH:
-        level = float(np.median(nights.size))
-        spread = 1.96 * float(np.median(nights.error)) + float(np.abs(nights.size - level).max())
-        return replace(out, level_first=level, level=level, level_ci95=(max(level - spread, 0.0), level + spread)), None
-    trend = _trend(part, fitted)
-    now, low, high = (float(x) for x in trend.at(part[-1].time / DAY))
-    slope, *ends = trend.slope
-    return replace(out, slope=slope, slope_ci95=(ends[0], ends[1]), level_first=float(trend.level[0]), level=now,
-                   level_ci95=(max(low, 0.0), high), path=_points(trend, trend.days[: trend.nights])), trend
 
 
 def held_out(nights: Nights, shocks: Shocks) -> HeldOut | None:
@@ -227,10 +228,11 @@ def held_out(nights: Nights, shocks: Shocks) -> HeldOut | None:
                    scores[0] >= scores[1] - CLEAR)
 
 
-def _outlook(out: Wear, segment: Segment | None, trend: Trend | None, part: Sequence[Night]) -> Wear:
+def _outlook(out: Wear, part: _Part) -> Wear:
     """Return the wear with its state, sentence, model and the date of the limit in epoch seconds."""
-    limit, since = out.limit.value, " since the last repair" if out.repairs else ""
-    if segment is None or segment.level is None or segment.level_ci95 is None:
+    limit, since, trend = out.limit.value, " since the last repair" if out.repairs else "", part.trend
+    segment = out.current
+    if not part.nights or segment is None:
         return replace(out, message=f"no night{since} gives a size of the dead band")
     over = segment.level > limit
     now = f"now {percent(segment.level)}, {'above' if over else 'below'} the limit of {percent(limit)}"
@@ -241,16 +243,15 @@ def _outlook(out: Wear, segment: Segment | None, trend: Trend | None, part: Sequ
         n = segment.nights + segment.below
         said = f"{n} night{'s' * (n != 1)} since the last repair or start"
         return replace(out, state="too_few_nights", message=f"{said}; a trend needs {ENOUGH} with a size; {now}")
-    nights = measurements(part)
-    compared = held_out(nights, trend.shocks)
+    compared = held_out(part.measured, trend.shocks)
     # a line has to stand both tests: the nights that it has not seen, and all of them against trends that bend
     line = trend.straight >= UNLIKELY * BELIEF[LINE] and not trend.shocks.steps
     line = line and (compared is None or compared.line_holds)
     out = replace(out, model="line" if line else "local", held_out=compared)
-    used = fit(nights, trend.shocks, (LINE,)) if line else trend
+    used = fit(part.measured, trend.shocks, (LINE,)) if line else trend
     low, high = segment.slope_ci95
     rate = f"{100 * segment.slope:.2g} % of span per day (95 %: {100 * low:.2g} to {100 * high:.2g})"
-    if low <= 0 and not (trend.shocks.steps and trend.risen):
+    if low <= 0 and not (trend.shocks.steps and trend.low[trend.nights - 1] > trend.high[0]):
         word = "falls" if high < 0 else "shows no trend"
         return replace(out, state="no_trend", message=f"the dead band {word}, {rate}; {now}")
     grows = f"the dead band grows by {rate}" if low > 0 else f"the dead band grows in steps, of late by {rate}"

@@ -14,7 +14,7 @@ import hashlib
 import os
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,56 +23,49 @@ import numpy as np
 
 from .._version import __version__
 from ..errors import BacklashError
-from ..record import Note
 from ..results import Estimate, Estimates, LoopReport, Verdict
 
 KEPT = 30 * 86400.0  # seconds; what a stopped scan left is no use any more
-_CHECKSUM = 16
-
-
-@dataclass(frozen=True)
-class Kept:
-    """The report of a finished loop. notes, failures: what was said of its files, None where that is said elsewhere."""
-
-    report: LoopReport
-    notes: tuple[Note, ...] | None = None
-    failures: tuple[Note, ...] = ()
 
 
 class Unfinished:
-    """The finished loops of one scan. history: its database. scan: all that makes two scans the same one. resume: take
-    over what is there; else it begins anew. Can be sent to other processes, which only add to it.
+    """The finished loops of one scan, `known` by their keys. Can be sent to other processes, which only add to it.
 
-    Raises BacklashError when the file cannot be made.
+    history: its database. scan: all that makes two scans the same one. resume: take over what is there; else it begins
+    anew. Raises BacklashError when the file cannot be made.
     """
 
     def __init__(self, history: str | Path, scan: Iterable[object], *, resume: bool) -> None:
         history = Path(history)
         name = hashlib.sha256(repr((__version__, *scan)).encode("utf-8", "backslashreplace")).hexdigest()[:12]
         self.path = history.with_name(f"{history.name}.unfinished-{name}")
-        self.known: dict[str, Kept] = {}
+        self.known: dict[str, LoopReport] = {}
         self.resumed = resume
         self._handle: int | None = None
         if not history.parent.is_dir():
             raise BacklashError("the folder of the history does not exist", where=str(history.parent),
                                 code="no_history", remedy="make the folder first")
         try:
-            if resume:
-                self._load()
-            else:
+            if not resume:
                 self.path.write_bytes(b"")
             self._open()
-            _sweep(history)
+            with open(self.path, "rb") as file:
+                for line in file:
+                    checksum, _, text = line.rstrip(b"\n").partition(b" ")
+                    key, _, report = text.partition(b" ")
+                    with contextlib.suppress(ValueError):
+                        if text and checksum == _checksum(text):
+                            self.known[key.decode()] = from_text(report)
+            # what scans left that were stopped long ago and never resumed
+            for path in history.parent.glob(f"{history.name}.unfinished-????????????"):
+                with contextlib.suppress(OSError):
+                    if path.stat().st_mtime < time.time() - KEPT:
+                        path.unlink()
         except OSError as error:
             raise BacklashError(f"the history may not be written: {error.strerror}", where=str(history),
                                 code="history_unusable", remedy="check the rights of its folder") from None
 
-    def loops(self) -> frozenset[str]:
-        """Return the names of the loops that were finished before."""
-        return frozenset(kept.report.loop for kept in self.known.values())
-
-    def add(self, key: str, report: LoopReport, notes: tuple[Note, ...] | None = None,
-            failures: tuple[Note, ...] = ()) -> None:
+    def add(self, key: str, report: LoopReport) -> None:
         """Keep the report of a finished loop; one that failed is tried again next time. key: empty, nothing is kept.
 
         A full disk costs no more than the resuming.
@@ -80,13 +73,11 @@ class Unfinished:
         if not key or report.verdict is Verdict.ERROR:
             return
         with contextlib.suppress(OSError, TypeError, ValueError, OverflowError):
-            text = key.encode() + b" " + to_text(Kept(report, notes, failures))
+            text = key.encode() + b" " + to_text(report)
             line = b"\n" + _checksum(text) + b" " + text + b"\n"
-            if self._handle is None:
-                self._open()
-            assert self._handle is not None
+            handle = self._open()
             while line:
-                line = line[os.write(self._handle, line) :]
+                line = line[os.write(handle, line) :]
 
     def remove(self) -> None:
         """The scan has ended well: nothing is left to go on with."""
@@ -102,17 +93,10 @@ class Unfinished:
             os.close(self._handle)
             self._handle = None
 
-    def _open(self) -> None:
-        self._handle = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
-
-    def _load(self) -> None:
-        with contextlib.suppress(FileNotFoundError), open(self.path, "rb") as file:
-            for line in file:
-                checksum, _, text = line.rstrip(b"\n").partition(b" ")
-                if text and checksum == _checksum(text):
-                    key, _, kept = text.partition(b" ")
-                    with contextlib.suppress(ValueError):
-                        self.known[key.decode()] = from_text(kept)
+    def _open(self) -> int:
+        if self._handle is None:
+            self._handle = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+        return self._handle
 
     def __getstate__(self) -> dict[str, Any]:
         return {"path": self.path, "known": {}, "resumed": self.resumed, "_handle": None}
@@ -122,24 +106,21 @@ class Unfinished:
             self.close()
 
 
-def to_text(kept: Kept) -> bytes:
+def to_text(report: LoopReport) -> bytes:
     """Return a finished loop as text without a line end: numbers with all their digits, arrays as such.
 
     Raises TypeError, ValueError or OverflowError for what cannot be brought back as it was.
     """
-    halves = kept.report.estimates
+    halves = report.estimates
     columns, rows = (halves, ()) if isinstance(halves, Estimates) else (None, tuple(halves))
-    plain = (replace(kept.report, estimates=()), columns, rows, kept.notes, kept.failures)
-    return base64.b64encode(msgspec.msgpack.encode(plain, enc_hook=_plain))
+    return base64.b64encode(msgspec.msgpack.encode((replace(report, estimates=()), columns, rows), enc_hook=_plain))
 
 
-def from_text(text: bytes) -> Kept:
+def from_text(text: bytes) -> LoopReport:
     """Return what `to_text` was given. Raises ValueError for any other text."""
-    report, columns, rows, notes, failures = msgspec.msgpack.decode(base64.b64decode(text), type=_LINE, dec_hook=_array)
-    return Kept(replace(report, estimates=rows if columns is None else columns), notes, failures)
-
-
-_LINE = tuple[LoopReport, Estimates | None, tuple[Estimate, ...], tuple[Note, ...] | None, tuple[Note, ...]]
+    report, columns, rows = msgspec.msgpack.decode(
+        base64.b64decode(text), type=tuple[LoopReport, Estimates | None, tuple[Estimate, ...]], dec_hook=_array)
+    return replace(report, estimates=rows if columns is None else columns)
 
 
 def _plain(value: Any) -> Any:
@@ -158,12 +139,4 @@ def _array(kind: type, value: Any) -> Any:
 
 
 def _checksum(text: bytes) -> bytes:
-    return hashlib.sha256(text).hexdigest()[:_CHECKSUM].encode()
-
-
-def _sweep(history: Path) -> None:
-    """Remove what scans left that were stopped long ago and never resumed."""
-    for path in history.parent.glob(f"{history.name}.unfinished-????????????"):
-        with contextlib.suppress(OSError):
-            if path.stat().st_mtime < time.time() - KEPT:
-                path.unlink()
+    return hashlib.sha256(text).hexdigest()[:16].encode()

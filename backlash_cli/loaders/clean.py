@@ -22,7 +22,7 @@ from .join import Faults, Joiner, LoopSeries, Signal, add_faults
 from .options import ReadOptions
 from .order import NAT
 from .quality import automatic
-from .signals import Axis, Series
+from .signals import Axis, Series, packed
 from .states import judged, state_notes
 
 CHUNK = 2_000_000  # rows of a loop that are in memory at once
@@ -94,7 +94,15 @@ class Recipe:
     def packed(self) -> Recipe:
         """Return the recipe with its samples, to be sent to another machine; columns of Parquet files are read there.
         """
-        return replace(self, series=self.series.packed())
+        axes: dict[int, Axis] = {}
+
+        def own(item: Series) -> Series:
+            axis = item.axis
+            if id(axis) not in axes:
+                axes[id(axis)] = replace(axis, rows=packed(axis.rows, (), axis.column))
+            return replace(item, axis=axes[id(axis)], rows=packed(item.rows, (item.column, item.quality)))
+
+        return replace(self, series=self.series.changed(own))
 
     @property
     def rows(self) -> int:
@@ -166,7 +174,8 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
     notes: list[Note] = [*settings.notes, *pv.times.notes, *on_grid]
     frame = _Frame(loop, joiner, options, pv.times, grid, fill_limit(settings.loop.Ti, grid.interval), notes, going)
     frame.say(pv)
-    measured, interpolated = frame.measurement(pv)
+    measured = frame.on_grid(pv, "pv")
+    interpolated = None if grid.recorded is None else ~grid.recorded & np.isfinite(measured)
     if not later and not np.isfinite(measured).any():
         raise LoopError("the measurement (PV) holds no number at all", code="no_measurement",
                         remedy="check the column and the export")
@@ -184,8 +193,9 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
     manual, on_mode = frame.manual((*options.auto_modes, *settings.auto_modes))
     sp, op = (None if values is None else normalised(values, span)
               for values, span in ((setpoint, scaled.pv_range), (output, scaled.op_range)))
-    samples = judged(grid.index, sp, normalised(measured, scaled.pv_range), op, interpolated, manual, frame.bridge)
-    going.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in samples.marks.items()})
+    y, state, marks = judged(grid.index, sp, normalised(measured, scaled.pv_range), op, interpolated, manual,
+                             frame.bridge)
+    going.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()})
     going.samples += last - first
     going.output = output is not None
     missing = [] if sp is not None else [Note(
@@ -194,9 +204,8 @@ def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOpt
         ("wild", "filled", "frozen", "saturated", "missing"), ("setpoint", "output"), ("manual",))]
     extra = {name: frame.disturbance(items) for name, items in loop.extra.items()}
     record = Record(
-        loop.name, grid.start / 1e6, grid.interval, grid.index, np.full(len(measured), np.nan) if sp is None else sp,
-        samples.measurement, op, samples.state, scaled,
-        {name: values for name, values in extra.items() if values is not None},
+        loop.name, grid.start / 1e6, grid.interval, grid.index, np.full(len(y), np.nan) if sp is None else sp, y, op,
+        state, scaled, {name: values for name, values in extra.items() if values is not None},
         (*notes, *said[0], *missing, *said[1], *on_mode, *said[2]),
     )  # fmt: skip
     return record if going.end is None else record.slice(first, last)
@@ -244,21 +253,6 @@ class _Frame:
         """Note what was found out about a signal."""
         self.notes += [*signal.notes, *add_faults(self.going.faults, signal.faults)]
 
-    def measurement(self, pv: Signal) -> tuple[FloatArray, NDArray[np.bool_] | None]:
-        """Return the measurement, and which samples were interpolated between records."""
-        if self.grid.recorded is None:
-            return _in_rows(pv.values, self.grid), None
-        stamps, values = _records(pv)
-        known = np.isfinite(values)
-        limit = (MAX_HOLE + 1.5) * self.grid.step
-        if self.grid.kind == "compressed" and known.sum() > 1:  # 99 % of the records keep this spacing
-            limit = max(limit, GAP_FACTOR * float(np.quantile(np.diff(stamps[known]), 0.99)))
-        if self.options.interpolation == "hold":
-            found = held(self.grid.times, stamps, values, limit, (self.bridge + 0.5) * self.grid.step)
-        else:
-            found = linear(self.grid.times, stamps[known], values[known], limit)
-        return found, ~self.grid.recorded & np.isfinite(found)
-
     def companion(self, role: str) -> FloatArray | None:
         """Setpoint or output, held between its records unless the user says linear; None when not recorded."""
         if role not in self.loop.roles:
@@ -303,7 +297,7 @@ class _Frame:
 
     def _expanded(self, signal: Signal, role: str) -> FloatArray:
         """The values of a signal; a setpoint or mode of the chunk before holds until the first one that is known."""
-        values, carried = self._on_grid(signal, role), self.going.carried
+        values, carried = self.on_grid(signal, role), self.going.carried
         if role in ("sp", "mode"):
             known = np.isfinite(values)
             if role in carried and not known.all():
@@ -313,21 +307,30 @@ class _Frame:
                 carried[role] = float(values[known][-1])
         return values
 
-    def _on_grid(self, signal: Signal, role: str) -> FloatArray:
-        if signal.times is self.times and self.grid.recorded is None:
-            found = _in_rows(signal.values, self.grid)
-            if not np.isnan(found).any():
+    def on_grid(self, signal: Signal, role: str) -> FloatArray:
+        """The values of a signal as it was recorded: in its rows, on straight lines, or held."""
+        grid, own, how = self.grid, signal.times is self.times, self.options.interpolation
+        if own and grid.recorded is None:
+            found = _in_rows(signal.values, grid)
+            if role == "pv" or not np.isnan(found).any():
                 return found
         stamps, values = _records(signal)
         known = np.isfinite(values)
-        few, limit = (self.bridge + 0.5) * self.grid.step, float("inf")
-        if role not in ("sp", "mode"):
-            limit = max(_hold_limit(stamps[known]), few + self.grid.step)
-        if self.options.interpolation == "linear" and role != "mode":
-            return linear(self.grid.times, stamps[known], values[known], limit)
+        few, limit = (self.bridge + 0.5) * grid.step, float("inf")
+        steps = np.diff(stamps[known])
+        if role == "pv":
+            limit = (MAX_HOLE + 1.5) * grid.step
+            if grid.kind == "compressed" and len(steps):  # 99 % of the records keep this spacing
+                limit = max(limit, GAP_FACTOR * float(np.quantile(steps, 0.99)))
+        elif role not in ("sp", "mode") and len(steps):
+            # recorded on change, a value holds until the next record; at regular times, a longer silence is a loss
+            middle, usual = np.quantile(steps, [0.5, 0.95]).tolist()
+            limit = max(GAP_FACTOR * usual if usual <= 3.0 * middle else float(steps.max()), few + grid.step)
+        if (how or ("linear" if role == "pv" else "hold")) == "linear" and role != "mode":
+            return linear(grid.times, stamps[known], values[known], limit)
         # rows stamped now early, now late are still one scan each: PV and OP of a row belong together
-        late = self.grid.step // 2 if self.grid.kind == "jitter" and signal.times is self.times else 0
-        return held(self.grid.times + late, stamps, values, limit, few)
+        late = grid.step // 2 if grid.kind == "jitter" and own and role != "pv" else 0
+        return held(grid.times + late, stamps, values, limit, few)
 
 
 def _in_rows(values: FloatArray, grid: Grid) -> FloatArray:
@@ -335,16 +338,6 @@ def _in_rows(values: FloatArray, grid: Grid) -> FloatArray:
     if grid.rows is None:
         return values
     return np.where(grid.rows >= 0, values[grid.rows], np.nan)
-
-
-def _hold_limit(stamps: IntArray) -> float:
-    """How long in microseconds a value holds: while it is recorded on change, until the next record; while it is
-    recorded at regular times, GAP_FACTOR intervals, for then a longer silence is a loss. stamps: of its records."""
-    if len(stamps) < 2:
-        return float("inf")
-    steps = np.diff(stamps)
-    middle, usual = np.quantile(steps, [0.5, 0.95]).tolist()
-    return GAP_FACTOR * usual if usual <= 3.0 * middle else float(steps.max())
 
 
 def _records(signal: Signal) -> tuple[IntArray, FloatArray]:

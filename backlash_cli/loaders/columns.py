@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator
 from functools import lru_cache
-from itertools import islice
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
@@ -23,13 +23,11 @@ from .numbers import BLANK, is_number, is_text, stored
 from .opening import Text
 from .options import ReadOptions
 from .signals import Cells, Lexicon
-from .sniff import find_dialect
+from .sniff import HEAD_LINES, find_dialect
 from .sources import Remote, open_place
 from .times import StampReader
 
-BLOCK = 16 << 20  # bytes of text that are read at once
 BATCH_ROWS = 1 << 19  # rows of Parquet that are read at once
-HEAD_ROWS = 4000
 MAX_COLUMNS = 100_000
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
 _TWO_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # a name of two levels as pandas writes it
@@ -42,7 +40,7 @@ class TextTable:
 
     def __init__(self, text: Text, stem: str, partition: dict[str, str]) -> None:
         self.text, self.where = text, str(text.path)
-        self.dialect = dialect = find_dialect(text.head, text.complete, text.options, self.where)
+        self.dialect = dialect = find_dialect(text.head, text.options, self.where)
         if len(dialect.names) > MAX_COLUMNS:
             raise InputError(f"{len(dialect.names)} columns are too many", where=self.where)
         self._bad: list[tuple[int | None, int, int]] = []
@@ -50,20 +48,21 @@ class TextTable:
         if first.num_rows == 0:
             raise InputError("no rows of data below the header", where=self.where,
                              remedy="export it again with samples")
-        self.head = Head(self.where, stem, dialect.names, tuple(first.columns), dialect.decimal, dialect.line,
-                         partition, dialect.kinds)
-        self._whole = first if dialect.end is None else None
+        self.head = Head(self.where, stem, dialect.names, tuple(first.columns), dialect.kinds, partition,
+                         dialect.decimal, dialect.line)
+        self._first = first
         self._first_bad = self._bad[0][0] if self._bad else None  # rows are numbered where one thread reads them
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
         """Yield the columns that are asked for, some rows at a time; to be called once. stamps: columns of stamps."""
-        if self._whole is not None:
-            yield {i: self._whole.column(i) for i in {*columns, *stamps}}
-            return
-        self._bad = []
         types = {i: self._type(i, i in stamps) for i in {*columns, *stamps}}
-        for block in self.text.blocks(self.dialect.offset, BLOCK):
-            if block.isspace():
+        begin = self.dialect.end
+        if "%" in (self.text.options.time_format or ""):  # stamps are read as text from the beginning
+            begin, self._bad = self.dialect.offset, []
+        else:
+            yield {i: self._first.column(i) for i in types}
+        for block in chain([self.text.head[begin:]], self.text.rest):
+            if not block or block.isspace():
                 continue
             before = len(self._bad)
             try:
@@ -143,7 +142,7 @@ class ParquetTable:
     def __init__(self, path: Any, stem: str, options: ReadOptions, partition: dict[str, str]) -> None:
         self.path, self.where, self.options = path.absolute(), str(path), options
         open_parquet.cache_clear()  # the file may have changed
-        file = open_parquet(self.path)
+        file = open_parquet(path)
         about, schema, size = file.metadata, file.schema_arrow, path.stat().st_size
         self.count, decoded = about.num_rows, about.num_rows * about.num_columns * 8
         if about.num_columns > MAX_COLUMNS:
@@ -163,10 +162,11 @@ class ParquetTable:
             raise InputError("two columns have the same name", where=self.where, remedy="export it with unique names")
         # cells tell about the layout only where they are no plain measurements
         tell = pa.schema([f for k, f in enumerate(fields) if k == 0 or not pa.types.is_floating(f.type)])
-        begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_ROWS, columns=tell.names), 1), tell)
-        first = [begun[f.name] if f.name in tell.names else pa.chunked_array([], f.type) for f in fields]
+        begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_LINES, columns=tell.names), 1), tell)
+        told = dict(zip(tell.names, begun.columns, strict=True))
+        first = [told.get(f.name, pa.chunked_array([], f.type)) for f in fields]
         names = tuple(_TWO_LEVELS.sub(r"\1.\2", name) for name in self._names)
-        self.head = Head(self.where, stem, names, tuple(first), partition=partition)
+        self.head = Head(self.where, stem, names, tuple(first), ("",) * len(names), partition)
         self.notes: list[Note] = []
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:

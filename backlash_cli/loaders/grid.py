@@ -126,16 +126,10 @@ class Grid:
         stamp, number: stamp and grid number of the row before the first.
         """
         advance = np.maximum(1, np.rint(np.diff(stamps, prepend=stamp) / self.step).astype(np.int64))
-        index = number + np.cumsum(advance)
         holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
-        if not holes.any():
-            return index, np.arange(len(stamps))
-        copies = np.where(holes, advance, 1)  # the row itself, after as many absent ones as the hole is wide
-        ends = np.cumsum(copies) - 1
-        rows = np.full(ends[-1] + 1, -1)
-        rows[ends] = np.arange(len(stamps))
-        owner = np.repeat(np.arange(len(stamps)), copies)
-        return index[owner] - (ends[owner] - np.arange(len(rows))), rows
+        own = np.arange(len(stamps))
+        absent = np.repeat(own, np.where(holes, advance - 1, 0))  # the row after each absent one
+        return number + np.cumsum(np.insert(np.where(holes, 1, advance), absent, 1)), np.insert(own, absent, -1)
 
     def _points(self, stamps: IntArray) -> IntArray:
         """Return the grid numbers between the first and last stamp of every stretch without a gap."""

@@ -16,9 +16,10 @@ from ..settings import ROLE_KEYS, Metadata
 from .grid import Times
 from .names import SIGNALS, plain
 from .quality import good_samples
-from .signals import Axis, Series, packed
+from .signals import Axis, Series
 from .states import inside, runs
 
+Faults = dict[tuple[str, str], Counter[str]]  # (what is wrong, tag) -> what stood there, counted
 MOST_TIMES = 8  # kept: more than one loop has, and few enough for plants of many files
 
 
@@ -43,19 +44,6 @@ class LoopSeries:
                         for parts in (self.roles, self.extra))
         return replace(self, roles=roles, extra=extra)
 
-    def packed(self) -> LoopSeries:
-        """Return it with its samples in memory, to be sent to another machine; columns of Parquet files are read there.
-        """
-        axes: dict[int, Axis] = {}
-
-        def own(item: Series) -> Series:
-            axis = item.axis
-            if id(axis) not in axes:
-                axes[id(axis)] = replace(axis, rows=packed(axis.rows, (), axis.column))
-            return replace(item, axis=axes[id(axis)], rows=packed(item.rows, (item.column, item.quality)))
-
-        return self.changed(own)
-
 
 @dataclass(frozen=True, eq=False)
 class Signal:
@@ -67,9 +55,6 @@ class Signal:
     bad: NDArray[np.bool_] | None
     notes: tuple[Note, ...] = ()
     faults: Faults = field(default_factory=dict)
-
-
-Faults = dict[tuple[str, str], Counter[str]]
 
 
 def by_loop(found: Iterable[Any], metadata: Metadata) -> dict[str, LoopSeries]:

@@ -6,7 +6,7 @@ Decided from the first rows of a file, before the rest is read.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,18 +28,19 @@ _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 class Head:
     """The first rows of a file, nothing interpreted yet.
 
-    where: path for messages. stem: file name without endings. first_line: line of the first row in a text file, 0 for
-    others. partition: names and values of folders like loop=FIC101. kinds: what the first cells of a text look like.
+    where: path for messages. stem: file name without endings. kinds: what the first cells of each column look like
+    ("time", "clock", "number", "text"), "" where nobody looked. partition: names and values of folders like
+    loop=FIC101. first_line: line of the first row in a text file, 0 for others.
     """
 
     where: str
     stem: str
     names: tuple[str, ...]
     columns: tuple[pa.ChunkedArray, ...]
+    kinds: tuple[str, ...]
+    partition: dict[str, str]
     decimal: str = "."
     first_line: int = 0
-    partition: dict[str, str] = field(default_factory=dict)
-    kinds: tuple[str, ...] = ()
 
     @cached_property
     def plain(self) -> list[str]:
@@ -68,15 +69,11 @@ class Head:
         """Say whether a column holds text."""
         return is_text(self.columns[column].type)
 
-    def kind(self, column: int) -> str:
-        """What the first cells of a column look like ("time", "clock", "number", "text"), "" where nobody looked."""
-        return self.kinds[column] if column < len(self.kinds) else ""
-
     def is_time(self, column: int) -> bool:
         """Say whether a column holds dates or times of day, by its type or by what its first cells look like."""
         kind = self.columns[column].type
         return (pa.types.is_temporal(kind) and not pa.types.is_duration(kind)) or (
-            self.kind(column) in ("time", "clock") and not is_number(kind))
+            self.kinds[column] in ("time", "clock") and not is_number(kind))
 
     def words(self, column: int) -> list[str]:
         """Return the texts in the first rows of a column."""
@@ -163,7 +160,7 @@ def _recognise(head: Head) -> str:
     if alone and VALUE.isdisjoint(head.plain):
         return "tall" if any(head.plain[i] in TAG | LOOP | {"measurement"} for i in texts) else "wide"
     followed = all(i + 1 < len(head.names) and i + 1 not in head.times for i in head.times)
-    if len(head.times) >= 2 and followed and not any(head.kind(i) == "clock" for i in head.times):
+    if len(head.times) >= 2 and followed and not any(head.kinds[i] == "clock" for i in head.times):
         return "pairs"
     return "long" if texts and head.times and not wide and name_columns(head, texts) else "wide"
 
@@ -177,7 +174,7 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[tuple[int, ...], se
     if not columns:
         raise InputError("no time column found", where=head.where, remedy="name the column of time stamps 'timestamp', "
                          "or say how they are written with --time-format")
-    clocks = [i for i in columns if pa.types.is_time(head.columns[i].type) or head.kind(i) == "clock"]
+    clocks = [i for i in columns if pa.types.is_time(head.columns[i].type) or head.kinds[i] == "clock"]
     dates = [i for i in columns if i not in clocks]
     if clocks and dates and is_midnight(head.columns[dates[0]], head.names[dates[0]], options, head.where):
         return (dates[0], clocks[0]), {dates[0], clocks[0]}
@@ -240,12 +237,32 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
 
 
 def signals_of(head: Head, layout: Layout, empty: Collection[int] = ()) -> list[Named]:
-    """Name the signals of a wide file or of pairs. empty: columns without any cell. Raises InputError without any."""
-    if layout.kind == "pairs":
-        found = [of_tag(_pair_name(head, column, layout.stamps[k][0]), column, k)
-                 for k, column in enumerate(layout.values)]
-    else:
-        found = _wide(head, layout, empty)
+    """Name the signals of a wide file or of pairs. empty: columns without any cell. Raises InputError without any.
+
+    A header that names no loop is completed by what the folders or the file are called; one that says "value" stands
+    for what its time column, the folders or the file are called.
+    """
+    pairs, marks = layout.kind == "pairs", set(layout.quality.values())
+    signals = [i for i in layout.values if pairs or (i not in marks and (head.tags[i].role or i not in empty))]
+    alone = not pairs and any(not head.tags[i].loop and head.tags[i].role in SIGNALS for i in signals)  # of one loop
+    only = not pairs and not alone and len(signals) == 1 and not all((head.tags[signals[0]].loop,
+                                                                      head.tags[signals[0]].role))
+    home = _partition_name(head)
+    found = []
+    for place, i in enumerate(signals):
+        name = header = head.names[i]
+        if pairs and (not name or not VALUE.isdisjoint((head.plain[i], plain(name.rpartition(".")[2])))):
+            time = layout.stamps[place][0]
+            name = head.tags[time].of or name.rpartition(".")[0] or head.names[time]
+        elif only and (not name or head.plain[i] in VALUE):
+            name = home or head.stem
+        elif only and not head.tags[i].loop and split_tag(head.stem).role in SIGNALS:
+            name = head.stem
+        named = of_tag(name, i, place if pairs else 0)
+        if alone and (home or not named.loop or not named.role):
+            signal = named.signal if named.role or not named.loop else header
+            named = replace(named, loop=home or head.stem, signal=signal)
+        found.append(named)
     if not found:
         shown = ", ".join((name or "(blank)")[:40] for name in head.names[:8]) + ", ..." * (len(head.names) > 8)
         raise InputError(f"no signal columns found beside the time (columns: {shown})", where=head.where,
@@ -253,34 +270,10 @@ def signals_of(head: Head, layout: Layout, empty: Collection[int] = ()) -> list[
     return found
 
 
-def _pair_name(head: Head, column: int, time: int) -> str:
-    name = head.names[column]
-    if name and VALUE.isdisjoint((plain(name), plain(name.rpartition(".")[2]))):
-        return name
-    return head.tags[time].of or name.rpartition(".")[0] or head.names[time]
-
-
 def of_tag(name: str, column: int, place: int = 0) -> Named:
     """The signal that a tag names."""
     tag = split_tag(name)
     return Named(column, name, tag.loop, tag.role if tag.role in SIGNALS else "", tag.signal, place)
-
-
-def _wide(head: Head, layout: Layout, empty: Collection[int]) -> list[Named]:
-    marks = set(layout.quality.values())
-    signals = [i for i in layout.values if i not in marks and (head.tags[i].role or i not in empty)]
-    alone = any(not head.tags[i].loop and head.tags[i].role in SIGNALS for i in signals)  # columns of one loop
-    home = _partition_name(head)
-    if not alone and len(signals) == 1 and not (head.tags[signals[0]].loop and head.tags[signals[0]].role):
-        return [of_tag(_only_name(head, signals[0], home), signals[0])]
-    found = []
-    for i in signals:
-        named = of_tag(head.names[i], i)
-        if alone and (home or not named.loop or not named.role):
-            signal = named.signal if named.role or not named.loop else named.tag
-            named = Named(i, named.tag, home or head.stem, named.role, signal)
-        found.append(named)
-    return found
 
 
 def _partition_name(head: Head) -> str:
@@ -291,11 +284,3 @@ def _partition_name(head: Head) -> str:
     if role and (loop or len(rest) > 1):
         return f"{loop or next(v for v in rest if v != role)}.{role}"
     return loop or (rest[0] if rest else "")
-
-
-def _only_name(head: Head, value: int, home: str) -> str:
-    """The tag of a file with one signal: its header, or else what the file or its folder is called."""
-    header = head.names[value]
-    if not header or head.plain[value] in VALUE:
-        return home or head.stem
-    return head.stem if not head.tags[value].loop and split_tag(head.stem).role in SIGNALS else header

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 
 
 def _words(text: str) -> frozenset[str]:
@@ -111,31 +112,15 @@ def split_tag(text: str) -> Tag:
     if (marks or last in TIME) and len(name) <= NESTED_LIMIT:
         base = name[: parts[-1].start()]
         return Tag(split_tag(base).loop, "quality" if marks else "time", parts[-1][1], of=base)
-    found = _signal_at_end(name, parts) or _signal_before_attribute(name, parts)
-    if found is not None:
-        return found
+    # FIC101.PV; "FIC101 Set Point" of two words; PLANT.FIC101_PV.F_CV before what the data base calls the value
+    for drop, words in product((0, 1, 2), (1, 2)):
+        kept = parts[: len(parts) - drop]
+        end = parts[-drop].start() if drop else len(name)
+        if len(kept) > words and (not drop or plain(name[end:]) in ATTRIBUTES):
+            cut = kept[-words].start()
+            if role := signal_role(name[cut:end]):
+                return Tag(name[:cut], role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:"))
     first = signal_role(parts[0][1])
     if first and len(parts[0][1]) > 1 and not is_time_name(parts[-1][1]):  # PV_FIC101
         return Tag(name[parts[1].start() :].strip(" .-_/:|#"), first, parts[0][1])
     return Tag(name[: parts[-1].start()], "", parts[-1][1])
-
-
-def _signal_at_end(name: str, parts: list[re.Match[str]]) -> Tag | None:
-    """FIC101.PV, or "FIC101 Set Point" with a signal name of two words."""
-    for words in (1, 2):
-        if len(parts) > words:
-            cut = parts[-words].start()
-            role = signal_role(name[cut:])
-            if role:
-                return Tag(name[:cut], role, parts[-1][1] if words == 1 else name[cut:].strip(" .-_/:"))
-    return None
-
-
-def _signal_before_attribute(name: str, parts: list[re.Match[str]]) -> Tag | None:
-    """PLANT.FIC101_PV.F_CV: the signal stands before what the data base calls the value."""
-    for drop in (1, 2):
-        cut = parts[-drop].start() if len(parts) > drop + 1 else 0
-        found = _signal_at_end(name[:cut], parts[:-drop]) if cut and plain(name[cut:]) in ATTRIBUTES else None
-        if found is not None:
-            return found
-    return None

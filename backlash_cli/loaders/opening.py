@@ -25,7 +25,8 @@ from .options import ReadOptions
 from .sources import Remote, open_place
 
 CHUNK = 1 << 20  # bytes that are read at once
-HEAD = 4 << 20  # bytes of text that tell how it is written
+BLOCK = 8 << 20  # bytes of text that are handed on at once
+SAMPLE = 64 << 10  # bytes that tell how a text is encoded
 # Text of measurements never shrinks to a 200th; beyond this a small file is a trap, not an export.
 BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20
 _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
@@ -55,43 +56,35 @@ def kind_of(path: Path | Remote) -> str:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
     if not magic:
         raise InputError("file is empty (0 bytes)", where=str(path), remedy="export it again")
-    if magic[:4] == b"PAR1":
-        return "parquet"
+    return _kind(magic, path)
+
+
+def _kind(magic: bytes, path: Path | Remote) -> str:
     if magic.startswith(b"PK\x03\x04") and path.name.lower().endswith((".xlsx", ".xlsm")):
         return "workbook"
-    _refuse_foreign(magic, path)
-    return "text"
-
-
-def _refuse_foreign(magic: bytes, path: Path | Remote) -> None:
     for mark, (what, remedy) in _FOREIGN.items():
         if magic.startswith(mark):
             raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
+    return "parquet" if magic.startswith(b"PAR1") else "text"
 
 
 class Text:
     """The text of a file as UTF-8, in blocks of whole lines; `notes` are complete when all was read.
 
-    head: its first lines. complete: that is all of it. taken: called with the bytes of the file that were read. Raises
-    InputError for what is no text, and for small files that expand without end; of a damaged file what is whole is
-    read.
+    head: the first of them. rest: all others, to be gone through once. taken: called with the bytes of the file that
+    were read. Raises InputError for what is no text, and for small files that expand without end; of a damaged file
+    what is whole is read.
     """
 
     def __init__(self, path: Path | Remote, options: ReadOptions, taken: Callable[[int], None] | None = None,
                  data: bytes | None = None) -> None:
         self.path, self.options, self._taken = path, options, taken
         self.notes: list[Note] = []
-        pieces = self._decoded(self._pieces() if data is None else iter([data]))
-        if _ANNOTATION.search((head := _gathered(pieces, HEAD))[: 64 << 10]):
-            pieces = _without_annotations(lines_together(chain([head], pieces), HEAD))
-            head = _gathered(pieces, HEAD)
-        self.head, self._rest = head, pieces
-        self.complete = len(head) < HEAD
-
-    def blocks(self, offset: int, size: int) -> Iterator[bytearray]:
-        """Yield the text from an offset on, about `size` bytes of whole lines at a time; to be called once."""
-        head, self.head = self.head[offset:], b""
-        return lines_together(chain([head], self._rest), size)
+        self.rest = lines_together(self._decoded(self._pieces() if data is None else iter([data])))
+        self.head = next(self.rest, bytearray())
+        if _ANNOTATION.search(self.head, 0, SAMPLE):
+            self.rest = _without_annotations(chain([self.head], self.rest))
+            self.head = next(self.rest, bytearray())
 
     def _pieces(self) -> Iterator[bytes]:
         """Yield the bytes of the file, decompressed."""
@@ -129,16 +122,16 @@ class Text:
 
     def _decoded(self, pieces: Iterator[bytes]) -> Iterator[bytes]:
         """Yield text as UTF-8; from the first bytes on that are not, it counts as Western European."""
-        head = _gathered(pieces, HEAD)
+        head = b""
+        while len(head) < SAMPLE and (piece := next(pieces, b"")):
+            head += piece
         if not head:
             raise InputError("file holds no data", where=str(self.path), remedy="export it again")
-        if head[:4] == b"PAR1":
+        if _kind(head, self.path) == "parquet":
             raise InputError("compressed Parquet file", where=str(self.path), remedy="decompress it first")
-        _refuse_foreign(head[:16], self.path)
         encoding = guess_encoding(head, self.path, self.options)
-        errors = "strict" if encoding == "utf-8" else "replace"
         try:
-            decoder = codecs.getincrementaldecoder(encoding)(errors)
+            decoder = codecs.getincrementaldecoder(encoding)("strict" if encoding == "utf-8" else "replace")
             decoder.decode(b"")
         except (LookupError, ValueError) as error:
             raise InputError(f"cannot decode the text as {encoding}: {error}", where=str(self.path)) from None
@@ -151,30 +144,17 @@ class Text:
             except UnicodeDecodeError:
                 piece, encoding = decoder.getstate()[0] + piece, "cp1252"
                 decoder = codecs.getincrementaldecoder("cp1252")("replace")
-                self._say("text is not UTF-8; read with the encoding cp1252 (Western European)")
                 text = decoder.decode(piece)
-            else:
-                if "\ufffd" in text and encoding != "utf-8":
-                    self._say(f"some bytes are not valid {encoding} text; they were replaced")
+                self.notes.append(Note("encoding", "text is not UTF-8; read with the encoding cp1252 (Western "
+                                       "European)"))
+            if "\ufffd" in text and encoding != "utf-8" and not self.notes:
+                self.notes.append(Note("encoding", f"some bytes are not valid {encoding} text; they were replaced"))
             yield text.encode("utf-8", errors="replace")
 
-    def _say(self, text: str) -> None:
-        if not any(note.message == text for note in self.notes):
-            self.notes.append(Note("encoding", text))
 
-
-def _gathered(pieces: Iterator[bytes], size: int) -> bytes:
-    """The next pieces, so many bytes or all there are."""
-    found, length = [], 0
-    while length < size and (piece := next(pieces, None)) is not None:
-        found.append(piece)
-        length += len(piece)
-    return b"".join(found)
-
-
-def lines_together(pieces: Iterable[bytes], size: int) -> Iterator[bytearray]:
-    """Yield text in blocks of whole lines, about `size` bytes each; a longer line is one block."""
-    block, enough = bytearray(), size
+def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
+    """Yield text in blocks of whole lines; a line longer than a block is one block."""
+    block, enough = bytearray(), BLOCK
     for piece in pieces:
         block += piece
         if len(block) < enough:
@@ -184,26 +164,23 @@ def lines_together(pieces: Iterable[bytes], size: int) -> Iterator[bytearray]:
         del block[cut:]
         if block:
             yield block
-        block, enough = rest, max(size, 2 * len(rest))
+        block, enough = rest, max(BLOCK, 2 * len(rest))
     if block:
         yield block
 
 
 def _whole_lines(text: bytearray) -> int:
     """Length of the lines that end in a text; a quoted cell may hold line ends."""
-    end = b"\n" if b"\n" in text else b"\r"
-    quotes, cut = text.count(b'"') if b'"' in text else 0, text.rfind(end)
-    last = cut
-    for _ in range(200 if quotes else 0):
+    end, quotes = b"\n" if b"\n" in text else b"\r", text.count(b'"')
+    cut = last = text.rfind(end)
+    for _ in range(200):
         if cut < 0 or (quotes - text.count(b'"', cut)) % 2 == 0:
-            break
+            return cut + 1
         cut = text.rfind(end, 0, cut)
-    else:
-        cut = last  # quotes that never end are taken as they are
-    return cut + 1
+    return last + 1  # quotes that never end are taken as they are
 
 
-def _without_annotations(blocks: Iterable[bytearray]) -> Iterator[bytes]:
+def _without_annotations(blocks: Iterable[bytearray]) -> Iterator[bytearray]:
     """Take the annotations out of InfluxDB's annotated CSV, where a table of other columns may follow after a blank
     line; the columns of all tables are brought to those of the first."""
     columns: list[bytes] = []
@@ -228,7 +205,7 @@ def _without_annotations(blocks: Iterable[bytearray]) -> Iterator[bytes]:
                 out.append(b",".join(cells[k] if 0 <= k < len(cells) else b"" for k in place))
             fresh = False
         if out:
-            yield b"\n".join(out) + b"\n"
+            yield bytearray(b"\n".join(out) + b"\n")
 
 
 def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> str:
@@ -238,7 +215,7 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
             return encoding
     if options.encoding:
         return options.encoding.lower().replace("utf8", "utf-8")
-    sample = head[: 64 << 10]
+    sample = head[:SAMPLE]
     even, odd = sample[0::2].count(0), sample[1::2].count(0)
     if odd > 0.4 * len(sample) / 2 and even < odd / 8:
         return "utf-16-le"

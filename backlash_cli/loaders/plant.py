@@ -29,7 +29,7 @@ from .signals import Axis, Series
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import Reading, signals_of_file
 
-READING_ERRORS = (BacklashError, ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
+READING_ERRORS = (ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
 SHOWN = 12  # names written out in a message; all of them stand in its values
 FEW_LOOPS = 3  # loops of the loops file without data that are named one by one
 
@@ -91,11 +91,12 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
     return Plant(tuple(records), opened.warnings, (*opened.failures, *lost), opened.inputs)
 
 
-@dataclass(frozen=True)
-class OpenPlant:
+@dataclass(frozen=True, eq=False)
+class OpenPlant(Mapping[str, Record]):
     """One or several exports whose loops are known and not yet read: one recipe per loop, by name.
 
-    failures: files that could not be read. lost: loops that cannot be. The rest as in Plant.
+    failures: files that could not be read. lost: loops that cannot be. The rest as in Plant. As a mapping it makes the
+    record of a loop each time it is asked for; a loop that cannot be read is not there.
     """
 
     recipes: tuple[Recipe, ...]
@@ -103,6 +104,29 @@ class OpenPlant:
     failures: tuple[Note, ...] = ()
     inputs: tuple[str, ...] = ()
     lost: tuple[Note, ...] = ()
+
+    @cached_property
+    def _by_name(self) -> dict[str, Recipe]:
+        return {recipe.loop: recipe for recipe in self.recipes}
+
+    @cached_property
+    def _joiner(self) -> Joiner:
+        return Joiner(self.recipes[0].options.good_quality)
+
+    def __getitem__(self, loop: str) -> Record:
+        try:
+            return self._by_name[loop].record(self._joiner)
+        except BacklashError as error:
+            raise KeyError(str(error)) from None
+
+    def __contains__(self, loop: object) -> bool:
+        return loop in self._by_name
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._by_name)
+
+    def __len__(self) -> int:
+        return len(self.recipes)
 
     def all_lost(self, more: Sequence[Note], *, read: int) -> tuple[Note, ...]:
         """Return the loops that could not be read, with those found out when they were read, by name.
@@ -115,29 +139,6 @@ class OpenPlant:
             raise LoopError(f"no loop could be read; {first.message}" if len(lost) > 1 else first.message,
                             code=first.code)
         return lost
-
-
-class RecordsByName(Mapping[str, Record]):
-    """The records of recipes by the name of the loop, made anew each time; a loop that cannot be read is not there."""
-
-    def __init__(self, recipes: Iterable[Recipe]) -> None:
-        self._recipes = {recipe.loop: recipe for recipe in recipes}
-        self._joiner = next((Joiner(recipe.options.good_quality) for recipe in self._recipes.values()), None)
-
-    def __getitem__(self, loop: str) -> Record:
-        try:
-            return self._recipes[loop].record(self._joiner)
-        except BacklashError as error:
-            raise KeyError(str(error)) from None
-
-    def __contains__(self, loop: object) -> bool:
-        return loop in self._recipes
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._recipes)
-
-    def __len__(self) -> int:
-        return len(self._recipes)
 
 
 def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
@@ -154,25 +155,24 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     sources = find_sources(given)
     marks = {} if salt is None else {str(source.path): source.mark() for source in sources}  # before they are read
     metadata, warnings = _metadata(given, sources, loops)
-    series, failures, problems = [], [], []
+    series: list[Series] = []
+    problems: dict[str, BacklashError] = {}
     reading = Reading(options, _needed(metadata, options), taken, room or Room())
     for source in sources:
         try:
             found, notes = signals_of_file(source, reading)
+            series += found
+            warnings += notes
+        except BacklashError as error:
+            problems[str(source.path)] = error
         except READING_ERRORS as error:
-            if not isinstance(error, BacklashError):
-                text = str(error).strip().split("\n")[0][:300] or type(error).__name__
-                error = InputError(f"cannot be read: damaged or not understood: {text}", where=str(source.path),
-                                   remedy="export the file again")
-            problems.append(error)
-            failures.append(failure(error, file=str(source.path)))
-            continue
-        series += found
-        warnings += notes
+            text = str(error).strip().split("\n")[0][:300] or type(error).__name__
+            problems[str(source.path)] = InputError(f"cannot be read: damaged or not understood: {text}",
+                                                    where=str(source.path), remedy="export the file again")
     if not series:
-        raise problems[0] if len(sources) == 1 and problems else InputError(
-            f"none of {len(sources)} files could be read; the first: {[*problems, None][0]}",
-            remedy="export them again")
+        first = next(iter(problems.values()), None)
+        raise first if first is not None and len(sources) == 1 else InputError(
+            f"none of {len(sources)} files could be read; the first: {first}", remedy="export them again")
     all_loops = by_loop(series, metadata)
     wanted, notes = _chosen(series, all_loops, metadata, options, str(sources[0].path))
     warnings += notes
@@ -184,7 +184,8 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     warnings += _unmatched(all_loops, metadata)
     recipes = (_recipe(name, wanted[name], metadata, options) for name in sorted(wanted))
     return OpenPlant(tuple(recipe.keyed(marks, (salt, moment)) for recipe in recipes), tuple(warnings),
-                     tuple(failures), tuple(str(item) for item in given), tuple(lost))
+                     tuple(failure(error, file=path) for path, error in problems.items()),
+                     tuple(str(item) for item in given), tuple(lost))
 
 
 def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],

@@ -249,18 +249,13 @@ class Series:
     def count(self) -> int:
         return 0 if self.rows is None else self.rows.count
 
-    def cells(self, first: int = 0, last: int | None = None) -> Cells:
-        """Return its cells, or those of some rows."""
-        return self._read(self.column, first, last)
+    def cells(self) -> Cells:
+        """Return its cells."""
+        return Cells(np.zeros(0)) if self.rows is None else self.rows.cells(self.column, 0, self.count)
 
-    def marks(self, first: int = 0, last: int | None = None) -> Cells | None:
+    def marks(self) -> Cells | None:
         """Return the quality of its cells, None where there is none."""
-        return self._read(self.quality, first, last) if self.quality else None
-
-    def _read(self, column: str, first: int, last: int | None) -> Cells:
-        if self.rows is None:
-            return Cells(np.zeros(0))
-        return self.rows.cells(column, first, self.rows.count if last is None else last)
+        return self.rows.cells(self.quality, 0, self.count) if self.rows is not None and self.quality else None
 
     def part(self, axis: Axis, chosen: slice | IntArray) -> Series:
         """Return some rows of it; axis: their stamps."""

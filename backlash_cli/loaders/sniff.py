@@ -46,29 +46,27 @@ _GROUPED = re.compile(r"^\s*-?[1-9]\d{0,2},\d{3}\s*$")
 
 @dataclass(frozen=True)
 class Dialect:
-    """names: column names as written. offset: byte where the data begin. end: byte where the lines that were looked at
-    end, None for all of the file. line: number of the first line of data.
-
-    decimal: sign before the fraction. kinds: what each column holds in the first and last rows seen.
+    """names: column names as written. offset, line: byte and line where the data begin. end: byte where the lines that
+    were looked at end. decimal: sign before the fraction. kinds: what each column holds in the first and last of them.
     """
 
     delimiter: str
     names: tuple[str, ...]
     offset: int
-    end: int | None
+    end: int
     line: int
-    decimal: str = "."
-    kinds: tuple[str, ...] = ()
+    decimal: str
+    kinds: tuple[str, ...]
 
 
-def find_dialect(text: bytes, complete: bool, options: ReadOptions, where: str) -> Dialect:
-    """Find how a text is written from its first lines; complete: it is all of the file.
+def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> Dialect:
+    """Find how a text is written from its first lines.
 
     Raises InputError when there is no header line, no data, or nothing that looks like columns.
     """
     head = text.decode()
     lines = lines_of(head)
-    end = len(head) if complete or len(lines) < 2 else lines.pop()[1]
+    end = lines[HEAD_LINES][1] if len(lines) > HEAD_LINES else len(head)
     declared = re.match(r"^sep=(.)$", lines[0][2].strip()) if lines else None
     lines = [row for row in lines[1 if declared else 0 : HEAD_LINES] if row[2].strip(" \t,;|")]
     if not lines:
@@ -89,7 +87,7 @@ def find_dialect(text: bytes, complete: bool, options: ReadOptions, where: str) 
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
     return Dialect(delimiter, column_names(before, width, options, where), len(head[: lines[first][1]].encode()),
-                   None if complete else len(head[:end].encode()), lines[first][0],
+                   len(head[:end].encode()), lines[first][0],
                    options.decimal or _decimal([*data, *tail], delimiter),
                    tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True)))
 

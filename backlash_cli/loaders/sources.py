@@ -10,9 +10,10 @@ import contextlib
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache, cached_property, reduce
+from operator import truediv
 from os import PathLike
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
@@ -192,18 +193,13 @@ class Remote(PathLike[str]):
 
 
 @dataclass(frozen=True)
-class Source(PathLike[str]):
-    """One file to read. partition: names and values of folders like loop=FIC101 on the way to it.
-
-    beside: names of all files in the same folder, None where they were not listed.
-    """
+class Source:
+    """One file to read. partition: names and values of folders like loop=FIC101 on the way to it. beside: names of all
+    files in the same folder, None where they were not listed."""
 
     path: Path | Remote
     partition: dict[str, str] = field(default_factory=dict)
     beside: frozenset[str] | None = field(default=None, repr=False)
-
-    def __fspath__(self) -> str:
-        return str(self.path)
 
     def mark(self) -> str:
         """Return what changes when the content of the file does, "" where that cannot be known."""
@@ -216,16 +212,12 @@ class Source(PathLike[str]):
             return ""
 
 
-def find_sources(inputs: str | PathLike[str] | Sequence[str | PathLike[str]]) -> list[Source]:
+def find_sources(inputs: Sequence[str | PathLike[str]]) -> list[Source]:
     """Return the files behind the inputs, each once, in order. Raises InputError for what does not exist."""
-    given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
-    if not given:
+    if not inputs:
         raise InputError("no input given", remedy="name an export file or a folder of exports")
     found: list[Source] = []
-    for item in given:
-        if isinstance(item, Source):
-            found.append(item)
-            continue
+    for item in inputs:
         if "\x00" in os.fspath(item):
             raise InputError("a file name holds a zero byte", remedy="check the name")
         path = place(item)
@@ -243,34 +235,7 @@ def find_sources(inputs: str | PathLike[str] | Sequence[str | PathLike[str]]) ->
 
 
 def _below(folder: Path | Remote) -> list[Source]:
-    found: list[Source] = []
-    seen: list[str] = []
-    for parts, names in _folders_of(folder):
-        seen += names
-        way = (folder.name, *parts)
-        partition = {key: unquote(value) for key, equals, value in (part.partition("=") for part in way) if equals}
-        # the nearest folder that is called after something: no key=value, no date
-        home = next((part for part in reversed(way) if "=" not in part and not _DATE.fullmatch(part)), "")
-        named = any(plain(key) in LOOP | TAG for key in partition)
-        here, beside = folder, frozenset(names)
-        for part in parts:
-            here = here / part
-        for name in sorted(filter(is_export, names)):
-            own = {**partition, "loop": home} if home and not named and _PART.match(name) else partition
-            found.append(Source(here / name, own, beside))
-        if len(found) > MAX_FILES:
-            raise InputError(f"more than {MAX_FILES} files", where=str(folder), remedy="scan it in parts")
-    if not found:
-        other = sorted({Path(name).suffix or name for name in seen})
-        there = f"; found there: {', '.join(other[:8])}" + ", ..." * (len(other) > 8) if other else "; it is empty"
-        raise InputError(f"folder holds no exports (no CSV, Parquet or Excel files){there}", where=str(folder),
-                         remedy="name the folder with the exports, or a file")
-    return found
-
-
-def _folders_of(folder: Path | Remote) -> Iterable[tuple[tuple[str, ...], list[str]]]:
-    """Every folder in and below a folder, as its parts below it and the names of its files, in order."""
-    listed: dict[tuple[str, ...], list[str]] = {}
+    listed: dict[tuple[str, ...], list[str]] = {}  # of every folder in and below it, its parts below: its files
     if isinstance(folder, Remote):
         for parts in folder.files_below():
             if not any(part.startswith((".", "_")) for part in parts[:-1]):
@@ -279,7 +244,25 @@ def _folders_of(folder: Path | Remote) -> Iterable[tuple[tuple[str, ...], list[s
         for root, folders, names in os.walk(folder):
             folders[:] = [name for name in folders if not name.startswith((".", "_"))]
             listed[Path(root).relative_to(folder).parts] = names
-    return sorted(listed.items())
+    found: list[Source] = []
+    for parts, names in sorted(listed.items()):
+        way = (folder.name, *parts)
+        partition = {key: unquote(value) for key, equals, value in (part.partition("=") for part in way) if equals}
+        # the nearest folder that is called after something: no key=value, no date
+        home = next((part for part in reversed(way) if "=" not in part and not _DATE.fullmatch(part)), "")
+        named = any(plain(key) in LOOP | TAG for key in partition)
+        here, beside = reduce(truediv, parts, folder), frozenset(names)
+        for name in sorted(filter(is_export, names)):
+            own = {**partition, "loop": home} if home and not named and _PART.match(name) else partition
+            found.append(Source(here / name, own, beside))
+        if len(found) > MAX_FILES:
+            raise InputError(f"more than {MAX_FILES} files", where=str(folder), remedy="scan it in parts")
+    if not found:
+        other = sorted({Path(name).suffix or name for names in listed.values() for name in names})
+        there = f"; found there: {', '.join(other[:8])}" + ", ..." * (len(other) > 8) if other else "; it is empty"
+        raise InputError(f"folder holds no exports (no CSV, Parquet or Excel files){there}", where=str(folder),
+                         remedy="name the folder with the exports, or a file")
+    return found
 
 
 def is_export(name: str) -> bool:
@@ -347,6 +330,6 @@ def read_metadata(path: str | PathLike[str]) -> Metadata:
 def size_of(inputs: Sequence[str | PathLike[str]]) -> int | None:
     """Return the bytes of all files behind the inputs on this machine, None where that cannot be known quickly."""
     try:
-        return sum(source.path.stat().st_size for source in find_sources(list(inputs)) if isinstance(source.path, Path))
+        return sum(source.path.stat().st_size for source in find_sources(inputs) if isinstance(source.path, Path))
     except (BacklashError, OSError):
         return None

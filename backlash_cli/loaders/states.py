@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,15 +110,17 @@ def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
     return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))
 
 
-_SAID = {  # what a sample is: (code of the note, its words)
-    "wild": ("implausible", "samples of PV far outside the range (spikes) were rejected"),
-    "filled": ("filled", "samples in short holes were interpolated"),
-    "frozen": ("frozen", "of {} samples repeat one number for too long (PV constant or frozen); not used"),
-    "saturated": ("saturated", "of {} samples have the output at its limit; not used"),
-    "missing": ("missing", "of {} samples have no measurement; not used"),
-    "setpoint": ("setpoint_missing", "of {} samples have no setpoint; not used"),
-    "output": ("output_missing", "of {} samples have no output; not used"),
-    "manual": ("manual", "of {} samples are not in automatic; not used"),
+_KINDS = {  # what a sample is, later ones count more: (its state, the code of the note, its words)
+    "wild": (None, "implausible", "samples of PV far outside the range (spikes) were rejected"),
+    "filled": (SampleState.FILLED, "filled", "samples in short holes were interpolated"),
+    "interpolated": (SampleState.FILLED, "", ""),
+    "frozen": (SampleState.FROZEN, "frozen", "repeat one number for too long (PV constant or frozen)"),
+    "saturated": (SampleState.SATURATED, "saturated", "have the output at its limit"),
+    "lost": (SampleState.IMPLAUSIBLE, "", ""),
+    "missing": (SampleState.MISSING, "missing", "have no measurement"),
+    "setpoint": (SampleState.MISSING, "setpoint_missing", "have no setpoint"),
+    "output": (SampleState.MISSING, "output_missing", "have no output"),
+    "manual": (SampleState.MANUAL, "manual", "are not in automatic"),
 }
 
 
@@ -127,51 +128,41 @@ def state_notes(counts: Counter[str], samples: int, *kinds: str) -> list[Note]:
     """Say how many of so many samples are of these kinds, in order."""
     found = []
     for kind in kinds:
-        code, text = _SAID[kind]
+        _, code, text = _KINDS[kind]
         if kind == "wild" and counts[kind] > 0.5 * samples:
             share = 100 * counts[kind] / samples
             found.append(Note("outside_range",
                               f"{share:.0f} % of the measurement lies far outside pv_range: check it"))
         elif counts[kind]:
-            found.append(Note(code, f"{counts[kind]} {text.format(samples)}", {"samples": float(counts[kind])}))
+            text = text if kind in ("wild", "filled") else f"of {samples} samples {text}; not used"
+            found.append(Note(code, f"{counts[kind]} {text}", {"samples": float(counts[kind])}))
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """measurement: (samples,) with short holes filled. state: (samples,) uint8 of SampleState. marks: what the samples
-    are, by the kinds of `state_notes`, each (samples,) bool; a sample may be several things."""
-
-    measurement: FloatArray
-    state: NDArray[np.uint8]
-    marks: dict[str, NDArray[np.bool_]]
-
-
 def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArray | None,
-           interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int) -> Samples:
-    """Say what each sample of a loop on its grid is; later states of the list below count more than earlier ones.
+           interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int
+           ) -> tuple[FloatArray, NDArray[np.uint8], dict[str, NDArray[np.bool_]]]:
+    """Say what each sample of a loop on its grid is. Return (measurement, state, marks): PV with short holes filled,
+    the SampleState of each sample, and where they are of the kinds of `state_notes`; a sample may be several things.
 
-    index: (samples,) grid numbers. sp, pv, op: (samples,) normalised, None where not recorded. interpolated: the
+    All are (samples,). index: grid numbers. sp, pv, op: normalised, None where not recorded. interpolated: the
     measurement was not recorded there. manual: not in automatic. bridge: longest hole in samples that is filled.
     """
     wild = implausible(pv)
     y, filled = short_holes(np.where(wild, np.nan, pv), index, bridge)
-    lost = ~np.isfinite(y)
-    marks = {"wild": wild, "filled": filled, "frozen": frozen(y), "missing": lost & ~wild}
-    states = [(filled, SampleState.FILLED), (interpolated, SampleState.FILLED), (marks["frozen"], SampleState.FROZEN)]
+    missing = ~np.isfinite(y)
+    marks = {"wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild}
+    if interpolated is not None:
+        marks["interpolated"] = interpolated
     if op is not None:
         marks["saturated"] = saturated(op)
-        states.append((marks["saturated"], SampleState.SATURATED))
-    states += [(lost & wild, SampleState.IMPLAUSIBLE), (marks["missing"], SampleState.MISSING)]
     for name, values in (("setpoint", sp), ("output", op)):
         if values is not None and not (known := np.isfinite(values)).all():
             marks[name] = ~known
-            states.append((marks[name], SampleState.MISSING))
     state = np.zeros(len(index), np.uint8)
-    for where, what in states:
-        if where is not None:
-            state[where] = what
-    if manual is not None:
-        marks["manual"] = manual & (state != SampleState.MISSING) & (state != SampleState.IMPLAUSIBLE)
-        state[marks["manual"]] = SampleState.MANUAL
-    return Samples(y, state, marks)
+    for name, (value, _, _) in _KINDS.items():
+        if name == "manual" and manual is not None:
+            marks[name] = manual & (state != SampleState.MISSING) & (state != SampleState.IMPLAUSIBLE)
+        if name in marks and value is not None:
+            state[marks[name]] = value
+    return y, state, marks

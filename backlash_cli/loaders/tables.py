@@ -84,14 +84,13 @@ class _Stored:
     def __init__(self, table: Table, layout: Layout, columns: Sequence[int], reading: Reading,
                  tags: _Tags | None = None) -> None:
         head, written = table.head, isinstance(table, TextTable)
-        self.readers = [StampReader([head.names[i] for i in pair], reading.options, head.where)
-                        for pair in layout.stamps]
+        readers = [StampReader([head.names[i] for i in pair], reading.options, head.where) for pair in layout.stamps]
         self.store = Store(reading.room)
         self.filled: set[int] = set()
         words: dict[int, dict[str, int]] = {i: {} for i in columns}
         for batch in table.batches([*columns, *layout.naming], {i for pair in layout.stamps for i in pair}):
             piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
-                            for k, (reader, pair) in enumerate(zip(self.readers, layout.stamps, strict=True))}
+                            for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
             if tags is not None:
                 piece["group"] = tags.take(batch)
             for i in columns:
@@ -101,11 +100,11 @@ class _Stored:
                     self.filled.add(i)
             self.store.add(piece)
         self.lexicons = {f"v{i}": Lexicon(list(found), head.decimal) for i, found in words.items() if found}
-        clocks = [reader.finish() for reader in self.readers]
+        clocks = [reader.finish() for reader in readers]
         self.store = self.store.changed(lambda piece, first: {
             **piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
         self.about: list[dict[str, Any]] = [
-            {"absolute": reader.absolute, "notes": reader.all_notes, "where": head.where} for reader in self.readers]
+            {"absolute": reader.absolute, "notes": reader.all_notes, "where": head.where} for reader in readers]
 
 
 def _wide(table: Table, layout: Layout, reading: Reading) -> list[Series]:
@@ -131,9 +130,8 @@ def _wide(table: Table, layout: Layout, reading: Reading) -> list[Series]:
     for one in signals_of(head, layout, empty):
         series = _series(one, head, layout, axes[one.stamps], rows if one.column in used else None)
         if layout.kind == "pairs":  # shorter ones are padded with rows without a stamp
-            known = series.axis.micros != NAT
-            count = int(known.sum())
-            chosen = slice(0, count) if known[:count].all() else np.flatnonzero(known)
+            known = np.flatnonzero(series.axis.micros != NAT)
+            chosen = slice(0, len(known)) if not len(known) or known[-1] == len(known) - 1 else known
             series = series.part(series.axis.part(chosen), chosen)
         found.append(series)
     return found
@@ -160,10 +158,8 @@ class _Tags:
             both = np.where((codes < 0) | (second < 0), -1, codes * max(len(fields), 1) + second)
             present, codes = np.unique(both, return_inverse=True)
             words = ["" if p < 0 else f"{words[p // len(fields)]}.{fields[p % len(fields)]}" for p in present.tolist()]
-        there = np.zeros(len(words) + 1, bool)
-        there[codes] = True
         table = np.full(len(words) + 1, -1, np.int32)
-        for i in np.flatnonzero(there[:-1]).tolist():
+        for i in np.flatnonzero(np.bincount(codes + 1)[1:]).tolist():
             if (name := words[i].strip()) and name != self.header:
                 table[i] = self.numbers.setdefault(name, len(self.numbers))
         return table[codes]
@@ -203,12 +199,11 @@ def _grouped(table: Table, layout: Layout, reading: Reading) -> list[Series]:
     found = []
     for number, ones in enumerate(named):
         count = int(grouped.group_rows(number).sum())
-        if wanted[number] and not tall and not count:
-            continue
         rows = StoredRows(grouped, count, kept.lexicons, number) if wanted[number] else None
-        axis = Axis(rows, "t0", **about) if rows is not None else Axis(end=last, **about)
-        found += [_series(replace(one, column=i), head, layout, axis, rows)
-                  for i, one in zip(layout.values, ones, strict=True) if not tall or i in kept.filled]
+        axis = Axis(end=last, **about) if rows is None else Axis(rows, "t0", **about)
+        if rows is None or count:
+            found += [_series(replace(one, column=i), head, layout, axis, rows)
+                      for i, one in zip(layout.values, ones, strict=True) if not tall or i in kept.filled]
     return found
 
 

@@ -11,7 +11,6 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
-from typing import Any
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -69,7 +68,6 @@ _SIZES = ((1.2e17, 1.5e17, "filetime"), (1e17, 1e19, "epoch_ns"), (1e14, 1e17, "
           (3.4e9, 4.2e9, "labview"), (1e8, 3.4e9, "epoch_s"))  # fmt: skip
 _NAMED = (("millis", ("ms",), ("ms", "msec")), ("minutes", ("min", "minutes"), ("min",)),
           ("hours", ("hours", "timeh"), ("h", "hours")))  # unit: ends of a column's name, words in brackets behind it
-_PER_SECOND = {"s": 1, "ms": 1000, "us": SECOND}
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +84,6 @@ class Dates:
     am_pm: bool = False
     short: bool = True
 
-    @property
-    def open(self) -> IntArray:
-        """Places of the open dates."""
-        return np.flatnonzero(_is_open(self.micros))
-
 
 def read_dates(words: list[str]) -> Dates:
     """Read texts as dates with or without a time of day, or as times of day."""
@@ -100,7 +93,7 @@ def read_dates(words: list[str]) -> Dates:
         for written, usual in rewritten:
             text = pc.replace_substring_regex(text, written, usual)
         fields = pc.extract_regex(text, form)
-        valid = _numpy(fields.is_valid())
+        valid = to_array(fields.is_valid())
         if form is _OF_DAY:
             found = replace(found, of_day=len(rest) == len(words) and valid.sum() > len(rest) / 2)
         if valid.any() and (form is not _OF_DAY or found.of_day):
@@ -128,25 +121,34 @@ def _stamps(fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
     fraction = pc.utf8_slice_codeunits(pc.utf8_rpad(pc.fill_null(fields.field("f"), ""), 6, "0"), 0, 6)
     offset = _looked_up(fields.field("z"), _minutes_east)
     bad = (hour > 24) | (minute > 59) | (second > 60) | (offset == NAT)
-    clock = ((hour * 60 + minute - np.where(bad, 0, offset)) * 60 + second) * SECOND + _numpy(fraction.cast(pa.int64()))
-    zoned = _numpy(pc.not_equal(pc.fill_null(fields.field("z"), ""), ""))
+    minutes = hour * 60 + minute - np.where(bad, 0, offset)
+    clock = (minutes * 60 + second) * SECOND + to_array(fraction.cast(pa.int64()))
+    zoned = to_array(pc.not_equal(pc.fill_null(fields.field("z"), ""), ""))
     if fields.type.get_field_index("a") < 0:
         return np.where(bad, NAT, clock), zoned
     a, b, c = (_looked_up(fields.field(name), _whole_or_month) for name in "abc")
     year_first, month_first = a >= 1000, a < 0
     year = full_year(np.where(year_first, a, c))
     days = days_of(year, np.abs(np.where(month_first, a, b)), np.where(year_first, c, np.where(month_first, b, a)))
-    out = np.where(bad | (days == NAT), NAT, np.where(days == NAT, 0, days) * DAY + clock)
     unclear = (a >= 0) & ~year_first & (b >= 0)
+    bad |= unclear & ((a >= 100) | (year < _FIRST_YEAR) | (year >= _FIRST_YEAR + _YEARS))
     packed = _OPEN + ((((year - _FIRST_YEAR) * 100 + b) * 100 + a) << _SHIFT) + clock + DAY
-    possible = ~bad & (a < 100) & (year >= _FIRST_YEAR) & (year < _FIRST_YEAR + _YEARS)
-    return np.where(unclear, np.where(possible, packed, NAT), out), zoned
+    return np.where(bad, NAT, np.where(unclear, packed, _at(days, clock))), zoned
+
+
+def _unpacked(stamps: IntArray) -> tuple[IntArray, IntArray]:
+    """(number of the date, time of day) of open stamps."""
+    return (stamps - _OPEN) >> _SHIFT, ((stamps - _OPEN) & ((1 << _SHIFT) - 1)) - DAY
+
+
+def _at(days: IntArray, clock: IntArray) -> IntArray:
+    return np.where(days == NAT, NAT, np.where(days == NAT, 0, days) * DAY + clock)
 
 
 def _looked_up(texts: pa.Array, value: Callable[[str], int]) -> IntArray:
     """(texts,) What few different texts mean, each looked up once."""
     coded = pc.fill_null(texts, "").dictionary_encode()
-    return np.array([value(text) for text in coded.dictionary.to_pylist()], np.int64)[_numpy(coded.indices)]
+    return np.array([value(text) for text in coded.dictionary.to_pylist()], np.int64)[to_array(coded.indices)]
 
 
 def _whole_or_month(text: str) -> int:
@@ -176,10 +178,6 @@ def days_of(year: IntArray, month: IntArray, day: IntArray) -> IntArray:
     return np.where(bad | (days.astype("datetime64[M]") != months), NAT, days.astype(np.int64))
 
 
-def _numpy(cells: pa.Array) -> NDArray[Any]:
-    return cells.to_numpy(zero_copy_only=False)
-
-
 class DateOrder:
     """Finds out which of day, month and year comes first, from all open dates of a file in their order."""
 
@@ -190,13 +188,13 @@ class DateOrder:
 
     def take(self, found: Dates) -> None:
         """Count the open dates of some texts, in the order in which these stand in the file."""
-        stamps = found.micros[found.open]
+        stamps = found.micros[_is_open(found.micros)]
         if not len(stamps):
             return
         self.first, self.short = self.first if self.seen else found, self.short and found.short
-        dates, begins, counts = np.unique((stamps - _OPEN) >> _SHIFT, return_index=True, return_counts=True)
-        ends = len(stamps) - 1 - np.unique((stamps[::-1] - _OPEN) >> _SHIFT, return_index=True)[1]
-        clocks = (stamps - _OPEN) & ((1 << _SHIFT) - 1)
+        numbers, clocks = _unpacked(stamps)
+        dates, begins, counts = np.unique(numbers, return_index=True, return_counts=True)
+        ends = len(numbers) - 1 - np.unique(numbers[::-1], return_index=True)[1]
         for k in np.argsort(begins).tolist():
             seen = self.seen.setdefault(int(dates[k]), [int(clocks[begins[k]]), 0, 0])
             seen[1:] = int(clocks[ends[k]]), seen[2] + int(counts[k])
@@ -206,23 +204,17 @@ class DateOrder:
         if not self.seen or order not in ("dmy", "mdy", "ymd"):
             order = self._decided(where, name, notes) if self.seen else "dmy"
 
-        def unpacked(stamps: IntArray) -> IntArray:
-            days = days_of(*_readings((stamps - _OPEN) >> _SHIFT)[order])
-            clock = ((stamps - _OPEN) & ((1 << _SHIFT) - 1)) - DAY
-            return np.where(days == NAT, NAT, np.where(days == NAT, 0, days) * DAY + clock)
+        def read(stamps: IntArray) -> IntArray:
+            numbers, clock = _unpacked(stamps)
+            return _at(days_of(*_readings(numbers)[order]), clock)
 
-        return unpacked
+        return read
 
     def _decided(self, where: str, name: str, notes: list[Note]) -> str:
         readings = _readings(np.array(list(self.seen), np.int64))
         counts = [count for _, _, count in self.seen.values()]
         fitting = [kind for kind, (_, month, day) in readings.items() if (kind != "ymd" or self.short) and np.average(
             (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31), weights=counts) > 0.99]
-        year, month, day = readings["ymd"]
-        if len(fitting) > 1 and "ymd" in fitting:
-            # two-digit years: only dates of this century are read, so a part above 31 decides
-            decided = [kind for kind in fitting if kind != "ymd" and (day > 31).any()]
-            fitting = decided or (["ymd"] if (year > 2031).any() else fitting)
         if len(fitting) < 2:
             return fitting[0] if fitting else "dmy"
         even = self._even({kind: readings[kind] for kind in fitting})
@@ -232,10 +224,10 @@ class DateOrder:
         if self.first.am_pm and separator in ("/", "-") and "mdy" in fitting:
             notes.append(Note("time_format", "dates with AM/PM are read as month/day/year; --time-format dmy if not"))
             return "mdy"
+        year, b, a = (int(part[0]) for part in readings["dmy"])
         raise InputError(
-            f"dates like {year[0] % 100:02d}{separator}{month[0]:02d}{separator}"
-            f"{day[0] if self.short else readings['dmy'][0][0]:02d} in {name!r} are ambiguous: is the day first?",
-            where=where, code="ambiguous_dates",
+            f"dates like {a:02d}{separator}{b:02d}{separator}{year % 100 if self.short else year:02d} in {name!r} are "
+            "ambiguous: is the day first?", where=where, code="ambiguous_dates",
             remedy="say it with --time-format dmy, mdy or a pattern such as '%d/%m/%Y %H:%M:%S'")
 
     def _even(self, readings: dict[str, tuple[IntArray, ...]]) -> str:
@@ -253,9 +245,9 @@ class DateOrder:
         return best if jumps[best][1] < 3.0 and min(others) > 5.0 * jumps[best][0] else ""
 
 
-def _readings(dates: IntArray) -> dict[str, tuple[IntArray, ...]]:
-    """(year, month, day) of the packed numbers of dates in each order in which they may stand."""
-    rest, a = np.divmod(dates, 100)
+def _readings(numbers: IntArray) -> dict[str, tuple[IntArray, ...]]:
+    """(year, month, day) of the numbers of dates in each order in which they may stand."""
+    rest, a = np.divmod(numbers, 100)
     c, b = np.divmod(rest, 100)
     year = c + _FIRST_YEAR
     return {"dmy": (year, b, a), "mdy": (year, a, b), "ymd": (full_year(a), b, year % 100)}
@@ -289,13 +281,11 @@ class StampReader:
             column = column.cast(column.type.value_type)
         kind = column.type
         if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
-            if pa.types.is_date(kind):
-                column = column.cast(pa.timestamp("s"))
-            micros = _micros(column, column.type.unit)
-            self._seen(micros, np.full(len(micros), column.type.tz is not None))
+            micros = _micros(column, pa.timestamp("us", getattr(kind, "tz", None)))
+            self._seen(micros, np.full(len(micros), getattr(kind, "tz", None) is not None))
             return micros
         if pa.types.is_time(kind):
-            return self._past_midnight(_micros(column.cast(pa.time64("us"), safe=False), "us"))
+            return self._past_midnight(_micros(column, pa.time64("us")))
         if pa.types.is_null(kind):
             return np.full(len(column), NAT)
         if is_text(kind):
@@ -309,13 +299,10 @@ class StampReader:
         """Return what gives the stamps in UTC, to be called for all rows in file order. `notes` are complete after
         that. Raises InputError when there were no stamps, or when day and month cannot be told apart."""
         if not self._known:
-            if self._unit or not self._shown:
-                raise InputError(f"time column {self.name!r} holds no time stamps", where=self.where,
-                                 remedy="name it with --time-format")
-            raise InputError(f"time column {self.name!r} holds no readable time stamps (for example {self._shown!r})",
-                             where=self.where,
+            what = f"readable time stamps (for example {self._shown!r})" if self._shown else "time stamps"
+            raise InputError(f"time column {self.name!r} holds no {what}", where=self.where,
                              remedy="describe them with --time-format, for example --time-format '%d/%m/%Y %H:%M:%S'")
-        unpacked = self._order.chosen(self.options.time_format, self.where, self.name, self.notes)
+        read_open = self._order.chosen(self.options.time_format, self.where, self.name, self.notes)
         if self._zoned and self._bare:
             self.notes.append(Note(
                 "mixed_zones", "some time stamps carry an offset and some do not; the others count as UTC"))
@@ -327,7 +314,7 @@ class StampReader:
             is_open = _is_open(stamps)
             if is_open.any():
                 stamps = stamps.copy()
-                stamps[is_open] = unpacked(stamps[is_open])
+                stamps[is_open] = read_open(stamps[is_open])
             return stamps if self._clock is None else self._clock.utc(stamps)
 
         return resolved
@@ -453,15 +440,10 @@ def _unit_of(known: FloatArray, name: str) -> str:
     return next((unit for unit, ends, words in _NAMED if plain(name).endswith(ends) or bracket in words), "seconds")
 
 
-def _micros(column: pa.ChunkedArray | pa.Array, unit: str) -> IntArray:
+def _micros(column: pa.ChunkedArray | pa.Array, kind: pa.DataType) -> IntArray:
     """Stamps or times of day as microseconds, NAT where they are empty or too far off."""
-    numbers = column.cast(pa.int64())
-    integers = to_array(pc.fill_null(numbers, NAT) if numbers.null_count else numbers)
-    if unit == "ns":
-        return np.where(integers == NAT, NAT, integers // 1000)
-    factor = SECOND // _PER_SECOND[unit]
-    far = np.abs(integers.astype(np.float64)) > LIMIT / factor
-    return np.where(far, NAT, np.where(far, 0, integers) * factor) if far.any() else integers * factor
+    micros = to_array(pc.fill_null(column.cast(kind, safe=False).cast(pa.int64()), NAT))
+    return np.where(np.abs(micros) < LIMIT, micros, NAT)
 
 
 class WallClock:
@@ -491,12 +473,9 @@ class WallClock:
     def _gone_back(self, local: IntArray, doubled: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """After the clock went back (a step of more than half an hour in the doubled hour) the second offset holds."""
         back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
-        within = np.concatenate([[self._within], doubled])
-        before = np.cumsum(back)
-        begins = np.flatnonzero(~within[:-1] & within[1:])
-        # steps back before the rows that lie in the hour now came there; less than none: there were some already
-        earlier = np.concatenate([[-self._back], before[begins] - back[begins]])
-        since = before - earlier[np.cumsum(~within[:-1] & within[1:])]
+        count = self._back + np.cumsum(back)
+        begins = doubled & ~np.concatenate([[self._within], doubled[:-1]])
+        since = count - np.maximum.accumulate(np.where(begins, count - back, 0))
         self._rows += int(np.count_nonzero(doubled))
         self._last, self._within, self._back = int(local[-1]), bool(doubled[-1]), int(since[-1])
         return doubled & (since > 0)

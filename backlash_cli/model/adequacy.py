@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..effects.process import delayed_lag
 from ..kernels import play
 from ..record import FloatArray
 from .fit import Fit, Solver, free_numbers, slopes
 from .pipeline import into_process
 from .problem import Problem
-from .response import delayed_lag
 
 # chance at which a rest of noise and load is called more than that, for each of the groups; right models of the
 # strangers (tests/benchmarks/hidden_strangers.py) stay above it in 19 of 20, wrong ones are mostly below 1e-12

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import Parameter
+from ..effects.process import delayed_lag
 from ..record import FloatArray
 from .levenberg import downhill
 from .noise import Noise, fit_noise, fitted_noise, known_load, whitener
@@ -25,7 +26,6 @@ from .pipeline import (
     through,
 )
 from .problem import Problem
-from .response import delayed_lag
 
 # the dead time of the settings is trusted to this share: a real one that is missing must lie outside
 DELAY_TRUST = 0.2

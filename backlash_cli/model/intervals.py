@@ -198,23 +198,20 @@ def moved_to(found: FittedEffect, values: Values) -> tuple[FittedEffect, bool]:
 def process_parameters(problem: Problem, fitted: Fit) -> dict[str, FittedParameter]:
     """Return Kp, tau, theta (where it is part of the model) and offset with their intervals."""
     known, C = covariance(problem, fitted)
-
-    def number(value: float, deviation: float, size: float, unit: str, meaning: str) -> FittedParameter:
-        wide = float(np.hypot(NORMAL_95 * deviation, MODEL_ERROR * size))
-        return FittedParameter(value, unit, (value - wide, value + wide) if np.isfinite(wide) else None, meaning)
-
-    def searched(name: str, meaning: str) -> FittedParameter:
-        found = known[-1, name, 0]
-        return number(found.value, found.deviation, found.value, "s", meaning)
-
-    sd = np.sqrt(np.maximum(np.diag(C), 0.0))
+    sd = np.sqrt(np.maximum(np.diag(C), 0.0)).tolist()
+    lag, delay, offset = known[-1, "lag", 0], known.get((-1, "delay", 0)), float(fitted.coefficients[1])
     # a gain that is 1 % off turns PV about its mean, which moves what it would be at no output
     turned = fitted.gain * float(np.mean(problem.output[problem.used]))
-    out = {
-        "Kp": number(fitted.gain, float(sd[0]), fitted.gain, "1", "static gain, PV span per OP span"),
-        "tau": searched("lag", "time constant"),
-        "offset": number(float(fitted.coefficients[1]), float(sd[1]), turned, "PV span", "PV at no output"),
+    rows = {
+        "Kp": (fitted.gain, sd[0], fitted.gain, "1", "static gain, PV span per OP span"),
+        "tau": (lag.value, lag.deviation, lag.value, "s", "time constant"),
+        "offset": (offset, sd[1], turned, "PV span", "PV at no output"),
     }
-    if problem.delay is not None:
-        out["theta"] = searched("delay", "dead time of the settings, refined")
+    if delay is not None:
+        rows["theta"] = delay.value, delay.deviation, delay.value, "s", "dead time of the settings, refined"
+    out = {}
+    for name, (value, deviation, size, unit, meaning) in rows.items():
+        wide = float(np.hypot(NORMAL_95 * deviation, MODEL_ERROR * size))
+        ends = (value - wide, value + wide) if np.isfinite(wide) else None
+        out[name] = FittedParameter(value, unit, ends, meaning)
     return out

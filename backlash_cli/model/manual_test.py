@@ -27,6 +27,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from ..effects.process import delayed_lag
 from ..estimator.criteria import FEWEST_CROSSINGS, MOTION
 from ..estimator.predictor import COMPLETE, FREEDOM, Recording, block_means
 from ..estimator.width_profile import DROP, NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
@@ -34,7 +35,6 @@ from ..kernels import gap_crossings, play
 from ..record import FloatArray, Note
 from ..results import Confirmation
 from .noise import Noise, whitener
-from .response import delayed_lag
 
 MOST_BLOCKS, FEWEST_BLOCKS = 400, 30  # PV is compared in block means, so many in all
 LEAST_MOTION = 1.5 * NARROWEST  # % of span: OP moved less is no test

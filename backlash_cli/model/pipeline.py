@@ -10,10 +10,9 @@ import numpy as np
 
 from ..effects import EFFECTS, Effect, Stage
 from ..effects.fitting import Values
-from ..effects.process import late
+from ..effects.process import delayed_lag, forgotten, late
 from ..record import FloatArray
 from .problem import Problem
-from .response import delayed_lag, forgotten
 
 ORDER = {stage: i for i, stage in enumerate(Stage)}
 PLACE = {effect.name: i for i, effect in enumerate(EFFECTS)}

@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..effects.process import delayed_lag
 from ..errors import LoopError
 from ..record import FloatArray, LoopSettings, Record, SampleState
-from .response import delayed_lag
 
 # fewer samples than this cannot carry a model with three parameters, a hold-out and a search
 FEWEST_SAMPLES = 100
@@ -316,23 +316,14 @@ def step_of(output: FloatArray) -> float:
 def between_steps(output: FloatArray, step: float) -> FloatArray:
     """Return OP (samples,) as it may have been before it was rounded to `step`."""
     at = np.flatnonzero(np.abs(np.diff(output)) > 1e-9) + 1
-    first, last = np.concatenate([[0], at]), np.concatenate([at, [len(output)]]) - 1
+    first, last = np.append(0, at), np.append(at, len(output)) - 1
     level = output[first]
-    size = np.diff(level)
-    nodes: list[tuple[float, float]] = [(0.0, float(level[0]))]
-    for i, (a, b) in enumerate(zip(first, last, strict=True)):
-        before, after = (size[i - 1] if i else 0.0), (size[i] if i < len(size) else 0.0)
-        if i and abs(before) > JUMP * step:
-            nodes.append((float(a), float(level[i])))
-        if before * after <= 0.0 and b > a:
-            nodes.append((0.5 * (a + b), float(level[i])))
-        if after == 0.0:
-            continue
-        if abs(after) > JUMP * step:
-            nodes.append((float(b), float(level[i])))
-        else:
-            nodes.append((b + 0.5, float(level[i] + 0.5 * after)))
-    nodes.append((float(len(output) - 1), float(level[-1])))
-    where, value = np.array(nodes).T
+    before, after = np.append(0.0, np.diff(level)), np.append(np.diff(level), 0.0)
+    came, goes = np.abs(before) > JUMP * step, np.abs(after) > JUMP * step
+    turned, crosses = (before * after <= 0.0) & (last > first), (after != 0.0) & ~goes
+    where = np.concatenate([[0], first[came], (0.5 * (first + last))[turned], last[goes], last[crosses] + 0.5,
+                            last[-1:]])
+    value = np.concatenate([level[:1], level[came], level[turned], level[goes], (level + 0.5 * after)[crosses],
+                            level[-1:]])
     order = np.argsort(where, kind="stable")
     return np.interp(np.arange(len(output), dtype=np.float64), where[order], value[order])

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from ..effects import Effect
 from ..record import FloatArray
-from .candidates import starts
-from .clues import Clue
+from .candidates import Clue, starts
 from .fit import Fit, Solver, descend, finished, predicted_by, raw_error
 from .pipeline import Part
 from .problem import FEWEST_SAMPLES, Problem, hold
@@ -29,7 +28,7 @@ ROOT_2_PI = math.sqrt(2.0 * math.pi)
 
 def recorders(problem: Problem, base: Fit, effects: Sequence[Effect]) -> list[Part]:
     """Return the recorder effects that the recorded values show, the coarsest setting of each first proposed."""
-    clue = Clue(problem, base.shape, Solver(problem, base.noise).white, {})
+    clue = Clue(Solver(problem, base.noise), base.shape, {})
     return [part for effect in effects if effect.fitted and effect.fitting.bounds is not None
             for part in starts(effect, clue, problem.columns)[:1]]
 

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from ..check import CheckResult, LoopCheck
     from ..estimator.identify import Identification
 
-WORDS = {"none": "good", "limits": "limited", "blocks": "no verdict", "failed": "failed"}
-_COLOURS = {"none": "green", "limits": "yellow", "blocks": "bold red", "failed": "bold red"}
-_ORDER = ("failed", "blocks", "limits", "none")
+# what the data mean for a verdict, the worst first: word and colour
+_EFFECTS = {"failed": ("failed", "bold red"), "blocks": ("no verdict", "bold red"), "limits": ("limited", "yellow"),
+            "none": ("good", "green")}
 
 
 def check_json(result: CheckResult) -> str:
@@ -29,30 +29,13 @@ def check_json(result: CheckResult) -> str:
 
 def check_text(result: CheckResult, *, verbose: bool = False, colour: bool = False, width: int = WIDTH) -> str:
     """Return the check as text, the worst loops first; `verbose` adds every finding and number of every loop."""
-    loops = sorted(result.loops, key=lambda loop: (_ORDER.index(loop.effect), loop.loop))
+    loops = sorted(result.loops, key=lambda loop: ([*_EFFECTS].index(loop.effect), loop.loop))
     counts = Counter(loop.effect for loop in loops)
     return screen(
-        "check.txt", colour=colour, width=min(width, WIDTH), result=result, loops=loops, verbose=verbose, words=WORDS,
-        counts=", ".join(f"{counts[e]} {WORDS[e]}" for e in _ORDER if counts[e]), colours=_COLOURS, found_in=_found,
-        findings=_findings, settings_in_words=settings_in_words,
+        "check.txt", colour=colour, width=min(width, WIDTH), result=result, loops=loops, verbose=verbose,
+        effects=_EFFECTS, found_in=_found, findings=_findings,
+        counts=", ".join(f"{counts[e]} {word}" for e, (word, _) in _EFFECTS.items() if counts[e]),
         untold=lambda loop: [note for note in _findings(loop) if note.message not in loop.meaning])
-
-
-def settings_in_words(found: Identification) -> str:
-    """Return the identified settings with their 95 % intervals on one line.
-
-    K 0.6 (0.59..0.61), Ti 28 s (27.5..28.6), 99.9 % of OP explained
-    """
-    parts = [f"K {found.K.value:.3g} ({_span(found.K.ci95)})", f"Ti {found.Ti.value:.3g} s ({_span(found.Ti.ci95)})"]
-    if found.Td.value > 0:
-        parts.append(f"Td {found.Td.value:.3g} s ({_span(found.Td.ci95)})")
-    if found.b is not None:
-        parts.append(f"setpoint weight {found.b.value:.2g}")
-    return ", ".join([*parts, f"{100 * found.r2:.4g} % of OP explained"])
-
-
-def _span(ends: tuple[float, float]) -> str:
-    return f"{ends[0]:.3g}..{ends[1]:.3g}"
 
 
 def _found(loop: LoopCheck) -> Identification | None:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..record import FloatArray
-from ..results.compensation import CompensationStudy, Glimpse, Trial
+from ..results.compensation import CompensationStudy, Glimpse
 from .console import screen
 from .figures import EVIDENCE, GREEN, MEASUREMENT, OUTPUT, QUIET, Figure, across, axis, trace, written
 from .json_report import SCHEMA_VERSION, fields_of, json_text
 from .page import page
 from .safe import shorten
-from .words import change
 
 ADVICE = ("This is advice to a person. Nothing was written to the control system; whether and how to try it is a "
           "decision of the people who run the plant.")
@@ -22,32 +19,15 @@ COLUMNS = ("Gain [%]", "of d", "Mean error", "Peak error", "Valve travel", "OP t
 
 def to_text(study: CompensationStudy, *, colour: bool = False) -> str:
     """Return what was assumed, the table of gains, and the recommendation."""
-    return screen("compensate.txt", colour=colour, columns="|".join(f">{name}" for name in COLUMNS), **_content(study))
+    return screen("compensate.txt", colour=colour, study=study, advice=ADVICE,
+                  columns="|".join(f">{name}" for name in COLUMNS))
 
 
 def compensation_page(study: CompensationStudy) -> str:
     """Return the page of one study."""
     return page("compensate.html", f"Backlash compensation: {shorten(study.loop, 80)}",
                 subtitle="Simulated; nothing was written to the control system", columns=COLUMNS, gains=gains(study),
-                trends=None if study.before is None else trends(study), **_content(study))
-
-
-def _content(study: CompensationStudy) -> dict[str, Any]:
-    return {"study": study, "advice": ADVICE,
-            "trials": [(trial, cells(study, trial)) for trial in study.trials]}
-
-
-def cells(study: CompensationStudy, trial: Trial) -> list[str]:
-    """Return the row of one gain; the first row in its own units, the others relative to it."""
-    base = study.base
-    mark = "<-" if trial.gain == study.recommended else ""
-    if trial.gain == 0.0:
-        return ["none", "", f"{100 * base.iae:.3f} %", f"{100 * base.peak:.2f} %", f"{100 * base.travel:.3g} %/h",
-                f"{100 * base.output_travel:.3g} %/h", f"{base.reversals:.3g} /h", "yes" if base.limit_cycle else "no"]
-    return [f"{100 * trial.gain:.2f} {mark}".strip(), f"{trial.gain / study.d:.2f}", change(trial.iae, base.iae),
-            change(trial.peak, base.peak), change(trial.travel, base.travel),
-            change(trial.output_travel, base.output_travel), change(trial.reversals, base.reversals),
-            "yes" if trial.limit_cycle else "no"]
+                trends=None if study.before is None else trends(study), study=study, advice=ADVICE)
 
 
 def to_json(study: CompensationStudy) -> str:

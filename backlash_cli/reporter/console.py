@@ -33,11 +33,14 @@ def screen(template: str, *, colour: bool = False, width: int = WIDTH, **content
     console = Console(file=out, width=width, force_terminal=colour, highlight=False, markup=False, emoji=False,
                       color_system="standard" if colour else None, legacy_windows=False)
 
+    def style(name: str) -> Markup:
+        return Markup(f"\x02{name}\x02" if name else "")
+
     def table(columns: str, caller: Callable[[], str], most: int | None = None) -> Markup:
         tables.append(_table(columns.split("|"), caller().splitlines(), most))
         return Markup("\x00\n")
 
-    text = environment("txt").get_template(template).render(table=table, style=_style, hang=Markup("\t"), **content)
+    text = environment("txt").get_template(template).render(table=table, style=style, hang=Markup("\t"), **content)
     for line in text.rstrip("\n").split("\n"):
         if line == "\x00":
             console.print(tables.pop(0))
@@ -49,15 +52,9 @@ def screen(template: str, *, colour: bool = False, width: int = WIDTH, **content
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
 
 
-def _style(name: str) -> Any:
-    from markupsafe import Markup
-
-    return Markup(f"\x02{name}\x02") if name else ""
-
-
 def _styled(text: str) -> tuple[Text, Text]:
     """What stands in front of a paragraph, and the paragraph."""
-    found = _STYLED.fullmatch(text.replace("\x1f", "|"))
+    found = _STYLED.fullmatch(text.replace("\ue000", "|"))
     assert found is not None
     return Text(found[1].replace("\t", "")), Text(found[3], style=found[2] or "")
 

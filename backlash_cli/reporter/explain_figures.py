@@ -1,43 +1,35 @@
-"""Interactive figures of the workbench, as plain plotly dicts in engineering units."""
+"""Interactive figures of the workbench, as plain plotly dicts in engineering units; and what an error depends on.
+
+Play and stiction show in the time since OP turned, a curved or stopped valve in the level of OP, a slow actuator in
+the speed of OP, loads in the time of the record, swings from outside in one frequency.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..record import FloatArray, LoopSettings
+from ..record import FloatArray, IntArray, LoopSettings
 from ..results import Region, Series, Step
-from .figures import (
-    EVIDENCE,
-    GREEN,
-    MEASUREMENT,
-    OUTPUT,
-    QUIET,
-    SETPOINT,
-    STEM,
-    Figure,
-    across,
-    axis,
-    ms,
-    over_time,
-    trace,
-    units,
-    written,
-)
-from .residual_causes import Cause
+from . import figures as fig
+from .figures import Figure
 from .safe import picture
-from .words import error_size, fails, inside_name, rung
+from .words import error_size, fails, plain_name, rung
 
-PREDICTED, RESIDUAL = EVIDENCE, "#7a5bc7"
-STEP_COLOURS = (QUIET, EVIDENCE, GREEN, "#7a5bc7", "#b8578f", "#5a6b00")
-SHADES = ("rgba(209,52,91,0.18)", "rgba(199,119,0,0.18)", "rgba(42,157,92,0.18)", "rgba(122,91,199,0.18)",
-          "rgba(11,138,158,0.18)", "rgba(141,153,165,0.22)")
+PREDICTED, RESIDUAL = fig.EVIDENCE, "#7a5bc7"
+STEP_COLOURS = (fig.QUIET, fig.EVIDENCE, fig.GREEN, "#7a5bc7", "#b8578f", "#5a6b00")
+SHADES = ("#d1345b2e", "#c777002e", "#2a9d5c2e", "#7a5bc72e", "#0b8a9e2e", "#8d99a538")
 POINTS = 4000  # per line: a page of five steps stays below 3 MB
 DIGITS = 5  # of the span: residuals are small beside it
 USUAL = 0.99  # share of the residuals that the axis shows at least
 SHADED = 6  # kinds of regions offered for shading
+BINS = 12
+FEWEST = 8  # samples in a bin that is drawn
+
 
 
 def overlay(
@@ -55,10 +47,11 @@ def overlay(
 
 def _recorded(series: Series, settings: LoopSettings) -> list[Figure]:
     """SP, PV and OP, and where the stem is as the model sees it where it does not follow OP."""
-    return [_line(series, series.setpoint, settings.pv_range, "SP", SETPOINT, width=1.2, dash="dot"),
-            _line(series, series.measured, settings.pv_range, "PV measured", MEASUREMENT),
-            _line(series, series.output, settings.op_range, "OP", OUTPUT, yaxis="y3"),
-            *(_line(series, values, settings.op_range, inside_name(name), STEM, yaxis="y3", dash="dash")
+    return [_line(series, series.setpoint, settings.pv_range, "SP", fig.SETPOINT, width=1.2, dash="dot"),
+            _line(series, series.measured, settings.pv_range, "PV measured", fig.MEASUREMENT),
+            _line(series, series.output, settings.op_range, "OP", fig.OUTPUT, yaxis="y3"),
+            *(_line(series, values, settings.op_range, "stem (model)" if name == "valve" else plain_name(name),
+                    fig.STEM, yaxis="y3", dash="dash")
               for name, values in series.moved.items())]
 
 
@@ -100,74 +93,75 @@ def ladder_bars(steps: Sequence[Step], noise_floor: float) -> Figure:
             "cliponaxis": False, "textangle": 0, "hovertemplate": "%{y}: %{x:.4g} %<extra></extra>",
             "showlegend": False, "width": 0.6,
             "marker": {"color": [STEP_COLOURS[k % len(STEP_COLOURS)] for k in range(len(steps))]}}
-    words = written("on unseen samples; dashed: noise floor", 0, 1.0, xref="paper", xanchor="left", yref="paper",
+    words = fig.written("on unseen samples; dashed: noise floor", 0, 1.0, xref="paper", xanchor="left", yref="paper",
                     yanchor="bottom")
     return {"data": [bars], "layout": {
-        "xaxis": axis("error [% of PV span]", range=[0, 1.4 * max([*errors, floor])]),
+        "xaxis": fig.axis("error [% of PV span]", range=[0, 1.4 * max([*errors, floor])]),
         "yaxis": {"type": "category", "autorange": "reversed"}, "annotations": [words], "height": 150 + 48 * len(steps),
-        "shapes": [across("x", floor, MEASUREMENT, width=1.5, dash="dash")]}}
+        "shapes": [fig.across("x", floor, fig.MEASUREMENT, width=1.5, dash="dash")]}}
 
 
 def plane(series: Series, settings: LoopSettings) -> Figure:
     """PV against OP, measured and predicted: with play or stiction the path is a leaning box."""
     every = slice(None, None, max(1, len(series.time) // POINTS))
-    op = units(series.output[every], settings.op_range, DIGITS)
-    lines = [trace(op, units(np.where(series.used, values, np.nan)[every], settings.pv_range, DIGITS), name, colour,
-                   width=1, opacity=0.7, hover="OP %{x}, PV %{y}")
-             for name, values, colour in (("measured", series.measured, MEASUREMENT),
+    op = fig.units(series.output[every], settings.op_range, DIGITS)
+    lines = [fig.trace(op, fig.units(np.where(series.used, values, np.nan)[every], settings.pv_range, DIGITS), name,
+                       colour, width=1, opacity=0.7, hover="OP %{x}, PV %{y}")
+             for name, values, colour in (("measured", series.measured, fig.MEASUREMENT),
                                           ("predicted", series.predicted, PREDICTED))]
-    return {"data": lines, "layout": {"xaxis": axis("OP"), "yaxis": axis("PV"), "hovermode": "closest", "height": 440}}
+    return {"data": lines, "layout": {"xaxis": fig.axis("OP"), "yaxis": fig.axis("PV"), "hovermode": "closest",
+                                      "height": 440}}
 
 
 def cause_figure(cause: Cause, noise_floor: float) -> Figure:
     """Residual against one thing that it may depend on."""
     models = list(dict.fromkeys(c.model for c in cause.curves))
     kinds = list(dict.fromkeys(c.part for c in cause.curves))
-    colours = [PREDICTED] if len(models) == 1 else [QUIET, STEP_COLOURS[2]]
+    colours = [PREDICTED] if len(models) == 1 else [fig.QUIET, STEP_COLOURS[2]]
     lines = []
     for curve in cause.curves:
         y, kind = curve.mean if cause.show == "mean" else curve.rms, kinds.index(curve.part) % 2
-        lines.append(trace(_digits(curve.x), _digits(100 * y),
+        lines.append(fig.trace(fig.digits(curve.x), fig.digits(100 * y),
                            f"{curve.model}, {curve.part}" if curve.part else curve.model,
                            colours[models.index(curve.model) % 2], mode="lines+markers", width=1.6,
                            dash=("solid", "dash")[kind], size=6, symbol=("circle", "circle-open")[kind],
                            hover="%{x:.4g}: %{y:.3g} %"))
     word = "mean residual" if cause.show == "mean" else "residual (rms)"
-    layout: Figure = {"xaxis": axis(cause.x_label), "yaxis": axis(f"{word} [% of PV span]"), "hovermode": "closest",
-                      "height": 320}
+    layout: Figure = {"xaxis": fig.axis(cause.x_label), "yaxis": fig.axis(f"{word} [% of PV span]"),
+                      "hovermode": "closest", "height": 320}
     if cause.show == "spectrum":
         layout["xaxis"]["type"] = "log"
     else:
-        layout["shapes"] = [across("y", 0.0 if cause.show == "mean" else 100 * noise_floor, QUIET, dash="dot")]
+        layout["shapes"] = [fig.across("y", 0.0 if cause.show == "mean" else 100 * noise_floor, fig.QUIET, dash="dot")]
     return {"data": lines, "layout": layout}
 
 
 def _line(series: Series, values: FloatArray, span: tuple[float, float], name: str, colour: str, *, width: float = 1.4,
           **more: Any) -> Figure:
-    return over_time(series.time, values, span, name, colour, points=POINTS, digits=DIGITS, width=width,
+    return fig.over_time(series.time, values, span, name, colour, points=POINTS, digits=DIGITS, width=width,
                      connectgaps=False, **more)
 
 
 def _shading(region: Region, place: int) -> Figure:
     """The stretches of a region as one filled line behind the residual, that the legend can switch."""
-    ends = [(ms(first), ms(last)) for first, last in region.stretches]
-    return trace([x for a, b in ends for x in (a, a, b, b, None)], [0, 1, 1, 0, None] * len(ends), region.region, QUIET,
-                 width=0, hover="", hoverinfo="skip", yaxis="y4", fill="tozeroy", fillcolor=SHADES[place % len(SHADES)],
-                 visible=True if place == 0 else "legendonly")
+    ends = [(fig.ms(first), fig.ms(last)) for first, last in region.stretches]
+    return fig.trace([x for a, b in ends for x in (a, a, b, b, None)], [0, 1, 1, 0, None] * len(ends), region.region,
+                     fig.QUIET, width=0, hover="", hoverinfo="skip", yaxis="y4", fill="tozeroy",
+                     fillcolor=SHADES[place % len(SHADES)], visible=True if place == 0 else "legendonly")
 
 
 def _layout(settings: LoopSettings, noise_floor: float, rests: Sequence[FloatArray] = ()) -> Figure:
     low, high = settings.pv_range
     band = 2 * noise_floor * (high - low)
-    residual = axis("residual", domain=[0.25, 0.46])
+    residual = fig.axis("residual", domain=[0.25, 0.46])
     known = [np.abs(rest[np.isfinite(rest)]) for rest in rests]
     if reach := max((float(np.quantile(r, USUAL)) for r in known if r.size), default=0.0):
         # a model is often far off in its first seconds; the legend's lines go on beyond the axis
         residual["range"] = [side * 1.5 * max(reach * (high - low), band) for side in (-1.0, 1.0)]
-    return {"xaxis": {"type": "date", "anchor": "y3"}, "yaxis": axis("PV", domain=[0.52, 1.0]), "yaxis2": residual,
-            "yaxis3": axis("OP", domain=[0.0, 0.19]), "hovermode": "x", "height": 640,
+    return {"xaxis": {"type": "date", "anchor": "y3"}, "yaxis": fig.axis("PV", domain=[0.52, 1.0]), "yaxis2": residual,
+            "yaxis3": fig.axis("OP", domain=[0.0, 0.19]), "hovermode": "x", "height": 640,
             "yaxis4": {"overlaying": "y2", "range": [0, 1], "fixedrange": True, "visible": False, "side": "right"},
-            "shapes": [across("y", y, QUIET, dash="dot", yref="y2") for y in (-band, band)]}
+            "shapes": [fig.across("y", y, fig.QUIET, dash="dot", yref="y2") for y in (-band, band)]}
 
 
 def _width(span: tuple[float, float]) -> tuple[float, float]:
@@ -175,5 +169,123 @@ def _width(span: tuple[float, float]) -> tuple[float, float]:
     return 0.0, span[1] - span[0]
 
 
-def _digits(values: FloatArray) -> list[float]:
-    return [float(f"{v:.5g}") for v in values.tolist()]
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Mean and root mean square of a residual [PV span] in bins of something; x: (bins,) centre of each bin.
+
+    model: whose residual. part: which part of the record, "" for all of it.
+    """
+
+    model: str
+    part: str
+    x: FloatArray
+    mean: FloatArray
+    rms: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """One diagram: the curves of each model, what x is, and what to look for. show: "mean", "rms" or "spectrum"."""
+
+    title: str
+    x_label: str
+    note: str
+    curves: tuple[Curve, ...]
+    show: str = "mean"
+
+
+def causes(series: Series, residuals: Mapping[str, FloatArray]) -> list[Cause]:
+    """Return the diagrams of residuals, model name -> (samples,) with nan where a sample does not count."""
+    h = float(np.median(np.diff(series.time))) if len(series.time) > 1 else 1.0
+    since, upward = since_reversal(series.output)
+    early = (since >= 0) & (since < np.quantile(since[since >= 0], 0.9) if np.any(since >= 0) else False)
+    speed = np.abs(smooth_speed(series.output, h))
+    clock = (series.time - series.time[0]) / 3600.0
+
+    def cause(title: str, x_label: str, show: str, note: str, make: Callable[[str, FloatArray], list[Curve]]) -> Cause:
+        curves = (curve for name, residual in residuals.items() for curve in make(name, residual) if len(curve.x))
+        return Cause(title, x_label, note, tuple(curves), show)
+
+    found = [
+        cause("Time since OP turned", "time since OP turned [s]", "mean",
+              "Play or stiction: of opposite sign after turns up and down, largest soon after the turn.",
+              lambda n, r: [binned(n, since * h, r, early & (upward == up), part=f"OP turned {word}", even=True)
+                            for up, word in ((1, "up"), (-1, "down"))]),
+        cause("Level of OP", "OP [% of span]", "mean", "A curved valve bends this line; a stop tilts one of its ends.",
+              lambda n, r: [binned(n, 100 * series.output, r)]),
+        cause("Speed of OP", "|dOP/dt| [% of span per s]", "rms",
+              "A slow actuator: the error grows with the speed of OP.", lambda n, r: [binned(n, 100 * speed, r)]),
+        cause("Time of the record", "time [h]", "mean", "Load steps make jumps here, a drifting load a slope.",
+              lambda n, r: [binned(n, clock, r, even=True, bins=3 * BINS)]),
+        cause("Period", "period [s]", "spectrum", "A peak is a swing from outside; noise alone is level.",
+              lambda n, r: [spectrum(n, r, h)]),
+    ]
+    return [one for one in found if one.curves]
+
+
+def binned(
+    model: str, x: FloatArray, residual: FloatArray, where: NDArray[np.bool_] | bool = True, *, part: str = "",
+    even: bool = False, bins: int = BINS,
+) -> Curve:
+    """Return mean and rms of a residual (samples,) in bins of x: of even width, or with evenly many samples."""
+    from scipy.stats import binned_statistic
+
+    chosen = where & np.isfinite(residual) & np.isfinite(x)
+    xs, rs = x[chosen], residual[chosen]
+    if len(xs) < 2 * FEWEST or np.ptp(xs) == 0.0:
+        return _nothing(model)
+    shares = np.linspace(0.0, 1.0, bins + 1)
+    edges = xs.min() + shares * np.ptp(xs) if even else np.unique(np.quantile(xs, shares))
+    means, _, place = binned_statistic(xs, [xs, rs, rs**2], "mean", bins=edges)
+    center, mean, square = means[:, np.bincount(place - 1, minlength=len(edges) - 1) >= FEWEST]
+    return Curve(model, part, center, mean, np.sqrt(square))
+
+
+def _nothing(model: str) -> Curve:
+    return Curve(model, "", np.empty(0), np.empty(0), np.empty(0))
+
+
+def since_reversal(output: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return samples since OP last turned (-1 before the first turn) and where it goes since (1 up, -1 down).
+
+    A turn counts when OP then goes on by more than its own noise and 2 % of its travel.
+    """
+    from scipy.signal import find_peaks
+
+    third = np.diff(output, 3)
+    noise = float(np.sqrt(np.nanmean(third**2) / 20.0)) if third.size else 0.0
+    least = max(4.0 * noise, 0.02 * float(np.nanmax(output) - np.nanmin(output)), 1e-9)
+    since, upward = np.full(len(output), -1.0), np.zeros(len(output), dtype=np.int64)
+    known = np.flatnonzero(np.isfinite(output))
+    whole = np.interp(np.arange(len(output)), known, output[known])
+    found = {sign: find_peaks(-sign * whole, prominence=least, plateau_size=1)[1]["left_edges"] for sign in (1, -1)}
+    turns = sorted((int(place), sign) for sign, places in found.items() for place in places)
+    # of stops of the same height the first is the turn
+    turns = [turn for before, turn in zip([(0, 0), *turns], turns, strict=False) if turn[1] != before[1]]
+    for (first, sign), last in zip(turns, [*(place for place, _ in turns[1:]), len(output)], strict=False):
+        since[first:last] = np.arange(last - first)
+        upward[first:last] = sign
+    return since, upward
+
+
+def smooth_speed(output: FloatArray, h: float, reach: int = 5) -> FloatArray:
+    """Return dOP/dt [span/s] (samples,) over `reach` samples to each side."""
+    n = len(output)
+    low, high = np.maximum(np.arange(n) - reach, 0), np.minimum(np.arange(n) + reach, n - 1)
+    out: FloatArray = (output[high] - output[low]) / (np.maximum(high - low, 1) * h)
+    return out
+
+
+def spectrum(model: str, residual: FloatArray, h: float) -> Curve:
+    """Return the size of a residual by period [s]: rms [PV span] in thirds of an octave; holes count as 0."""
+    good = np.isfinite(residual)
+    n = len(residual)
+    if np.count_nonzero(good) < 64:
+        return _nothing(model)
+    values = np.where(good, residual - np.mean(residual[good]), 0.0)
+    power = np.abs(np.fft.rfft(values)[1:]) ** 2 * 2.0 / (n * np.count_nonzero(good))
+    period = n * h / np.arange(1, len(power) + 1)
+    band = np.floor(3.0 * np.log2(period / (2.0 * h)) + 0.5).astype(np.int64)
+    _, place, count = np.unique(band, return_inverse=True, return_counts=True)
+    x = np.exp(np.bincount(place, np.log(period)) / count)
+    return Curve(model, "", x, np.zeros(len(x)), np.sqrt(np.bincount(place, power)))

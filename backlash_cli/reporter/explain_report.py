@@ -16,7 +16,6 @@ from . import explain_figures as figures
 from .console import WIDTH, screen
 from .figures import Figure
 from .page import page
-from .residual_causes import Cause, causes
 from .still import still, write_still
 from .templates import sentence
 from .words import error_size
@@ -36,34 +35,38 @@ def explanation_text(e: Explanation, *, verbose: bool = False, colour: bool = Fa
 
 def compare_page(c: Comparison) -> str:
     """Return the page of a comparison."""
-    drawn: dict[str, Any] = dict.fromkeys(("overlay", "plane", "drawn"))
-    if c.series is not None:
-        drawn = {"overlay": figures.overlay(c.series, c.settings, c.where, c.noise_floor, sentence("predicted", c)),
-                 "plane": figures.plane(c.series, c.settings),
-                 "drawn": _causes(c.series, {"this model": c.series.predicted}, c.noise_floor)}
-    return page("compare.html", f"{c.loop}: model against measurement", subtitle=sentence("span", c), c=c, **drawn)
+    return page("compare.html", f"{c.loop}: model against measurement", subtitle=sentence("span", c), c=c, **_drawn(c))
 
 
 def explain_page(e: Explanation, *, plotly_file: str = "", back: tuple[str, str] | None = None) -> str:
     """Return the page of an explanation; plotly_file and back as in `page`, for a folder of many pages."""
-    overlay = drawn = None
-    if e.series is not None:
-        first = e.steps[0].prediction if e.steps else None
-        if any(s.prediction is not None for s in e.steps):
-            overlay = figures.ladder_overlay(e.series, e.steps, e.settings, e.noise_floor)
-        both = {"plain model": first, "final model": e.series.predicted}
-        drawn = _causes(e.series, both if first is not None and e.effects else {"model": e.series.predicted},
-                        e.noise_floor)
     return page("explain.html", f"{e.loop}: which effect is missing?", subtitle=sentence("span", e), back=back,
-                plotly_file=plotly_file, e=e, overlay=overlay, drawn=drawn,
-                bars=figures.ladder_bars(e.steps, e.noise_floor))
+                plotly_file=plotly_file, e=e, **_drawn(e))
 
 
-def _causes(series: Series, predictions: Mapping[str, FloatArray | None], floor: float) -> list[tuple[Cause, Figure]]:
+def _drawn(found: Comparison | Explanation) -> dict[str, Any]:
+    """Model over measurement, what is beside it, and what the residual depends on; None without a record."""
+    series, floor = found.series, found.noise_floor
+    if isinstance(found, Comparison):
+        if series is None:
+            return dict.fromkeys(("overlay", "beside", "causes"))
+        return {"overlay": figures.overlay(series, found.settings, found.where, floor, sentence("predicted", found)),
+                "beside": figures.plane(series, found.settings),
+                "causes": _causes(series, {"this model": series.predicted}, floor)}
+    bars, steps = figures.ladder_bars(found.steps, floor), found.steps
+    if series is None:
+        return {"overlay": None, "beside": bars, "causes": None}
+    known = any(s.prediction is not None for s in steps)
+    first = steps[0].prediction if steps and found.effects else None
+    models = {"model": series.predicted} if first is None else {"plain model": first, "final model": series.predicted}
+    return {"overlay": figures.ladder_overlay(series, steps, found.settings, floor) if known else None, "beside": bars,
+            "causes": _causes(series, models, floor)}
+
+
+def _causes(series: Series, predictions: Mapping[str, FloatArray], floor: float) -> list[tuple[figures.Cause, Figure]]:
     """The residual against each of its candidate causes."""
-    rests = {name: np.where(series.used, series.measured - p, np.nan) for name, p in predictions.items()
-             if p is not None}
-    return [(cause, figures.cause_figure(cause, floor)) for cause in causes(series, rests)] if rests else []
+    rests = {name: np.where(series.used, series.measured - p, np.nan) for name, p in predictions.items()}
+    return [(cause, figures.cause_figure(cause, floor)) for cause in figures.causes(series, rests)]
 
 
 def check_picture(path: Path | None) -> None:
@@ -75,21 +78,14 @@ def check_picture(path: Path | None) -> None:
 def write_picture(found: Comparison | Explanation, path: Path) -> None:
     """Draw the result to `path`, whole or not at all. Raises UsageError for another suffix, or without a record."""
     check_picture(path)
-    if (series := found.series) is None:
+    if found.series is None:
         raise UsageError("the result keeps no samples to draw", where=str(path))
-    floor = found.noise_floor
-    predictions: dict[str, FloatArray | None]
+    title, words = f"{found.loop}: which effect is missing?", ""
     if isinstance(found, Comparison):
         title = f"{found.loop}: model against measurement, hold-out error {error_size(found.fitness.rmse_holdout)}"
-        lines = figures.overlay(series, found.settings, found.where, floor, sentence("predicted", found))
-        beside = ("PV against OP", figures.plane(series, found.settings))
-        predictions = {"this model": series.predicted}
-    else:
-        title = f"{found.loop}: which effect is missing?"
-        lines = figures.ladder_overlay(series, found.steps, found.settings, floor)
-        beside = ("", figures.ladder_bars(found.steps, floor))
-        ends = zip(("before", "after"), found.steps[:1] + found.steps[1:][-1:], strict=False)
-        predictions = {word: step.prediction for word, step in ends}
+        words = "PV against OP"
+    drawn = _drawn(found)
     # mean residual against the time since OP turned, the mark of play and stiction
-    turns = [(cause.title, figure) for cause, figure in _causes(series, predictions, floor)[:1]]
-    write_still(path, still(title, [[beside, *turns], [("", lines)]], (1.0, 2.2), (9.5, 8.5)), DPI)
+    turns = [(cause.title, figure) for cause, figure in drawn["causes"][:1]]
+    rows = [[(words, drawn["beside"]), *turns], [("", drawn["overlay"])]]
+    write_still(path, still(title, rows, (1.0, 2.2), (9.5, 8.5)), DPI)

@@ -10,17 +10,15 @@ from typing import Any
 from ..record import Note
 from ..results import Candidate, Explanation, FittedEffect, PlantExplanation, gap_size
 from .console import WIDTH, screen
-from .explain_json import explanation
 from .figures import axis
-from .json_report import header, json_text, strict
+from .json_report import explanation, header, json_text, strict
 from .page import page
 from .parameter_words import said_numbers, several
 from .tables import csv_text
 from .templates import sentence
-from .words import NOT_EXPLAINED, NOT_TRIED, WHY, counted, plain_name
+from .words import plain_name
 
-NOTHING = "nothing"
-SILENT = ("too_little_motion", NOT_EXPLAINED)
+SILENT = ("too_little_motion", "not_explained")
 COLUMNS = ("loop", "missing_effect", "effects", "numbers", "rmse_baseline", "rmse_final", "noise_floor",
            "error_reduction", "unexplained", "look_alikes", "gap_small", "no_gap", "no_gap_because", "verdict",
            "warnings", "failure")
@@ -41,7 +39,7 @@ class Tally:
     @property
     def words(self) -> str:
         """The reasons, the most frequent first; those of whole loops are told once (`silent` of the sentences)."""
-        return "; ".join(f"{k} {WHY.get(code, code)}" for code, k in self.why.items() if code not in SILENT)
+        return "; ".join(f"{k} {sentence('why', code)}" for code, k in self.why.items() if code not in SILENT)
 
 
 def tallies(plant: PlantExplanation) -> list[Tally]:
@@ -61,7 +59,7 @@ def _tally(plant: PlantExplanation, words: str, names: Sequence[str]) -> Tally:
     small = [x.loop for x in have if any(e.notes for e in x.effects if e.effect in names)]
     why = Counter(reason(x, names)[0] for x in plant.loops if x not in have)
     if plant.failures:
-        why[NOT_EXPLAINED] = len(plant.failures)
+        why["not_explained"] = len(plant.failures)
     return Tally(words, tuple(x.loop for x in have), tuple(small), dict(why.most_common()))
 
 
@@ -73,7 +71,7 @@ def reason(x: Explanation, names: Iterable[str]) -> tuple[str, str]:
     tried = [(c.evidence if c.evidence is not None else float("-inf"), c.why)
              for name in names for c in x.candidates if c.effect == name and c.why is not None]
     if not tried:
-        return NOT_TRIED, WHY[NOT_TRIED]
+        return "not_tried", sentence("why", "not_tried")
     best = max(tried, key=lambda one: one[0])[1]
     return best.code, best.message
 
@@ -85,29 +83,16 @@ def valve_reason(x: Explanation) -> tuple[str, str] | None:
     return reason(x, [c.effect for c in x.candidates if gap_size(c) is not None])
 
 
-def gap_notes(x: Explanation) -> str:
-    """What makes an accepted gap of a loop doubtful or harmless."""
-    return "; ".join(note.message for e in x.effects for note in e.notes)
-
-
 def counts(plant: PlantExplanation) -> dict[str, int]:
     """Return in how many loops each effect is missing, most first; "nothing" counts the loops that lack none."""
     found = Counter(e.effect for x in plant.loops for e in x.effects)
     without = sum(not x.effects for x in plant.loops)
-    return {**dict(found.most_common()), **({NOTHING: without} if without else {})}
+    return {**dict(found.most_common()), **({"nothing": without} if without else {})}
 
 
 def summary_line(plant: PlantExplanation) -> str:
     """Return the counts in one sentence."""
-    said = ", ".join(f"{plain_name(name)} in {k}" for name, k in counts(plant).items())
-    loops = counted(len(plant.loops), "loop")
-    return f"{loops} explained; missing: {said or NOTHING}. Hold-out errors in % of the PV span."
-
-
-def rows(plant: PlantExplanation) -> list[dict[str, Any]]:
-    """Return one dict per loop with the COLUMNS; loops that could not be explained come last with their reason."""
-    lost = [{"loop": n.values.get("loop", n.values.get("file", "")), "failure": n.message} for n in plant.failures]
-    return [{**dict.fromkeys(COLUMNS), **row} for row in [*map(_row, plant.loops), *lost]]
+    return sentence("summary", plant, counts(plant))
 
 
 def _row(x: Explanation) -> dict[str, Any]:
@@ -117,7 +102,7 @@ def _row(x: Explanation) -> dict[str, Any]:
         "numbers": _numbers(x, brief=False), "rmse_baseline": before, "rmse_final": after, "noise_floor": x.noise_floor,
         "error_reduction": 1.0 - (after / before) ** 2 if before > 0 else None, "unexplained": x.unexplained,
         "look_alikes": "; ".join(" = ".join(pair) for pair in x.look_alikes), "verdict": sentence("verdict", x),
-        "gap_small": gap_notes(x),
+        "gap_small": "; ".join(n.message for e in x.effects for n in e.notes),
         **dict(zip(("no_gap", "no_gap_because"), valve_reason(x) or ("", ""), strict=True)),
         "warnings": "; ".join(n.code for n in x.warnings),
     }
@@ -131,8 +116,10 @@ def _numbers(x: Explanation, *, brief: bool = True) -> str:
 
 
 def to_csv(plant: PlantExplanation) -> str:
-    """Return one row per loop as CSV; errors in parts of the PV span (0.01 = 1 %)."""
-    return csv_text([COLUMNS, *(strict([*row.values()]) for row in rows(plant))])
+    """Return one row per loop as CSV, those that could not be explained last; errors in parts of the PV span."""
+    lost = [{"loop": n.values.get("loop", n.values.get("file", "")), "failure": n.message} for n in plant.failures]
+    return csv_text([COLUMNS, *(strict([row.get(name) for name in COLUMNS])
+                                for row in [*map(_row, plant.loops), *lost])])
 
 
 def to_json(plant: PlantExplanation) -> str:
@@ -161,8 +148,5 @@ def to_page(plant: PlantExplanation, links: Mapping[str, str] | None = None, plo
 
 def _content(plant: PlantExplanation) -> dict[str, Any]:
     still = sum(any(n.code in SILENT for n in x.reasons) for x in plant.loops)
-    missing = {x.loop: " + ".join(plain_name(e.effect) for e in x.effects) or NOTHING for x in plant.loops}
-    twins = {x.loop: "; ".join(plain_name(other) for _, other in x.look_alikes) for x in plant.loops}
-    return {"plant": plant, "missing": missing, "twins": twins, "told": tallies(plant),
-            "silent": sentence("silent", plant, still), "summary": summary_line(plant),
-            "gap_notes": gap_notes, "said": {x.loop: _numbers(x) for x in plant.loops}}
+    return {"plant": plant, "told": tallies(plant), "still": still, "counts": counts(plant),
+            "said": {x.loop: _numbers(x) for x in plant.loops}}

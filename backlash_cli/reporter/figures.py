@@ -114,11 +114,11 @@ def stem_of(output: FloatArray, size: float) -> FloatArray:
     """Return where the stem is, (samples,) [span]: OP through a gap of `size`; it stays where OP is not known."""
     from ..kernels import play
 
-    known = np.flatnonzero(np.isfinite(output))
-    if not len(known):
+    known = np.isfinite(output)
+    if not known.any():
         return output
-    last = known[np.maximum(np.searchsorted(known, np.arange(len(output)), side="right") - 1, 0)]
-    return np.asarray(play(output[last], size, float(output[known[0]])))
+    last = np.maximum.accumulate(np.where(known, np.arange(len(output)), known.argmax()))
+    return np.asarray(play(output[last], size, float(output[last[0]])))
 
 
 def stands_still(output: FloatArray, stem: FloatArray, size: float) -> list[tuple[int, int]]:
@@ -183,6 +183,8 @@ def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
     None where PV does not follow. The valve position is OP through a gap of `size`; PV is compared with it at the delay
     that suits best.
     """
+    from scipy.stats import linregress
+
     if near.output is None:
         return None
     good = np.isfinite(near.output) & np.isfinite(near.measurement)
@@ -190,19 +192,14 @@ def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
     if len(op) < 20 or np.ptp(op) <= size or np.ptp(pv) == 0.0:
         return None
     valve = stem_of(op, size)
-    best, gain, offset = 0.0, 0.0, 0.0
-    for delay in range(0, len(op) // 8, max(1, len(op) // 200)):
-        x, y = valve[: len(op) - delay], pv[delay:]
-        if np.ptp(x) == 0.0:
-            continue
-        r = float(np.corrcoef(x, y)[0, 1])
-        if r * r > best:
-            best, gain = r * r, r * float(np.std(y) / np.std(x))
-            offset = float(np.mean(y) - gain * np.mean(x))
-    if best < FOLLOWS:
+    fits = [linregress(valve[: len(op) - delay], pv[delay:]) for delay in range(0, len(op) // 8, max(1, len(op) // 200))
+            if np.ptp(valve[: len(op) - delay]) > 0.0]
+    best = max(fits, key=lambda fit: fit.rvalue**2, default=None)
+    if best is None or best.rvalue**2 < FOLLOWS:
         return None
     ends = np.array([op.min(), op.max()])
-    return (ends, gain * (ends - size / 2) + offset), (ends, gain * (ends + size / 2) + offset)
+    opening, closing = (best.slope * (ends - side * size / 2) + best.intercept for side in (1, -1))
+    return (ends, opening), (ends, closing)
 
 
 def estimates(report: LoopReport) -> Figure:
@@ -279,10 +276,10 @@ def used_in(record: Record, report: LoopReport) -> list[Estimate]:
 
 def _inside(record: Record, used: list[Estimate]) -> NDArray[np.bool_]:
     """(samples,) True within a half period that was used."""
-    change, time = np.zeros(len(record) + 1, dtype=np.int64), record.time
-    np.add.at(change, np.searchsorted(time, [e.start for e in used]), 1)
-    np.add.at(change, np.searchsorted(time, [e.end for e in used]), -1)
-    return np.cumsum(change[:-1]) > 0
+    inside = np.zeros(len(record), dtype=bool)
+    for first, last in np.searchsorted(record.time, [(e.start, e.end) for e in used]):
+        inside[first:last] = True
+    return inside
 
 
 def over_time(time: FloatArray, values: FloatArray, span: tuple[float, float], name: str, colour: str, *,
@@ -333,6 +330,11 @@ def units(values: FloatArray, span: tuple[float, float], digits: int = 4) -> lis
     low, high = span
     places = max(0, digits - math.floor(math.log10(abs(high - low) or 1.0)))
     return [v if math.isfinite(v) else None for v in np.round(low + (high - low) * values, places).tolist()]
+
+
+def digits(values: FloatArray) -> list[float]:
+    """Five digits of each number: what a plot can show, and a page a third of the size."""
+    return [float(f"{v:.5g}") for v in values.tolist()]
 
 
 def scale(span: tuple[float, float]) -> tuple[float, float]:

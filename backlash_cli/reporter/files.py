@@ -25,6 +25,7 @@ _MENDED = {
     errno.EROFS: ("the disk is read-only", "choose another place"),
     errno.ENOENT: ("the folder does not exist", "make the folder first, or choose another folder"),
     errno.ENOTDIR: ("a part of the path is a file, not a folder", "choose another place"),
+    errno.EEXIST: ("there is a file of that name, not a folder", "choose another place"),
     errno.EISDIR: ("this is a folder, not a file", "give the name of a file"),
     errno.ENAMETOOLONG: ("the name is too long", "choose a shorter name"),
 }
@@ -60,8 +61,8 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     (/dev/stdout, /dev/null) is written straight, since it must not be replaced by a file.
     """
     target = Path(os.path.realpath(path))
-    try:
-        mode = _mode(target)
+    with _told(path):
+        mode = target.stat().st_mode if target.exists() else None
         if mode is not None and not stat.S_ISREG(mode):
             if stat.S_ISDIR(mode):
                 raise IsADirectoryError(errno.EISDIR, "is a folder")
@@ -83,6 +84,19 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
             raise
         with contextlib.suppress(OSError):
             _flush(target.parent)
+
+
+def make_folder(path: str | os.PathLike[str]) -> None:
+    """Make a folder, and those above it, where they do not exist. Raises BacklashError when that is not possible."""
+    with _told(path):
+        Path(path).mkdir(parents=True, exist_ok=True)
+
+
+@contextlib.contextmanager
+def _told(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Say what is wrong with a place that cannot be written, and how to mend it."""
+    try:
+        yield
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -91,36 +105,15 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise BacklashError(f"cannot write: {what}", where=str(path), remedy=remedy, code="cannot_write") from error
 
 
-def make_folder(path: str | os.PathLike[str]) -> None:
-    """Make a folder, and those above it, where they do not exist. Raises BacklashError when that is not possible."""
-    try:
-        Path(path).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BacklashError(
-            f"cannot make the folder: {error.strerror}", where=str(path), remedy="choose another place",
-            code="cannot_write",
-        ) from error
-
-
 @functools.cache
 def _sweep(folder: Path) -> None:
     """Remove, once per run and folder, the temporary files that runs left there which were killed outright."""
-    with contextlib.suppress(OSError):
-        for name in os.listdir(folder):
-            if _TEMPORARY.fullmatch(name):
-                path = folder / name
-                with contextlib.suppress(OSError):
-                    about = path.lstat()
-                    if stat.S_ISREG(about.st_mode) and about.st_mtime < time.time() - LEFT_BEHIND:
-                        path.unlink()
-
-
-def _mode(target: Path) -> int | None:
-    """Type and rights of `target`, None where there is nothing yet."""
-    try:
-        return target.stat().st_mode
-    except FileNotFoundError:
-        return None
+    for path in folder.glob(".backlash-*.tmp"):
+        with contextlib.suppress(OSError):
+            about = path.lstat()
+            old = stat.S_ISREG(about.st_mode) and about.st_mtime < time.time() - LEFT_BEHIND
+            if old and _TEMPORARY.fullmatch(path.name):
+                path.unlink()
 
 
 def _flush(path: Path) -> None:

@@ -18,7 +18,7 @@ from .files import write_text
 from .json_report import fields_of, header, iso_time, json_text
 from .page import LoopPart, one_page, write_folder_of
 from .plant_figures import WEEKS, PlantRow, half_period_figure, plant_figure, wear_figure
-from .words import counted
+from .templates import sentence
 
 WIDTH = 160  # lines of names, dates and numbers are not wrapped
 TO_DO = {"pull": "pull", "room": "pull if room", "watch": "watch", "leave": "leave alone", "check": "check"}
@@ -44,15 +44,15 @@ def runs_text(runs: Sequence[Run]) -> str:
 def trend_text(wears: Mapping[str, Wear], places: Sequence[Place], *, verbose: bool = False) -> str:
     """Return wear and ranking as a table for the terminal; `verbose` adds why every loop has its place."""
     return screen("trend.txt", width=WIDTH, wears=wears, places=places, verbose=verbose, day_text=day_text,
-                  growth=growth, no_date=no_date, to_do=TO_DO)
+                  growth=growth, to_do=TO_DO)
 
 
 def trend_json(wears: Mapping[str, Wear], places: Sequence[Place]) -> str:
     """Return wear and ranking of all loops as strict JSON text, in the order of repair."""
-    return json_text({**header(), "loops": [loop_document(wears[place.loop], place) for place in places]})
+    return json_text({**header(), "loops": [_wear(wears[place.loop], place) for place in places]})
 
 
-def loop_document(wear: Wear, place: Place) -> dict[str, Any]:
+def _wear(wear: Wear, place: Place) -> dict[str, Any]:
     """Return one loop's wear with the names of the contract; dead bands are shares of the output span."""
     now, h, date = wear.now, wear.held_out, wear.limit_date
     return {
@@ -84,11 +84,6 @@ def _slope(segment: Segment | None) -> dict[str, Any]:
     return {"value": segment.slope, "ci95": segment.slope_ci95}
 
 
-def no_date(wear: Wear) -> str:
-    """Say why there is no date of the limit, empty where the state says it."""
-    return "no trend" if wear.state == "no_trend" else "not in sight" if wear.state == "growing" else ""
-
-
 def growth(now: Segment | None) -> float | None:
     """Growth in a month [span] where it is sure."""
     return 30 * now.slope if now is not None and now.growing and now.slope is not None else None
@@ -102,28 +97,19 @@ def write_report(output: Path, places: Sequence[Place], wears: Mapping[str, Wear
     """
     single = output.suffix.lower() in (".html", ".htm")
     times = [n.time for found in nights.values() for n in found]
-    # the clock is not asked
-    span = f", {day_text(min(times))} to {day_text(max(times))}" if times else ""
-    subtitle = f"{counted(len(nights), 'loop')}, {len(times)} nights{span}. Made by backlash {__version__}."
-    loops = [LoopPart(p.loop, MARKS[p.action], brief(p, wears[p.loop]), "wear_loop.html",
+    first, last = (day_text(edge(times)) if times else None for edge in (min, max))  # the clock is not asked
+    subtitle = sentence("made", len(nights), first, last, __version__, len(times))
+    loops = [LoopPart(p.loop, MARKS[p.action], sentence("brief_wear", p, wears[p.loop]), "wear_loop.html",
                       partial(_loop, p, wears[p.loop], nights[p.loop], half_periods, not single or p.rank <= DRAWN))
              for p in places]
     content = {"places": places, "wears": wears, "picture": plant_picture(places[:RANKED], wears, nights),
                "counts": Counter(p.title for p in places), "cut": DRAWN * (single and len(places) > DRAWN),
-               "ranked": RANKED, "weeks": WEEKS, "marks": MARKS, "day_text": day_text, "growth": growth,
-               "no_date": no_date}
+               "ranked": RANKED, "weeks": WEEKS, "marks": MARKS, "day_text": day_text, "growth": growth}
     if single:
         write_text(output, one_page(TITLE, subtitle, loops, "wear.html", content))
     else:
         told = (places, [[n.digest for n in nights[p.loop]] for p in places], [wears[p.loop] for p in places])
         write_folder_of(output, TITLE, subtitle, loops, "wear.html", content, told)
-
-
-def brief(place: Place, wear: Wear) -> str:
-    """Return one line on a loop."""
-    if wear.state == "no_estimate" and place.why:
-        return f"{place.title}: {place.why[0]}"
-    return f"{place.title}: {wear.message}."
 
 
 def plant_picture(places: Sequence[Place], wears: Mapping[str, Wear], nights: Mapping[str, Sequence[Night]]) -> Figure:
@@ -134,8 +120,9 @@ def plant_picture(places: Sequence[Place], wears: Mapping[str, Wear], nights: Ma
         wear, now = wears[p.loop], wears[p.loop].now
         last = sorted((n.time, n.d) for n in nights[p.loop] if n.d is not None and n.time >= since)
         level = None if now is None else now.level
-        rows.append(PlantRow(p.loop, p.title, MARKS[p.action], level, now.level_ci95 if now else None, None,
-                             wear.limit.value, "" if level else "no size", brief(p, wear), tuple(last)))
+        rows.append(PlantRow(
+            p.loop, p.title, MARKS[p.action], level, now.level_ci95 if now else None, None, wear.limit.value,
+            "" if level else "no size", sentence("brief_wear", p, wear), tuple(last)))
     return plant_figure(rows, "limit")
 
 

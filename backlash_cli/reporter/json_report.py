@@ -10,22 +10,21 @@ from typing import Any
 
 import numpy as np
 
+from .. import results
 from .._version import __version__
 from ..record import FloatArray, Note
-from ..results import Estimate, LoopReport, ScanResult
-from ..results.scan import Estimates
 
 SCHEMA_VERSION = 1
 NO_DATE = 2.5e11  # seconds from 1970 beyond which a time is no date (year 9892)
 _NUMBERS = ("dt_s", "dy", "e_max", "d")
 
 
-def to_json(result: ScanResult) -> str:
+def to_json(result: results.ScanResult) -> str:
     """Return the report of a whole run as JSON text: a line per loop, for people with `grep` and for speed."""
     return "".join(json_parts(result))
 
 
-def json_parts(result: ScanResult) -> Iterator[str]:
+def json_parts(result: results.ScanResult) -> Iterator[str]:
     """The same text piece by piece, so that the report of a large plant need not be in memory as a whole."""
     before = "{"
     parts = {"inputs": result.inputs, "loops": result.loops, "warnings": result.warnings, "failures": result.failures}
@@ -41,7 +40,7 @@ def json_parts(result: ScanResult) -> Iterator[str]:
     yield "}\n"
 
 
-def loop(report: LoopReport) -> dict[str, Any]:
+def loop(report: results.LoopReport) -> dict[str, Any]:
     """Return one loop's report as plain values, names as in the contract; times are ISO 8601 in UTC."""
     s, confirmed = report.settings, report.confirmation
     found: dict[str, Any] = strict({
@@ -54,20 +53,20 @@ def loop(report: LoopReport) -> dict[str, Any]:
     return found
 
 
-def half_periods(found: Sequence[Estimate]) -> dict[str, list[Any]]:
+def half_periods(found: Sequence[results.Estimate]) -> dict[str, list[Any]]:
     """Half periods column by column, as strict values: a plant has hundreds of thousands of them."""
-    e = found if isinstance(found, Estimates) else _as_columns(found)
+    e = found if isinstance(found, results.Estimates) else _as_columns(found)
     why = [e.codes[code] for code in e.why.tolist()]
     numbers = {name: [shown(v) for v in getattr(e, name).tolist()] for name in _NUMBERS}
     return {"start": times(e.origin + e.begin), "end": times(e.origin + (e.begin + e.dt_s)), **numbers,
             "direction": e.direction.tolist(), "accepted": [code == "ok" for code in why], "why": why}
 
 
-def _as_columns(found: Sequence[Estimate]) -> Estimates:
+def _as_columns(found: Sequence[results.Estimate]) -> results.Estimates:
     codes = tuple(sorted({e.why for e in found}))
     start, dt_s, dy, e_max, d = (np.array([getattr(e, name) for e in found], dtype=np.float64)
                                  for name in ("start", *_NUMBERS))
-    return Estimates(0.0, start, dt_s, dy, e_max, d, np.array([e.direction for e in found], dtype=np.int8),
+    return results.Estimates(0.0, start, dt_s, dy, e_max, d, np.array([e.direction for e in found], dtype=np.int8),
                      np.array([codes.index(e.why) for e in found], dtype=np.uint8), codes)
 
 
@@ -128,6 +127,87 @@ def times(epoch: FloatArray) -> list[str | None]:
     stamps = np.datetime_as_string(milliseconds, unit="ms").tolist()
     return [stamp.replace(".000", "") + "Z" if there else None
             for stamp, there in zip(stamps, known.tolist(), strict=True)]
+
+
+
+def model_json(found: results.Comparison | results.Explanation) -> str:
+    """Return one loop's comparison or explanation as JSON text, ending with a line end."""
+    return json_text(comparison(found) if isinstance(found, results.Comparison) else explanation(found))
+
+
+def explanation(e: results.Explanation) -> dict[str, Any]:
+    """Return an explanation with names as in the contract, its values as `strict` takes them."""
+    return {
+        **_head(e),
+        "candidates": [
+            {**fields_of(c, "parameters", "column", "sentence", "meaning", "stage"), **_fitted(c)}
+            for c in e.candidates
+        ],
+        "steps": [fields_of(s, "prediction") for s in e.steps],
+        **{name: getattr(e, name) for name in ("missing_effect", "unexplained", "adequate", "rest", "verdict")},
+        "where_before": [fields_of(r, "stretches") for r in e.where_before],
+        "look_alikes": e.look_alikes,
+        "margin": None if e.margin is None else {"evidence": e.margin[0], "runner_up": e.margin[1]},
+        "final": None if e.final is None else _fitness(e.final),
+        **_tail(e),
+    }
+
+
+def comparison(c: results.Comparison) -> dict[str, Any]:
+    """Return a comparison in the same fields: no candidates, and the model's effects as they stand."""
+    steps: list[dict[str, Any]] = [{"added": None, **fields_of(c.baseline, "parameters")}]
+    if not c.fitted:
+        name = c.effects[-1].effect if c.effects else "model"
+        steps.append({"added": name, **fields_of(c.fitness, "parameters"), "chosen": "user"})
+    return {**_head(c), "fitness": _fitness(c.fitness), "fitted": c.fitted, "seen": c.seen, "candidates": [],
+            "steps": steps, "missing_effect": None, "unexplained": c.unexplained, **_tail(c)}
+
+
+def _head(found: results.Comparison | results.Explanation) -> dict[str, Any]:
+    s = found.series
+    first, last = (s.time[[0, -1]].tolist() if s is not None and len(s.time) else (None, None))
+    return {
+        **header(), "loop": found.loop, "start": iso_time(first), "end": iso_time(last),
+        "samples": None if s is None else s.used.sum(), "baseline": _fitness(found.baseline),
+        "noise_floor": found.noise_floor,
+    }
+
+
+def _tail(found: results.Comparison | results.Explanation) -> dict[str, Any]:
+    return {
+        "effects": [
+            {"effect": f.effect, "confidence": f.confidence or None, **_fitted(f), "sentence": f.sentence,
+             "notes": f.notes} for f in found.effects
+        ],
+        "where": [fields_of(r, "stretches") for r in found.where],
+        "reasons": found.reasons,
+        "model": None if found.model is None else _kept(found.model),
+        "warnings": found.warnings,
+        "details": found.details,
+    }
+
+
+def _fitness(f: results.Fitness) -> dict[str, Any]:
+    return {"rmse": f.rmse, "rmse_holdout": f.rmse_holdout, "parameters": _parameters(f.parameters)}
+
+
+def _parameters(given: Mapping[str, results.FittedParameter], *, nuisance: bool = False) -> dict[str, Any]:
+    return {name: {"value": p.value, "ci95": p.ci95, "unit": p.unit} for name, p in given.items()
+            if p.nuisance is nuisance}
+
+
+def _fitted(found: results.FittedEffect | results.Candidate) -> dict[str, Any]:
+    """Parameters of an effect; what only says how the record began stands apart."""
+    column = {"column": {"value": found.column, "ci95": None, "unit": ""}} if found.column else {}
+    return {"parameters": {**column, **_parameters(found.parameters)},
+            "start_values": _parameters(found.parameters, nuisance=True)}
+
+
+def _kept(m: results.Model) -> dict[str, Any]:
+    return {
+        **fields_of(m, "rmse_holdout"), "start": iso_time(m.start), "end": iso_time(m.end),
+        "effects": [{"effect": e.reference, "column": e.column or None, **e.parameters} for e in m.effects],
+    }
 
 
 _line = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode

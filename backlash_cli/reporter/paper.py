@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from ..record import FloatArray
-from ..results.paper import Line, PaperFigure, PaperReport, PaperRow
+from ..results.paper import Line, PaperFigure, PaperReport
 from .console import screen
-from .figures import GREEN, QUIET, Figure, axis, trace, written
+from .figures import GREEN, QUIET, Figure, axis, digits, trace, written
 from .json_report import json_text
 from .page import page
 
@@ -17,28 +14,6 @@ WIDTH = 120
 COLOURS = ("#2878c8", "#d1345b", GREEN, "#c77700", "#7a5bc7")
 GAP = 0.1  # of the height, between panels
 _SOURCE = "J. Process Control 17 (2007) 489-499"
-
-
-def number(value: float, unit: str, signed: bool = False) -> str:
-    """Return a value of a row in words a reader of the paper knows.
-
-    >>> number(1.0, "yes/no"), number(7.7081, "s"), number(-0.2, "%", signed=True)
-    ('yes', '7.71', '-0.20')
-    """
-    if unit == "yes/no":
-        return "yes" if value else "no"
-    digits = 0 if unit == "count" and value == int(value) else 2
-    return f"{round(value, digits) + 0.0:{'+' if signed else ''}.{digits}f}"  # + 0.0: no minus sign before zero
-
-
-def difference(row: PaperRow) -> str:
-    """Return ours minus the paper's, empty where the answer is yes or no."""
-    return "" if row.published.unit == "yes/no" else number(row.difference, row.published.unit, signed=True)
-
-
-def unit_of(row: PaperRow) -> str:
-    """Return the unit as printed."""
-    return "" if row.published.unit in ("yes/no", "count") else row.published.unit
 
 
 def to_text(report: PaperReport, *, colour: bool = False) -> str:
@@ -55,8 +30,7 @@ def paper_page(report: PaperReport) -> str:
 
 
 def _content(report: PaperReport) -> dict[str, Any]:
-    return {"report": report, "source": _SOURCE, "agreeing": sum(row.agrees for row in report.rows), "number": number,
-            "difference": difference, "unit_of": unit_of}
+    return {"report": report, "source": _SOURCE, "agreeing": sum(row.agrees for row in report.rows)}
 
 
 def to_json(report: PaperReport) -> str:
@@ -99,12 +73,6 @@ def plot(figure: PaperFigure) -> Figure:
 
 
 def _line(line: Line, colour: str, mark: str, *, first: bool) -> Figure:
-    return trace(_digits(line.x), _digits(line.y), line.name, colour, mode="markers" if len(line.x) == 1 else "lines",
+    return trace(digits(line.x), digits(line.y), line.name, colour, mode="markers" if len(line.x) == 1 else "lines",
                  width=1.2 if line.quiet else 1.6, dash=line.dash, size=10, symbol="diamond", hover="",
                  showlegend=first, legendgroup=line.name, xaxis=f"x{mark}", yaxis=f"y{mark}")
-
-
-def _digits(values: FloatArray) -> list[float]:
-    """Five digits of the range: what a plot can show, and a page a third of the size."""
-    reach = float(np.max(np.abs(values))) or 1.0
-    return np.round(values, max(0, 5 - int(np.floor(np.log10(reach))))).tolist()

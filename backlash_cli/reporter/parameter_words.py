@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import groupby
 from string import Formatter
 
 from ..record import LoopSettings
@@ -78,12 +79,9 @@ def clock_times(times: Sequence[float]) -> str:
     >>> clock_times([1773734400.0, 1773738000.5])
     '2026-03-17 08:00:00, 09:00:00 UTC'
     """
-    said: list[str] = []
-    day = ""
-    for time in times[:SHOWN_EVENTS]:
-        today, _, clock = (iso_time(float(round(time))) or "–").rstrip("Z").partition("T")
-        said.append(clock if today == day else f"{today} {clock}")
-        day = today
+    stamps = [(iso_time(float(round(time))) or "–").rstrip("Z").partition("T") for time in times[:SHOWN_EVENTS]]
+    days = groupby(stamps, key=lambda stamp: stamp[0])
+    said = (f"{day} {', '.join(clock for *_, clock in stamps)}" for day, stamps in days)
     return ", ".join(said) + _more(len(times)) + " UTC"
 
 

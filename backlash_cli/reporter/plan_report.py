@@ -7,15 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ..record import duration
-from ..results import Verdict
 from ..results.plan import Course, LoopPlan, PlanOption
 from .console import screen
 from .figures import EVIDENCE, MEASUREMENT, SETPOINT, Figure, axis, trace, units
 from .json_report import fields_of, header, json_text, strict
 from .page import page
 from .tables import csv_text
-from .words import VERDICTS, counted
 
 ADVICE = ("This is advice to a person. Nothing is written to the control system; whether and when to test a valve is a "
           "decision of the people who run the plant.")
@@ -31,13 +28,7 @@ def to_text(plans: Sequence[LoopPlan], loops: int) -> str:
 
 def _content(plans: Sequence[LoopPlan], loops: int) -> dict[str, Any]:
     told = sum(any(o.decides for o in p.options) for p in plans)
-    said = f"{len(plans)} of {counted(loops, 'loop')} undecided; for {told} of them a test would tell."
-    return {"plans": plans, "counted_plans": said, "advice": ADVICE, "headline": headline, "kinds": KINDS}
-
-
-def headline(plan: LoopPlan) -> str:
-    """The loop, its verdict and the size that matters."""
-    return f"{plan.loop}: {VERDICTS[Verdict(plan.verdict)]}; the dead band that matters is {100 * plan.target:.2g} %"
+    return {"plans": plans, "told": told, "loops": loops, "advice": ADVICE, "kinds": KINDS}
 
 
 def to_json(plans: Sequence[LoopPlan]) -> str:
@@ -72,21 +63,8 @@ def _sheet(plan: LoopPlan, anchor: str) -> dict[str, Any]:
     tests = [o for o in plan.options if o.move is not None]
     shown = max(tests, key=lambda o: min(o.power or 0.0, o.clears or 0.0), default=None)
     shown = next((o for o in tests if o.decides), shown)
-    found: dict[str, Any] = {"plan": plan, "anchor": anchor, "shown": shown,
-                             "best": next((o for o in plan.options if o.decides or o.kind == "logging"), None)}
-    return found if shown is None else {**found, "figure": _figure(plan, shown), **_steps(plan, shown)}
-
-
-def _steps(plan: LoopPlan, option: PlanOption) -> dict[str, Any]:
-    """The steps of one round of a test, with room for what is read in each round."""
-    signal, span = ("SP", plan.pv_range) if option.kind == "setpoint_steps" else ("OP", plan.op_range)
-    size, hold = (option.move or 0.0) * (span[1] - span[0]), option.hold_s or 0.0
-    said = [f"{signal} {level * size:+.3g} from where it stood" if level else f"{signal} to where it stood"
-            for level in option.levels[: len(option.levels) // option.rounds]]
-    said.append("begin again" if option.rounds > 1 else "end of the test")
-    read = [f"PV, round {k + 1}" for k in range(option.rounds)] if option.rounds > 1 else ["PV read"]
-    return {"columns": ["Step", "After", "Set", *read],
-            "rows": [[k + 1, duration(k * hold), words, *[""] * option.rounds] for k, words in enumerate(said)]}
+    return {"plan": plan, "anchor": anchor, "shown": shown, "figure": None if shown is None else _figure(plan, shown),
+            "best": next((o for o in plan.options if o.decides or o.kind == "logging"), None)}
 
 
 def _figure(plan: LoopPlan, option: PlanOption) -> Figure | None:

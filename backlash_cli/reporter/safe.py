@@ -7,6 +7,7 @@ one of these functions (HTML pages escape by themselves, through the template en
 from __future__ import annotations
 
 import hashlib
+import html
 import re
 import unicodedata
 from collections.abc import Iterable
@@ -72,8 +73,7 @@ def spreadsheet(value: object) -> object:
 
 def picture(text: object, limit: int = 80) -> str:
     """Return `text` for a plotly label, where a few HTML tags would be obeyed, as plain words."""
-    shown = terminal(text, limit)
-    return shown.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return html.escape(terminal(text, limit), quote=False)
 
 
 def file_name(name: str) -> str:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import operator
+import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from .._version import __version__
-from ..errors import UsageError
+from ..errors import UsageError, nearest
 from ..record import Note, Record
-from ..results import UNDECIDED, LoopReport, ScanResult
+from ..results import UNDECIDED, LoopReport, ScanResult, Verdict
 from . import figures
 from .console import WIDTH, screen
 from .figures import POINTS, Figure
@@ -20,8 +22,9 @@ from .json_report import json_parts
 from .page import LoopPart, one_page, write_folder_of
 from .plant_figures import PlantRow, plant_figure
 from .safe import file_names
-from .tables import TABLES, csv_parts, write_parquet
-from .words import MARKS, VERDICTS, by_size, counted, excluded, interval, moment, percent, size
+from .tables import columns_of, csv_parts, write_parquet
+from .templates import sentence
+from .words import MARKS, VERDICTS, by_size, excluded, moment, percent, size
 
 DRAWN = 40  # loops in the picture of the plant, and with figures of their own in a single file; a folder has no limit
 FINE = 12  # of them with lines as fine as a screen; more share the room, so that a page stays below 3 MB
@@ -29,14 +32,23 @@ _TITLE = "Dead band report"
 _SUFFIXES = {".json": "json", ".csv": "csv", ".parquet": "parquet", ".html": "html", ".htm": "html", ".txt": "table"}
 _COLOURS = {"bad": "bold red", "warn": "yellow", "good": "green", "quiet": "dim"}
 
+Rule = Callable[[LoopReport], bool]
+
+_RULE = re.compile(r"d\s*(>=|>)\s*(\d+(?:\.\d*)?|\.\d+)\s*(%?)")
+_RULES: dict[str, tuple[Verdict, ...]] = {
+    **{str(v): (v,) for v in (Verdict.BACKLASH, Verdict.OSCILLATING, Verdict.CANNOT_TELL, Verdict.INSUFFICIENT_DATA,
+                              Verdict.ERROR)},
+    "suspected": (Verdict.BACKLASH, Verdict.SUSPECTED),
+    "any": (Verdict.BACKLASH, Verdict.SUSPECTED, Verdict.OSCILLATING),
+}
+
 
 def check_delivery(form: str | None, output: Path | None, table: str) -> str | None:
     """Return the form to write, from `form` or else the suffix of `output`; None when neither says.
 
     Raises UsageError for what cannot be, before any work is done.
     """
-    if table not in TABLES:
-        raise UsageError(f"no table {table!r}", where="--table", remedy=f"one of: {', '.join(TABLES)}")
+    columns_of(table)
     if form is None and output is not None:
         form = _SUFFIXES.get(output.suffix.lower(), "table")
     if form == "parquet" and output is None:
@@ -125,14 +137,13 @@ def write_folder(folder: Path, result: ScanResult, records: Mapping[str, Record]
 
 
 def _loops(reports: Sequence[LoopReport], records: Mapping[str, Record], points: int = POINTS) -> list[LoopPart]:
-    def content(r: LoopReport) -> dict[str, Any]:
-        return _evidence(r, records.get(r.loop), points)  # one record at a time is in memory
-
-    return [LoopPart(r.loop, MARKS[r.verdict], _brief(r), "loop.html", partial(content, r)) for r in reports]
+    return [LoopPart(r.loop, MARKS[r.verdict], sentence("brief", r), "loop.html",
+                     partial(_evidence, r, records, points)) for r in reports]
 
 
-def _evidence(r: LoopReport, record: Record | None, points: int) -> dict[str, Any]:
+def _evidence(r: LoopReport, records: Mapping[str, Record], points: int) -> dict[str, Any]:
     """What can be seen with bare eyes first; points: of each line over time."""
+    record = records.get(r.loop)  # one at a time is in memory
     found = {"report": r, "undecided": r.verdict in UNDECIDED}
     if record is None or not len(record):
         return {**found, "drawn": {}}
@@ -162,20 +173,42 @@ def plant_picture(reports: Sequence[LoopReport]) -> Figure:
         d, below = size(r), excluded(r)
         words = "" if d is not None else VERDICTS[r.verdict] if below is None else f"below {percent(below)}"
         rows.append(PlantRow(r.loop, VERDICTS[r.verdict], MARKS[r.verdict], d, r.cluster.ci95 if r.cluster else None,
-                             below, None if d is None else r.limit_of_detection, words, _brief(r)))
+                             below, None if d is None else r.limit_of_detection, words, sentence("brief", r)))
     return plant_figure(rows, "limit of detection")
 
 
 def _subtitle(result: ScanResult) -> str:
     starts = [r.start for r in result.loops if r.start is not None]
     ends = [r.end for r in result.loops if r.end is not None]
-    span = f", {moment(min(starts))} to {moment(max(ends))}" if starts and ends else ""
-    return f"{counted(len(result.loops), 'loop')}{span}. Made by backlash {__version__}."
+    first, last = (moment(min(starts)), moment(max(ends))) if starts and ends else (None, None)
+    return sentence("made", len(result.loops), first, last, __version__)
 
 
-def _brief(r: LoopReport) -> str:
-    d, said = size(r), VERDICTS[r.verdict]
-    if d is None or r.cluster is None:
-        return said
-    span = f"{percent(d)} of the output span ({interval(r.cluster.ci95)})"
-    return f"{said}, {span}, confidence {percent(r.confidence, 0)}"
+def parse_rules(texts: Iterable[str], where: str = "--fail-on") -> list[Rule]:
+    """Return the rules of the given texts; raises UsageError with the known ones for a rule that is none."""
+    return [_rule(part.strip(), where) for text in texts for part in text.split(",")]
+
+
+def met(rules: Sequence[Rule], reports: Iterable[LoopReport]) -> list[str]:
+    """Names of the loops that meet one of the rules."""
+    return [r.loop for r in reports if any(rule(r) for rule in rules)]
+
+
+def _rule(text: str, where: str) -> Rule:
+    known = _RULES.get(text.lower().replace("-", "_"))
+    if known is not None:
+        return lambda report: report.verdict in known
+    found = _RULE.fullmatch(text.lower())
+    if found is None:
+        known_rules = [*_RULES, "d>0.03", "d>3%"]
+        hint = nearest(text, known_rules)
+        if hint.startswith("did"):
+            hint = f"{hint} Rules: {', '.join(known_rules)}"
+        raise UsageError(f"no rule {text!r}", where=where, remedy=hint)
+    sign, number, per_cent = found.groups()
+    limit = float(number) / (100.0 if per_cent else 1.0)
+    if limit > 1.0:
+        raise UsageError(f"a dead band of {limit:g} spans cannot be", where=f"{where} {text}",
+                         remedy=f"d is a part of the span (0.03 is 3 %); did you mean d{sign}{number}% ?")
+    compare = operator.gt if sign == ">" else operator.ge
+    return lambda report: (d := size(report)) is not None and compare(d, limit)

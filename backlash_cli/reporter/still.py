@@ -9,7 +9,6 @@ look with the stretches where the stem stands still, PV against OP with the dead
 from __future__ import annotations
 
 import html
-import re
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +19,7 @@ import numpy as np
 from ..record import Record
 from ..results import LoopReport
 from . import figures
-from .figures import QUIET, Figure
+from .figures import Figure
 from .files import replacing
 from .safe import file_name, terminal
 from .words import VERDICTS, interval, percent, size
@@ -34,7 +33,10 @@ DPI = 110
 POINTS = 2400  # per line: what a picture of this width can show
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
 MARKERS = {"circle": "o", "circle-open": "o", "x-thin-open": "x", "line-ns-open": "|", "diamond": "D"}
-_RGBA = re.compile(r"rgba\((\d+), ?(\d+), ?(\d+), ?([\d.]+)\)")
+STYLE: Any = {
+    "text.parse_math": False, "font.size": 8, "axes.grid": True, "grid.color": "#e3e7ea", "grid.linewidth": 0.6,
+    "axes.axisbelow": True, "axes.spines.top": False, "axes.spines.right": False, "axes.labelsize": 9,
+    "axes.titlesize": 9, "legend.fontsize": 7, "legend.frameon": False}
 
 
 def draw_loop(
@@ -83,14 +85,16 @@ def write_still(path: Path, picture: Picture, dpi: int) -> None:
 def still(title: str, rows: Sequence[Sequence[tuple[str, Figure]]], heights: Sequence[float],
           size: tuple[float, float]) -> Picture:
     """Return plotly figures, each with its title, in rows of these relative heights; size: inches."""
+    from matplotlib import rc_context
     from matplotlib.figure import Figure as Picture
 
-    whole = Picture(figsize=size, layout="constrained")
-    whole.suptitle(terminal(title, 120), x=0.01, ha="left", fontsize=12, fontweight="bold", parse_math=False)
-    stripes = whole.subfigures(len(rows), 1, height_ratios=heights, squeeze=False)[:, 0]
-    for row, stripe in zip(rows, stripes, strict=True):
-        for (words, figure), part in zip(row, stripe.subfigures(1, len(row), squeeze=False)[0], strict=True):
-            _draw(part, words, figure, narrow=len(row) > 1)
+    with rc_context(STYLE):
+        whole = Picture(figsize=size, layout="constrained")
+        whole.suptitle(terminal(title, 120), x=0.01, ha="left", fontsize=12, fontweight="bold")
+        stripes = whole.subfigures(len(rows), 1, height_ratios=heights, squeeze=False)[:, 0]
+        for row, stripe in zip(rows, stripes, strict=True):
+            for (words, figure), part in zip(row, stripe.subfigures(1, len(row), squeeze=False)[0], strict=True):
+                _draw(part, words, figure, narrow=len(row) > 1)
     return whole
 
 
@@ -98,79 +102,66 @@ def _draw(part: Any, words: str, figure: Figure, *, narrow: bool) -> None:
     """One figure: its vertical axes below each other over one horizontal one, as their domains say."""
     layout = figure["layout"]
     domains = {key.replace("axis", ""): axis.get("domain", [0.0, 1.0]) for key, axis in layout.items()
-               if key.startswith("yaxis") and "overlaying" not in axis} or {"y": [0.0, 1.0]}
+               if key.startswith("yaxis") and "overlaying" not in axis}
     names = sorted(domains, key=lambda name: -domains[name][0])
     panels = part.subplots(len(names), 1, sharex=True, squeeze=False,
                            height_ratios=[domains[n][1] - domains[n][0] for n in names])[:, 0]
     axes: dict[str, Axes] = dict(zip(names, panels, strict=True))
-    dates = layout.get("xaxis", {}).get("type") == "date"
+    dates = layout["xaxis"].get("type") == "date"
     for trace in figure["data"]:
         if trace.get("visible", True) is True:
-            _trace(axes, trace, layout, dates)
+            name = trace.get("yaxis", "y")
+            _trace(axes[layout[name.replace("y", "yaxis")].get("overlaying", name)], trace, dates)
     for shape in layout.get("shapes", ()):
         _shape(axes, shape, dates)
     for name, one in axes.items():
-        _scale(one, layout.get(name.replace("y", "yaxis"), {}), "y")
-        one.grid(True, color="#e3e7ea", linewidth=0.6)
-        one.set_axisbelow(True)
-        one.tick_params(labelsize=8)
-        one.spines[["top", "right"]].set_visible(False)
-    first, last = axes[names[0]], axes[names[-1]]
-    _scale(last, layout.get("xaxis", {}), "x")
+        _scale(one, layout[name.replace("y", "yaxis")], "y")
+    _scale(panels[-1], layout["xaxis"], "x")
     if dates:
         _dates(panels, 5 if narrow else 10)
     for note in layout.get("annotations", ()):
-        _annotation(first, note, dates)
-    first.set_title(terminal(words), loc="left", fontsize=9, parse_math=False)
+        _annotation(panels[0], note, dates)
+    panels[0].set_title(terminal(words), loc="left")
     handles = {label: handle for one in panels for handle, label in zip(*one.get_legend_handles_labels(), strict=True)}
     if handles:
         place = {"loc": "outside lower center", "ncols": 2} if narrow else {"loc": "outside upper right", "ncols": 6}
-        legend = part.legend([*handles.values()], [*handles], fontsize=7, frameon=False, **place)
-        for text in legend.get_texts():
-            text.set_parse_math(False)
+        part.legend([*handles.values()], [*handles], **place)
 
 
-def _trace(axes: dict[str, Axes], trace: Figure, layout: Figure, dates: bool) -> None:
-    name = trace.get("yaxis", "y")
-    over = layout.get(name.replace("y", "yaxis"), {}).get("overlaying")
-    one = axes[over or name]
-    said = trace.get("name") if trace.get("showlegend", True) else None
-    label = html.unescape(said) if said else "_"
-    line, marker, mode = trace.get("line", {}), trace.get("marker", {}), trace.get("mode", "lines")
+def _trace(one: Axes, trace: Figure, dates: bool) -> None:
+    label = html.unescape(trace["name"]) if trace.get("showlegend", True) and trace.get("name") else "_"
+    line, marker = trace.get("line", {}), trace.get("marker", {})
     if trace["type"] == "bar":
-        drawn = one.barh(trace["y"], trace["x"], color=marker.get("color"), height=trace.get("width", 0.8))
-        one.bar_label(drawn, trace.get("text"), fontsize=8, padding=2)
+        drawn = one.barh(trace["y"], trace["x"], color=marker["color"], height=trace["width"])
+        one.bar_label(drawn, trace["text"], fontsize=8, padding=2)
         return
-    x, y = _numbers(trace["x"], dates), _numbers(trace["y"])
+    x, y, mode = _numbers(trace["x"], dates), _numbers(trace["y"]), trace["mode"]
     if "fill" in trace:  # stretches behind the lines, from the bottom of the panel to its top
-        one.fill_between(x, 0.0, y, where=np.isfinite(y).tolist(), color=_colour(trace["fillcolor"]), linewidth=0,
-                         label=label, transform=one.get_xaxis_transform())
+        one.fill_between(x, 0.0, y, where=np.isfinite(y).tolist(), color=trace["fillcolor"], linewidth=0, label=label,
+                         transform=one.get_xaxis_transform())
         return
-    symbol, colour = marker.get("symbol", "circle"), marker.get("color", line.get("color"))
-    single = symbol if isinstance(symbol, str) else symbol[0]
-    one.plot(x, y, color=line.get("color", colour), linewidth=0.7 * line.get("width", 1.4), label=label,
-             alpha=trace.get("opacity"), linestyle=DASHES[line.get("dash", "solid")] if "lines" in mode else "",
-             marker=MARKERS[single] if "markers" in mode else "", markersize=0.6 * marker.get("size", 8),
-             markerfacecolor="none" if "open" in single else colour, markeredgecolor=colour,
-             markeredgewidth=0.0 if marker.get("size", 8) < 4 else 1.0)
-    for where, height, words in zip(x, y, trace.get("text", ()) if "text" in mode else (), strict=False):
-        one.text(where, height, html.unescape(words), fontsize=8, ha="center", va="bottom", parse_math=False)
+    colour, size = marker.get("color", line.get("color")), marker.get("size", 0.0)
+    one.plot(x, y, color=line.get("color", colour), linewidth=0.7 * line.get("width", 0.0), label=label,
+             alpha=trace.get("opacity"), linestyle=DASHES[line.get("dash", "solid")] if line else "",
+             marker=MARKERS[marker["symbol"]] if marker else "", markersize=0.6 * size, markeredgecolor=colour,
+             markerfacecolor="none" if marker and "open" in marker["symbol"] else colour,
+             markeredgewidth=0.0 if size < 4 else 1.0)
+    for where, height, words in zip(x, y, trace["text"] if "text" in mode else (), strict=False):
+        one.text(where, height, html.unescape(words), ha="center", va="bottom")
 
 
 def _shape(axes: dict[str, Axes], shape: Figure, dates: bool) -> None:
     """A line or band across all panels, or across one of them at a height."""
-    label = html.unescape(shape.get("name", "")) if shape.get("showlegend") else "_"
-    line, width = shape.get("line", {}), 0.8 * shape.get("line", {}).get("width", 1.0)
-    colour = shape.get("fillcolor", line.get("color", QUIET))
-    upright = shape.get("yref") == "paper"
+    label = html.unescape(shape["name"]) if shape.get("showlegend") else "_"
+    line, upright = shape["line"], shape.get("yref") == "paper"
     for one in [*axes.values()] if upright else [axes[shape.get("yref", "y")]]:
         low, high = _numbers([shape["x0"], shape["x1"]], dates) if upright else (shape["y0"], shape["y1"])
         if shape["type"] == "rect":
             draw = one.axvspan if upright else one.axhspan
-            draw(low, high, color=_colour(colour), alpha=shape.get("opacity"), linewidth=0, label=label)
+            draw(low, high, color=shape["fillcolor"], alpha=shape["opacity"], linewidth=0, label=label)
         else:
             stroke = one.axvline if upright else one.axhline
-            stroke(low, color=colour, linewidth=width, linestyle=DASHES[line.get("dash", "solid")], label=label)
+            stroke(low, color=line["color"], linewidth=0.8 * line["width"], linestyle=DASHES[line["dash"]], label=label)
         label = "_"
 
 
@@ -180,19 +171,19 @@ def _annotation(one: Axes, note: Figure, dates: bool) -> None:
     transform = (one.transAxes if all(inside.values()) else one.get_xaxis_transform() if inside["y"] else one.transData)
     x = note["x"] if inside["x"] else _numbers([note["x"]], dates)[0]
     one.text(x, note["y"], html.unescape(note["text"]), transform=transform, rotation=-note.get("textangle", 0),
-             ha=note.get("xanchor", "center"), va=note.get("yanchor", "center"), fontsize=8, parse_math=False)
+             ha=note.get("xanchor", "center"), va=note.get("yanchor", "center"))
 
 
 def _scale(one: Axes, axis: Figure, which: str) -> None:
-    getattr(one, f"set_{which}label")(axis.get("title", {}).get("text", ""), fontsize=9)
+    one.set(**{f"{which}label": axis.get("title", {}).get("text", "")})
     if axis.get("type") == "log":
-        getattr(one, f"set_{which}scale")("log")
+        one.set(**{f"{which}scale": "log"})
         own = getattr(one, f"{which}axis")
         own.set_ticks(axis.get("tickvals", []), minor=False)
         own.set_major_formatter("{x:g}")
         own.set_minor_formatter("")
     if "range" in axis:
-        getattr(one, f"set_{which}lim")(*axis["range"])
+        one.set(**{f"{which}lim": axis["range"]})
     if axis.get("autorange") == "reversed":
         one.invert_yaxis()
 
@@ -212,10 +203,4 @@ def _dates(panels: Sequence[Axes], most: int) -> None:
 
 def _numbers(values: Sequence[Any], dates: bool = False) -> Any:
     """Values as numbers, what is None as nan; dates in days since 1970."""
-    numbers = np.array([np.nan if v is None else v for v in values], dtype=np.float64)
-    return numbers / 86_400_000.0 if dates else numbers
-
-
-def _colour(text: str) -> Any:
-    found = _RGBA.fullmatch(text)
-    return text if found is None else (*(int(found[k]) / 255 for k in (1, 2, 3)), float(found[4]))
+    return np.array(values, dtype=np.float64) / (86_400_000.0 if dates else 1.0)

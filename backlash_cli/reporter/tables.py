@@ -6,65 +6,63 @@ import csv
 import io
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
-from ..record import Note
 from ..results import LoopReport, ScanResult
-from .files import write_bytes
-from .json_report import half_periods, iso_time, strict
+from .files import replacing
+from .json_report import half_periods, loop, strict
 from .safe import spreadsheet
 
 if TYPE_CHECKING:
     import pandas as pd
 
-TABLES = ("loops", "estimates")
-
-# name -> kind: text, number, count, time, flag; the same columns in every report, also an empty one
+# name -> kind (text, number, count, time, flag), and place in a loop of the JSON document where it is not the name;
+# the same columns in every report, also an empty one
 LOOP_COLUMNS = {
-    "loop": "text", "verdict": "text", "confidence": "number", "d": "number", "d_low": "number", "d_high": "number",
-    "spread": "number", "cluster_share": "number", "limit_of_detection": "number", "confirmed_d": "number",
-    "error_reduction": "number", "delta_bic": "number", "compensator_gain": "number", "compensator_scheme": "text",
+    "loop": "text", "verdict": "text", "confidence": "number", "d": "number cluster.d",
+    "d_low": "number cluster.ci95.0", "d_high": "number cluster.ci95.1", "spread": "number cluster.spread",
+    "cluster_share": "number cluster.share",
+    "limit_of_detection": "number cluster.limit_of_detection", "confirmed_d": "number confirmation.d",
+    "error_reduction": "number confirmation.error_reduction", "delta_bic": "number confirmation.delta_bic",
+    "compensator_gain": "number compensator.gain", "compensator_scheme": "text compensator.scheme",
     "detections": "count", "half_periods": "count", "long_half_periods": "count", "detection_rate": "number",
     "detections_per_hour": "number", "start": "time", "end": "time", "samples": "count", "interval_s": "number",
-    "K": "number", "Ti": "number", "Td": "number", "Kp": "number", "theta": "number", "settings_source": "text",
-    "reasons": "text", "warnings": "text",
+    **{name: f"number settings.{name}" for name in ("K", "Ti", "Td", "Kp", "theta")},
+    "settings_source": "text settings.source", "reasons": "text", "warnings": "text",
 }
 ESTIMATE_COLUMNS = {
     "loop": "text", "start": "time", "end": "time", "dt_s": "number", "dy": "number", "e_max": "number",
     "d": "number", "direction": "count", "accepted": "flag", "why": "text",
 }
-_COLUMNS = {"loops": LOOP_COLUMNS, "estimates": ESTIMATE_COLUMNS}
+TABLES = {"loops": LOOP_COLUMNS, "estimates": ESTIMATE_COLUMNS}
 _DTYPES = {"text": "string", "number": "float64", "count": "int64", "flag": "bool"}
 
 
-def _columns(table: str) -> dict[str, str]:
+def columns_of(table: str) -> dict[str, str]:
+    """Return the columns of a table, name -> kind. Raises UsageError for a table that does not exist."""
     if table not in TABLES:
         raise UsageError(f"no table {table!r}", where="--table", remedy=f"one of: {', '.join(TABLES)}")
-    return _COLUMNS[table]
+    return TABLES[table]
 
 
 def _rows(r: LoopReport, table: str) -> list[list[Any]]:
     """The rows of one loop as strict values, in the order of the table's columns."""
     if table == "estimates":
-        halves = half_periods(r.estimates)
-        return [[strict(r.loop), *row] for row in zip(*halves.values(), strict=True)]
-    c, confirmed, s = r.cluster, r.confirmation, r.settings
-    said = {
-        "d": c and c.d, "d_low": c and c.ci95[0], "d_high": c and c.ci95[1], "cluster_share": c and c.share,
-        "confirmed_d": confirmed and confirmed.d, "compensator_gain": r.compensator and r.compensator.gain,
-        "compensator_scheme": r.compensator and r.compensator.scheme, "start": iso_time(r.start),
-        "end": iso_time(r.end), "settings_source": ", ".join(f"{name} {source}" for name, source in s.source.items()),
-        "reasons": _joined(r.reasons), "warnings": _joined(r.warnings),
-    }
-    own = {"spread": c, "limit_of_detection": c, "error_reduction": confirmed, "delta_bic": confirmed,
-           **dict.fromkeys(("K", "Ti", "Td", "Kp", "theta"), s)}
-    return [strict([said[n] if n in said else getattr(own.get(n, r), n, None) for n in LOOP_COLUMNS])]
+        return [[strict(r.loop), *row] for row in zip(*half_periods(r.estimates).values(), strict=True)]
+    document = loop(replace(r, estimates=()))
+    return [[_at(document, (kind.split()[1:] or [name])[0]) for name, kind in LOOP_COLUMNS.items()]]
 
 
-def _joined(notes: Sequence[Note]) -> str:
-    return "; ".join(f"{n.code}: {n.message}" for n in notes)
+def _at(document: Any, place: str) -> Any:
+    """The value at a place of a document, None where there is none; notes and sources as one text."""
+    for name in place.split("."):
+        document = None if document is None else document[int(name) if name.isdigit() else name]
+    if isinstance(document, list):
+        return "; ".join(f"{note['code']}: {note['message']}" for note in document)
+    return ", ".join(f"{n} {s}" for n, s in document.items()) if isinstance(document, dict) else document
 
 
 def to_dataframe(result: ScanResult, table: str = "loops") -> pd.DataFrame:
@@ -74,7 +72,7 @@ def to_dataframe(result: ScanResult, table: str = "loops") -> pd.DataFrame:
     """
     import pandas as pd
 
-    columns = _columns(table)
+    columns = {name: kind.split()[0] for name, kind in columns_of(table).items()}
     frame = pd.DataFrame([row for r in result.loops for row in _rows(r, table)], columns=list(columns))
     for name, kind in columns.items():
         if kind == "time":
@@ -89,7 +87,7 @@ def to_csv(result: ScanResult, table: str = "loops") -> str:
 
 def csv_parts(result: ScanResult, table: str = "loops") -> Iterator[str]:
     """The same text piece by piece, a piece per loop. Raises UsageError for a table that does not exist."""
-    heading = csv_text([list(_columns(table))])
+    heading = csv_text([list(columns_of(table))])
     return itertools.chain([heading], (csv_text(_rows(r, table)) for r in result.loops))
 
 
@@ -123,11 +121,10 @@ def write_rows(rows: Sequence[Mapping[str, object]], path: Path) -> None:
     frame = pd.DataFrame(rows, columns=None if rows else ["loop"])
     for name in {"start", "end", "time"} & {*frame}:
         frame[name] = pd.to_datetime(frame[name], unit="s", utc=True).dt.round("s")
-    out = io.BytesIO()
-    if suffix == ".parquet":
-        frame.to_parquet(out, index=False)
-    else:
-        text = frame.select_dtypes(exclude=["number", "bool", "datetimetz"]).columns
-        frame[text] = frame[text].map(spreadsheet)
-        frame.to_csv(out, index=False, date_format="%Y-%m-%dT%H:%M:%SZ", encoding="utf-8")
-    write_bytes(path, out.getvalue())
+    with replacing(path) as temporary:
+        if suffix == ".parquet":
+            frame.to_parquet(temporary, index=False)
+        else:
+            text = frame.select_dtypes(exclude=["number", "bool", "datetimetz"]).columns
+            frame[text] = frame[text].map(spreadsheet)
+            frame.to_csv(temporary, index=False, date_format="%Y-%m-%dT%H:%M:%SZ", encoding="utf-8")

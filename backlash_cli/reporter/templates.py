@@ -23,20 +23,19 @@ def environment(kind: str) -> jinja2.Environment:
     from markupsafe import Markup
 
     def shown(value: Any) -> Any:
-        # | parts the cells of a table on a terminal
-        return value if isinstance(value, Markup) else Markup(safe.terminal(value).replace("|", "\x1f"))
+        # | parts the cells of a table on a terminal; terminal() lets nothing through that stands for it here
+        return value if isinstance(value, Markup) else Markup(safe.terminal(value).replace("|", "\ue000"))
 
     made = jinja2.Environment(
         loader=jinja2.PackageLoader("backlash_cli.reporter"), autoescape=kind != "words",
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         finalize=shown if kind == "txt" else None,
     )
-    for module in (words, parameter_words, safe):
+    for module in (words, parameter_words, safe, record):
         own = {name: value for name, value in vars(module).items() if name.isupper() or (
             callable(value) and value.__module__.startswith("backlash_cli"))}
         made.globals |= own
         made.filters |= {name: value for name, value in own.items() if callable(value)}
-    made.globals["duration"] = record.duration
     if kind != "words":
         own = vars(environment("words").get_template("sentences.txt").module)
         made.globals |= {name: partial(sentence, name) for name in own if not name.startswith("_")}

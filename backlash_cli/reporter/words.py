@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from ..results import Candidate, Comparison, Compensator, Explanation, FittedEffect, LoopReport, Region, Step, Verdict
+from ..results import Candidate, Explanation, FittedEffect, LoopReport, Region, Step, Verdict
 from .json_report import iso_time
 from .safe import terminal
 
@@ -22,23 +22,6 @@ _SAID = {
 VERDICTS, MARKS = ({verdict: said[k] for verdict, said in _SAID.items()} for k in (0, 1))
 _ORDER = {v: i for i, v in enumerate(VERDICTS)}
 WORSE = 1.15  # share of the error over share of the time, from which a region is worth a line
-NOT_TRIED, NOT_EXPLAINED = "not_tried", "not_explained"
-# why an effect that was tried is not in the model, by code
-WHY = {
-    "no_better_prediction": "unseen samples predicted no better",
-    "little_evidence": "better, but no more than chance may give",
-    "other_explains": "another effect explains the same error better",
-    "look_alike": "a look-alike was taken, cannot be told apart",
-    "look_alike_better": "a look-alike fits better",
-    "below_resolution": "smaller than the recording shows",
-    "fits_nothing": "fits best where it does nothing",
-    "op_never_turns": "OP never turns back",
-    "too_little_motion": "too little motion to tell",
-    NOT_TRIED: "nothing pointed to it",
-    NOT_EXPLAINED: "loop could not be explained",
-}
-KIN = {frozenset(("backlash", "stiction"))}  # one valve has one of them: said in one breath
-
 
 
 def by_size(reports: Sequence[LoopReport]) -> list[LoopReport]:
@@ -106,22 +89,11 @@ def day(epoch: float) -> str:
     return (iso_time(epoch) or "–")[:10]
 
 
-def refused(report: LoopReport) -> str:
-    """Why half periods were not used, and how many for each reason."""
-    return ", ".join(f"{n} {code}" for code, n in report.rejected.items())
-
-
 def advice(report: LoopReport) -> str:
     """The compensator advice, or the first reason where there is none, in one line."""
     if report.compensator is not None:
         return f"compensate {percent(report.compensator.gain)}, {report.compensator.scheme}"
     return report.reasons[0].message if report.reasons else ""
-
-
-def compensator_words(found: Compensator) -> list[str]:
-    """The advice in full, and whose decision it is."""
-    return [f"Compensator gain {percent(found.gain)} of the output span, scheme {found.scheme}. {found.reason}",
-            "This is advice to a person; nothing is written to the control system."]
 
 
 def error_size(value: float | None) -> str:
@@ -148,11 +120,6 @@ def rung(step: Step) -> str:
     return "baseline" if step.added is None else f"+ {plain_name(step.added)}"
 
 
-def is_kin(a: str, b: str) -> bool:
-    """Whether two effects are the one gap of a valve."""
-    return frozenset((a, b)) in KIN
-
-
 def gap_sizes(e: Explanation, pair: tuple[str, str]) -> list[float]:
     """The gap that each of these effects had where it was tried [span]."""
     tried: list[FittedEffect | Candidate] = [*e.effects, *e.candidates]
@@ -162,7 +129,7 @@ def gap_sizes(e: Explanation, pair: tuple[str, str]) -> list[float]:
 
 def effect_name(effect: str, e: Explanation) -> str:
     """The name of an accepted effect, with its twin where the record cannot tell them apart; whether it is likely."""
-    twin = [b for a, b in e.look_alikes if a == effect and is_kin(a, b)]
+    twin = [b for a, b in e.look_alikes if a == effect and {a, b} == {"backlash", "stiction"}]
     likely = any(x.effect == effect and x.confidence == "likely" for x in e.effects)
     return " or ".join(plain_name(name) for name in sorted([effect, *twin])) + " (likely)" * likely
 
@@ -170,13 +137,3 @@ def effect_name(effect: str, e: Explanation) -> str:
 def fails(regions: Sequence[Region]) -> list[Region]:
     """The regions whose share of the error is clearly larger than their share of the time, worst first."""
     return [r for r in regions if r.expected is None or r.share >= WORSE * r.expected]
-
-
-def inside_name(name: str) -> str:
-    """A signal within the model in words: where the stem is as the model sees it."""
-    return "stem (model)" if name == "valve" else plain_name(name)
-
-
-def start_of(found: Comparison | Explanation) -> float | None:
-    """Epoch seconds of the first sample, None where the samples were not kept."""
-    return None if found.series is None else float(found.series.time[0])

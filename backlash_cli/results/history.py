@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 
 from ..record import Note
-from .scan import Verdict
+from .scan import Estimate, Verdict
 
 DAY = 86400.0
 
@@ -76,19 +76,10 @@ class Night:
 
 
 @dataclass(frozen=True)
-class HalfPeriod:
+class HalfPeriod(Estimate):
     """One half period of the history; `joined` tells that it goes over the cut between two nights."""
 
-    loop: str
-    start: float
-    end: float
-    dt_s: float
-    dy: float
-    e_max: float
-    d: float
-    direction: int
-    accepted: bool
-    why: str
+    loop: str = ""
     joined: bool = False
 
 
@@ -158,9 +149,9 @@ class Segment:
     below: int = 0
     slope: float | None = None
     slope_ci95: tuple[float, float] | None = None
-    level_first: float | None = None
-    level: float | None = None
-    level_ci95: tuple[float, float] | None = None
+    level_first: float = 0.0
+    level: float = 0.0
+    level_ci95: tuple[float, float] = (0.0, 0.0)
     path: tuple[tuple[float, float, float, float], ...] = ()
 
     @property

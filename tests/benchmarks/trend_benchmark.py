@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from backlash_cli.history.rows import night_of, night_row
+from backlash_cli.history.store import night_of, night_row
 from backlash_cli.history.trend import wear
 from backlash_cli.record import Record
 from backlash_cli.results.history import DAY, Limit, Night

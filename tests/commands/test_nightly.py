@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from backlash_cli.history.lock import lock
+from backlash_cli.history.nightly import lock
 from backlash_cli.history.store import History
 from tests.commands.run import run
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from backlash_cli.reporter.rules import met, parse_rules
+from backlash_cli.reporter.scan_report import met, parse_rules
 from tests.commands.run import files, run
 from tests.reporter.reports import HOSTILE, report
 from tests.small_plant import TRUTH, write_plant

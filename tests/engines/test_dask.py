@@ -124,7 +124,7 @@ def test_a_stopped_scan_goes_on_where_it_was_stopped(client, plant, local, tmp_p
     with pytest.raises(Stop):
         on(client, plant, progress=stop, keep=before)
     again, seen = Unfinished(tmp_path / "h.db", (), resume=True), []
-    known = {kept.report.loop for kept in again.known.values()}
+    known = {report.loop for report in again.known.values()}
     assert "PIC303-2" in known and len(known) < len(LOOPS)
     assert to_json(on(client, plant, change=with_note("PIC303-2", Deadly()), progress=seen.append, keep=again)) == local
     assert sorted(report.loop for report in seen) == sorted(LOOPS)

@@ -9,7 +9,7 @@ import pytest
 
 from backlash_cli.__main__ import cli
 from backlash_cli.history.limits import parse_limits
-from backlash_cli.history.nightly_config import read_config
+from backlash_cli.history.nightly import read_config
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -22,7 +22,8 @@ def test_the_nightly_example_is_a_valid_configuration(tmp_path):
     (text,) = blocks("nightly.md", "toml")
     (tmp_path / "nightly.toml").write_text(text)
     found = read_config(tmp_path / "nightly.toml")
-    assert found.keep == 30 and found.fail_on == ("d>5%", "pull") and found.reading["timezone"] == "Europe/Berlin"
+    assert found.outputs.keep == 30
+    assert found.fail_on == ("d>5%", "pull") and found.reading["timezone"] == "Europe/Berlin"
 
 
 def test_the_limits_example_is_a_valid_profile():

@@ -5,7 +5,7 @@ from datetime import date
 import pytest
 
 from backlash_cli.errors import MetadataError
-from backlash_cli.history.exports import expand, find_exports, matches, missing_dates
+from backlash_cli.history.nightly import expand, find_exports, matches, missing_dates
 
 
 def touch(folder, *names):

@@ -7,8 +7,7 @@ import pytest
 
 from backlash_cli.errors import BacklashError
 from backlash_cli.history.limits import parse_limits, read_limits
-from backlash_cli.history.lock import lock
-from backlash_cli.history.nightly_config import read_config
+from backlash_cli.history.nightly import lock, read_config
 
 CLASSES = '[classes.a]\nlimit = 3\nsource = "s"\n[classes.b]\nlimit = 1.5\n'
 
@@ -24,7 +23,7 @@ def test_the_first_pattern_that_fits_counts_and_a_loop_of_its_own_goes_first():
 @pytest.mark.parametrize(("text", "words"), [
     ("", "no class"), ("[classes.a]\nlimit = 0", "between 0 and 100"), ("[classes.a]\nlimit = true", "number"),
     ("[classes.a]\nlimit = 3\nsorce = 1", "sorce"), (CLASSES + "[[assign]]\nloops = 'x'\nclass = 'c'", "no class 'c'"),
-    ("default = 'z'\n" + CLASSES, "no class 'z'"), (CLASSES + "[[assign]]\nclass = 'a'", "must be a name"),
+    ("default = 'z'\n" + CLASSES, "no class 'z'"), (CLASSES + "[[assign]]\nclass = 'a'", "no loops given"),
     ("assign = 3\n" + CLASSES, "list"), ("classes = 3", "table"), ("[", "TOML"), (CLASSES + "[loops]\nX = 1", "table"),
 ])
 def test_a_wrong_profile_is_refused_in_words(text, words):
@@ -50,7 +49,7 @@ def test_paths_are_relative_to_the_configuration(tmp_path):
     found = config(tmp_path, GOOD + 'fail_on = "d>3%"\n[outputs]\nreport = "out/wear"\nscan = "s/{date}.json"\n'
                    '[reading]\ntimezone = "Europe/Berlin"\nauto_modes = ["A"]')
     assert found.history == tmp_path / "h.db" and found.lock == tmp_path / "h.db.lock"
-    assert found.inputs == (str(tmp_path / "x_{date}.csv"),) and found.report == tmp_path / "out/wear"
+    assert found.inputs == (str(tmp_path / "x_{date}.csv"),) and found.outputs.report == tmp_path / "out/wear"
     assert found.fail_on == ("d>3%",) and found.reading == {"timezone": "Europe/Berlin", "auto_modes": ("A",)}
 
 
@@ -59,7 +58,7 @@ def test_paths_are_relative_to_the_configuration(tmp_path):
     (GOOD + "horizon = -1", "positive"), (GOOD + 'together = "yes"', "true or false"), (GOOD + "loops = 3", "text"),
     (GOOD + '[outputs]\nscan = "s.json"', "needs its date"), (GOOD + '[outputs]\nscan = "{date}.doc"', ".doc"),
     (GOOD + '[outputs]\nreprt = "x"', "did you mean report"), (GOOD + '[log]\nformat = "xml"', "text, json"),
-    (GOOD + '[reading]\ntimezon = "x"', "timezone"), ("inputs = [3]\nhistory = 'h'", "list of texts"), ("[", "TOML"),
+    (GOOD + '[reading]\ntimezon = "x"', "timezone"), ("inputs = [3]\nhistory = 'h'", "text in quotes"), ("[", "TOML"),
 ])
 def test_a_wrong_configuration_is_refused_in_words(tmp_path, text, words):
     with pytest.raises(BacklashError) as caught:
@@ -82,7 +81,7 @@ def test_only_one_job_works_and_a_stale_lock_is_taken_over(tmp_path):
     with pytest.raises(ValueError), lock(path):
         raise ValueError
     assert path.read_text() == ""
-    code = ("import os, sys\nfrom pathlib import Path\nfrom backlash_cli.history.lock import lock\n"
+    code = ("import os, sys\nfrom pathlib import Path\nfrom backlash_cli.history.nightly import lock\n"
             "with lock(Path(sys.argv[1])):\n    os.kill(os.getpid(), 9)\n")
     subprocess.run([sys.executable, "-c", code, str(path)], check=False)
     with lock(path) as stale:

@@ -1,7 +1,7 @@
 """The order of repair: groups by the rule, order within them, and a reason in words for each place."""
 
 from backlash_cli.history.ranking import rank
-from backlash_cli.history.rows import night_of, night_row
+from backlash_cli.history.store import night_of, night_row
 from backlash_cli.history.trend import wear
 from backlash_cli.results import Verdict
 from backlash_cli.results.history import Limit

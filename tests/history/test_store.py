@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.errors import BacklashError
+from backlash_cli.history.database import APPLICATION, STEPS
 from backlash_cli.history.joins import active
-from backlash_cli.history.schema import APPLICATION, VERSION, VERSION_1
 from backlash_cli.history.store import History
 from backlash_cli.results import Verdict
 from tests.history.nights import DAY, MARCH, cut, growing, made, result
@@ -145,7 +145,7 @@ def test_repairs_are_marked_once(tmp_path):
 def test_a_version_1_file_is_brought_up_to_date(tmp_path):
     path = tmp_path / "old.db"
     with sqlite3.connect(path) as db:
-        for statement in VERSION_1:
+        for statement in STEPS[0]:
             db.execute(statement)
         db.execute("PRAGMA user_version = 1")
         db.execute(f"PRAGMA application_id = {APPLICATION}")
@@ -162,7 +162,7 @@ def test_a_version_1_file_is_brought_up_to_date(tmp_path):
         for table in ("nights", "half_periods", "joins", "runs", "repairs"):
             columns = f"PRAGMA table_info({table})"
             assert old.execute(columns).fetchall() == new.execute(columns).fetchall()
-        assert old.execute("PRAGMA user_version").fetchone()[0] == VERSION
+        assert old.execute("PRAGMA user_version").fetchone()[0] == len(STEPS)
 
 
 def refused(path, **options):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from backlash_cli.history.limits import read_limits
-from backlash_cli.history.rows import night_of, night_row
+from backlash_cli.history.store import night_of, night_row
 from backlash_cli.history.trend import wear
 from backlash_cli.results import Verdict
 from backlash_cli.results.history import Limit, Repair, day_of

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.errors import BacklashError
-from backlash_cli.history.unfinished import Kept, Unfinished, from_text, to_text
+from backlash_cli.history.unfinished import Unfinished, from_text, to_text
 from backlash_cli.record import LoopSettings, Note
 from backlash_cli.reporter.json_report import to_json
 from backlash_cli.results import LoopReport, ScanResult, Verdict
@@ -31,7 +31,7 @@ def same(one, other):
 
 def test_reports_come_back_as_they_were(reports):
     for report in reports:
-        back = from_text(to_text(Kept(report))).report
+        back = from_text(to_text(report))
         assert same(back, report) and back.carry and isinstance(back.verdict, Verdict)
         assert any(report.estimates) and back.estimates == report.estimates
 
@@ -49,20 +49,20 @@ notes = st.builds(Note, text, text, st.dictionaries(text, number | text, max_siz
                  settings=st.builds(LoopSettings, st.floats(allow_nan=False),
                                     source=st.dictionaries(text, text, max_size=2))))
 def test_any_report_comes_back_as_it_was(report):
-    kept = to_text(Kept(report, report.reasons))
-    back = from_text(kept).report
+    kept = to_text(report)
+    back = from_text(kept)
     assert to_json(ScanResult((back,))) == to_json(ScanResult((report,))) and b"\n" not in kept
-    assert back.settings == report.settings and back.reasons == report.reasons == from_text(kept).notes
+    assert back.settings == report.settings and back.reasons == report.reasons
 
 
 def test_numbers_of_arrays_and_of_no_size_come_back():
     values = {"a": np.float64(0.1), "b": np.int64(3), "c": math.nan, "d": -math.inf, "e": np.True_}
-    kept = from_text(to_text(Kept(LoopReport("a", Verdict.BACKLASH, details=values)))).report.details
+    kept = from_text(to_text(LoopReport("a", Verdict.BACKLASH, details=values))).details
     assert kept["a"] == 0.1 and kept["b"] == 3 and kept["d"] == -math.inf and kept["e"] is True
     assert math.isnan(kept["c"])
     with pytest.raises(TypeError):
-        to_text(Kept(LoopReport("a", Verdict.BACKLASH, details={"a": object()})))
-    for other in (b"", b"%%", b"AAAA", to_text(Kept(LoopReport("a", Verdict.ERROR)))[:-8]):
+        to_text(LoopReport("a", Verdict.BACKLASH, details={"a": object()}))
+    for other in (b"", b"%%", b"AAAA", to_text(LoopReport("a", Verdict.ERROR))[:-8]):
         with pytest.raises(ValueError):
             from_text(other)
 
@@ -71,14 +71,13 @@ def test_what_was_finished_is_known_when_resumed_and_only_then(tmp_path, reports
     history, scanned = tmp_path / "h.db", ("plant.csv", ScanOptions())
     begun = Unfinished(history, scanned, resume=False)
     begun.add("k0", reports[0])
-    pickle.loads(pickle.dumps(begun)).add("k1", reports[1], (Note("ragged", "x"),), (Note("bad", "y"),))
+    pickle.loads(pickle.dumps(begun)).add("k1", reports[1])
     begun.add("k2", replace(reports[2], verdict=Verdict.ERROR))  # tried again
     begun.add("", reports[2])
     begun.close()
     again = Unfinished(history, scanned, resume=True)
     assert set(again.known) == {"k0", "k1"}
-    assert same(again.known["k0"].report, reports[0]) and again.known["k0"].notes is None
-    assert again.known["k1"].notes == (Note("ragged", "x"),) and again.known["k1"].failures == (Note("bad", "y"),)
+    assert same(again.known["k0"], reports[0]) and same(again.known["k1"], reports[1])
     assert not Unfinished(history, ("plant.csv", ScanOptions(confirm=False)), resume=True).known
     assert not Unfinished(history, scanned, resume=False).known
     assert not Unfinished(history, scanned, resume=True).known

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from backlash_cli.api import scan_files
 from backlash_cli.errors import BacklashError
-from backlash_cli.loaders import Plant, ReadOptions, clean, columns, opening, read, scratch, signals
+from backlash_cli.loaders import Plant, ReadOptions, clean, opening, read, scratch, signals, sniff
 from backlash_cli.loaders.join import failure
 from backlash_cli.loaders.plant import open_plant
 from backlash_cli.loaders.scratch import Room, ScratchFile, Store
@@ -46,12 +46,12 @@ SETTINGS = "K = 1.1\nTi = 12.0\n"
 quick = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
-def read_in(path, options=None, room=0, block=3001, head=60_000):
+def read_in(path, options=None, room=0, block=3001, head=400):
     """Read a plant in small blocks, with so much room in memory."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(columns, "BLOCK", block)
-        patch.setattr(opening, "HEAD", head)
-        patch.setattr(opening, "CHUNK", min(block, head))
+        patch.setattr(opening, "BLOCK", max(block, 1000))
+        patch.setattr(opening, "CHUNK", block)
+        patch.setattr(sniff, "HEAD_LINES", head)
         opened = open_plant(path, options=options, room=Room(room))
         found, lost = [], []
         for recipe in opened.recipes:
@@ -88,7 +88,7 @@ def test_every_export_is_read_alike_in_blocks(key, tmp_path):
     export = {**EXPORTS, **MORE}[key]
     inputs, options = export.write(tmp_path), ReadOptions(**export.options)
     assert_same(outcome(lambda: read(inputs, options=options)),
-                outcome(lambda: read_in(inputs, options, block=2001, head=20_000)))
+                outcome(lambda: read_in(inputs, options, block=20_001)))
 
 
 @st.composite
@@ -121,7 +121,7 @@ def test_blocks_of_any_size_give_the_records_of_the_whole_file(tmp_path, text, s
     path = tmp_path / "plant.csv"
     path.write_text(text, encoding="utf-8", newline="")
     (tmp_path / "loops.toml").write_text(LOOPS)
-    assert_same(outcome(read, path), outcome(lambda: read_in(path, None, memory, size, 1000)))
+    assert_same(outcome(read, path), outcome(lambda: read_in(path, None, memory, size, 20)))
 
 
 @st.composite
@@ -174,7 +174,7 @@ def test_rows_of_tags_in_blocks_of_any_size_give_the_records_of_the_whole_file(t
     (tmp_path / "loops.toml").write_text(LOOPS)
     reading = ReadOptions(**options)
     assert_same(outcome(lambda: read(path, options=reading)),
-                outcome(lambda: read_in(path, reading, memory, size, 1000)))
+                outcome(lambda: read_in(path, reading, memory, size, 20)))
 
 
 def loop_export(folder, suffix="csv", loops=f"[defaults]\n{SETTINGS}{RANGES}", **changed):

@@ -160,3 +160,9 @@ def test_any_stamps_give_an_increasing_bounded_grid_or_a_refusal(values, repeats
         return
     assert np.all(np.diff(grid.index) > 0)
     assert len(grid.index) <= 200 * len(micros) + (MAX_HOLE + 1) * len(micros)
+
+
+def test_of_rows_with_one_stamp_the_first_that_holds_a_value_is_kept():
+    stamps = np.array([0, 1, 1, 1, 2, 2, 3, 4], np.int64) * SECOND
+    found = ordered(stamps, np.array([5.0, np.nan, np.nan, 7.0, 8.0, 8.001, 9.0, 3.0]))
+    assert found.rows.tolist() == [0, 3, 4, 6, 7] and found.stamps.tolist() == [k * SECOND for k in range(5)]

@@ -434,7 +434,7 @@ def test_characters_cut_by_the_reading_buffer(tmp_path):
         for end, notes in ((b"", 0), (b"\xb0\n", 1)):
             (tmp_path / "a.txt").write_bytes(text.encode() + end)
             opened = Text(tmp_path / "a.txt", ReadOptions())
-            found = b"".join(opened.blocks(0, 1 << 20)).decode()
+            found = b"".join([opened.head, *opened.rest]).decode()
             assert len(opened.notes) == notes and (notes or found == text)
 
 
@@ -555,3 +555,11 @@ def test_a_long_gap_is_told_in_days():
     from backlash_cli.loaders.grid import _length
 
     assert [_length(s) for s in (45.0, 600.0, 7200.0, 5.2224e6)] == ["45 s", "10 min", "2 h", "60.4 days"]
+
+
+def test_a_time_pattern_is_heeded_where_stamps_look_like_iso(tmp_path):
+    """Year, day, month: Arrow alone would take the third of January for the first of March."""
+    stamps = [f"2026-{day:02d}-03 {hour:02d}:00:00" for day in (1, 2, 3) for hour in range(24)]
+    text = "time,A.SP,A.PV,A.OP\n" + "".join(f"{t},0.5,0.{k % 7},0.{k % 5}\n" for k, t in enumerate(stamps))
+    record = read(save(tmp_path, text), options=ReadOptions(time_format="%Y-%d-%m %H:%M:%S"))["A"]
+    assert record.start == 1772323200 and record.interval == 3600 and np.array_equal(record.index, np.arange(72))

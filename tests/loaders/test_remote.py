@@ -64,7 +64,7 @@ def test_an_address_gives_the_plant_of_the_plain_path(plant, bucket, name):
 
 
 def test_a_large_remote_text_is_read_in_blocks(plant, bucket, monkeypatch):
-    monkeypatch.setattr("backlash_cli.loaders.columns.BLOCK", 1 << 14)
+    monkeypatch.setattr("backlash_cli.loaders.opening.BLOCK", 1 << 14)
     same(read(f"{bucket}/plant.csv"), read(plant / "plant.csv"))
 
 

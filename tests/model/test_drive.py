@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from backlash_cli.effects.process import delayed_lag
 from backlash_cli.model import compare, explain
 from backlash_cli.model.noise import Noise, known_load, whitener
 from backlash_cli.model.problem import horizon, moved_from_outside, trust
-from backlash_cli.model.response import delayed_lag
 from tests.benchmarks.driven_loops import draw
 
 

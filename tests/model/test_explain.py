@@ -12,7 +12,7 @@ from backlash_cli.effects import Effect, Parameter, Stage
 from backlash_cli.errors import MetadataError, UsageError
 from backlash_cli.model import explain
 from backlash_cli.record import FloatArray, LoopSettings, record_from_arrays
-from backlash_cli.reporter.explain_json import explanation
+from backlash_cli.reporter.json_report import explanation
 
 from .loops import gap, loop, process, steps
 

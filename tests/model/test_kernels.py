@@ -8,6 +8,7 @@ import pytest
 from backlash_cli import kernels
 from backlash_cli.effects.registry import load_effect
 from backlash_cli.model.fit import Solver, curvature, free_numbers, get, put
+from backlash_cli.model.levenberg import downhill
 from backlash_cli.model.noise import Noise, fit_noise, whitener
 from backlash_cli.model.pipeline import Part, Shape, predict, regressors
 from backlash_cli.model.problem import problem_from_record
@@ -96,3 +97,17 @@ def test_one_column_per_number_points_where_full_slopes_point(problem, parts):
     np.testing.assert_allclose(g, J.T @ rest, rtol=0.05, atol=0.02 * np.max(np.abs(J.T @ rest)))
     assert np.all(np.linalg.eigvalsh(A) > -1e-9 * np.max(np.diag(A)))
     assert np.all(np.diag(A) < 1.5 * np.diag(J.T @ J)) and np.all(np.diag(A) > 0.3 * np.diag(J.T @ J))
+
+
+def test_the_optimiser_comes_to_the_end_of_a_curved_valley():
+    """Rosenbrock's function as two errors, 10 (y - x^2) and 1 - x: the least is at (1, 1)."""
+
+    def errors(x):
+        return np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0], 1e-3])
+
+    def local(x):
+        J = np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0], [0.0, 0.0]])
+        return J.T @ J, J.T @ errors(x), lambda move: x + move
+
+    found = downhill(np.array([-1.2, 1.0]), lambda x: float(np.sum(errors(x) ** 2)), local, 3, 200, 1e-9)
+    np.testing.assert_allclose(found, [1.0, 1.0], atol=1e-3)

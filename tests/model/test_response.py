@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from backlash_cli.effects.process import delayed_lag, lag_transposed
 from backlash_cli.effects.registry import load_effect
 from backlash_cli.model.fit import Solver
 from backlash_cli.model.noise import Noise, fit_noise, whitener
 from backlash_cli.model.pipeline import Part, Shape
 from backlash_cli.model.problem import problem_from_record
-from backlash_cli.model.response import delayed_lag, lag_transposed
 
 from .loops import loop, process, steps
 

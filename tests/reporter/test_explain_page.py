@@ -12,10 +12,10 @@ import pytest
 from backlash_cli.errors import UsageError
 from backlash_cli.record import Note
 from backlash_cli.reporter import explain_figures as figures
+from backlash_cli.reporter.explain_figures import binned, causes, since_reversal, spectrum
 from backlash_cli.reporter.explain_report import compare_page, explain_page, write_picture
 from backlash_cli.reporter.explain_summary import COLUMNS, counts, to_csv, to_json, to_page, to_text
 from backlash_cli.reporter.files import write_text
-from backlash_cli.reporter.residual_causes import binned, causes, since_reversal, spectrum
 from backlash_cli.results import PlantExplanation
 from tests.reporter.chromium import Browser, settled
 from tests.reporter.explanations import SETTINGS, comparison, explanation, nothing, regions, series, signals

@@ -8,8 +8,8 @@ import pytest
 
 from backlash_cli.effects import EFFECTS
 from backlash_cli.record import LoopSettings
-from backlash_cli.reporter.explain_json import to_json
 from backlash_cli.reporter.explain_report import comparison_text, explanation_text
+from backlash_cli.reporter.json_report import model_json as to_json
 from backlash_cli.reporter.parameter_words import fill, meaning, quantity
 from backlash_cli.reporter.templates import sentence
 from backlash_cli.reporter.words import error_size, share

@@ -49,6 +49,11 @@ def test_foreign_names_carry_no_control_characters(name, verbose):
     assert "FIC\n101" not in text
 
 
+def test_a_stroke_in_a_name_opens_no_new_cell():
+    row = table_rows(to_text(result(report("|a|b|"))))[0]
+    assert re.split(r"\s{2,}", row)[:3] == ["|a|b|", "backlash", "3.00"]
+
+
 def test_colour_only_when_asked():
     assert "\x1b[" not in to_text(result(), verbose=True)
     assert "\x1b[" in to_text(result(), colour=True)

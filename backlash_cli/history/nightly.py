@@ -1,0 +1,230 @@
+"""What the nightly job needs before it begins: its configuration, the exports there are, and a lock."""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import hashlib
+import os
+import re
+import socket
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date, datetime, timedelta
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+
+from ..errors import BacklashError, MetadataError, nearest
+from .pages import Page, checked, read_page, toml
+
+READING = ("time_format", "timezone", "interpolation", "delimiter", "decimal", "encoding", "layout", "columns",
+           "header_row", "only_loops", "good_quality", "auto_modes")
+SCAN_SUFFIXES = (".html", ".json", ".csv", ".parquet")
+_DATE = re.compile(r"\{date(?::([^{}]*))?\}")
+_TOKENS = {"%Y": r"\d{4}", "%y": r"\d{2}", "%m": r"\d{2}", "%d": r"\d{2}", "%j": r"\d{3}", "%H": r"\d{2}",
+           "%M": r"\d{2}", "%S": r"\d{2}", "%b": r"[A-Za-z]{3}", "%%": "%"}
+Count = Annotated[int, msgspec.Meta(gt=0, lt=1_000_000)]
+
+
+class Outputs(Page, frozen=True):
+    """report: .html file or folder; scan: report of each night, `{date}` in its name; trend: JSON file; keep: how many
+    scan reports stay."""
+
+    report: Path | None = None
+    scan: str | None = None
+    trend: Path | None = None
+    keep: Count = 30
+
+
+class LogFile(Page, frozen=True):
+    """file: None is standard error."""
+
+    file: Path | None = None
+    format: Literal["text", "json"] = "text"
+
+
+class NightlyConfig(Page, frozen=True):
+    """What the nightly job does; all paths as they are from here.
+
+    inputs: patterns of exports; `{date}` or `{date:%Y%m%d}` stands for the day, `*` and `?` for any characters.
+    together: exports without a date are one plant, not one night each. look_back: days before the newest export that
+    are looked at. reading: options of how to read exports. path: of the configuration itself.
+    """
+
+    inputs: str | Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
+    history: Path
+    lock: Path = Path()
+    loops: Path | None = None
+    limits: Path | None = None
+    horizon: Annotated[float, msgspec.Meta(gt=0, lt=1e6)] = 90.0
+    fail_on: str | tuple[str, ...] = ()
+    together: bool = False
+    look_back: Count = 14
+    jobs: Count | None = None
+    outputs: Outputs = Outputs()
+    log: LogFile = LogFile()
+    reading: Mapping[str, Any] = {}
+    path: Path = msgspec.field(name="(this page)", default=Path())
+
+
+def read_config(path: str | Path) -> NightlyConfig:
+    """Read the configuration of the nightly job.
+
+    Raises MetadataError naming the file, the key, and the remedy.
+    """
+    path = Path(path)
+    example = "docs/nightly.md shows an example"
+
+    def beside(kind: type, value: Any) -> Path:
+        if not isinstance(value, str):
+            raise TypeError("Expected `str`")
+        return path.parent / value
+
+    page = checked(toml(read_page(path, "the configuration", f"check the path; {example}"), str(path)), NightlyConfig,
+                   str(path), remedy=example, hook=beside, words={"format": "one of: text, json",
+                                                                  "inputs": "a text or a list of texts"})
+    for key in page.reading:
+        if key not in READING:
+            raise MetadataError(f"unknown key {key!r}", where=f"{path}, reading.{key}", remedy=nearest(key, READING))
+    scan = page.outputs.scan
+    if scan is not None and "{date" not in scan:
+        raise MetadataError("the name of a night's report needs its date", where=f"{path}, outputs.scan",
+                            remedy='for example scan = "scans/{date}.html"')
+    if scan is not None and Path(scan).suffix.lower() not in SCAN_SUFFIXES:
+        raise MetadataError(f"no report with the ending {Path(scan).suffix!r}", where=f"{path}, outputs.scan",
+                            remedy=f"one of: {', '.join(SCAN_SUFFIXES)}")
+    inputs, fail_on = ((value,) if isinstance(value, str) else value for value in (page.inputs, page.fail_on))
+    return msgspec.structs.replace(
+        page, path=path, inputs=tuple(str(path.parent / pattern) for pattern in inputs), fail_on=fail_on,
+        lock=page.lock if page.lock.name else page.history.with_name(page.history.name + ".lock"),
+        outputs=msgspec.structs.replace(page.outputs, scan=scan and str(path.parent / scan)),
+        reading={key: tuple(value) if isinstance(value, list) else value for key, value in page.reading.items()})
+
+
+@dataclass(frozen=True)
+class Export:
+    """The files of one night. name: the date in their names, or the file name where there is none."""
+
+    name: str
+    files: tuple[Path, ...]
+    date: date | None = None
+
+    def fingerprint(self, more: Sequence[Path] = (), salt: str = "") -> str:
+        """Return a fingerprint of the files' content (and of `more` files, such as settings)."""
+        total = hashlib.sha256(salt.encode())
+        for path in sorted((*self.files, *more)):
+            with open(path, "rb") as stream:
+                total.update(hashlib.file_digest(stream, "sha256").digest())
+        return total.hexdigest()[:32]
+
+
+def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: int = 14) -> list[Export]:
+    """Return the exports behind the patterns in the order of their dates, at most `look_back` days before the newest.
+
+    Files of one date are one plant. Without `{date}` every file is an export by itself, or all are one (`together`).
+    """
+    found = sorted({match for pattern in patterns for match in matches(pattern)}, key=lambda match: match[0])
+    days = sorted({day for _, day in found if day is not None})
+    out = [Export(day.isoformat(), tuple(path for path, other in found if other == day), day) for day in days
+           if (days[-1] - day).days <= look_back]
+    files = tuple(path for path, day in found if day is None)
+    return out + ([Export(files[0].name, files)] if together and files else [Export(f.name, (f,)) for f in files])
+
+
+def missing_dates(exports: Sequence[Export]) -> list[str]:
+    """Return the days between the first and the last dated export for which there is none."""
+    days = {e.date for e in exports if e.date is not None}
+    span = (max(days) - min(days)).days if days else 0
+    return [day.isoformat() for k in range(span) if (day := min(days) + timedelta(days=k)) not in days]
+
+
+def matches(pattern: str) -> list[tuple[Path, date | None]]:
+    """Return the files behind one pattern with the date in their names (None where the pattern has none)."""
+    wild, expression, formats = "", "", []
+    for i, piece in enumerate(_DATE.split(pattern)):  # text and date formats by turns
+        if i % 2:
+            formats.append(piece or "%Y-%m-%d")
+            wild += re.sub("[^/]+", "*", formats[-1])
+            expression += f"({_format_expression(formats[-1], pattern)})"
+        else:
+            wild += piece.replace("[", "[[]")
+            expression += re.escape(piece).replace(r"\*\*/", "(?:.*/)?").replace(r"\*", "[^/]*").replace(r"\?", "[^/]")
+    out: list[tuple[Path, date | None]] = []
+    for name in sorted(glob.glob(wild, recursive=True)):
+        found = re.fullmatch(expression, name)
+        if found is None or not Path(name).is_file():
+            continue
+        with contextlib.suppress(ValueError):  # no date of the calendar
+            days = {datetime.strptime(text, form).date() for text, form in zip(found.groups(), formats, strict=True)}
+            if len(days) <= 1:
+                out.append((Path(name), days.pop() if days else None))
+    return out
+
+
+def expand(pattern: str, name: str) -> str:
+    """Return `pattern` with `{date}` filled in; a night without a date in its name stands for itself."""
+    def fill(found: re.Match[str]) -> str:
+        try:
+            return date.fromisoformat(name).strftime(found[1] or "%Y-%m-%d")
+        except ValueError:
+            return re.sub(r"[^A-Za-z0-9._-]+", "_", name)
+
+    return _DATE.sub(fill, pattern)
+
+
+def _format_expression(form: str, pattern: str) -> str:
+    tokens = re.findall(r"%.|[^%]+|%", form)
+    for token in tokens:
+        if token.startswith("%") and token not in _TOKENS:
+            raise MetadataError(f"{token!r} is not known in a date", where=pattern,
+                                remedy=f"use {', '.join(t for t in _TOKENS if t != '%%')}")
+    return "".join(_TOKENS.get(token, re.escape(token)) for token in tokens)
+
+
+@contextlib.contextmanager
+def lock(path: Path) -> Iterator[str]:
+    """Hold the lock file at `path`; gives a remark on a stale lock that was taken over, else an empty text.
+
+    The operating system gives the lock back when a run dies. The file holds process and host of the run that works and
+    is empty when none does: one that is not empty and that nobody holds was left by a run that was killed. Raises
+    BacklashError when another run works.
+    """
+    try:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise BacklashError(f"cannot make the lock file: {error.strerror}", where=str(path), code="lock",
+                            remedy="check the folder, or set `lock` in the configuration") from None
+    with open(handle, "r+b", buffering=0) as file:
+        taken = _hold(handle)
+        file.seek(0)
+        before = file.read(200).decode("utf-8", "replace").strip()
+        if not taken:
+            raise BacklashError(f"another nightly job is working ({before or 'unknown'})", where=str(path),
+                                code="busy", remedy="wait for it; the next run does what this one did not")
+        file.truncate(0)
+        file.seek(0)
+        file.write(f"process {os.getpid()} on {socket.gethostname()}\n".encode())
+        try:
+            yield f"the last job ({before}) was stopped before its end; its lock is taken over" if before else ""
+        finally:
+            file.truncate(0)
+
+
+def _hold(handle: int) -> bool:
+    """Take the lock at once, or return False."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            os.lseek(handle, 1 << 20, os.SEEK_SET)  # beyond the text, which others must be able to read
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
