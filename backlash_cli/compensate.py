@@ -50,7 +50,7 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
         warnings = (*warnings, *more)
     if d_source == "scan" and report.verdict is Verdict.SUSPECTED:
         warnings = (*warnings, Note("suspected", "the scan only suspects backlash; confirm it by a valve test first"))
-    simulated = process or Process(model.gain, model.lags, model.dead_time)
+    simulated = process or Process.of(model)
     if simulated.gain * controller.K < 0.0:
         raise LoopError(f"K = {controller.K:g} and the process gain {simulated.gain:g} make positive feedback",
                         where=record.loop, remedy="give both the same sign", code="wrong_sign")
@@ -85,7 +85,7 @@ def model_of(
         return ProcessModel(given.static_gain or given.gain, given.lags, given.dead_time, given.integrating), ()
     told = record.settings.source.get("Kp") == "metadata"
     model = fit_process(record, d, record.settings.Kp if told else None, integrating=integrating)
-    margin = gain_margin(controller, Process(model.gain, model.lags, model.dead_time, model.integrating))
+    margin = gain_margin(controller, Process.of(model))
     if margin >= LEAST_MARGIN:
         return model, ()
     gain = model.gain * margin / LEAST_MARGIN

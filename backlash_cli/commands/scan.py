@@ -172,7 +172,11 @@ class Job:
         plant = self.plant if inputs is None else self._open(inputs)
         if inputs is None:
             self.files = {r.loop: {item.where for item in r.series.roles.get("pv", ())} for r in plant.recipes}
-            self._tell([recipe.key for recipe in plant.recipes])
+        if inputs is None and self.keep is not None:
+            self.taken_over = sum(recipe.key in self.keep.known for recipe in plant.recipes)
+            if self.keep.resumed and self.shown:
+                say(f"{self.taken_over} of {len(plant.recipes)} loops were finished before and are taken over"
+                    if self.taken_over else "no finished loop of this scan is left to take over; it begins anew")
         if self.shown:
             say_if_first_run()
         go_on = "" if self.keep is None else "; the same command with --resume goes on from there"
@@ -188,15 +192,6 @@ class Job:
         with progress("reading", size_of(inputs), shown=self.shown, of_bytes=True) as taken:
             return open_plant(list(inputs), loops=self.export.loops, options=self.export.reading, taken=taken,
                               salt=None if self.keep is None else repr(self.options))
-
-    def _tell(self, keys: Sequence[str]) -> None:
-        """Say how many loops are taken over from the scan that was stopped."""
-        if self.keep is None:
-            return
-        self.taken_over = sum(key in self.keep.known for key in keys)
-        if self.keep.resumed and self.shown:
-            say(f"{self.taken_over} of {len(keys)} loops were finished before and are taken over" if self.taken_over
-                else "no finished loop of this scan is left to take over; it begins anew")
 
 
 @contextlib.contextmanager

@@ -42,15 +42,6 @@ _LOCAL = {
 _GONE = ("CancelledError", "FutureCancelledError", "FuturesCancelledError")  # lost through no fault of the work
 
 
-def check_installed() -> None:
-    """Raise UsageError, with what to install, when Dask is missing."""
-    try:
-        import distributed  # noqa: F401
-    except ImportError as error:
-        raise UsageError(f"the engine dask needs the package dask, which is not installed ({error})",
-                         where="--engine dask", remedy=_INSTALL) from None
-
-
 @contextlib.contextmanager
 def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str], None] = lambda text: None
               ) -> Iterator[Client]:
@@ -59,11 +50,15 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
     say: is told what takes long. Raises UsageError when Dask is not installed, BacklashError when no scheduler
     answers or its workers cannot do this work.
     """
-    check_installed()
-    import dask
-    from distributed import Client, LocalCluster
-
-    _quiet()
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise UsageError(f"the engine dask needs the package dask, which is not installed ({error})",
+                         where="--engine dask", remedy=_INSTALL) from None
+    # Dask logs every death of a worker with its trace; what matters is said in our words
+    for name in ("distributed", "tornado", "asyncio", "bokeh"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
         client = _client_of(scheduler)
         try:
@@ -222,9 +217,3 @@ def _reason(error: Exception) -> Note:
         return Note("process_died", "its worker was killed every time, perhaps for lack of memory")
     said = str(error).strip().split("\n")[0][:200]
     return Note("internal_error", f"its worker failed: {type(error).__name__}: {said}")
-
-
-def _quiet() -> None:
-    """Dask logs every death of a worker with its trace; what matters is said in our words."""
-    for name in ("distributed", "tornado", "asyncio", "bokeh"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)

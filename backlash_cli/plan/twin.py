@@ -19,7 +19,6 @@ from ..errors import LoopError
 from ..estimator.predictor import recording_of
 from ..kernels import play
 from ..record import FloatArray, LoopSettings, Record
-from ..results.compensation import ProcessModel
 from ..simulator import Applied, Controller, Manual, Process, Recorder, Scenario, Signal, Trace, export, trace, use
 
 HOLE = 20  # samples; a longer one ends the stretch that is played again
@@ -140,7 +139,9 @@ class Twin:
             controller, process, samples * h, h / inner,
             (use("backlash", d=self.d, position=place), added(np.repeat(upset, inner), Stage.SENSOR)),
             Signal(self.level, (added(np.repeat(setpoint, inner), Stage.LOAD),)), self.output, record_interval=h,
-            sample_time=h / inner, recorder=self._recorder(), name=self.record.loop,
+            sample_time=h / inner, name=self.record.loop,
+            recorder=tuple(Recorder(use("quantization", step=step), (name,))
+                           for name, step in zip(("PV", "OP"), self.rounding, strict=True) if step),
         )
         if test.kind == "manual_test":
             before = replace(scenario, duration=begin)
@@ -152,10 +153,6 @@ class Twin:
         run = trace(scenario)
         record = replace(export(run), settings=self.settings)
         return record.slice(round((begin - around) / h), len(record)), run, begin
-
-    def _recorder(self) -> tuple[Recorder, ...]:
-        return tuple(Recorder(use("quantization", step=step), (name,))
-                     for name, step in zip(("PV", "OP"), self.rounding, strict=True) if step)
 
     def _again(self, samples: int, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draw upset and setpoint (samples,): blocks of the record's own, forward or backward, up or down, each
@@ -211,15 +208,11 @@ def _process(record: Record, controller: Controller, d: float) -> tuple[Process,
     """The process that explains PV best from OP, else one that its controller's tuning would suit."""
     try:
         model, _ = model_of(record, controller, d, None, integrating=True)
-        return as_process(model), "fitted"
+        return Process.of(model), "fitted"
     except LoopError:
         told, Ti = record.settings.Kp if record.settings.source.get("Kp") == "metadata" else None, controller.Ti
         gain = told or 1.0 / (controller.K * (DEAD_TIME + CLOSED))  # lambda tuning: K = lag/(gain (closed + dead time))
         return Process(gain, (Ti,), DEAD_TIME * Ti), "assumed to suit K and Ti"
-
-
-def as_process(model: ProcessModel) -> Process:
-    return Process(model.gain, model.lags, model.dead_time, model.integrating)
 
 
 def response(process: Process, values: FloatArray, interval: float) -> FloatArray:

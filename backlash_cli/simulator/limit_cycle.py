@@ -71,27 +71,23 @@ def limit_cycle(controller: Controller, process: Process, d: float) -> LimitCycl
     return LimitCycle(2.0 * np.pi / omega, amplitude, float(amplitude * gain))
 
 
-def _open_loop(controller: Controller, process: Process, omega: object) -> ComplexArray:
-    return np.asarray(controller.response(omega) * process.response(omega), dtype=np.complex128)
-
-
 def _crossings(controller: Controller, process: Process) -> list[tuple[float, float]]:
     """All (w, d/a) with C P N = -1: along w, d/a follows from the phase of N and the size decides."""
     from scipy.optimize import brentq
 
+    def loop_at(omega: object) -> ComplexArray:
+        return controller.response(omega) * process.response(omega)
+
     # the phase of N falls steadily from 0 to -pi/2 while the sine gets smaller, so it can be read backwards
     phases = -np.angle(describing_function(RATIOS))
 
-    def ratio_at(log_omega: object) -> FloatArray:
-        phase = np.angle(_open_loop(controller, process, np.exp(np.asarray(log_omega, dtype=np.float64))) * -1.0)
-        return np.interp(phase, phases, RATIOS, left=np.nan, right=np.nan)
+    def ratio_at(log_omega: FloatArray | float) -> FloatArray:
+        return np.interp(np.angle(-loop_at(np.exp(log_omega))), phases, RATIOS, left=np.nan, right=np.nan)
 
-    def excess(log_omega: object) -> FloatArray:
+    def excess(log_omega: FloatArray | float) -> FloatArray:
         ratio = ratio_at(log_omega)
-        size = np.abs(_open_loop(controller, process, np.exp(np.asarray(log_omega, dtype=np.float64))))
-        known = np.isfinite(ratio)
-        gain = np.abs(describing_function(np.where(known, ratio, 0.0)))
-        return np.where(known, np.log(size * gain), np.nan)
+        gain = np.abs(describing_function(np.nan_to_num(ratio)))
+        return np.where(np.isfinite(ratio), np.log(np.abs(loop_at(np.exp(log_omega))) * gain), np.nan)
 
     grid = _frequencies(controller, process)
     values = excess(grid)
@@ -115,7 +111,7 @@ def _stable(controller: Controller, process: Process, omega: float, ratio: float
     # a larger amplitude means a smaller d/a
     smaller, larger = (describing_function(ratio * (1.0 + k)) for k in (h, -h))
     slope = (larger - smaller) / (2.0 * h)
-    up, down = (_open_loop(controller, process, omega * (1.0 + k)) for k in (h, -h))
+    at, up, down = (controller.response(w) * process.response(w) for w in (omega, omega * (1.0 + h), omega * (1.0 - h)))
     d_loop = (up - down) / (2.0 * h * omega) / 1j
-    shift = -(slope / describing_function(ratio)) * _open_loop(controller, process, omega) / d_loop
+    shift = -(slope / describing_function(ratio)) * at / d_loop
     return bool(shift.real < 0.0)

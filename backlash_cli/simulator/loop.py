@@ -13,13 +13,10 @@ from numpy.typing import NDArray
 from ..effects.shape import Stage
 from ..errors import LoopError, MetadataError, nearest
 from ..record import FloatArray, Record, SampleState
-from .scenario import Applied, Manual, Scenario, Signal, every, recorded, use
+from .scenario import Applied, Scenario, Signal, every, recorded
 
-__all__ = ["Manual", "Scenario", "Signal", "Trace", "export", "simulate", "trace", "use"]
-# the measurement of a loop that works stays within a few spans
-UNSTABLE_SPANS = 10.0
-# an output this close to its limit is at its limit
-AT_LIMIT = 1e-9
+UNSTABLE_SPANS = 10.0  # the measurement of a loop that works stays within a few spans
+AT_LIMIT = 1e-9  # an output this close to its limit is at its limit
 
 
 class Numbers:

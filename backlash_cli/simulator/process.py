@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import MetadataError
 from ..record import FloatArray
+from ..results.compensation import ProcessModel
 
 ComplexArray = NDArray[np.complex128]
 
@@ -47,6 +48,11 @@ class Process:
         if len(np.trim_zeros(self.numerator, "f")) - 1 >= order:
             raise MetadataError("the process answers at once: numerator degree is not below denominator degree",
                                 remedy="add a lag, for example lags = [1.0]")
+
+    @classmethod
+    def of(cls, model: ProcessModel) -> Process:
+        """Return the process that a model describes."""
+        return cls(model.gain, model.lags, model.dead_time, model.integrating)
 
     @property
     def static_gain(self) -> float | None:
