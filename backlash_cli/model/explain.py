@@ -236,7 +236,7 @@ def confidence(
         name, fitting = part.effect.name, part.effect.fitting
         others = [other for taken, other in alikes if taken == name]
         before, after = errors.get(name, (1.0, 1.0))
-        gain = found.gain(name) if name in found.without else 0.0
+        gain = found.gain(name)
         jumps = reports and part.on_output and part.effect.stage == Stage.VALVE
         if fitting.seldom or jumps or not found.left.adequate([gain]) or any(o not in fitting.siblings for o in others):
             out[name] = "stand_in"

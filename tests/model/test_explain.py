@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from backlash_cli.effects import Effect, Parameter, Stage
 from backlash_cli.errors import MetadataError, UsageError
 from backlash_cli.model import explain
+from backlash_cli.model.search import Found
 from backlash_cli.record import FloatArray, LoopSettings, record_from_arrays
 from backlash_cli.reporter.json_report import explanation
 
@@ -153,3 +155,8 @@ def test_fast_valve_kernels_equal_the_steps() -> None:
         assert effect.fitting.whole is not None
         assert effect.fitting.whole(u, p, 1.0) == pytest.approx(effect.apply(u, p, 1.0), abs=1e-15)
     assert backlash.EFFECT.apply(u, backlash.EFFECT.pack(d=0.05), 1.0) == pytest.approx(gap(u, 0.05))
+
+
+def test_an_effect_that_was_not_asked_without_it_is_worth_nothing_known() -> None:
+    nothing: Any = None
+    assert Found(nothing, {}, nothing, {}, nothing, nothing).gain("second_lag") == 0.0
