@@ -56,7 +56,7 @@ class Found:
     instead: dict[tuple[str, str], Fit] = field(default_factory=dict)
 
     def gain(self, name: str) -> float:
-        """Return what the accepted effect `name` is worth, in units of deviance; 0 where it was not asked without it."""
+        """Return what the accepted effect `name` is worth, in deviance; 0 where it was never left out."""
         if name not in self.without:
             return 0.0
         return self.judge.score(self.without[name]) - self.judge.score(self.final)
