@@ -177,7 +177,7 @@ def test_the_shell_completes_commands(shell):
 
 def test_an_unexpected_fault_is_one_message(plant, tmp_path):
     script = tmp_path / "faulty.py"
-    text = "import backlash_cli.api as a\nimport backlash_cli.__main__ as m\na.analyse = None\nm.main()\n"
+    text = "import backlash_cli.engines.local as a\nimport backlash_cli.__main__ as m\na.analyse = None\nm.main()\n"
     script.write_text(text)
     done = subprocess.run([sys.executable, script, "scan", plant], capture_output=True, text=True)
     assert done.returncode == 2 and "fault of backlash" in done.stderr and "Traceback" not in done.stderr
