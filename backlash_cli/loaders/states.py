@@ -57,6 +57,8 @@ def saturated(output: FloatArray) -> NDArray[np.bool_]:
 
 def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
     """(samples,) True in stretches that do not overlap; ends: one past the last."""
+    if not len(starts):
+        return np.zeros(samples, bool)
     edges = np.zeros(samples + 1, np.int8)
     edges[starts] += 1
     edges[ends] -= 1
