@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -172,9 +172,18 @@ def rivals(found: Found, effects: Sequence[Effect]) -> Found:
     best = instead[name, other]
     if judge.score(best) >= judge.score(found.final) - (ENOUGH if by_name[other].fitting.seldom else 0.0):
         return replace(found, instead=instead)
-    without = {other if n == name else n: fit for n, fit in found.without.items()}
-    return replace(found, final=best, without=without, instead={(other, name): found.final},
-                   left=left_by(judge.problem, best))
+    return replace(found, final=best, without=turned(found.without, name, other, best.shape.parts),
+                   instead={(other, name): found.final}, left=left_by(judge.problem, best))
+
+
+def turned(without: Mapping[str, Fit], name: str, other: str, parts: Sequence[Part]) -> dict[str, Fit]:
+    """The fits without each effect, by the names they have in a model of `parts`, with `other` in the place of `name`.
+
+    The model without `name` may hold a look-alike of another effect: `best_known` takes either.
+    """
+    here = {part.effect.name: part.effect.fitting.siblings for part in parts}
+    return {other if n == name else next((m for m, likes in here.items() if n in likes and n not in here), n): fit
+            for n, fit in without.items()}
 
 
 def next_best(judge: Judge, now: Fit, trials: dict[str, Fit], effects: Sequence[Effect]) -> Fit | None:
