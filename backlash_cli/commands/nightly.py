@@ -22,8 +22,7 @@ from .scan import Job, kept, undated
 from .terminal import emit, say, several
 
 if TYPE_CHECKING:
-    from ..history.nightly import Export as Found
-    from ..history.nightly import NightlyConfig
+    from ..history.nightly import DatedExport, NightlyConfig
     from ..history.plant import PlantHistory
     from ..history.store import History
     from ..record import Record
@@ -145,7 +144,7 @@ def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
     return summary, 1 if hits else 3 if night.failed or night.incomplete else 0
 
 
-def _exports(config: NightlyConfig) -> list[Found]:
+def _exports(config: NightlyConfig) -> list[DatedExport]:
     from ..history.nightly import find_exports
 
     found = find_exports(config.inputs, together=config.together, look_back=config.look_back)
@@ -155,12 +154,12 @@ def _exports(config: NightlyConfig) -> list[Found]:
     return found
 
 
-def _scan_all(config: NightlyConfig, found: Sequence[Found], store: History, night: Night, log: Log) -> None:
+def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: History, night: Night, log: Log) -> None:
     from ..loaders import ReadOptions
     from ..loaders.sources import find_sidecars, find_sources
     from ..scanning import ScanOptions
 
-    def lost(export: Found, reason: str) -> None:
+    def lost(export: DatedExport, reason: str) -> None:
         night.failed.append(export.name)
         log("failed", "error", night=export.name, reason=reason)
 

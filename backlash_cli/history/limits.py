@@ -13,7 +13,8 @@ import msgspec
 
 from ..errors import MetadataError, nearest
 from ..results.history import Limit
-from .pages import Page, checked, read_page, toml
+from ..toml_text import parsed
+from .pages import Page, checked, read_page
 
 
 class _Profile(Page, frozen=True):
@@ -86,7 +87,7 @@ def read_limits(path: str | Path | None = None) -> Limits:
 
 def parse_limits(text: str, where: str) -> Limits:
     """Read a limits profile from TOML text; limits in per cent of the output span."""
-    page = checked(toml(text, where), _Profile, where, remedy="see the profile that comes with the tool")
+    page = checked(parsed(text, where), _Profile, where, remedy="see the profile that comes with the tool")
     classes = {name: _limit(entry, name, f"{where}, [classes.{name}]") for name, entry in page.classes.items()}
     if not classes:
         raise MetadataError("no class of limits", where=where, remedy="add [classes.NAME] with limit = 3.0")

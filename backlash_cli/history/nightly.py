@@ -18,7 +18,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from ..errors import BacklashError, MetadataError, nearest
-from .pages import Page, checked, read_page, toml
+from ..toml_text import parsed
+from .pages import Page, checked, read_page
 
 READING = ("time_format", "timezone", "interpolation", "delimiter", "decimal", "encoding", "layout", "columns",
            "header_row", "only_loops", "good_quality", "auto_modes")
@@ -83,7 +84,7 @@ def read_config(path: str | Path) -> NightlyConfig:
             raise TypeError("Expected `str`")
         return path.parent / value
 
-    page = checked(toml(read_page(path, "the configuration", f"check the path; {example}"), str(path)), NightlyConfig,
+    page = checked(parsed(read_page(path, "the configuration", f"check the path; {example}"), str(path)), NightlyConfig,
                    str(path), remedy=example, hook=beside, words={"format": "one of: text, json",
                                                                   "inputs": "a text or a list of texts"})
     for key in page.reading:
@@ -105,7 +106,7 @@ def read_config(path: str | Path) -> NightlyConfig:
 
 
 @dataclass(frozen=True)
-class Export:
+class DatedExport:
     """The files of one night. name: the date in their names, or the file name where there is none."""
 
     name: str
@@ -121,20 +122,21 @@ class Export:
         return total.hexdigest()[:32]
 
 
-def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: int = 14) -> list[Export]:
+def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: int = 14) -> list[DatedExport]:
     """Return the exports behind the patterns in the order of their dates, at most `look_back` days before the newest.
 
     Files of one date are one plant. Without `{date}` every file is an export by itself, or all are one (`together`).
     """
     found = sorted({match for pattern in patterns for match in matches(pattern)}, key=lambda match: match[0])
     days = sorted({day for _, day in found if day is not None})
-    out = [Export(day.isoformat(), tuple(path for path, other in found if other == day), day) for day in days
+    out = [DatedExport(day.isoformat(), tuple(path for path, other in found if other == day), day) for day in days
            if (days[-1] - day).days <= look_back]
     files = tuple(path for path, day in found if day is None)
-    return out + ([Export(files[0].name, files)] if together and files else [Export(f.name, (f,)) for f in files])
+    groups = [files] if together and files else [(f,) for f in files]
+    return out + [DatedExport(group[0].name, group) for group in groups]
 
 
-def missing_dates(exports: Sequence[Export]) -> list[str]:
+def missing_dates(exports: Sequence[DatedExport]) -> list[str]:
     """Return the days between the first and the last dated export for which there is none."""
     days = {e.date for e in exports if e.date is not None}
     span = (max(days) - min(days)).days if days else 0

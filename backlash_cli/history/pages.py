@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,14 +27,6 @@ def read_page(path: str | Path, what: str, remedy: str) -> str:
     except (OSError, UnicodeDecodeError) as error:
         raise MetadataError(f"cannot read {what}: {getattr(error, 'strerror', None) or 'not UTF-8 text'}",
                             where=str(path), remedy=remedy) from None
-
-
-def toml(text: str, where: str) -> dict[str, Any]:
-    """Return TOML text as plain values. Raises MetadataError."""
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise MetadataError(f"invalid TOML syntax: {error}", where=where, remedy="mend that line") from None
 
 
 def checked(values: Any, kind: type[T], where: str, *, words: Mapping[str, str] | None = None, remedy: str = "",

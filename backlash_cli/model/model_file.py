@@ -14,7 +14,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import Annotated, Any
@@ -24,6 +23,7 @@ import msgspec
 from ..effects.registry import load_effect
 from ..errors import MetadataError, nearest
 from ..results import Model, ModelEffect
+from ..toml_text import parsed
 
 Number = Annotated[float, msgspec.Meta(gt=-1e300, lt=1e300)]
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, lt=1e300)]
@@ -70,14 +70,7 @@ def parse_model(text: str, where: str = "model file") -> Model:
 
     Raises MetadataError with file, line and the nearest known names for whatever is not understood.
     """
-    try:
-        document = tomllib.loads(text.removeprefix("\ufeff"))
-    except tomllib.TOMLDecodeError as error:
-        line = re.search(r"\(at line (\d+)", str(error))
-        raise MetadataError(f"invalid TOML: {error}", where=f"{where}, line {line[1]}" if line else where,
-                            remedy="mend that line (text in quotes, every bracket closed, every key once)") from None
-    except (RecursionError, ValueError, OverflowError):
-        raise MetadataError("invalid TOML: nested too deeply or a number too long", where=where) from None
+    document = parsed(text, where)
 
     def wrong(what: str, remedy: str, head: str = "", key: str = "", place: int = 0) -> MetadataError:
         return MetadataError(what, where=_line(text, where, head, key, place), remedy=remedy)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import re
-import tomllib
 from typing import Any
 
 from ..errors import MetadataError, nearest
+from ..toml_text import parsed
 from .schema import Metadata, check_keys, with_defaults
 
 _RANGE = re.compile(r"^\s*[\[(]?\s*(-?[\d.]+(?:[eE][+-]?\d+)?)\s*(?:\.\.\.?|,|;|:|\s|to|bis)\s*"
@@ -17,14 +17,7 @@ _RANGE = re.compile(r"^\s*[\[(]?\s*(-?[\d.]+(?:[eE][+-]?\d+)?)\s*(?:\.\.\.?|,|;|
 
 def parse_toml(text: str, where: str) -> Metadata:
     """Read metadata from TOML text. Raises MetadataError naming line and key, with the nearest known ones."""
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        line = re.search(r"\(at line (\d+)", str(error))
-        raise MetadataError(f"invalid TOML syntax: {error}", where=f"{where}, line {line[1]}" if line else where,
-                            remedy="mend that line (text in quotes, every bracket closed, every key once)") from None
-    except (RecursionError, ValueError, OverflowError):
-        raise MetadataError("invalid TOML: nested too deeply or a number too long", where=where) from None
+    document = parsed(text, where)
     for key in document:
         if key not in ("defaults", "loops"):
             raise MetadataError(

@@ -17,7 +17,6 @@ The keys of a table are the fields of what it describes: Scenario, Controller, P
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields, replace
 from datetime import UTC, datetime
@@ -27,9 +26,11 @@ from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from ..errors import MetadataError, UsageError, nearest
+from ..toml_text import parsed
 from .process import Process
 from .scenario import Applied, Recorder, Scenario, Signal, use
 
+NOT_TOML = "not valid TOML"
 SIMULATION = ("duration", "step", "sample_time", "record_interval", "seed", "start")
 PROCESS = "for example --process K=1.3,T=20,L=2 (static gain, lag and dead time in seconds; more lags: T2=..)"
 _PROCESS_NAMES = {
@@ -41,7 +42,7 @@ _PROCESS_NAMES = {
 def read_toml(path: Path) -> Mapping[str, Any]:
     """Read a TOML file. Raises MetadataError with place and remedy."""
     try:
-        return _parsed(path.read_text(encoding="utf-8"), str(path))
+        return parsed(path.read_text(encoding="utf-8"), str(path), NOT_TOML)
     except UnicodeDecodeError as error:
         raise MetadataError("not a text file", where=str(path), remedy="give a TOML file") from error
     except OSError as error:
@@ -49,17 +50,9 @@ def read_toml(path: Path) -> Mapping[str, Any]:
         raise MetadataError(f"cannot be read: {error.strerror or error}", where=str(path), remedy=remedy) from error
 
 
-def _parsed(text: str, where: str) -> Mapping[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        remedy = "mend that line (text in quotes, every bracket closed, every key once)"
-        raise MetadataError(f"not valid TOML: {error}", where=where, remedy=remedy) from error
-
-
 def parse_scenarios(text: str, where: str = "scenario") -> tuple[Scenario, ...]:
     """Return the loops described by the text of a scenario file. Raises MetadataError for whatever is wrong."""
-    return _scenarios(_parsed(text, where), where)
+    return _scenarios(parsed(text, where, NOT_TOML), where)
 
 
 def _scenarios(document: Mapping[str, Any], where: str) -> tuple[Scenario, ...]:
