@@ -10,6 +10,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from .join import Faults, Joiner, LoopSeries, Signal, add_faults
 from .options import ReadOptions
 from .order import NAT
 from .quality import automatic
-from .signals import Axis, Series, packed
+from .signals import Axis, Series
 from .states import judged, state_notes
 
 CHUNK = 2_000_000  # rows of a loop that are in memory at once
@@ -80,9 +81,9 @@ class Recipe:
         marks: what changes when the content of a file does, by its name. common: what else a report depends on.
         """
         items = [(role, item) for role, items in sorted(self.series.roles.items()) for item in items]
-        if not all(marks.get(item.where) for _, item in items):
+        if not all(marks.get(item.axis.where) for _, item in items):
             return self
-        parts = [(role, i.tag, i.loop, i.signal, i.where, marks[i.where]) for role, i in items]
+        parts = [(role, i.tag, i.loop, i.signal, i.axis.where, marks[i.axis.where]) for role, i in items]
         # which loops are wanted is not how they are read
         how = replace(self.options, only_loops=(), loops_matching=(), sample=None, sample_seed=0, since=None)
         values = self.values
@@ -94,20 +95,15 @@ class Recipe:
     def packed(self) -> Recipe:
         """Return the recipe with its samples, to be sent to another machine; columns of Parquet files are read there.
         """
-        axes: dict[int, Axis] = {}
-
-        def own(item: Series) -> Series:
-            axis = item.axis
-            if id(axis) not in axes:
-                axes[id(axis)] = replace(axis, rows=packed(axis.rows, (), axis.column))
-            return replace(item, axis=axes[id(axis)], rows=packed(item.rows, (item.column, item.quality)))
-
-        return replace(self, series=self.series.changed(own))
+        columns: dict[Axis, set[str]] = {}
+        for item in chain.from_iterable((*self.series.roles.values(), *self.series.extra.values())):
+            columns.setdefault(item.axis, set()).update(filter(None, (item.column, item.quality)))
+        return replace(self, series=self.series.changed(lambda axis: axis.packed(columns[axis])))
 
     @property
     def rows(self) -> int:
         """Rows of the measurement, about the samples of its record."""
-        return sum(item.count for item in self.series.roles.get("pv", ()))
+        return sum(len(item.axis) for item in self.series.roles.get("pv", ()))
 
 
 @dataclass
@@ -352,7 +348,7 @@ def _records(signal: Signal) -> tuple[IntArray, FloatArray]:
 
 def _in_turn(items: Iterable[Series]) -> list[Axis]:
     """The axes of some series, each once, by their first stamps."""
-    return sorted({id(item.axis): item.axis for item in items if item.count}.values(), key=Axis.first)
+    return sorted({item.axis for item in items if len(item.axis)}, key=Axis.first)
 
 
 def _one_after_the_other(axes: list[Axis]) -> bool:
@@ -367,18 +363,10 @@ def _one_after_the_other(axes: list[Axis]) -> bool:
 
 def _window(loop: LoopSeries, begin: int, end: int) -> LoopSeries:
     """The rows of a loop that tell of the samples between two stamps, with a margin on both sides."""
-    parts: dict[int, tuple[Axis, slice]] = {}
-
-    def some(item: Series) -> Series:
-        axis = item.axis
-        if id(axis) not in parts:
-            rows = slice(max(_row_at(axis, begin) - MARGIN, 0), min(_row_at(axis, end) + MARGIN, len(axis)))
-            parts[id(axis)] = axis.part(rows), rows
-        return item.part(*parts[id(axis)])
-
-    cut = replace(loop, extra={}).changed(some)
-    return replace(cut, roles={role: [item for item in items if item.count] or items[:1]
-                               for role, items in cut.roles.items()})
+    cut = replace(loop, extra={}).changed(lambda axis: axis.part(
+        slice(max(_row_at(axis, begin) - MARGIN, 0), min(_row_at(axis, end) + MARGIN, len(axis)))))
+    nothing = {role: [replace(items[0], axis=items[0].axis.part(slice(0, 0)))] for role, items in loop.roles.items()}
+    return replace(cut, roles=nothing | cut.roles)
 
 
 def _row_at(axis: Axis, stamp: int) -> int:
@@ -469,5 +457,6 @@ def _bounds(values: FloatArray) -> tuple[float, float]:
 
 
 def _round_up(value: float) -> float:
-    steps = 10.0 ** np.floor(np.log10(value)) * np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = 10.0 ** np.floor(np.log10(value)) * np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
     return float(steps[np.argmax(steps >= value * (1 - 1e-12))])

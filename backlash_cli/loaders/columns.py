@@ -25,9 +25,9 @@ from .options import ReadOptions
 from .signals import Cells, Lexicon
 from .sniff import HEAD_LINES, find_dialect
 from .sources import Remote, open_place
-from .times import StampReader
+from .times import micros_of
 
-BATCH_ROWS = 1 << 19  # rows of Parquet that are read at once
+BATCH_CELLS, BATCH_ROWS = 1 << 22, 1 << 19  # cells and rows of Parquet that are read at once
 MAX_COLUMNS = 100_000
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
 _TWO_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # a name of two levels as pandas writes it
@@ -168,8 +168,8 @@ class ParquetTable:
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
         """Yield the columns that are asked for, some rows at a time."""
         wanted = sorted({*columns, *stamps})
-        for batch in open_parquet(self.path).iter_batches(BATCH_ROWS, columns=[self._names[i] for i in wanted],
-                                                          use_threads=False):
+        for batch in open_parquet(self.path).iter_batches(min(BATCH_ROWS, 1 + BATCH_CELLS // len(wanted)),
+                                                          columns=[self._names[i] for i in wanted], use_threads=False):
             yield {i: pa.chunked_array([batch.column(self._names[i])]) for i in wanted}
 
     def cells(self, column: str, first: int, last: int) -> Cells:
@@ -179,11 +179,8 @@ class ParquetTable:
         return Cells(values, codes, Lexicon(list(words)))
 
     def stamps(self, column: str, first: int, last: int) -> IntArray:
-        """Return the stamps of rows first..last-1 in the column "t0" [microseconds since 1970 UTC]."""
-        at = int(column[1:])
-        reader = StampReader([self._names[at]], self.options, self.where)
-        micros = reader.take([self._column(at, first, last)])
-        return reader.finish()(micros)
+        """Return the stamps of rows first..last-1 of the column "v0" [microseconds since 1970 UTC]."""
+        return micros_of(self._column(int(column[1:]), first, last))
 
     def _column(self, at: int, first: int, last: int) -> pa.ChunkedArray:
         file, name = open_parquet(self.path), self._names[at]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -38,10 +39,12 @@ class LoopSeries:
     extra: dict[str, list[Series]] = field(default_factory=dict)
     missing_tags: dict[str, str] = field(default_factory=dict)
 
-    def changed(self, change: Callable[[Series], Series]) -> LoopSeries:
-        """Return it with other series in the place of its own."""
-        roles, extra = ({name: list(map(change, items)) for name, items in parts.items()}
-                        for parts in (self.roles, self.extra))
+    def changed(self, change: Callable[[Axis], Axis]) -> LoopSeries:
+        """Return it with other rows in the place of its own, also shared ones; without signals that have none left."""
+        once = cache(change)
+        roles, extra = ({name: there for name, items in signals.items() if (
+            there := [replace(item, axis=axis) for item in items if len(axis := once(item.axis))])}
+            for signals in (self.roles, self.extra))
         return replace(self, roles=roles, extra=extra)
 
 
@@ -164,7 +167,7 @@ class Joiner:
         own = slice(None) if self.only is None else slice(*np.searchsorted(times.micros, self.only).tolist())
         faults: Faults = {("not_numbers", item.tag): Counter() if bad is None else cells.words(bad, own)}
         if (marks := item.marks()) is not None:
-            known = {} if self.only is None else self._marks.setdefault((item.where, item.tag), {})
+            known = {} if self.only is None else self._marks.setdefault((item.axis.where, item.tag), {})
             good, notes = good_samples(marks, self.good_quality, item.quality_name, known)
         for code in ("bad_quality", "lone_zeros"):
             wrong = lone_zeros(values) if code == "lone_zeros" else None if good is None or good.all() else ~good
@@ -222,7 +225,7 @@ def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Seri
     notes: list[Note] = []
     groups: dict[str, list[Series]] = {}
     for item in series:
-        groups.setdefault(item.where, []).append(item)
+        groups.setdefault(item.axis.where, []).append(item)
     chosen = []
     priority = {word: i for i, word in enumerate(SIGNALS.get(role, "").split())}
     for where, items in groups.items():

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache, cached_property
 from os import PathLike
@@ -17,7 +17,7 @@ import numpy as np
 from pyarrow.lib import ArrowException
 
 from ..errors import BacklashError, InputError, LoopError, UsageError, nearest
-from ..record import IntArray, Note, Record
+from ..record import Note, Record
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
 from .join import Joiner, LoopSeries, by_loop, explicit_tags, failure
@@ -332,22 +332,32 @@ def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, t
     stays, as it still holds. Raises UsageError when the data have no times, InputError when no loop has later ones.
     """
     moment, age = parse_since(when, timezone)
-    last = max((last for axis in {id(item.axis): item.axis for item in found}.values()
-                if (last := axis.last()) is not None), default=None)
+    last = max((end for axis in {item.axis for item in found} if (end := axis.last()) is not None), default=None)
     if moment is None:
         if last is None:
             raise UsageError("the data have no times", where=f"--since {when}", remedy="leave --since out")
         moment = last - age
-    parts: dict[tuple[int, bool], tuple[Axis, slice | IntArray]] = {}  # loops may share their rows
+
+    @cache  # loops may share their rows
+    def cut(axis: Axis, keep_one: bool) -> Axis:
+        micros = axis.read()
+        before = (micros < moment) & (micros != NAT)
+        if keep_one and before.any():
+            before[np.argmax(np.where(before, micros, NAT))] = False
+        later = np.flatnonzero(~before & (micros != NAT))
+        first = int(later[0]) if len(later) else len(micros)
+        return axis.part(np.flatnonzero(~before) if before[first:].any() else slice(first, None))
+
     kept, without, lost = {}, [], []
     for name, own in loops.items():
         measured = own.roles.get("pv", [])
         if not age and any(not item.axis.absolute for item in measured):
-            error = InputError("the times count from an unknown start", where=measured[0].where,
+            error = InputError("the times count from an unknown start", where=measured[0].axis.where,
                                remedy="give --since as an age, such as 3h")
             lost.append(failure(error, loop=name))
             continue
-        kept[name] = _cut(own, moment, {id(item.axis) for item in measured}, parts)
+        of_pv = {item.axis for item in measured}  # no value of PV before the moment stays
+        kept[name] = own.changed(lambda axis, of_pv=of_pv: cut(axis, axis not in of_pv))  # type: ignore[misc]
         if measured and "pv" not in kept[name].roles:
             without.append(name)
             del kept[name]
@@ -361,35 +371,6 @@ def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, t
         said = f"{len(without)} of {len(loops)} loops have no data since {text} and were not computed: {shown(without)}"
         notes.append(Note("nothing_since", said, {"loops": float(len(without)), "names": ", ".join(without)}))
     return kept, notes, lost, moment
-
-
-def _cut(loop: LoopSeries, moment: int, measured: set[int], parts: dict[tuple[int, bool], tuple[Axis, slice | IntArray]]
-         ) -> LoopSeries:
-    """Take off what lies before a moment, and signals of which nothing is left. measured: ids of the axes of PV, of
-    which no value before it stays."""
-    def part(item: Series) -> Series:
-        key = id(item.axis), id(item.axis) not in measured
-        if key not in parts:
-            rows = _rows_since(item.axis.micros, moment, keep_one=key[1])
-            parts[key] = item.axis.part(rows), rows
-        return item.part(*parts[key])
-
-    cut = loop.changed(part)
-    roles, extra = ({name: there for name, items in signals.items() if (there := [i for i in items if i.count])}
-                    for signals in (cut.roles, cut.extra))
-    return replace(cut, roles=roles, extra=extra)
-
-
-def _rows_since(micros: IntArray, moment: int, *, keep_one: bool) -> slice | IntArray:
-    before = (micros < moment) & (micros != NAT)
-    if keep_one and before.any():
-        held = np.flatnonzero(before)
-        before[held[np.argmax(micros[held])]] = False
-    later = np.flatnonzero(~before & (micros != NAT))
-    if not len(later):
-        return slice(0, 0)
-    first = int(later[0])
-    return np.flatnonzero(~before) if before[first:].any() else slice(first, None)
 
 
 Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]

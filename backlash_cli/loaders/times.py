@@ -281,11 +281,11 @@ class StampReader:
             column = column.cast(column.type.value_type)
         kind = column.type
         if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
-            micros = _micros(column, pa.timestamp("us", getattr(kind, "tz", None)))
+            micros = micros_of(column)
             self._seen(micros, np.full(len(micros), getattr(kind, "tz", None) is not None))
             return micros
         if pa.types.is_time(kind):
-            return self._past_midnight(_micros(column, pa.time64("us")))
+            return self._past_midnight(micros_of(column))
         if pa.types.is_null(kind):
             return np.full(len(column), NAT)
         if is_text(kind):
@@ -440,9 +440,11 @@ def _unit_of(known: FloatArray, name: str) -> str:
     return next((unit for unit, ends, words in _NAMED if plain(name).endswith(ends) or bracket in words), "seconds")
 
 
-def _micros(column: pa.ChunkedArray | pa.Array, kind: pa.DataType) -> IntArray:
-    """Stamps or times of day as microseconds, NAT where they are empty or too far off."""
-    micros = to_array(pc.fill_null(column.cast(kind, safe=False).cast(pa.int64()), NAT))
+def micros_of(column: pa.ChunkedArray | pa.Array) -> IntArray:
+    """Return dates, stamps or times of day as microseconds, NAT where they are empty or too far off."""
+    kind = column.type
+    usual = pa.time64("us") if pa.types.is_time(kind) else pa.timestamp("us", getattr(kind, "tz", None))
+    micros = to_array(pc.fill_null(column.cast(usual, safe=False).cast(pa.int64()), NAT))
     return np.where(np.abs(micros) < LIMIT, micros, NAT)
 
 
