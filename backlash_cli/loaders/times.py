@@ -102,6 +102,18 @@ def read_dates(words: list[str]) -> Dates:
     return Dates(micros, zoned, of_day, words[unclear[0]].strip() if len(unclear) else "")
 
 
+def stamp_kind(text: str) -> str:
+    """Return "time" for a text that may be a date, with a time of day or not, "clock" for a time of day, else ""."""
+    if ":" in text and re.match(_OF_DAY, text):
+        return "clock"
+    found = re.match(_DATED, text)
+    for written, usual in () if found else _REWRITTEN:
+        text = re.sub(written, usual, text)
+    found = found or re.match(_DATED, text)
+    known = found and all(_whole_or_month(part) != -99 for part in found.group("a", "b"))
+    return "time" if known or re.match(_COMPACT, text) else ""
+
+
 def _is_open(micros: IntArray) -> NDArray[np.bool_]:
     return (micros < -LIMIT) & (micros != NAT)
 
