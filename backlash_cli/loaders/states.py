@@ -22,11 +22,7 @@ QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still thi
 
 def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
     """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
-    edges = np.flatnonzero(flags[1:] != flags[:-1]) + 1
-    if len(flags) and flags[0]:
-        edges = np.concatenate([[0], edges])
-    if len(flags) and flags[-1]:
-        edges = np.append(edges, len(flags))
+    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
     return edges[0::2], edges[1::2]
 
 
@@ -57,12 +53,10 @@ def saturated(output: FloatArray) -> NDArray[np.bool_]:
 
 def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
     """(samples,) True in stretches that do not overlap; ends: one past the last."""
-    if not len(starts):
-        return np.zeros(samples, bool)
     edges = np.zeros(samples + 1, np.int8)
     edges[starts] += 1
     edges[ends] -= 1
-    return np.cumsum(edges[:-1]).astype(bool)
+    return np.cumsum(edges[:-1], dtype=np.int8).astype(bool)
 
 
 def implausible(measurement: FloatArray) -> NDArray[np.bool_]:
@@ -82,18 +76,14 @@ def frozen(values: FloatArray) -> NDArray[np.bool_]:
     lengths = ends - starts
     if lengths.max(initial=0) < FROZEN_RUN - 1:
         return np.zeros(len(values), bool)
-    limit = _longest_by_chance(len(values), len(lengths), int(lengths.sum()))
+    # of all new values, how many are repeated at once: a long run counts once, so it does not hide itself
+    samples, p = len(values), (len(lengths) + 1.0) / (len(values) - int(lengths.sum()) + 2.0)
+    p = min(max(p, 1e-4), 1.0 - LEAST_CHANGES / (samples - 1))
+    limit = max(float(FROZEN_RUN - 1), float(np.log(FROZEN_CHANCE / samples) / np.log(p)))
     kept = lengths < limit
     if not kept.all() and not _noisy(values, starts[~kept], ends[~kept]):
-        kept = lengths < max(limit, QUIET_SHARE * len(values))
-    return inside(starts[~kept], ends[~kept] + 1, len(values))
-
-
-def _longest_by_chance(samples: int, stretches: int, repeats: int) -> float:
-    """Repeats in a row that noise still explains. stretches: of repeats; repeats: in all of them."""
-    # of all new values, how many are repeated at once: a long run counts once, so it does not hide itself
-    p = min(max((stretches + 1.0) / (samples - repeats + 2.0), 1e-4), 1.0 - LEAST_CHANGES / (samples - 1))
-    return max(float(FROZEN_RUN - 1), float(np.log(FROZEN_CHANCE / samples) / np.log(p)))
+        kept = lengths < max(limit, QUIET_SHARE * samples)
+    return inside(starts[~kept], ends[~kept] + 1, samples)
 
 
 def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
