@@ -22,9 +22,8 @@ from .grid import GAP_FACTOR, MAX_HOLE, SPARSE_SHARE, Grid, Steps, Times, held, 
 from .join import Faults, Joiner, LoopSeries, Signal, add_faults
 from .options import ReadOptions
 from .order import NAT
-from .quality import automatic
 from .signals import Axis, Series
-from .states import judged, state_notes
+from .states import automatic, judged, state_notes
 
 CHUNK = 2_000_000  # rows of a loop that are in memory at once
 SLACK = 0.05  # of a span: noise around the end of a range
@@ -236,7 +235,7 @@ class _Making:
         notes = [note for _, more in found for note in more]
         if not items:
             return None, notes
-        signal = Signal(self.joiner.times([item.axis for item in items]), np.concatenate([auto for auto, _ in found]),
+        signal = Signal(self.joiner.times(*(item.axis for item in items)), np.concatenate([auto for auto, _ in found]),
                         None)
         if not np.isfinite(signal.values).any() and "mode" not in self.carried:
             return None, [*notes, Note("mode_empty", "the MODE column is empty; the loop is taken to be in automatic")]

@@ -55,9 +55,18 @@ class TextTable:
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
         """Yield the columns that are asked for, some rows at a time; to be called once. stamps: columns of stamps."""
-        types = {i: self._type(i, i in stamps) for i in {*columns, *stamps}}
+        by_pattern = "%" in (self.text.options.time_format or "")
+        types: dict[int, pa.DataType | None] = {}
+        for i in {*columns, *stamps}:  # as their first rows are, numbers as float64 and words as a dictionary
+            kind = self.head.columns[i].type
+            number = is_number(kind) or pa.types.is_null(kind)
+            types[i] = pa.float64() if number else pa.string()
+            if is_text(kind) or (i in stamps and by_pattern):
+                types[i] = _WORDS
+            elif i in stamps:
+                types[i] = None if pa.types.is_null(kind) else kind
         begin = self.dialect.end
-        if "%" in (self.text.options.time_format or ""):  # stamps are read as text from the beginning
+        if by_pattern:  # stamps are read as text from the beginning
             begin, self._bad = self.dialect.offset, []
         else:
             yield {i: self._first.column(i) for i in types}
@@ -82,15 +91,6 @@ class TextTable:
         return [*self.text.notes, Note(
             "ragged_rows", f"{len(self._bad)} rows have too few or too many cells and were dropped{line} "
             f"({found} columns instead of {expected})", {"rows": float(len(self._bad)), "file": self.where})]
-
-    def _type(self, column: int, stamps: bool) -> pa.DataType | None:
-        """The type in which a column is read: as its first rows are, numbers as float64 and words as a dictionary."""
-        kind = self.head.columns[column].type
-        if is_text(kind) or (stamps and "%" in (self.text.options.time_format or "")):
-            return _WORDS
-        if stamps:
-            return None if pa.types.is_null(kind) else kind
-        return pa.float64() if is_number(kind) or pa.types.is_null(kind) else pa.string()
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:

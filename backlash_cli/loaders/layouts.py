@@ -16,7 +16,7 @@ from ..errors import InputError
 from .names import IGNORED, LOOP, SIGNALS, TAG, VALUE, Tag, is_quality_name, is_time_name, plain, signal_role, split_tag
 from .numbers import codes_and_words, is_number, is_text
 from .options import ReadOptions
-from .quality import quality_words
+from .states import quality_words
 from .times import is_midnight
 
 GROUPS = LOOP | {"measurement", "device", "unit", "block"}

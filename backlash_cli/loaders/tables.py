@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -39,39 +39,31 @@ class Reading:
     room: Room = field(default_factory=Room)
 
 
-def tables_of(source: Source, reading: Reading) -> Iterator[tuple[Table, Layout]]:
-    """Open the tables of a file: one, or the sheets of a workbook; a sheet of remarks beside one is passed over.
+def signals_of_file(source: Source, reading: Reading) -> tuple[list[Series], list[Note]]:
+    """Return the signals of a file, and what was noticed; a sheet of remarks beside one of data is passed over.
 
-    Raises InputError.
+    Raises InputError when it cannot be read.
     """
     path, options, stem = source.path, reading.options, stem_of(source.path)
     kind = kind_of(path)
-    if kind == "parquet":
-        if reading.taken is not None:
-            reading.taken(path.stat().st_size)
-        in_place = ParquetTable(path, stem, options, source.partition)
-        yield in_place, layout_of(in_place.head, options)
-        return
-    parts = sheets(path) if kind == "workbook" else [(stem, None)]
-    problems = []
-    for name, data in parts:
-        try:
-            text = Text(path, options, reading.taken, data)
-            table = TextTable(text, stem if len(parts) == 1 else name, source.partition)
-            yield table, layout_of(table.head, options)
-        except InputError as error:
-            problems.append(error)
-    if len(problems) == len(parts):
-        raise problems[0]
-
-
-def signals_of_file(source: Source, reading: Reading) -> tuple[list[Series], list[Note]]:
-    """Return the signals of a file, and what was noticed. Raises InputError when it cannot be read."""
+    if kind == "parquet" and reading.taken is not None:
+        reading.taken(path.stat().st_size)
+    parts: list[tuple[str, bytes | None]] = [*sheets(path)] if kind == "workbook" else [(stem, None)]
     found: list[Series] = []
     notes: list[Note] = []
-    for table, layout in tables_of(source, reading):
+    problems: list[InputError] = []
+    for name, data in parts:
+        try:
+            table = ParquetTable(path, stem, options, source.partition) if kind == "parquet" else TextTable(
+                Text(path, options, reading.taken, data), stem if len(parts) == 1 else name, source.partition)
+            layout = layout_of(table.head, options)
+        except InputError as error:
+            problems.append(error)
+            continue
         found += (_grouped if layout.naming else _wide)(table, layout, reading)
         notes += table.notes
+    if len(problems) == len(parts):
+        raise problems[0]
     return found, notes
 
 
