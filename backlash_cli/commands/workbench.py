@@ -224,7 +224,7 @@ def explain_plant(export: Export, effects: tuple[str, ...], output: Path | None,
     lost: list[Note] = []
 
     def summary() -> PlantExplanation:
-        return PlantExplanation(tuple(kept), (*plant.failures, *lost), plant.inputs, plant.warnings)
+        return PlantExplanation(tuple(kept), plant.inputs, plant.warnings, (*plant.failures, *lost))
 
     def each() -> Iterator[Explanation]:
         """Yield each explanation whole, and keep it without its series."""

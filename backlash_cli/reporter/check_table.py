@@ -6,11 +6,12 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from ..record import Note
+from ..results import PlantResult
 from .console import WIDTH, screen
 from .json_report import fields_of, header, iso_time, json_text
 
 if TYPE_CHECKING:
-    from ..check import CheckResult, LoopCheck
+    from ..check import LoopCheck
     from ..estimator.identify import Identification
 
 # what the data mean for a verdict, the worst first: word and colour
@@ -18,7 +19,7 @@ _EFFECTS = {"failed": ("failed", "bold red"), "blocks": ("no verdict", "bold red
             "none": ("good", "green")}
 
 
-def check_json(result: CheckResult) -> str:
+def check_json(result: PlantResult) -> str:
     """Return the whole check as JSON text, ending with a line end; times are ISO 8601 in UTC."""
     return json_text({
         **header(), "inputs": result.inputs, "loops": [_loop(loop) for loop in result.loops],
@@ -27,7 +28,7 @@ def check_json(result: CheckResult) -> str:
     })
 
 
-def check_text(result: CheckResult, *, verbose: bool = False, colour: bool = False, width: int = WIDTH) -> str:
+def check_text(result: PlantResult, *, verbose: bool = False, colour: bool = False, width: int = WIDTH) -> str:
     """Return the check as text, the worst loops first; `verbose` adds every finding and number of every loop."""
     loops = sorted(result.loops, key=lambda loop: ([*_EFFECTS].index(loop.effect), loop.loop))
     counts = Counter(loop.effect for loop in loops)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
-from ..record import FloatArray
-from ..results.compensation import CompensationStudy, Glimpse
+from ..results.compensation import CompensationStudy
+from ..results.plan import Course
 from .console import screen
 from .figures import EVIDENCE, GREEN, MEASUREMENT, OUTPUT, QUIET, Figure, across, axis, trace, written
 from .json_report import SCHEMA_VERSION, fields_of, json_text
 from .page import page
 from .safe import shorten
+from .words import percent
 
 ADVICE = ("This is advice to a person. Nothing was written to the control system; whether and how to try it is a "
           "decision of the people who run the plant.")
@@ -53,14 +54,14 @@ def trends(study: CompensationStudy) -> Figure:
     """Return measurement, output and valve position before and after."""
     assert study.before is not None
 
-    def line(run: Glimpse, values: FloatArray, name: str, colour: str, **more: str) -> Figure:
-        return trace(np.round(run.time, 3).tolist(), np.round(100.0 * values, 4).tolist(), name, colour,
-                     hover="%{y:.2f}", width=1.4, **more)  # type: ignore[arg-type]
+    def line(run: Course, values: tuple[float, ...], name: str, colour: str, **more: Any) -> Figure:
+        return trace([round(t, 3) for t in run.time], [round(100.0 * v, 4) for v in values], name, colour,
+                     hover="%{y:.2f}", width=1.4, **more)
 
     data = [line(study.before, study.before.setpoint, "setpoint", QUIET, dash="dot")]
     runs = [(study.before, "without", OUTPUT)]
-    if study.after is not None:
-        runs.append((study.after, f"gain {100 * study.after.gain:.2f} %", MEASUREMENT))
+    if study.after is not None and study.recommended is not None:
+        runs.append((study.after, f"gain {percent(study.recommended)}", MEASUREMENT))
     for run, name, colour in runs:
         data += [line(run, run.measurement, f"PV, {name}", colour),
                  line(run, run.output, f"OP, {name}", colour, yaxis="y2"),

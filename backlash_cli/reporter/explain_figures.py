@@ -36,13 +36,13 @@ def overlay(
     series: Series, settings: LoopSettings, regions: Sequence[Region], noise_floor: float, name: str = "PV predicted"
 ) -> Figure:
     """Measured and predicted PV, the residual with its worst regions shaded, and OP, on one time axis."""
-    setpoint, measured, *below = _recorded(series, settings)
+    (setpoint, measured, *below), rest = _recorded(series, settings), series.residual(series.predicted)
     lines = [setpoint, measured, _line(series, series.predicted, settings.pv_range, name, PREDICTED),
-             _line(series, series.residual, _width(settings.pv_range), "residual (measured - predicted)", RESIDUAL,
-                   yaxis="y2"), *below]
+             _line(series, rest, _width(settings.pv_range), "residual (measured - predicted)", RESIDUAL, yaxis="y2"),
+             *below]
     shaded = [r for r in (fails(regions) or regions) if r.stretches][:SHADED]
     lines += [_shading(region, place) for place, region in enumerate(shaded)]
-    return {"data": lines, "layout": _layout(settings, noise_floor, [series.residual])}
+    return {"data": lines, "layout": _layout(settings, noise_floor, [rest])}
 
 
 def _recorded(series: Series, settings: LoopSettings) -> list[Figure]:
@@ -52,7 +52,7 @@ def _recorded(series: Series, settings: LoopSettings) -> list[Figure]:
             _line(series, series.output, settings.op_range, "OP", fig.OUTPUT, yaxis="y3"),
             *(_line(series, values, settings.op_range, "stem (model)" if name == "valve" else plain_name(name),
                     fig.STEM, yaxis="y3", dash="dash")
-              for name, values in series.moved.items())]
+              for name, values in series.inside.items() if not np.allclose(values, series.output, rtol=0.0, atol=1e-9))]
 
 
 def ladder_overlay(series: Series, steps: Sequence[Step], settings: LoopSettings, noise_floor: float) -> Figure:
@@ -63,7 +63,7 @@ def ladder_overlay(series: Series, steps: Sequence[Step], settings: LoopSettings
     lines, rests = list(always), []
     for place, (k, step, prediction) in enumerate(drawn):
         name, colour = f"{k}: {rung(step)}", STEP_COLOURS[place % len(STEP_COLOURS)]
-        rests.append(np.where(series.used, series.measured - prediction, np.nan))
+        rests.append(series.residual(prediction))
         switched: Figure = {"visible": place in (0, len(drawn) - 1), "legendgroup": name}
         lines += [_line(series, prediction, settings.pv_range, f"{name}, {error_size(step.rmse_holdout)}", colour,
                         **switched),

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..errors import UsageError
 from ..record import FloatArray
 from ..results import Comparison, Explanation, Series
@@ -65,7 +63,7 @@ def _drawn(found: Comparison | Explanation) -> dict[str, Any]:
 
 def _causes(series: Series, predictions: Mapping[str, FloatArray], floor: float) -> list[tuple[figures.Cause, Figure]]:
     """The residual against each of its candidate causes."""
-    rests = {name: np.where(series.used, series.measured - p, np.nan) for name, p in predictions.items()}
+    rests = {name: series.residual(p) for name, p in predictions.items()}
     return [(cause, figures.cause_figure(cause, floor)) for cause in figures.causes(series, rests)]
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..record import Note
-from ..results import Candidate, Explanation, FittedEffect, PlantExplanation, gap_size
+from ..results import Explanation, PlantExplanation
 from .console import WIDTH, screen
 from .figures import axis
 from .json_report import explanation, header, json_text, strict
@@ -44,11 +44,9 @@ class Tally:
 
 def tallies(plant: PlantExplanation) -> list[Tally]:
     """Return all gaps in the valve together, then each effect that was tried, most accepted first."""
-    tried: list[Candidate | FittedEffect] = []
-    for x in plant.loops:
-        tried += [*x.effects, *x.candidates]
+    tried = [one for x in plant.loops for one in (*x.effects, *x.candidates)]
     names = list(dict.fromkeys(one.effect for one in tried))
-    gaps = [n for n in names if any(gap_size(one) is not None for one in tried if one.effect == n)]
+    gaps = [n for n in names if any(one.gap is not None for one in tried if one.effect == n)]
     single = [_tally(plant, plain_name(str(name)), [name]) for name in names]
     together = _tally(plant, " or ".join(map(plain_name, sorted(gaps))), gaps)
     return [*([together] if len(gaps) > 1 else []), *sorted(single, key=lambda t: -len(t.loops))]
@@ -78,9 +76,9 @@ def reason(x: Explanation, names: Iterable[str]) -> tuple[str, str]:
 
 def valve_reason(x: Explanation) -> tuple[str, str] | None:
     """Why no gap was found in the valve of a loop: code and sentence; None where one was accepted."""
-    if any(gap_size(e) is not None for e in x.effects):
+    if any(e.gap is not None for e in x.effects):
         return None
-    return reason(x, [c.effect for c in x.candidates if gap_size(c) is not None])
+    return reason(x, [c.effect for c in x.candidates if c.gap is not None])
 
 
 def counts(plant: PlantExplanation) -> dict[str, int]:

@@ -140,8 +140,8 @@ def explanation(e: results.Explanation) -> dict[str, Any]:
     return {
         **_head(e),
         "candidates": [
-            {**fields_of(c, "parameters", "column", "sentence", "meaning", "stage"), **_fitted(c)}
-            for c in e.candidates
+            {**{n: getattr(c, n) for n in ("effect", "rmse_holdout", "error_reduction", "evidence", "verdict", "why")},
+             **_fitted(c)} for c in e.candidates
         ],
         "steps": [fields_of(s, "prediction") for s in e.steps],
         **{name: getattr(e, name) for name in ("missing_effect", "unexplained", "adequate", "rest", "verdict")},

@@ -19,7 +19,7 @@ _SOURCE = "J. Process Control 17 (2007) 489-499"
 def to_text(report: PaperReport, *, colour: bool = False) -> str:
     """Return the table paper, ours, difference, agrees; below it why some rows differ."""
     return screen("paper.txt", colour=colour, width=WIDTH, **_content(report),
-                  reasons=list(dict.fromkeys(row.published.why for row in report.rows if row.published.why)))
+                  reasons=list(dict.fromkeys(row.why for row in report.rows if row.why)))
 
 
 def paper_page(report: PaperReport) -> str:
@@ -35,9 +35,9 @@ def _content(report: PaperReport) -> dict[str, Any]:
 
 def to_json(report: PaperReport) -> str:
     """Return the rows as JSON text."""
-    rows = [{**{n: getattr(row.published, n) for n in ("key", "figure", "quantity", "unit")},
-             "paper": row.published.value, "ours": row.ours, "difference": row.difference,
-             "tolerance": row.published.tolerance, "agrees": row.agrees, "why": row.published.why or None}
+    rows = [{**{n: getattr(row, n) for n in ("key", "figure", "quantity", "unit")},
+             "paper": row.value, "ours": row.ours, "difference": row.difference,
+             "tolerance": row.tolerance, "agrees": row.agrees, "why": row.why or None}
             for row in report.rows]
     return json_text({
         "paper": f"T. Haegglund, {_SOURCE}", "agree": sum(row.agrees for row in report.rows), "rows": rows,
@@ -58,17 +58,17 @@ def plot(figure: PaperFigure) -> Figure:
         for line in panel.lines:
             data.append(_line(line, QUIET if line.quiet else next(colours), mark, first=line.name not in shown))
             shown.add(line.name)
-        x, y = (axis(label) | ({"range": list(limits)} if limits else {}) for label, limits in (
-            (panel.x_label, panel.x_limits), (panel.y_label, panel.y_limits)))
-        layout[f"xaxis{mark}"] = x | {"anchor": f"y{mark}"}
-        layout[f"yaxis{mark}"] = y | {"domain": [max(top - height, 0.0), top], "anchor": f"x{mark}"}
+        for letter, label, limits, more in (
+                ("x", panel.x_label, panel.x_limits, {"anchor": f"y{mark}"}),
+                ("y", panel.y_label, panel.y_limits, {"anchor": f"x{mark}", "domain": [max(top - height, 0.0), top]})):
+            layout[f"{letter}axis{mark}"] = axis(label, **({"range": list(limits)} if limits else {}), **more)
         if k > 0 and not figure.panels[0].x_label and panel.x_label.startswith("time"):
             layout[f"xaxis{mark}"]["matches"] = "x"
         if panel.equal_scales:
             layout[f"yaxis{mark}"]["scaleanchor"] = f"x{mark}"
             layout["height"] = 620
-        layout["annotations"] += [written(m.text, m.x, m.y, xref=f"x{mark}", yref=f"y{mark}", yshift=12)
-                                  for m in panel.marks]
+        layout["annotations"] += [written(text, x, y, xref=f"x{mark}", yref=f"y{mark}", yshift=12)
+                                  for x, y, text in panel.marks]
     return {"data": data, "layout": layout}
 
 

@@ -58,7 +58,7 @@ def test_the_spectrum_shares_out_all_of_the_error():
 
 
 def test_play_shows_in_the_time_since_op_turned():
-    found = {c.title: c for c in causes(series(signals()[2]), {"m": series(signals()[2]).residual})}
+    found = {c.title: c for c in causes(series(signals()[2]), {"m": series().residual(signals()[2])})}
     assert set(found) == {"Time since OP turned", "Level of OP", "Speed of OP", "Time of the record", "Period"}
     up, down = found["Time since OP turned"].curves
     assert up.mean[0] * down.mean[0] < 0 and abs(up.mean[0]) > 0.01
@@ -106,7 +106,7 @@ def test_foreign_names_do_not_run(name):
 def plant(*names: str) -> PlantExplanation:
     loops = tuple(explanation(name).light() for name in names)
     lost = Note("constant_signal", "TIC9: OP is constant", {"loop": "TIC9"})
-    return PlantExplanation((*loops, nothing().light()), (lost,), ("plant.csv",))
+    return PlantExplanation((*loops, nothing().light()), ("plant.csv",), failures=(lost,))
 
 
 def test_the_summary_counts_effects_and_names_what_failed():

@@ -25,7 +25,8 @@ STILL = Note("too_little_motion", "PV follows OP by only 1.2 times its noise")
 
 
 def tried(name, code, evidence, *, size=0.02):
-    found = Candidate(name, 0.03, 0.0, {"d": FittedParameter(size, "span")}, evidence=evidence, stage="valve")
+    found = Candidate(name, {"d": FittedParameter(size, "span")}, stage="valve", rmse_holdout=0.03, error_reduction=0.0,
+                      evidence=evidence)
     return replace(found, why=Note(code, f"because {code}"))
 
 
@@ -37,7 +38,7 @@ def plant():
                                                 tried("stiction", "below_resolution", -1.0)))
     still = replace(nothing("FIC3"), reasons=(STILL,), candidates=(tried("backlash", "too_little_motion", 1.0),))
     lost = Note("constant_signal", "FIC4: OP is constant", {"loop": "FIC4"})
-    return PlantExplanation((found, none, still), (lost,), ("plant.csv",))
+    return PlantExplanation((found, none, still), ("plant.csv",), failures=(lost,))
 
 
 def test_gaps_are_counted_together_and_each_alone():
