@@ -69,13 +69,19 @@ class Estimates(Sequence[Estimate]):
 
     def __getitem__(self, at: int | slice) -> Any:
         if isinstance(at, slice):
-            return tuple(self[i] for i in range(*at.indices(len(self))))
-        begin, duration, code = float(self.begin[at]), float(self.dt_s[at]), self.codes[self.why[at]]
-        return Estimate(self.origin + begin, self.origin + (begin + duration), duration, float(self.dy[at]),
-                        float(self.e_max[at]), float(self.d[at]), int(self.direction[at]), code == "ok", code)
+            return tuple(self._rows(at))
+        place = range(len(self))[at]
+        return next(self._rows(slice(place, place + 1)))
 
     def __iter__(self) -> Iterator[Estimate]:
-        return (self[i] for i in range(len(self)))
+        return self._rows(slice(None))
+
+    def _rows(self, part: slice) -> Iterator[Estimate]:
+        columns = (self.begin, self.dt_s, self.dy, self.e_max, self.d, self.direction, self.why)
+        for row in zip(*(column[part].tolist() for column in columns), strict=True):
+            begin, dt_s, dy, e_max, d, direction, why = row
+            yield Estimate(self.origin + begin, self.origin + (begin + dt_s), dt_s, dy, e_max, d, direction,
+                           self.codes[why] == "ok", self.codes[why])
 
     def __eq__(self, other: object) -> bool:
         return tuple(self) == tuple(other) if isinstance(other, Sequence) else NotImplemented
