@@ -1,6 +1,6 @@
 """Before any verdict: is the record of each loop good enough, and do its settings agree with the data?
 
-    check_loop(record) -> LoopCheck          check(plant) -> CheckResult
+    check_loop(record) -> LoopCheck          check(plant) -> PlantResult of them
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from .estimator.identify import identify
 from .estimator.quality import Quality, data_quality
 from .estimator.settings_check import check_settings
 from .record import LoopSettings, Note, Record
+from .results import PlantResult
 
 if TYPE_CHECKING:
     from .estimator.identify import Identification
@@ -75,16 +76,6 @@ class LoopCheck:
         return "none", "fit for a verdict"
 
 
-@dataclass(frozen=True)
-class CheckResult:
-    """All loops of a plant, and what could not be read."""
-
-    loops: tuple[LoopCheck, ...]
-    inputs: tuple[str, ...] = ()
-    warnings: tuple[Note, ...] = ()
-    failures: tuple[Note, ...] = ()
-
-
 def check_loop(record: Record) -> LoopCheck:
     """Judge one loop's data and compare its settings with those that the data show."""
     record = with_constant_setpoint(record)
@@ -104,7 +95,7 @@ def check_loop(record: Record) -> LoopCheck:
 _OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settings_contradicted")
 
 
-def check(plant: Iterable[Record], progress: Callable[[], None] | None = None) -> CheckResult:
+def check(plant: Iterable[Record], progress: Callable[[], None] | None = None) -> PlantResult:
     """Check every loop; one that fails is reported as failed and the others go on. `progress` is called after each."""
     loops = []
     for record in plant:
@@ -125,4 +116,4 @@ def check(plant: Iterable[Record], progress: Callable[[], None] | None = None) -
             loops.append(LoopCheck(name, failure=note))
             known.add(name)
     rest = tuple(note for note in failures if not note.values.get("loop"))
-    return CheckResult(tuple(loops), getattr(plant, "inputs", ()), getattr(plant, "warnings", ()), rest)
+    return PlantResult(tuple(loops), getattr(plant, "inputs", ()), getattr(plant, "warnings", ()), rest)

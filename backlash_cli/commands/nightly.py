@@ -220,7 +220,7 @@ def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records:
 
 def _write_reports(config: NightlyConfig, plant: PlantHistory, store: History, log: Log) -> None:
     from ..reporter.files import write_text
-    from ..reporter.history_report import trend_json, write_report
+    from ..reporter.history_report import trend, write_report
 
     if config.outputs.report is not None:
         config.outputs.report.parent.mkdir(parents=True, exist_ok=True)
@@ -228,7 +228,7 @@ def _write_reports(config: NightlyConfig, plant: PlantHistory, store: History, l
         log("report", path=str(config.outputs.report))
     if config.outputs.trend is not None:
         config.outputs.trend.parent.mkdir(parents=True, exist_ok=True)
-        write_text(config.outputs.trend, trend_json(plant.wears, plant.places))
+        write_text(config.outputs.trend, trend(plant.wears, plant.places).json())
 
 
 def _summary(config: NightlyConfig, night: Night, plant: PlantHistory, hits: Sequence[str]) -> str:

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..record import FloatArray, Note, Record, SampleState
-from ..results.compensation import CompensationStudy, Glimpse, ProcessModel, Trial
+from ..results.compensation import CompensationStudy, ProcessModel, Trial
+from ..results.plan import Course
 from .controller import Compensator, Controller, Scheme
 from .limit_cycle import limit_cycle
 from .loop import Trace, trace
@@ -139,7 +140,7 @@ def study(
     recommended, reason, refusals = choose(s, trials)
     listed = {0.0, *(share * s.d for share in SHARES), *([recommended, MARGIN * recommended] if recommended else [])}
     shown = tuple(trials[gain] for gain in sorted(listed))
-    before, after = (None if gain is None else glimpse(runs[gain], gain, (4.0 * spacing, 6.0 * spacing))
+    before, after = (None if gain is None else glimpse(runs[gain], (4.0 * spacing, 6.0 * spacing))
                      for gain in (0.0, recommended))
     return CompensationStudy(
         loop=loop,
@@ -224,9 +225,9 @@ def objections(base: Trial, trial: Trial, beyond: Trial) -> list[Note]:
     return notes
 
 
-def glimpse(run: Trace, gain: float, window: tuple[float, float]) -> Glimpse:
+def glimpse(run: Trace, window: tuple[float, float]) -> Course:
     """Return the stretch of a run that is drawn, within a window of seconds."""
     inside = np.flatnonzero((run.time >= window[0]) & (run.time < window[1]))
     pick = inside[:: max(1, len(inside) // 1500)]
-    return Glimpse(gain, run.time[pick] - window[0], run.process_output[pick], run.setpoint[pick], run.output[pick],
-                   run.valve[pick])
+    shown = (run.time - window[0], run.setpoint, run.process_output, run.output, run.valve)
+    return Course(*(tuple(values[pick].tolist()) for values in shown))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, Record
 from ..results import Estimate
-from ..results.paper import Line, Mark, Panel, PaperFigure, PaperReport, PaperRow, Published
+from ..results.paper import Line, Panel, PaperFigure, PaperReport, PaperRow
 from .controller import Compensator, Controller, Scheme
 from .limit_cycle import limit_cycle, negative_inverse
 from .loop import Trace, simulate, trace
@@ -51,11 +51,11 @@ Numbers = dict[str, float]
 Found = tuple[Numbers, list[PaperFigure]]
 
 
-def published() -> tuple[tuple[Published, ...], Mapping[str, str]]:
+def published() -> tuple[tuple[PaperRow, ...], Mapping[str, str]]:
     """Return every number of the paper with its tolerance, and the single estimates that its figures print."""
     text = (resources.files(__package__) / "published.toml").read_text(encoding="utf-8")
     page = tomllib.loads(text)
-    return tuple(Published(*row, **page["differs"].get(row[0], {})) for row in page["published"]), page["estimates"]
+    return tuple(PaperRow(*row, **page["differs"].get(row[0], {})) for row in page["published"]), page["estimates"]
 
 
 def reproduce(estimator: Estimator) -> PaperReport:
@@ -68,21 +68,21 @@ def reproduce(estimator: Estimator) -> PaperReport:
         values |= more
         figures += drawn
     rows, printed = published()
-    return PaperReport(tuple(PaperRow(p, values[p.key]) for p in rows),
+    return PaperReport(tuple(replace(row, ours=values[row.key]) for row in rows),
                        tuple(sorted(figures, key=lambda f: ORDER.index(f.key))),
                        {key: (printed[key], ours) for key, ours in lists.items()})
 
 
 def diagrams(key: str, title: str, t: FloatArray, above: Mapping[str, FloatArray], below: Mapping[str, FloatArray],
-             text: str, marks: Sequence[Mark] = ()) -> PaperFigure:
+             text: str, marks: Sequence[tuple[float, float, str]] = ()) -> PaperFigure:
     """Return two diagrams of named curves over time (points,), the measured signals above and the output below."""
-    def panel(curves: Mapping[str, FloatArray], x_label: str, y_label: str, marks: Sequence[Mark]) -> Panel:
+    def panel(curves: Mapping[str, FloatArray], x_label: str, y_label: str, *marks: tuple[float, float, str]) -> Panel:
         lines = tuple(Line(name, t, values, "dot" if name in QUIET else "solid", quiet=name in QUIET)
                       for name, values in curves.items())
-        return Panel(lines, x_label, y_label, tuple(marks))
+        return Panel(lines, x_label, y_label, marks)
 
-    return PaperFigure(key, title, (panel(above, "", "flow" if "flow" in above else "y", marks),
-                                    panel(below, "time [s]", "u", ())), text)
+    return PaperFigure(key, title, (panel(above, "", "flow" if "flow" in above else "y", *marks),
+                                    panel(below, "time [s]", "u")), text)
 
 
 def trend(key: str, title: str, run: Trace, text: str) -> PaperFigure:
@@ -97,7 +97,7 @@ def recording(key: str, title: str, record: Record, found: Sequence[Estimate], t
     assert record.output is not None
     thin = slice(None, None, max(1, len(record) // POINTS))
     top = float(np.max(record.measurement))
-    marks = [Mark(e.end - record.start, top, f"{100 * e.d:.1f}" if e.accepted else f"({100 * e.d:.1f})") for e in found]
+    marks = [(e.end - record.start, top, f"{100 * e.d:.1f}" if e.accepted else f"({100 * e.d:.1f})") for e in found]
     return diagrams(key, title, record.time[thin] - record.start,
                     {"setpoint": record.setpoint[thin], "y": record.measurement[thin]},
                     {"u": record.output[thin]}, text, marks)
