@@ -7,12 +7,14 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import click
 
 from ..errors import BacklashError
 from ..reporter.safe import terminal
 
+Found = TypeVar("Found")
 COMPILING = 4  # seconds of CPU that the first command spends on it at most, on a machine of 2026; a scan 1
 
 
@@ -41,6 +43,18 @@ def put(path: Path | None, text: str, what: str = "") -> None:
     write_text(path, text)
     if what:
         say(f"{what} written to {path}")
+
+
+def deliver(found: Found, text: Callable[..., str], page: Callable[[Found], str], numbers: Callable[[Found], str],
+            html: Path | None, json_file: Path | None, **shown: bool) -> int:
+    """Write page and numbers where they were asked for, and the text unless the numbers go to standard output."""
+    if html is not None:
+        put(html, page(found), "page")
+    if json_file is not None:
+        put(json_file, numbers(found), "numbers")
+    if str(json_file) != "-":
+        put(None, text(found, colour=sys.stdout.isatty(), **shown))
+    return 0
 
 
 def say(text: str) -> None:

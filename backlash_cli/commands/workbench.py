@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
 from ..errors import LoopError, UsageError
 from . import options
 from .options import Export, Workers
-from .terminal import progress, put, say, say_failures
+from .terminal import deliver, progress, put, say, say_failures
 
 if TYPE_CHECKING:
     from ..loaders import Plant
-    from ..record import Note, Record
-    from ..results import Comparison, Explanation, Model, PlantExplanation
+    from ..record import Record
+    from ..results import Explanation, Model, PlantExplanation
 
-Found = TypeVar("Found", "Comparison", "Explanation")
 SUFFIXES = (".csv", ".json", ".html", ".htm", ".txt")
 loop_option = click.option("--loop", metavar="NAME",
                            help="The loop to look at. Default: the model's, or the only one there is.")
@@ -51,12 +51,15 @@ def compare(export: Export, loop: str | None, model_file: Path | None, other_loo
     error is given for the fit, for samples the fit did not see, and beside the measurement noise.
     """
     from ..model import compare as compare_with
-    from ..reporter.explain_report import compare_page, comparison_text
+    from ..reporter.explain_report import compare_page, comparison_text, write_picture
+    from ..reporter.json_report import model_json
 
     check_places(export, picture, json_file, html)
     found = compare_with(*record_and_model(export, loop, model_file, other_loop=other_loop))
-    _deliver(found, compare_page, comparison_text, picture, html, json_file, verbose=verbose)
-    return 0
+    if picture is not None:
+        write_picture(found, picture)
+        say(f"picture written to {picture}")
+    return deliver(found, comparison_text, compare_page, model_json, html, json_file, verbose=verbose)
 
 
 @click.command(short_help="Find the physical effects that are missing in a loop's model.",
@@ -96,7 +99,8 @@ def explain(export: Export, loop: str | None, add: tuple[str, ...], outside: tup
     from ..api import save_model as keep
     from ..effects.registry import load_effect
     from ..model import explain as explain_record
-    from ..reporter.explain_report import explain_page, explanation_text
+    from ..reporter.explain_report import explain_page, explanation_text, write_picture
+    from ..reporter.json_report import model_json
 
     engine = None if workers.engine == "local" else workers.engine
     of_one = {"--loop": loop, "--add": add, "--model": model_file, "--save-model": save_model, "--json": json_file,
@@ -119,8 +123,10 @@ def explain(export: Export, loop: str | None, add: tuple[str, ...], outside: tup
     if save_model is not None and found.model is not None:
         keep(found.model, save_model)
         say(f"model written to {save_model}")
-    _deliver(found, explain_page, explanation_text, picture, html, json_file, verbose=verbose)
-    return 0
+    if picture is not None:
+        write_picture(found, picture)
+        say(f"picture written to {picture}")
+    return deliver(found, explanation_text, explain_page, model_json, html, json_file, verbose=verbose)
 
 
 def check_places(export: Export, picture: Path | None, *outputs: Path | None) -> None:
@@ -141,9 +147,9 @@ def record_and_model(export: Export, name: str | None, model_file: Path | None, 
     """
     from ..api import load_model
 
-    if model_file is None or other_loop:
-        return one_loop(export, name), None if model_file is None else load_model(model_file)
-    model, where = load_model(model_file), str(model_file)
+    model, where = None if model_file is None else load_model(model_file), str(model_file)
+    if model is None or other_loop:
+        return one_loop(export, name), model
     try:
         record = one_loop(export, name or model.loop)
     except UsageError as error:
@@ -162,8 +168,7 @@ def record_and_model(export: Export, name: str | None, model_file: Path | None, 
                 f"the model's numbers belong to {key} = [{kept[0]:g}, {kept[1]:g}], this record is read with "
                 f"[{now[0]:g}, {now[1]:g}]", where=where,
                 remedy=f"set {key} of {record.loop} in its loops.toml as in the model, or fit the model anew; "
-                       "--other-loop uses it all the same",
-            )
+                       "--other-loop uses it all the same")
     return record, model
 
 
@@ -188,94 +193,65 @@ def names_in(plant: Plant) -> list[str]:
     return sorted({*(record.loop for record in plant), *lost})
 
 
-def _deliver(found: Found, page: Callable[[Found], str], text: Callable[..., str], picture: Path | None,
-             html: Path | None, json_file: Path | None, *, verbose: bool) -> None:
-    """Write what was asked for, and show the text unless the numbers go to standard output."""
-    if picture is not None:
-        from ..reporter.explain_report import write_picture
-
-        write_picture(found, picture)
-        say(f"picture written to {picture}")
-    if html is not None:
-        put(html, page(found), "page")
-    if json_file is not None:
-        from ..reporter.json_report import model_json
-
-        put(json_file, model_json(found), "numbers")
-    if str(json_file) != "-":
-        put(None, text(found, verbose=verbose, colour=sys.stdout.isatty()))
-
-
 def explain_plant(export: Export, effects: tuple[str, ...], output: Path | None, workers: Workers) -> int:
     """Explain every loop and write the summary to a file or folder, or show it; 3 when a loop could not be."""
     from ..engines.local import answers
     from ..model import explain as explain_record
     from ..record import Note
     from ..reporter import explain_summary as reports
+    from ..reporter.explain_report import explain_page
+    from ..reporter.files import write_text
+    from ..reporter.json_report import model_json
+    from ..reporter.page import links_to, write_pages
+    from ..reporter.safe import file_names
     from ..results import PlantExplanation
 
-    folder = output is not None and output.suffix.lower() not in SUFFIXES
-    if output is not None and output.exists() and output.is_dir() != folder:
+    folder = output if output is not None and output.suffix.lower() not in SUFFIXES else None
+    if output is not None and output.exists() and output.is_dir() != (folder is not None):
         raise UsageError(f"this is {'a file' if folder else 'a folder'}", where=f"--output {output}",
                          remedy=f"give a file ending in {', '.join(SUFFIXES[:3])}, or a folder")
     plant = export.read()
-    names = names_in(plant)
-    kept: list[Explanation] = []
-    lost: list[Note] = []
+    names = file_names(names_in(plant))
+    kept: list[Explanation] = []  # without their series
+    lost = list(plant.failures)
 
     def summary() -> PlantExplanation:
-        return PlantExplanation(tuple(kept), (*plant.failures, *lost), plant.inputs, plant.warnings)
+        return PlantExplanation(tuple(kept), tuple(lost), plant.inputs, plant.warnings)
 
-    def each() -> Iterator[Explanation]:
-        """Yield each explanation whole, and keep it without its series."""
+    def pages() -> Iterator[tuple[str, str]]:
+        """Explain every loop; gives its page, where there is a folder for it, as it comes."""
         work = partial(explain_record, effects=effects)
         for result in answers(plant.records, work, jobs=workers.jobs, client=client):
             if isinstance(result, Note):
                 lost.append(result)
             else:
                 kept.append(result.light())
-                yield result
+                if folder is not None:
+                    yield names[result.loop], explain_page(result, plotly_file="plotly.js",
+                                                           back=("../index.html", "All loops"))
             step()
+
+    def index(subfolder: str) -> str:
+        for x in kept:
+            write_text(folder / subfolder / f"{names[x.loop]}.json", model_json(x))  # type: ignore[operator]
+        links = links_to({x.loop: names[x.loop] for x in kept}, subfolder)
+        return reports.to_page(summary(), links, plotly_file=f"{subfolder}/plotly.js")
 
     with workers.client() as client, progress("explaining", len(names),
                                               stopped="loops were explained; no summary was written") as step:
-        if folder and output is not None:
-            _write_folder(output, names, each(), kept, summary, repr((plant.inputs, export.reading)))
+        if folder is None:
+            deque(pages(), 0)
         else:
-            for _ in each():
-                continue
+            write_pages(folder, repr((plant.inputs, export.reading)), pages(), index)
     found = summary()
     if output is None:
         put(None, reports.to_text(found, colour=sys.stdout.isatty()))
         return 3 if found.failures else 0
-    if folder:
-        put(output / "summary.csv", reports.to_csv(found), "table")
-        put(output / "summary.json", reports.to_json(found), "numbers")
+    if folder is not None:
+        put(folder / "summary.csv", reports.to_csv(found), "table")
+        put(folder / "summary.json", reports.to_json(found), "numbers")
     else:
         forms = {".csv": reports.to_csv, ".json": reports.to_json, ".txt": reports.to_text}
         put(output, forms.get(output.suffix.lower(), reports.to_page)(found), "summary")
     say(reports.summary_line(found))
     return say_failures("not explained", [note.message for note in found.failures])
-
-
-def _write_folder(folder: Path, loops: Sequence[str], found: Iterator[Explanation], kept: list[Explanation],
-                  summary: Callable[[], PlantExplanation], told: str) -> None:
-    """Write a page per loop as it comes, then the index, the table and the numbers. told: what the report is about."""
-    from ..reporter.explain_report import explain_page
-    from ..reporter.explain_summary import to_page
-    from ..reporter.files import write_text
-    from ..reporter.json_report import model_json
-    from ..reporter.page import links_to, write_pages
-    from ..reporter.safe import file_names
-
-    names = file_names(loops)
-    back = ("../index.html", "All loops")
-    pages = ((names[x.loop], explain_page(x, plotly_file="plotly.js", back=back)) for x in found)
-
-    def index(subfolder: str) -> str:
-        for x in kept:
-            write_text(folder / subfolder / f"{names[x.loop]}.json", model_json(x))
-        links = links_to({x.loop: names[x.loop] for x in kept}, subfolder)
-        return to_page(summary(), links, plotly_file=f"{subfolder}/plotly.js")
-
-    write_pages(folder, told, pages, index)

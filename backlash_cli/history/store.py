@@ -123,7 +123,7 @@ class History(Database):
                 if before is not None:  # those that go over the cut take the place of the night's own
                     halves, until, tail = join(*before, carry, start, settings)
                     own = [*(r for r in own if r["start"] >= until - 0.002),
-                           *({**half_period_row(row, e), "joined": 1} for e in halves)]
+                           *({**half_period_row(dict(row), e), "joined": 1} for e in halves)]
                     carry = replace(carry, tail=tail or carry.tail)
                 before = carry, start
             if span[1] > since:
