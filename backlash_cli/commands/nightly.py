@@ -48,13 +48,13 @@ def nightly(config: Path, check: bool) -> int:
     Exit status: 0 done; 1 a fail_on rule was met; 2 wrong use, another job works, or nothing could be read; 3 done,
     but some export or loop could not be analysed.
     """
-    from ..history.nightly import missing_dates, read_config
+    from ..history.nightly import read_config
 
     settings = read_config(config)
     if check:
         found = _exports(settings)
         lines = [f"{e.name}: {', '.join(terminal(path.name) for path in e.files)}" for e in found]
-        emit("\n".join([*lines, *(f"{day}: missing" for day in missing_dates(found))]) + "\n")
+        emit("\n".join([*lines, *(f"{day}: missing" for day in _missing(found))]) + "\n")
         return 0
     with open_log(settings.log.file, settings.log.format) as log:
         summary, status = run(settings, log)
@@ -99,7 +99,7 @@ def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
 
     Raises BacklashError when nothing can be done: wrong configuration, another job, no export that can be read.
     """
-    from ..history.nightly import lock, missing_dates
+    from ..history.nightly import lock
     from ..history.plant import plant_history
     from ..history.store import History
     from ..reporter.files import write_text
@@ -126,7 +126,7 @@ def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
                 log("report", path=str(report))
             if trend is not None:
                 write_text(trend, trend_json(plant.wears, plant.places))
-    names["missing"] = missing_dates(found)
+    names["missing"] = _missing(found)
     for day in names["missing"]:
         log("missing", "warning", night=day)
     hits = met(rules, newest.loops) if newest else []
@@ -145,6 +145,12 @@ def _exports(config: NightlyConfig) -> list[DatedExport]:
         raise InputError("no export fits the patterns", where=f"{config.path}, inputs",
                          remedy=f"check them: {', '.join(config.inputs)}")
     return found
+
+
+def _missing(found: Sequence[DatedExport]) -> list[str]:
+    from ..results.history import missing_days
+
+    return missing_days(e.date for e in found if e.date is not None)
 
 
 def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: History, log: Log
