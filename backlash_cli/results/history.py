@@ -5,7 +5,7 @@ Times are UTC epoch seconds, dead bands in spans of the controller output, slope
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 
@@ -18,6 +18,13 @@ DAY = 86400.0
 def day_of(time: float) -> date:
     """Return the UTC calendar day of a time in epoch seconds."""
     return datetime.fromtimestamp(time, UTC).date()
+
+
+def missing_days(covered: Iterable[date]) -> list[str]:
+    """Return the days between the first and the last covered one that are not covered."""
+    known = {day.toordinal() for day in covered}
+    return [date.fromordinal(k).isoformat() for k in range(min(known, default=0), max(known, default=0))
+            if k not in known]
 
 
 def day_text(time: float) -> str | None:
