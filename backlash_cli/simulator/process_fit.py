@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -130,9 +131,11 @@ class Fit:
 
         first = np.array([0.0, 0.0, start[2] / self.interval])
         reach = np.vstack([np.zeros(3), np.diag([0.2, 0.2, 0.7])])
-        found = minimize(lambda p: -self.match(shape_of(p))[0], first, method="Nelder-Mead",
-                         options={"initial_simplex": first + reach, "maxfev": 80, "xatol": 0.02, "fatol": 0.05})
-        return shape_of(found.x)
+        def cost(p: FloatArray) -> float:
+            return -self.match(shape_of(p))[0]
+
+        options: Any = {"initial_simplex": first + reach, "maxfev": 80, "xatol": 0.02, "fatol": 0.05}
+        return shape_of(np.asarray(minimize(cost, first, method="Nelder-Mead", options=options).x))
 
 
 def spread(values: FloatArray) -> float:
