@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -94,20 +93,23 @@ class Process:
 
     def _state_space(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Chain of small blocks: far better conditioned than one polynomial of high order."""
-        from scipy.signal import StateSpace, tf2ss
+        from scipy.signal import tf2ss
 
         numerator, denominator = np.trim_zeros(np.array(self.numerator), "f"), np.array(self.denominator)
         poles = [*((lag, 1.0) for lag in self.lags), *([(1.0, 0.0)] if self.integrating else [])]
         while len(numerator) > len(self.denominator) and poles:  # no block may answer before its input
             denominator = np.polymul(denominator, poles.pop(0))
-        blocks = [StateSpace([[-low / high]], [[1.0 / high]], [[1.0]], [[0.0]]) for high, low in poles]
-        gain = self.gain
+        blocks: list[Any] = [(np.array([[-low / high]]), np.array([[1 / high]]), np.eye(1), np.zeros((1, 1)))
+                             for high, low in poles]
+        scale = numerator[-1] / denominator[0]
         if len(denominator) > 1:
-            blocks.append(StateSpace(*tf2ss(numerator, denominator)))
-        else:
-            gain *= numerator[-1] / denominator[0]
-        chain: Any = reduce(lambda before, after: after * before, blocks)
-        return chain.A, chain.B, chain.C * gain
+            blocks.append(tf2ss(numerator, denominator))
+            scale = 1.0
+        a, b, c, d = blocks[0]
+        for next_a, next_b, next_c, next_d in blocks[1:]:
+            a = np.block([[a, np.zeros((len(a), len(next_a)))], [next_b @ c, next_a]])
+            b, c, d = np.vstack([b, next_b @ d]), np.hstack([next_d @ c, next_c]), next_d @ d
+        return a, b * scale, c * self.gain
 
 
 def _numbers(name: str, values: Sequence[float]) -> tuple[float, ...]:
