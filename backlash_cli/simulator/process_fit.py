@@ -182,13 +182,14 @@ def fit_process(record: Record, d: float, known_gain: float | None = None, *, in
     for _ in range(3):
         best = fit.search()
         fit = fit.whitened_by(best)
+    integrates = bool(best[0] >= INTEGRATING * Ti)
     best = fit.refine(best)
     evidence, gain, _ = fit.match(best)
     if gain == 0.0 or evidence < LEAST_EVIDENCE:
         raise LoopError("the measurement does not answer to the output: no process can be fitted", where=record.loop,
                         remedy=GIVE, code="no_process")
     lag, second, delay = best.tolist()
-    if (integrates := lag >= INTEGRATING * Ti) and not integrating:
+    if integrates and not integrating:
         raise LoopError("the process looks integrating: only the ratio of gain to lag can be seen", where=record.loop,
                         remedy="integrating loops with dead band oscillate; compensation is not advised. Otherwise "
                         f"{GIVE}", code="integrating")
