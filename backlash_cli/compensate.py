@@ -8,7 +8,8 @@ import numpy as np
 
 from .errors import LoopError
 from .estimator.compensator import HYSTERESIS, gain_share
-from .record import Note, Record
+from .model.problem import noise_floor
+from .record import FloatArray, Note, Record, SampleState
 from .results import LoopReport, Verdict
 from .results.compensation import CompensationStudy, ProcessModel
 from .scanning import scan
@@ -54,7 +55,7 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
     if simulated.gain * controller.K < 0.0:
         raise LoopError(f"K = {controller.K:g} and the process gain {simulated.gain:g} make positive feedback",
                         where=record.loop, remedy="give both the same sign", code="wrong_sign")
-    density = noise_density(record, controller)
+    density = density_of(record, controller)
     filtered, arrived = (gain * float(np.sqrt(density)) for gain in noise_gains(controller))
     share, why = gain_share(interval[0], derivative=controller.Td > 0.0, output_noise=arrived)
     return study(
@@ -62,6 +63,17 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
               share * interval[0], why, seed),
         record.loop, d_source, model, warnings,
     )
+
+
+def density_of(record: Record, controller: Controller) -> float:
+    """Return the density [span^2 s] of a record's measurement noise."""
+    def deviation(values: FloatArray) -> float:
+        on_grid = np.full(len(record) and record.index[-1] - record.index[0] + 1, np.nan)
+        on_grid[record.index - record.index[0]] = np.where(record.state == SampleState.GOOD, values, np.nan)
+        return noise_floor(on_grid)
+
+    arrived = None if record.output is None else deviation(record.output)
+    return noise_density(controller, record.interval, deviation(record.measurement), arrived)
 
 
 def size_of(report: LoopReport, given: float | None) -> tuple[float, tuple[float, float], str]:
@@ -77,9 +89,8 @@ def size_of(report: LoopReport, given: float | None) -> tuple[float, tuple[float
     return found.d, (min(found.ci95[0], found.d), max(found.ci95[1], found.d)), "scan"
 
 
-def model_of(
-    record: Record, controller: Controller, d: float, given: Process | None, *, integrating: bool = False
-) -> tuple[ProcessModel, tuple[Note, ...]]:
+def model_of(record: Record, controller: Controller, d: float, given: Process | None, *, integrating: bool = False
+             ) -> tuple[ProcessModel, tuple[Note, ...]]:
     """Return the process to simulate and what to know about it. integrating: whether a fitted one may integrate."""
     if given is not None:
         return ProcessModel(given.static_gain or given.gain, given.lags, given.dead_time, given.integrating), ()

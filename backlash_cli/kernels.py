@@ -36,35 +36,6 @@ def play(u: NDArray[Any], d: float, start: float) -> NDArray[Any]:
 
 
 @numba.njit(cache=True)
-def stick_slip(u: NDArray[Any], S: float, J: float, start: float, restick: bool) -> NDArray[Any]:
-    """Stem position behind stick band S and slip jump J, started at rest at position `start`.
-
-    u: (samples,) controller output; returns (samples,). The same as `effects.stiction.step`, with its state in
-    registers. Source: Kano et al. (2004); with `restick` He et al. (2007).
-    """
-    out = np.empty_like(u)
-    hold = 0.5 * (S + J)
-    behind = 0.5 * (S - J)
-    stem = start
-    sliding = 0.0
-    last = u[0]
-    for k in range(len(u)):
-        v = u[k]
-        if restick or (v - last) * sliding <= 0.0:
-            sliding = 0.0
-        if sliding == 0.0:
-            if v - stem > hold:
-                sliding = 1.0
-            elif stem - v > hold:
-                sliding = -1.0
-        if sliding != 0.0:
-            stem = v - behind * sliding
-        last = v
-        out[k] = stem
-    return out
-
-
-@numba.njit(cache=True)
 def gap_means(u: NDArray[Any], widths: NDArray[Any], size: int, count: int) -> NDArray[Any]:
     """Means over `count` blocks of `size` samples of what the stem lags behind OP, for each dead band in `widths`.
 
@@ -160,25 +131,6 @@ def run_steps(step: Any, state: Any, values: Any, p: Any, out: Any) -> None:
     """Send values (samples,) one by one through the step of an effect, whose state changes in place."""
     for k in range(values.size):
         out[k] = step(state, values[k], p)
-
-
-@numba.njit(cache=True)
-def slew(values: NDArray[Any], rise: float, fall: float) -> NDArray[Any]:
-    """Mean position (samples,) behind a command that may rise and fall by so much per sample."""
-    out = np.empty_like(values)
-    position = values[0]
-    for k in range(len(values)):
-        value = values[k]
-        move = value - position
-        reach = rise if move > 0.0 else fall
-        if abs(move) <= reach:
-            out[k] = value if move == 0.0 else value - move * abs(move) / (2.0 * reach)
-            position = value
-        else:
-            end = position + reach if move > 0.0 else position - reach
-            out[k] = 0.5 * (position + end)
-            position = end
-    return out
 
 
 @numba.njit(cache=True)

@@ -33,7 +33,7 @@ ALLOWED = {
     "loaders": {"settings"},
     "reporter": set(),
     "history": {"estimator", "scanning"},
-    "compensate": {"estimator", "scanning", "simulator"},
+    "compensate": {"estimator", "model", "scanning", "simulator"},
     "plan": {"compensate", "effects", "estimator", "scanning", "simulator"},
     "engines": {"compensate", "plan", "loaders", "settings", "scanning", "model", "simulator", "history", "reporter"},
     "api": {"engines", "loaders", "settings", "scanning", "model", "simulator", "history", "reporter"},

@@ -1,17 +1,14 @@
 """Speed of the actuator, the same both ways or not.
 
-Rate limit: the actuator cannot move faster than a certain speed, so large moves of the output arrive late.
-
-The position runs to the command with at most `rate` spans per second. The output sample is the mean position over
-the sample interval, which keeps a slow process behind it exact to second order in interval / lag.
+Rate limit: the position runs to the command with at most `rate` spans per second, so large moves arrive late. The
+output sample is the mean position over the sample interval, which keeps a slow process behind it exact to second order
+in interval / lag.
 
 >>> p = RATE_LIMIT.pack(rate=0.1)
 >>> RATE_LIMIT.apply([0.0, 0.25, 0.25, 0.25, 0.25], p, interval=1.0).round(4).tolist()
 [0.0, 0.05, 0.15, 0.2375, 0.25]
 
 Unequal speed: the actuator opens at one speed and closes at another, as a spring return or a blocked vent makes it.
-
-As `rate_limit`, with a speed of its own for each direction; the output sample is the mean position over the sample.
 
 >>> p = UNEQUAL_SPEED.pack(opening=0.2, closing=0.1)
 >>> UNEQUAL_SPEED.apply([0.0, 0.2, 0.2, 0.0, 0.0], p, interval=1.0).round(3).tolist()
@@ -46,12 +43,6 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return 0.5 * (position + end)
 
 
-def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
-    from ..kernels import slew
-
-    return values if np.all(p == np.inf) else np.asarray(slew(values, p[0] * interval, p[-1] * interval))
-
-
 def speeds(clues: Clues) -> list[Values]:
     """Return speeds that cross the output's usual travel in a fraction of the process lag up to many lags."""
     low, high = np.quantile(clues.output, [0.05, 0.95])
@@ -60,23 +51,15 @@ def speeds(clues: Clues) -> list[Values]:
 
 
 RATE_LIMIT = Effect(
-    name="rate_limit",
-    stage=Stage.VALVE,
-    sentence="Slow actuator: the valve moves no faster than a certain speed, so large moves arrive late.",
-    source="Slew limit of an actuator, e.g. Astrom and Haegglund, Advanced PID Control (2006)",
-    parameters=(
-        Parameter("rate", "1/s", "largest speed, spans per second", np.inf, 1e-6, np.inf, (0.001, 0.005, 0.02, 0.1)),
-    ),
-    start=start,
-    step=step,
+    "rate_limit", Stage.VALVE,
+    "Slow actuator: the valve moves no faster than a certain speed, so large moves arrive late.",
+    "Slew limit of an actuator, e.g. Astrom and Haegglund, Advanced PID Control (2006)",
+    (Parameter("rate", "1/s", "largest speed, spans per second", np.inf, 1e-6, np.inf, (0.001, 0.005, 0.02, 0.1)),),
+    start, step,
     fitting=Fitting(
-        whole=whole,
-        propose=speeds,
-        rivals=("unequal_speed", "dead_time", "second_lag"),
+        propose=speeds, rivals=("unequal_speed", "dead_time", "second_lag"),
         meaning="The actuator moves no faster than {rate}: large moves of the output arrive late. Check the air "
-        "supply, the volume booster and the travel time of the actuator.",
-    ),
-)
+        "supply, the volume booster and the travel time of the actuator."))
 
 
 def unequal_speeds(clues: Clues) -> list[Values]:
@@ -87,22 +70,13 @@ def unequal_speeds(clues: Clues) -> list[Values]:
 
 
 UNEQUAL_SPEED = Effect(
-    name="unequal_speed",
-    stage=Stage.VALVE,
-    sentence="Unequal speed: the actuator opens faster than it closes, or closes faster than it opens.",
-    source="Slew limits of spring-return actuators, e.g. Smith and Corripio, Automatic Process Control (2005)",
-    parameters=(
-        Parameter("opening", "1/s", "largest speed upwards, spans per second", np.inf, 1e-6, np.inf, (0.005, 0.05)),
-        Parameter("closing", "1/s", "largest speed downwards, spans per second", np.inf, 1e-6, np.inf, (0.05, 0.005)),
-    ),
-    start=start,
-    step=step,
+    "unequal_speed", Stage.VALVE,
+    "Unequal speed: the actuator opens faster than it closes, or closes faster than it opens.",
+    "Slew limits of spring-return actuators, e.g. Smith and Corripio, Automatic Process Control (2005)",
+    (Parameter("opening", "1/s", "largest speed upwards, spans per second", np.inf, 1e-6, np.inf, (0.005, 0.05)),
+     Parameter("closing", "1/s", "largest speed downwards, spans per second", np.inf, 1e-6, np.inf, (0.05, 0.005))),
+    start, step,
     fitting=Fitting(
-        whole=whole,
-        propose=unequal_speeds,
-        seldom=True,
-        siblings=("rate_limit",),
+        propose=unequal_speeds, seldom=True, siblings=("rate_limit",),
         meaning="The actuator opens with at most {opening} and closes with at most {closing}. Check its vent, the "
-        "quick exhaust, the spring and the air supply.",
-    ),
-)
+        "quick exhaust, the spring and the air supply."))

@@ -57,33 +57,22 @@ def propose(clues: Clues) -> list[Values]:
 
     Where the output travels little, a gap of most of its travel is told from a smaller one by a narrow valley only.
     """
-    travel = float(np.ptp(clues.output))
-    gaps = np.geomspace(0.003, 0.2, 11)
-    wide = travel * np.array(WIDE_SHARES)
+    gaps, wide = np.geomspace(0.003, 0.2, 11), float(np.ptp(clues.output)) * np.array(WIDE_SHARES)
     gaps = np.concatenate([gaps[gaps < 0.8 * wide[0]], wide[(wide >= gaps[0]) & (wide <= gaps[-1])]])
-    return [{"d": float(d), "position": place} for d in gaps for place in (-0.7, 0.0, 0.7)]
+    return [{"d": d, "position": place} for d in gaps.tolist() for place in (-0.7, 0.0, 0.7)]
 
 
 EFFECT = Effect(
-    name="backlash",
-    stage=Stage.VALVE,
-    sentence="Play in the valve linkage: after a reversal the stem does not move until the output has crossed a gap.",
-    source="Haegglund, J. Process Control 17 (2007) 489, Fig. 2; play operator of Krasnosel'skii and Pokrovskii (1989)",
-    parameters=(
-        Parameter("d", "span", "dead band", 0.0, 0.0, 0.5, (0.005, 0.01, 0.02, 0.04, 0.08)),
-        Parameter("position", "half gap", "stem in the gap at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True),
-    ),
-    start=start,
-    step=step,
+    "backlash", Stage.VALVE,
+    "Play in the valve linkage: after a reversal the stem does not move until the output has crossed a gap.",
+    "Haegglund, J. Process Control 17 (2007) 489, Fig. 2; play operator of Krasnosel'skii and Pokrovskii (1989)",
+    (Parameter("d", "span", "dead band", 0.0, 0.0, 0.5, (0.005, 0.01, 0.02, 0.04, 0.08)),
+     Parameter("position", "half gap", "stem in the gap at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True)),
+    start, step,
     fitting=Fitting(
-        propose=propose,
-        rivals=("sensor_hysteresis",),
-        whole=whole,
-        siblings=("stiction",),
+        propose=propose, rivals=("sensor_hysteresis",), whole=whole, siblings=("stiction",),
         meaning="The linkage or actuator has {d} of play: at every reversal the output travels that far before the "
-        "stem moves. Check the linkage, the actuator's coupling and the positioner.",
-    ),
-)
+        "stem moves. Check the linkage, the actuator's coupling and the positioner."))
 
 
 def widths(clues: Clues) -> list[Values]:
@@ -93,22 +82,13 @@ def widths(clues: Clues) -> list[Values]:
 
 
 SENSOR_HYSTERESIS = Effect(
-    name="sensor_hysteresis",
-    stage=Stage.SENSOR,
-    sentence="Hysteresis of the sensor: PV shows a change of direction only after the true value has moved some way.",
-    source="Hysteresis of transmitters, IEC 61298-2; play operator of Krasnosel'skii and Pokrovskii (1989)",
-    parameters=(
-        Parameter("w", "span", "width of the hysteresis", 0.0, 0.0, 0.3, (0.005, 0.02)),
-        Parameter("position", "half width", "shown value at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True),
-    ),
-    start=start,
-    step=step,
+    "sensor_hysteresis", Stage.SENSOR,
+    "Hysteresis of the sensor: PV shows a change of direction only after the true value has moved some way.",
+    "Hysteresis of transmitters, IEC 61298-2; play operator of Krasnosel'skii and Pokrovskii (1989)",
+    (Parameter("w", "span", "width of the hysteresis", 0.0, 0.0, 0.3, (0.005, 0.02)),
+     Parameter("position", "half width", "shown value at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True)),
+    start, step,
     fitting=Fitting(
-        propose=widths,
-        whole=whole,
-        seldom=True,
-        rivals=("backlash", "stiction"),
+        propose=widths, whole=whole, seldom=True, rivals=("backlash", "stiction"),
         meaning="What is measured must turn and move {w} of span before PV shows it. Check the transmitter's linkage, "
-        "float or diaphragm and its filter, and compare with a second gauge.",
-    ),
-)
+        "float or diaphragm and its filter, and compare with a second gauge."))

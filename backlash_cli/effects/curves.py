@@ -55,29 +55,21 @@ def stop_step(state: FloatArray, value: float, p: FloatArray) -> float:
 def stops(clues: Clues) -> list[Values]:
     """Return stops at either side that the output passes for a small up to a large share of the time."""
     shares = (0.02, 0.06, 0.12, 0.2, 0.3, 0.45)
-    low = [{"low": float(np.quantile(clues.output, share))} for share in shares]
-    high = [{"high": float(np.quantile(clues.output, 1.0 - share))} for share in shares]
-    return [*low, *high]
+    return [{name: float(np.quantile(clues.output, abs(side - share)))}
+            for name, side in (("low", 0.0), ("high", 1.0)) for share in shares]
 
 
 SATURATION = Effect(
-    name="saturation",
-    stage=Stage.VALVE,
-    sentence="Valve stop: beyond a certain output the valve does not open or close any further.",
-    source="Mechanical stop or limited travel; ideal saturation, e.g. Khalil, Nonlinear Systems (2002)",
-    parameters=(
-        Parameter("low", "span", "lower stop", -np.inf, -np.inf, np.inf, (0.1, 0.3)),
-        Parameter("high", "span", "upper stop", np.inf, -np.inf, np.inf, (0.9, 0.7)),
-    ),
-    start=no_memory,
-    step=stop_step,
+    "saturation", Stage.VALVE,
+    "Valve stop: beyond a certain output the valve does not open or close any further.",
+    "Mechanical stop or limited travel; ideal saturation, e.g. Khalil, Nonlinear Systems (2002)",
+    (Parameter("low", "span", "lower stop", -np.inf, -np.inf, np.inf, (0.1, 0.3)),
+     Parameter("high", "span", "upper stop", np.inf, -np.inf, np.inf, (0.9, 0.7))),
+    no_memory, stop_step,
     fitting=Fitting(
-        whole=at_once(stop_step),
-        propose=stops,
+        whole=at_once(stop_step), propose=stops,
         meaning="The valve meets a stop ({low} to {high}): beyond it the output has no effect. Check the mechanical "
-        "stops, the positioner's calibration and the size of the valve.",
-    ),
-)
+        "stops, the positioner's calibration and the size of the valve."))
 
 
 def flow_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -85,31 +77,20 @@ def flow_step(state: FloatArray, value: float, p: FloatArray) -> float:
     return flow if p[1] == 1.0 else flow / np.sqrt(p[1] + (1.0 - p[1]) * flow * flow)
 
 
-def bends(clues: Clues) -> list[Values]:
-    """Return gentle to strong curves, bent either way, and linear valves with little to much pipe in series."""
-    curved = [{"curvature": c} for c in (-4.0, -2.0, -0.8, 0.8, 2.0, 4.0)]
-    return [*curved, *({"authority": a} for a in (0.1, 0.3, 0.6))]
-
-
+# gentle to strong curves, bent either way, and linear valves with little to much pipe in series
+BENDS: list[Values] = [{"curvature": c} for c in (-4.0, -2.0, -0.8, 0.8, 2.0, 4.0)]
+BENDS += [{"authority": a} for a in (0.1, 0.3, 0.6)]
 VALVE_CHARACTERISTIC = Effect(
-    name="valve_characteristic",
-    stage=Stage.VALVE,
-    sentence="Curved valve characteristic: the gain from output to flow changes with the opening.",
-    source="Equal percentage dq/dx = ln(R) q, IEC 60534-2-4, shifted through 0; quick opening mirrors it",
-    parameters=(
-        Parameter("curvature", "1", "ln of slope at full over slope at closed", 0.0, -6.0, 6.0, (-2.0, -1.0, 1.0, 2.0)),
-        Parameter("authority", "1", "share of the pressure drop over the open valve", 1.0, 0.02, 1.0, (0.2,)),
-    ),
-    start=no_memory,
-    step=flow_step,
+    "valve_characteristic", Stage.VALVE,
+    "Curved valve characteristic: the gain from output to flow changes with the opening.",
+    "Equal percentage dq/dx = ln(R) q, IEC 60534-2-4, shifted through 0; quick opening mirrors it",
+    (Parameter("curvature", "1", "ln of slope at full over slope at closed", 0.0, -6.0, 6.0, (-2.0, -1.0, 1.0, 2.0)),
+     Parameter("authority", "1", "share of the pressure drop over the open valve", 1.0, 0.02, 1.0, (0.2,))),
+    no_memory, flow_step,
     fitting=Fitting(
-        whole=at_once(flow_step),
-        propose=bends,
-        rivals=("sensor_curve",),
+        whole=at_once(flow_step), propose=lambda clues: BENDS, rivals=("sensor_curve",),
         meaning="The gain changes with the opening (curvature {curvature}): the loop is tuned right at one end only. "
-        "Linearise it with a characteriser in the controller or positioner, or schedule the gain.",
-    ),
-)
+        "Linearise it with a characteriser in the controller or positioner, or schedule the gain."))
 
 
 def shown_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -117,20 +98,12 @@ def shown_step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 
 SENSOR_CURVE = Effect(
-    name="sensor_curve",
-    stage=Stage.SENSOR,
-    sentence="Curved sensor: PV is not proportional to what is measured, as where a root was not taken.",
-    source="Differential pressure over an orifice goes with the square of the flow, ISO 5167-1",
-    parameters=(
-        Parameter("curvature", "1", "bend of the scale, 0 is straight", 0.0, -0.95, 0.95, (-0.7, -0.3, 0.3, 0.7)),
-    ),
-    start=no_memory,
-    step=shown_step,
+    "sensor_curve", Stage.SENSOR,
+    "Curved sensor: PV is not proportional to what is measured, as where a root was not taken.",
+    "Differential pressure over an orifice goes with the square of the flow, ISO 5167-1",
+    (Parameter("curvature", "1", "bend of the scale, 0 is straight", 0.0, -0.95, 0.95, (-0.7, -0.3, 0.3, 0.7)),),
+    no_memory, shown_step,
     fitting=Fitting(
-        whole=at_once(shown_step),
-        seldom=True,
-        rivals=("valve_characteristic",),
+        whole=at_once(shown_step), seldom=True, rivals=("valve_characteristic",),
         meaning="PV's scale is bent (curvature {curvature}): the loop answers differently at its ends whatever the "
-        "valve does. Check root extraction, the range and the strapping table of the transmitter.",
-    ),
-)
+        "valve does. Check root extraction, the range and the strapping table of the transmitter."))

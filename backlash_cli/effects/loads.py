@@ -44,7 +44,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..record import FloatArray
-from .fitting import Clues, Fitting, Values
+from .fitting import Fitting, Values
 from .shape import Effect, Parameter, Stage
 
 # a step may be this many times larger than what OP travelled around it: a slow loop may not be through yet
@@ -67,11 +67,6 @@ def step_step(state: FloatArray, value: float, p: FloatArray) -> float:
     return value
 
 
-def step_starts(clues: Clues) -> list[Values]:
-    """Return one to five step times where steps explain most of what is missed."""
-    return [{"times": times, "sizes": tuple(0.0 for _ in times)} for times in clues.step_times(5)]
-
-
 def step_plausible(values: Values, travel: Callable[[float], float]) -> bool:
     """True when OP answered each step: the controller makes up for a load by as much output, wherever it is free to."""
     pairs = zip(np.atleast_1d(values["times"]), np.atleast_1d(values["sizes"]), strict=True)
@@ -79,26 +74,17 @@ def step_plausible(values: Values, travel: Callable[[float], float]) -> bool:
 
 
 LOAD_STEP = Effect(
-    name="load_step",
-    stage=Stage.LOAD,
-    sentence="Load steps: at certain times something other than the valve pushed the process by a fixed amount.",
-    source="Step load at the process input, the disturbance of Haegglund (2007), Examples 1 to 4",
-    parameters=(
-        Parameter("times", "s", "times of the steps from the first sample", 0.0, 0.0, 1e12, many=True),
-        Parameter("sizes", "OP span", "sizes of the steps", 0.0, -10.0, 10.0, (0.02, -0.02), many=True),
-    ),
-    start=clock,
-    step=step_step,
+    "load_step", Stage.LOAD,
+    "Load steps: at certain times something other than the valve pushed the process by a fixed amount.",
+    "Step load at the process input, the disturbance of Haegglund (2007), Examples 1 to 4",
+    (Parameter("times", "s", "times of the steps from the first sample", 0.0, 0.0, 1e12, many=True),
+     Parameter("sizes", "OP span", "sizes of the steps", 0.0, -10.0, 10.0, (0.02, -0.02), many=True)),
+    clock, step_step,
     fitting=Fitting(
-        linear=("sizes",),
-        fixed=("times",),
-        dear=("times",),
-        propose=step_starts,
-        plausible=step_plausible,
+        linear=("sizes",), fixed=("times",), dear=("times",), plausible=step_plausible,
+        propose=lambda clues: [{"times": t, "sizes": (0.0,) * len(t)} for t in clues.step_times(5)],
         meaning="At {times} something other than the valve pushed the process by {sizes}. Look at what was switched, "
-        "opened or changed over at that time.",
-    ),
-)
+        "opened or changed over at that time."))
 
 
 def drift_start(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -124,12 +110,6 @@ def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
     return value
 
 
-def drift_starts(clues: Clues) -> list[Values]:
-    """Return a straight drift and drifts with more and more bends."""
-    counts = (0, 1, 3, 5, 8)
-    return [{"slope": 0.0, "length": clues.duration, "bends": (0.0,) * count} for count in counts]
-
-
 def drift_plausible(values: Values, travel: Callable[[float], float]) -> bool:
     """True when the load goes mostly one way: what wanders to and fro is a random load, not a drift."""
     length, slope, bends = values["length"], values["slope"], values["bends"]
@@ -140,26 +120,18 @@ def drift_plausible(values: Values, travel: Callable[[float], float]) -> bool:
 
 
 LOAD_DRIFT = Effect(
-    name="load_drift",
-    stage=Stage.LOAD,
-    sentence="Load drift: a slow change pushes the process steadily in one direction.",
-    source="Ramp load at the process input, e.g. Astrom and Haegglund, Advanced PID Control (2006)",
-    parameters=(
-        Parameter("slope", "OP span/h", "mean drift of the load", 0.0, -1e3, 1e3, (-0.02, 0.02)),
-        Parameter("length", "s", "length of the record", 0.0, 0.0, 1e12, nuisance=True),
-        Parameter("bends", "OP span", "lies off the straight line by", 0.0, -10.0, 10.0, many=True, nuisance=True),
-    ),
-    start=drift_start,
-    step=drift_step,
+    "load_drift", Stage.LOAD,
+    "Load drift: a slow change pushes the process steadily in one direction.",
+    "Ramp load at the process input, e.g. Astrom and Haegglund, Advanced PID Control (2006)",
+    (Parameter("slope", "OP span/h", "mean drift of the load", 0.0, -1e3, 1e3, (-0.02, 0.02)),
+     Parameter("length", "s", "length of the record", 0.0, 0.0, 1e12, nuisance=True),
+     Parameter("bends", "OP span", "lies off the straight line by", 0.0, -10.0, 10.0, many=True, nuisance=True)),
+    drift_start, drift_step,
     fitting=Fitting(
-        linear=("slope", "bends"),
-        fixed=("length",),
-        propose=drift_starts,
-        plausible=drift_plausible,
+        linear=("slope", "bends"), fixed=("length",), plausible=drift_plausible,
+        propose=lambda clues: [{"slope": 0.0, "length": clues.duration, "bends": (0.0,) * n} for n in (0, 1, 3, 5, 8)],
         meaning="The load drifts by {slope}: the controller has to move the valve further and further. Look for "
-        "fouling, a plugging filter, a falling supply pressure or the weather.",
-    ),
-)
+        "fouling, a plugging filter, a falling supply pressure or the weather."))
 
 
 def swing_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -170,32 +142,19 @@ def swing_step(state: FloatArray, value: float, p: FloatArray) -> float:
     return value + p[1] * math.sin(2.0 * math.pi * now / p[0] + p[2])
 
 
-def swing_starts(clues: Clues) -> list[Values]:
-    """Return the periods of the strongest lines in what is missed."""
-    return [{"period": period, "amplitude": 0.0, "phase": 0.0} for period in clues.periods(3)]
-
-
 EXTERNAL_OSCILLATION = Effect(
-    name="external_oscillation",
-    stage=Stage.LOAD,
-    sentence="External oscillation: a swing from outside the loop, with its own period, shakes the process.",
-    source="Sinusoidal load at the process input, e.g. Haegglund, Control Eng. Practice 3 (1995) 1543",
-    parameters=(
-        Parameter("period", "s", "period of the swing", 60.0, 1e-6, 1e9, (10.0, 60.0, 300.0)),
-        Parameter("amplitude", "span", "amplitude of the swing", 0.0, 0.0, 10.0, (0.01,)),
-        Parameter("phase", "rad", "phase at the first sample", 0.0, -7.0, 7.0, (0.0,), nuisance=True),
-    ),
-    start=clock,
-    step=swing_step,
+    "external_oscillation", Stage.LOAD,
+    "External oscillation: a swing from outside the loop, with its own period, shakes the process.",
+    "Sinusoidal load at the process input, e.g. Haegglund, Control Eng. Practice 3 (1995) 1543",
+    (Parameter("period", "s", "period of the swing", 60.0, 1e-6, 1e9, (10.0, 60.0, 300.0)),
+     Parameter("amplitude", "span", "amplitude of the swing", 0.0, 0.0, 10.0, (0.01,)),
+     Parameter("phase", "rad", "phase at the first sample", 0.0, -7.0, 7.0, (0.0,), nuisance=True)),
+    clock, swing_step,
     fitting=Fitting(
-        linear=("amplitude",),
-        phase="phase",
-        dear=("period",),
-        propose=swing_starts,
+        linear=("amplitude",), phase="phase", dear=("period",),
+        propose=lambda clues: [{"period": t, "amplitude": 0.0, "phase": 0.0} for t in clues.periods(3)],
         meaning="A swing with a period of {period} comes from outside this loop. Look for another loop, a pump or a "
-        "compressor that swings with the same period.",
-    ),
-)
+        "compressor that swings with the same period."))
 
 
 def column_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -207,16 +166,11 @@ def column_step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 
 MEASURED_DISTURBANCE = Effect(
-    name="measured_disturbance",
-    stage=Stage.LOAD,
-    sentence="Measured disturbance: another recorded signal, such as a feed flow or a pressure, pushes the process.",
-    source="Additive load at the process input, linear in a measured signal (the model behind feedforward control)",
-    parameters=(Parameter("gain", "OP span per column unit", "how strongly the column pushes", 0.0, -1e9, 1e9),),
-    start=lambda p, interval, first: np.zeros(1),  # sample number; the samples of the column follow
-    step=column_step,
-    column=True,
+    "measured_disturbance", Stage.LOAD,
+    "Measured disturbance: another recorded signal, such as a feed flow or a pressure, pushes the process.",
+    "Additive load at the process input, linear in a measured signal (the model behind feedforward control)",
+    (Parameter("gain", "OP span per column unit", "how strongly the column pushes", 0.0, -1e9, 1e9),),
+    lambda p, interval, first: np.zeros(1), column_step, column=True,
     fitting=Fitting(
         linear=("gain",),
-        meaning="The measured column pushes the process by {gain}. Feedforward from this column would take it away.",
-    ),
-)
+        meaning="The measured column pushes the process by {gain}. Feedforward from this column would take it away."))

@@ -35,7 +35,8 @@ import numpy as np
 
 from ..errors import MetadataError
 from ..record import FloatArray
-from .fitting import Clues, Fitting, Propose, Values
+from .fitting import Clues, Fitting, Values
+from .loads import clock
 from .shape import Effect, Parameter, Stage
 
 # delayed samples are kept in memory
@@ -68,21 +69,11 @@ def delay_step(state: FloatArray, value: float, p: FloatArray) -> float:
     return newer + fraction * (older - newer)
 
 
-def delayed(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
-    return values if p[0] == 0.0 else late(values, p[0] / interval)
-
-
 def late(values: FloatArray, samples: float) -> FloatArray:
     """Return a signal (samples,) delayed by any number of samples; before the first it was constant."""
     whole = int(np.floor(samples + 1e-9))
-    part = max(samples - whole, 0.0)
-    n = len(values)
-    out = np.full(n, values[0])
-    if whole < n:
-        out[whole:] = values[: n - whole]
-    if part > 0.0 and whole + 1 < n:
-        out[whole + 1 :] += part * (values[: n - whole - 1] - values[1 : n - whole])
-    return out
+    before = np.concatenate([np.full(min(whole, len(values)) + 1, values[0]), values])[: len(values) + 1]
+    return before[1:] + max(samples - whole, 0.0) * (before[:-1] - before[1:])
 
 
 def delayed_lag(u: FloatArray, h: float, tau: float, delay: float) -> FloatArray:
@@ -93,10 +84,10 @@ def delayed_lag(u: FloatArray, h: float, tau: float, delay: float) -> FloatArray
     with delay = (n+f) h, a = exp(-h/tau), e = exp(-(1-f) h/tau) (Astrom and Wittenmark, Computer-Controlled
     Systems, section 3.2).
     """
-    whole = int(delay / h)
-    a, e = float(np.exp(-h / tau)), float(np.exp(-(1.0 - (delay / h - whole)) * h / tau))
     from ..kernels import lag
 
+    whole = int(delay / h)
+    a, e = float(np.exp(-h / tau)), float(np.exp(-(1.0 - (delay / h - whole)) * h / tau))
     followed: FloatArray = lag(u, a, e - a, 1.0 - e, whole)
     return followed
 
@@ -108,34 +99,20 @@ def lag_transposed(z: FloatArray, h: float, tau: float) -> FloatArray:
 
 def forgotten(samples: int, h: float, tau: float) -> FloatArray:
     """Return exp(-t/tau) at t = 0, h, 2 h ..., (samples,): how a lag forgets its start."""
-    out = np.zeros(samples)
-    # after 40 time constants nothing is left that a float could tell from 0
-    some = min(samples, int(40.0 * tau / h) + 1)
-    out[:some] = np.exp(-h / tau * np.arange(some))
-    return out
-
-
-def shares_of_lag(name: str, *shares: float) -> Propose:
-    """Return start values of a time that are shares of the process lag."""
-    return lambda clues: [{name: share * clues.lag} for share in shares]
+    return np.exp(-h / tau * np.arange(samples))
 
 
 DEAD_TIME = Effect(
-    name="dead_time",
-    stage=Stage.PROCESS,
-    sentence="Dead time: nothing happens at the measurement until a transport delay has passed.",
-    source="Transport delay exp(-s theta), sampled as in Astrom and Wittenmark, Computer-Controlled Systems (1997)",
-    parameters=(Parameter("theta", "s", "dead time", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
-    start=ring,
-    step=delay_step,
+    "dead_time", Stage.PROCESS,
+    "Dead time: nothing happens at the measurement until a transport delay has passed.",
+    "Transport delay exp(-s theta), sampled as in Astrom and Wittenmark, Computer-Controlled Systems (1997)",
+    (Parameter("theta", "s", "dead time", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
+    ring, delay_step,
     fitting=Fitting(
-        whole=delayed,
-        propose=shares_of_lag("theta", 0.1, 0.25, 0.5, 0.8, 1.2, 2.0),
-        siblings=("second_lag",),
+        whole=lambda values, p, interval: late(values, p[0] / interval), siblings=("second_lag",),
+        propose=lambda clues: [{"theta": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.8, 1.2, 2.0)],
         meaning="The process answers {theta} after the valve moves. Give the dead time in the loop's settings and "
-        "check the tuning; look for long pipes, slow analysers and sample lines.",
-    ),
-)
+        "check the tuning; look for long pipes, slow analysers and sample lines."))
 
 
 def lag_start(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -165,41 +142,24 @@ def lagged(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
 
 
 SECOND_LAG = Effect(
-    name="second_lag",
-    stage=Stage.PROCESS,
-    sentence="Second lag: the process has a further time constant that makes its answer start slowly.",
-    source="First-order lag 1/(1 + s tau2), exact for held input (Astrom and Wittenmark 1997)",
-    parameters=(Parameter("tau2", "s", "time constant of the second lag", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
-    start=lag_start,
-    step=lag_step,
+    "second_lag", Stage.PROCESS,
+    "Second lag: the process has a further time constant that makes its answer start slowly.",
+    "First-order lag 1/(1 + s tau2), exact for held input (Astrom and Wittenmark 1997)",
+    (Parameter("tau2", "s", "time constant of the second lag", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
+    lag_start, lag_step,
     fitting=Fitting(
-        whole=lagged,
-        propose=shares_of_lag("tau2", 0.1, 0.25, 0.5, 0.9),
-        on_loads=True,
-        siblings=("dead_time",),
+        whole=lagged, on_loads=True, siblings=("dead_time",),
+        propose=lambda clues: [{"tau2": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.9)],
         meaning="The process has a second lag of {tau2}, for example a thermowell, a heavy filter or the actuator. "
-        "Derivative action or faster hardware helps.",
-    ),
-)
-
-
-def drift_start(p: FloatArray, interval: float, first: float) -> FloatArray:
-    """State: [sample number, interval in hours]."""
-    return np.array([0.0, interval / 3600.0])
+        "Derivative action or faster hardware helps."))
 
 
 def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    hours = state[0] * state[1]
+    hours = state[0] * state[1] / 3600.0
     state[0] += 1.0
     if p[0] == 0.0:
         return value
     return value + p[0] * hours * (value - p[1])
-
-
-def drifted(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
-    if p[0] == 0.0:
-        return values
-    return values + p[0] * (interval / 3600.0) * np.arange(len(values)) * (values - p[1])
 
 
 def drifts(clues: Clues) -> list[Values]:
@@ -210,21 +170,13 @@ def drifts(clues: Clues) -> list[Values]:
 
 
 GAIN_DRIFT = Effect(
-    name="gain_drift",
-    stage=Stage.PROCESS,
-    sentence="Drifting gain: with time the same move of the valve does more, or less, as with fouling or wear.",
-    source="Time-varying process gain, e.g. Astrom and Wittenmark, Adaptive Control (1995), section 1.4",
-    parameters=(
-        Parameter("growth", "1/h", "growth of the gain per hour, as a share", 0.0, -1e3, 1e3, (-0.1, 0.1)),
-        Parameter("pivot", "OP span", "signal at which it does not show", 0.0, -2.0, 3.0, (0.0,), nuisance=True),
-    ),
-    start=drift_start,
-    step=drift_step,
+    "gain_drift", Stage.PROCESS,
+    "Drifting gain: with time the same move of the valve does more, or less, as with fouling or wear.",
+    "Time-varying process gain, e.g. Astrom and Wittenmark, Adaptive Control (1995), section 1.4",
+    (Parameter("growth", "1/h", "growth of the gain per hour, as a share", 0.0, -1e3, 1e3, (-0.1, 0.1)),
+     Parameter("pivot", "OP span", "signal at which it does not show", 0.0, -2.0, 3.0, (0.0,), nuisance=True)),
+    clock, drift_step,
     fitting=Fitting(
-        whole=drifted,
-        propose=drifts,
-        seldom=True,
+        propose=drifts, seldom=True,
         meaning="The gain of the process changes by {growth}. Look for fouling, a plugging filter, a catalyst that "
-        "ages, or another product; retune or schedule the controller.",
-    ),
-)
+        "ages, or another product; retune or schedule the controller."))

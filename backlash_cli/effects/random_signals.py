@@ -63,32 +63,20 @@ def coloured_step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 
 MEASUREMENT_NOISE = Effect(
-    name="measurement_noise",
-    stage=Stage.SENSOR,
-    sentence="Measurement noise: the transmitter's random error, with a density and a bandwidth.",
-    source="First-order Gauss-Markov noise; density of the examples of Haegglund (2007): 0.002^2 x 0.01 s = 4e-8",
-    parameters=(
-        Parameter("density", "span^2 s", "two-sided density at low frequency (sd^2 x hold time)", 0.0, 0.0, 1.0),
-        Parameter("bandwidth", "rad/s", "corner frequency, inf is white", np.inf, 1e-9, np.inf),
-    ),
-    start=lambda p, interval, first: coloured_start(p[0], p[1], interval),
-    step=coloured_step,
-    draws=2,
-    fitted=False,
-)
+    "measurement_noise", Stage.SENSOR,
+    "Measurement noise: the transmitter's random error, with a density and a bandwidth.",
+    "First-order Gauss-Markov noise; density of the examples of Haegglund (2007): 0.002^2 x 0.01 s = 4e-8",
+    (Parameter("density", "span^2 s", "two-sided density at low frequency (sd^2 x hold time)", 0.0, 0.0, 1.0),
+     Parameter("bandwidth", "rad/s", "corner frequency, inf is white", np.inf, 1e-9, np.inf)),
+    lambda p, interval, first: coloured_start(p[0], p[1], interval), coloured_step,
+    draws=2, fitted=False)
 
 
 RANDOM_LOAD = Effect(
-    name="random_load",
-    stage=Stage.LOAD,
-    sentence="Random load: what flows into the process wanders about its mean.",
-    source="First-order Gauss-Markov load at the process input, Astrom, Stochastic Control Theory (1970)",
-    parameters=(
-        Parameter("sd", "OP span", "standard deviation", 0.0, 0.0, 10.0),
-        Parameter("time_constant", "s", "time over which it forgets", 60.0, 1e-6, 1e9),
-    ),
-    start=lambda p, interval, first: coloured_start(2.0 * p[0] ** 2 * p[1], 1.0 / p[1], interval),
-    step=coloured_step,
-    draws=2,
-    fitted=False,
-)
+    "random_load", Stage.LOAD,
+    "Random load: what flows into the process wanders about its mean.",
+    "First-order Gauss-Markov load at the process input, Astrom, Stochastic Control Theory (1970)",
+    (Parameter("sd", "OP span", "standard deviation", 0.0, 0.0, 10.0),
+     Parameter("time_constant", "s", "time over which it forgets", 60.0, 1e-6, 1e9)),
+    lambda p, interval, first: coloured_start(2.0 * p[0] ** 2 * p[1], 1.0 / p[1], interval), coloured_step,
+    draws=2, fitted=False)

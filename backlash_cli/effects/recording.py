@@ -93,24 +93,16 @@ def rounding_starts(clues: Clues) -> list[Values]:
 
 
 QUANTIZATION = Effect(
-    name="quantization",
-    stage=Stage.SENSOR,
-    sentence="Coarse recording: values are rounded to a step, so small changes are lost.",
-    source="Mid-tread quantizer, e.g. Widrow and Kollar, Quantization Noise (2008); exception reports of historians",
-    parameters=(
-        Parameter("step", "span", "smallest recorded change", 0.0, 0.0, 1.0, (0.001, 0.005, 0.02)),
-        Parameter("hold", "0 or 1", "1: repeats until it moved by a step", 0.0, 0.0, 1.0, choices=(0.0, 1.0)),
-    ),
-    start=nothing_kept,
-    step=rounding_step,
+    "quantization", Stage.SENSOR,
+    "Coarse recording: values are rounded to a step, so small changes are lost.",
+    "Mid-tread quantizer, e.g. Widrow and Kollar, Quantization Noise (2008); exception reports of historians",
+    (Parameter("step", "span", "smallest recorded change", 0.0, 0.0, 1.0, (0.001, 0.005, 0.02)),
+     Parameter("hold", "0 or 1", "1: repeats until it moved by a step", 0.0, 0.0, 1.0, choices=(0.0, 1.0))),
+    nothing_kept, rounding_step,
     fitting=Fitting(
-        propose=rounding_starts,
-        fixed=("step", "hold"),
-        bounds=bounds,
+        propose=rounding_starts, fixed=("step", "hold"), bounds=bounds,
         meaning="PV is recorded in steps of {step}: what is smaller cannot be seen. Check the transmitter's resolution "
-        "and the historian's exception and compression settings.",
-    ),
-)
+        "and the historian's exception and compression settings."))
 
 
 def exception_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -127,18 +119,12 @@ def exception_starts(clues: Clues) -> list[Values]:
 
 
 EXCEPTION_COMPRESSION = Effect(
-    name="exception_compression",
-    stage=Stage.SENSOR,
-    sentence="Exception reporting: the recorder repeats the old value until the signal has moved far enough.",
-    source="Exception test of plant historians: report when the change exceeds a deviation",
-    parameters=(Parameter("deviation", "span", "change below which nothing is recorded", 0.0, 0.0, 1.0),),
-    start=nothing_kept,
-    step=exception_step,
+    "exception_compression", Stage.SENSOR,
+    "Exception reporting: the recorder repeats the old value until the signal has moved far enough.",
+    "Exception test of plant historians: report when the change exceeds a deviation",
+    (Parameter("deviation", "span", "change below which nothing is recorded", 0.0, 0.0, 1.0),),
+    nothing_kept, exception_step,
     fitting=Fitting(
-        propose=exception_starts,
-        fixed=("deviation",),
-        bounds=held_bounds,
+        propose=exception_starts, fixed=("deviation",), bounds=held_bounds,
         meaning="PV is recorded only when it has moved by {deviation}: what is smaller cannot be seen. Set the "
-        "historian's exception deviation to a fraction of the noise, or store every sample for a day.",
-    ),
-)
+        "historian's exception deviation to a fraction of the noise, or store every sample for a day."))

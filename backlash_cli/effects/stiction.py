@@ -49,32 +49,18 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
     return stem
 
 
-def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
-    from ..kernels import stick_slip
-
-    if p[0] == 0.0 and p[1] == 0.0:
-        return values.copy()
-    return np.asarray(stick_slip(values, p[0], p[1], values[0] + 0.5 * (p[0] + p[1]) * p[2], p[3] != 0.0))
-
-
 def propose(clues: Clues) -> list[Values]:
     """Return bands around the dead band that fits best, in steps about as fine as the valleys of the error."""
     dead_band = float(clues.known.get("backlash", {}).get("d", 0.0))  # type: ignore[arg-type]
-    travel = float(np.ptp(clues.output))
+    bands, shares = np.geomspace(0.006, 0.2, 30), np.geomspace(0.25, 1.0, 7)
     if dead_band > 0.0:
         # a physical valve of static friction Fs and moving friction Fc has S = Fs + Fc, J = Fs - Fc: mostly a tenth to
         # a third of S, which moves the stem much as backlash of a little less than S does
         bands = dead_band * np.concatenate([np.geomspace(0.95, 1.35, 24), np.geomspace(1.4, 2.7, 11)])
         shares = np.concatenate([np.geomspace(LEAST_JUMP, 0.24, 8), np.geomspace(0.25, 1.0, 25)])
-    else:
-        bands = np.geomspace(0.006, 0.2, 30)
-        shares = np.geomspace(0.25, 1.0, 7)
-    return [
-        {"S": float(band), "J": float(share * band), "position": 0.0, "restick": restick}
-        for band in bands[bands < 0.8 * travel]
-        for share in shares
-        for restick in (0.0, 1.0)
-    ]
+    bands = bands[bands < 0.8 * float(np.ptp(clues.output))]
+    return [{"S": float(band), "J": float(share * band), "position": 0.0, "restick": restick}
+            for band in bands for share in shares for restick in (0.0, 1.0)]
 
 
 def plausible(values: Values, travel: Callable[[float], float]) -> bool:
@@ -83,26 +69,15 @@ def plausible(values: Values, travel: Callable[[float], float]) -> bool:
 
 
 EFFECT = Effect(
-    name="stiction",
-    stage=Stage.VALVE,
-    sentence="Sticky packing: the stem stays stuck, then jumps and slides, so corrections come late and too large.",
-    source="Kano et al., IFAC DYCOPS, Cambridge MA (2004); restick: He et al., Ind. Eng. Chem. Res. 46 (2007)",
-    parameters=(
-        Parameter("S", "span", "dead band plus stick band", 0.0, 0.0, 0.5, (0.01, 0.02, 0.05)),
-        Parameter("J", "span", "slip jump", 0.0, 0.0, 0.5, (0.005, 0.01, 0.03)),
-        Parameter("position", "half band", "place of the stem at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True),
-        Parameter("restick", "0 or 1", "1: sticks again after each sample", 0.0, 0.0, 1.0, choices=(0.0, 1.0)),
-    ),
-    start=start,
-    step=step,
+    "stiction", Stage.VALVE,
+    "Sticky packing: the stem stays stuck, then jumps and slides, so corrections come late and too large.",
+    "Kano et al., IFAC DYCOPS, Cambridge MA (2004); restick: He et al., Ind. Eng. Chem. Res. 46 (2007)",
+    (Parameter("S", "span", "dead band plus stick band", 0.0, 0.0, 0.5, (0.01, 0.02, 0.05)),
+     Parameter("J", "span", "slip jump", 0.0, 0.0, 0.5, (0.005, 0.01, 0.03)),
+     Parameter("position", "half band", "place of the stem at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True),
+     Parameter("restick", "0 or 1", "1: sticks again after each sample", 0.0, 0.0, 1.0, choices=(0.0, 1.0))),
+    start, step,
     fitting=Fitting(
-        propose=propose,
-        whole=whole,
-        search="jumpy",
-        plausible=plausible,
-        rivals=("sensor_hysteresis",),
-        siblings=("backlash",),
+        propose=propose, search="jumpy", plausible=plausible, rivals=("sensor_hysteresis",), siblings=("backlash",),
         meaning="The valve sticks: the output must move {S} before the stem moves, and then it jumps by {J}. "
-        "Check the packing, the seat and the actuator's size.",
-    ),
-)
+        "Check the packing, the seat and the actuator's size."))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..record import FloatArray, Note, Record, SampleState
+from ..record import FloatArray, Note, Record
 from ..results.compensation import CompensationStudy, ProcessModel, Trial
 from ..results.plan import Course
 from .controller import Compensator, Controller, Scheme
@@ -30,49 +30,22 @@ MOST_SAMPLES = 60_000
 SWING = 0.05  # dead bands: a valve that swings by less and for ever is not worth the name of limit cycle
 
 
-def white_deviation(values: FloatArray, index: FloatArray) -> float:
-    """Return the standard deviation of white noise on a slow signal (samples,), robust against steps and spikes.
-
-    From third differences over samples in a row, whose variance is 20 times that of the noise; slow motion, trends
-    and curvature cancel.
-    """
-    in_a_row = index[3:] - index[:-3] == 3
-    third = np.abs(np.diff(values, 3)[in_a_row])
-    third = third[np.isfinite(third)]
-    if not len(third):
-        return 0.0
-    size = 1.4826 * float(np.median(third))
-    if size == 0.0:
-        # coarse rounding: most samples repeat, and the noise shows in the steps of the others
-        size = float(np.sqrt(np.mean(np.sort(third)[: max(1, int(0.98 * len(third)))] ** 2)))
-    return size / float(np.sqrt(20.0))
-
-
-def noise_density(record: Record, controller: Controller) -> float:
+def noise_density(controller: Controller, interval: float, measured: float, arrived: float | None) -> float:
     """Return the density [span^2 s] of the measurement noise, in the sense of the effect `measurement_noise`.
 
-    A controller that samples faster than the historian sees less of the noise than the recorded PV tells. OP shows
-    how much arrives; but OP is often rounded, which looks like noise. The smaller of the two is right.
+    interval: of the record [s]. measured, arrived: standard deviation of white noise in third differences of PV and OP,
+    None without OP. A controller that samples faster than the historian sees less of the noise than the recorded PV
+    tells. OP shows how much arrives; but OP is often rounded, which looks like noise. The smaller of the two is right.
+    Third differences of OP pass (2 sin(w h/2))^6 of K^2 (1 + w^2 Td^2) / (1 + w^2 Tf^2)^2, 20 times white noise.
     """
-    good = record.state == SampleState.GOOD
-    index = record.index[good].astype(np.float64)
-    density = white_deviation(record.measurement[good], index) ** 2 * record.interval
-    if record.output is not None:
-        arrived = white_deviation(record.output[good], index)
-        density = min(density, arrived**2 / output_variance(controller, record.interval))
-    return density
-
-
-def output_variance(controller: Controller, interval: float) -> float:
-    """Return what `white_deviation` squared sees of the output for white measurement noise of density 1 [1/s].
-
-    Third differences over `interval` [s] of noise with the spectrum K^2 (1 + w^2 Td^2) / (1 + w^2 Tf^2)^2, of which
-    they pass (2 sin(w h/2))^6; divided by 20, as for white noise.
-    """
+    density = measured**2 * interval
+    if arrived is None:
+        return density
     tf, td = controller.filter_time, controller.Td
     omega = np.linspace(0.0, 40.0 / min(tf, 3.0 * interval), 40_000)
     spectrum = controller.K**2 * (1.0 + (omega * td) ** 2) / (1.0 + (omega * tf) ** 2) ** 2
-    return float(np.trapezoid(spectrum * (2.0 * np.sin(0.5 * omega * interval)) ** 6, omega) / (20.0 * np.pi))
+    passed = np.trapezoid(spectrum * (2.0 * np.sin(0.5 * omega * interval)) ** 6, omega) / (20.0 * np.pi)
+    return float(min(density, arrived**2 / passed))
 
 
 def typical_load(record: Record, d: float) -> float:
@@ -128,51 +101,47 @@ def noise_gains(controller: Controller) -> tuple[float, float]:
     return float(filtered), float(abs(controller.K) * filtered * np.hypot(1.0, controller.Td / tf))
 
 
-def study(
-    s: Study, loop: str, d_source: str, model: ProcessModel, warnings: tuple[Note, ...] = ()
-) -> CompensationStudy:
+def study(s: Study, loop: str, d_source: str, model: ProcessModel, warnings: tuple[Note, ...] = ()
+          ) -> CompensationStudy:
     """Simulate all gains and choose one. Raises LoopError when the loop is unstable even without compensator."""
     allowed = [back * s.rule_gain for back in STEPS_BACK]
-    gains = {0.0, *(share * s.d for share in SHARES), *allowed, *(gain * MARGIN for gain in allowed)}
-    spacing, loads = load_steps(s)
-    runs = {gain: trace(s.scenario(spacing * (LOAD_STEPS + 0.5), gain, *loads)) for gain in sorted(gains)}
+    shares = {0.0, *(share * s.d for share in SHARES)}
+    spacing = SPACING * s.slowest
+    random = np.random.default_rng(s.seed)
+    sizes = s.load * random.uniform(0.5, 1.5, LOAD_STEPS) * np.where(np.arange(LOAD_STEPS) % 2, -1.0, 1.0)
+    times = spacing * (0.5 + np.arange(LOAD_STEPS) + random.uniform(-0.2, 0.2, LOAD_STEPS))
+    loads = (use("load_step", times=times.tolist(), sizes=sizes.tolist()), use("measurement_noise", density=s.density))
+    runs = {gain: trace(s.scenario(spacing * (LOAD_STEPS + 0.5), gain, *loads))
+            for gain in sorted({*shares, *allowed, *(gain * MARGIN for gain in allowed)})}
     trials = {gain: judge(run, s, gain) for gain, run in runs.items()}
     recommended, reason, refusals = choose(s, trials)
-    listed = {0.0, *(share * s.d for share in SHARES), *([recommended, MARGIN * recommended] if recommended else [])}
-    shown = tuple(trials[gain] for gain in sorted(listed))
-    before, after = (None if gain is None else glimpse(runs[gain], (4.0 * spacing, 6.0 * spacing))
+    listed = sorted({*shares, *([recommended, MARGIN * recommended] if recommended else [])})
+    before, after = (None if gain is None else glimpse(runs[gain], 4.0 * spacing, 6.0 * spacing)
                      for gain in (0.0, recommended))
     return CompensationStudy(
         loop=loop,
         settings={"K": s.controller.K, "Ti": s.controller.Ti, "Td": s.controller.Td, "Tf": s.controller.filter_time},
         d=s.d, interval=s.interval, d_source=d_source, process=model,
         output_noise=noise_gains(s.controller)[1] * float(np.sqrt(s.density)),
-        hysteresis=s.hysteresis, load=s.load, trials=shown, rule_gain=s.rule_gain, recommended=recommended,
-        reason=reason, refusals=refusals, warnings=warnings, before=before, after=after,
+        hysteresis=s.hysteresis, load=s.load, trials=tuple(trials[gain] for gain in listed), rule_gain=s.rule_gain,
+        recommended=recommended, reason=reason, refusals=refusals, warnings=warnings, before=before, after=after,
     )
-
-
-def load_steps(s: Study) -> tuple[float, list[Applied]]:
-    """Return how far apart [s] load steps up and down come, and these steps with the noise of the measurement."""
-    spacing = SPACING * s.slowest
-    random = np.random.default_rng(s.seed)
-    sizes = s.load * random.uniform(0.5, 1.5, LOAD_STEPS) * np.where(np.arange(LOAD_STEPS) % 2, -1.0, 1.0)
-    times = spacing * (0.5 + np.arange(LOAD_STEPS) + random.uniform(-0.2, 0.2, LOAD_STEPS))
-    steps = use("load_step", times=times.tolist(), sizes=sizes.tolist())
-    return spacing, [steps, *([use("measurement_noise", density=s.density)] if s.density > 0.0 else [])]
 
 
 def judge(run: Trace, s: Study, gain: float) -> Trial:
     """Return the numbers of one run."""
     hours = run.scenario.duration / 3600.0
-    error = run.setpoint - run.process_output
-    moves = np.diff(run.valve)
-    directions = np.sign(moves[np.abs(moves) > 1e-9])
-    return Trial(gain=gain, iae=float(np.mean(np.abs(error))), peak=float(np.max(np.abs(error))),
-                 travel=float(np.sum(np.abs(moves))) / hours,
+    error = np.abs(run.setpoint - run.process_output)
+    return Trial(gain=gain, iae=float(np.mean(error)), peak=float(np.max(error)),
+                 travel=float(np.sum(np.abs(np.diff(run.valve)))) / hours,
                  output_travel=float(np.sum(np.abs(np.diff(run.output)))) / hours,
-                 reversals=float(np.count_nonzero(np.diff(directions))) / hours,
-                 limit_cycle=goes_on_oscillating(s, gain))
+                 reversals=reversals(run.valve) / hours, limit_cycle=goes_on_oscillating(s, gain))
+
+
+def reversals(valve: FloatArray) -> float:
+    """Return how often a valve position (samples,) turns."""
+    moves = np.diff(valve)
+    return float(np.count_nonzero(np.diff(np.sign(moves[np.abs(moves) > 1e-9]))))
 
 
 def goes_on_oscillating(s: Study, gain: float) -> bool:
@@ -180,9 +149,7 @@ def goes_on_oscillating(s: Study, gain: float) -> bool:
     duration = 120.0 * s.slowest
     run = trace(s.scenario(duration, gain, use("load_step", times=[0.0], sizes=[2.0 * s.d])))
     valve = run.valve[run.time > 0.7 * duration]
-    moves = np.diff(valve)
-    turns = np.count_nonzero(np.diff(np.sign(moves[np.abs(moves) > 1e-9])))
-    return bool(turns >= 4 and np.ptp(valve) > SWING * s.d)
+    return bool(reversals(valve) >= 4 and np.ptp(valve) > SWING * s.d)
 
 
 def choose(s: Study, trials: dict[float, Trial]) -> tuple[float | None, str, tuple[Note, ...]]:
@@ -225,9 +192,9 @@ def objections(base: Trial, trial: Trial, beyond: Trial) -> list[Note]:
     return notes
 
 
-def glimpse(run: Trace, window: tuple[float, float]) -> Course:
-    """Return the stretch of a run that is drawn, within a window of seconds."""
-    inside = np.flatnonzero((run.time >= window[0]) & (run.time < window[1]))
+def glimpse(run: Trace, first: float, last: float) -> Course:
+    """Return the stretch of a run that is drawn, from first to last [s]."""
+    inside = np.flatnonzero((run.time >= first) & (run.time < last))
     pick = inside[:: max(1, len(inside) // 1500)]
-    shown = (run.time - window[0], run.setpoint, run.process_output, run.output, run.valve)
+    shown = (run.time - first, run.setpoint, run.process_output, run.output, run.valve)
     return Course(*(tuple(values[pick].tolist()) for values in shown))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -19,21 +20,12 @@ UNSTABLE_SPANS = 10.0  # the measurement of a loop that works stays within a few
 AT_LIMIT = 1e-9  # an output this close to its limit is at its limit
 
 
-class Numbers:
-    """Hands out independent random generators in a fixed order, all from one seed."""
-
-    def __init__(self, seed: int) -> None:
-        self._seed, self._used = seed, 0
-
-    def normal(self, size: int) -> FloatArray:
-        """Return (size,) standard normal numbers of the next generator."""
-        self._used += 1
-        return np.random.default_rng([self._seed, self._used]).standard_normal(size)
+Random = Iterator[np.random.Generator]  # one after the other, for the random effects in their order
 
 
-def series(applied: Applied, samples: int, columns: Mapping[str, FloatArray], random: Numbers) -> FloatArray:
+def series(applied: Applied, samples: int, columns: Mapping[str, FloatArray], random: Random) -> FloatArray:
     if applied.effect.draws:
-        return random.normal(applied.effect.draws * (samples + 1))
+        return next(random).standard_normal(applied.effect.draws * (samples + 1))
     if not applied.effect.column:
         return np.empty(0)
     if applied.column is None or applied.column not in columns:
@@ -42,47 +34,36 @@ def series(applied: Applied, samples: int, columns: Mapping[str, FloatArray], ra
     return columns[applied.column]
 
 
-@dataclass(frozen=True, eq=False)
-class Table:
-    """The loop's effects laid out for the kernel: flat states and parameters, and where each effect's begin."""
+def _effects(s: Scenario, samples: int, columns: Mapping[str, FloatArray], random: Random
+             ) -> tuple[tuple[Any, ...], float, bool]:
+    """Start every effect at rest, in the order a signal meets them.
 
-    steps: tuple[Any, ...]
-    state_at: NDArray[np.int64]
-    p_at: NDArray[np.int64]
-    ends: NDArray[np.int64]
-    states: FloatArray
-    p: FloatArray
-    rest: float
-    compiled: bool
+    Returns what the kernel takes first (steps, where each state and parameters begin, the last effect of valve and
+    process, of the load, of the sensor, states, parameters), the process input at rest, and whether all steps compile.
+    """
+    from ..effects.shape import compiled
+    from ..kernels import SLOTS
 
-    @classmethod
-    def build(cls, s: Scenario, samples: int, columns: Mapping[str, FloatArray], random: Numbers) -> Table:
-        """Start every effect at rest, in the order a signal meets them."""
-        from ..effects.shape import compiled
-        from ..kernels import SLOTS
-
-        order = list(Stage)
-        chain = sorted(s.effects, key=lambda a: order.index(a.effect.stage))
-        if len(chain) > SLOTS:
-            raise MetadataError(f"{len(chain)} effects in one loop", where=s.name, remedy=f"at most {SLOTS}")
-        value, rest, states = s.output, s.output, []
-        for applied in chain:
-            if applied.effect.stage is Stage.SENSOR:
-                value = s.setpoint.level
-            state = applied.effect.begin(applied.p, s.step, value, series(applied, samples, columns, random))
-            states.append(state)
-            if applied.effect.stage in order[:3]:
-                value = rest = float(applied.effect.step(state.copy(), value, applied.p))
-        stages = [a.effect.stage for a in chain]
-        ends = [sum(stage in upto for stage in stages) for upto in (order[:3], order[:4], order)]
-        machine = [compiled(a.effect.step) for a in chain]
-        ready = all(m is not None for m in machine)
-        steps: Sequence[Any] = machine if ready else [a.effect.step for a in chain]
-        idle = compiled(_idle)
-        return cls(steps=(*steps, *[idle] * (SLOTS - len(chain))), state_at=np.cumsum([0, *map(len, states)]),
-                   p_at=np.cumsum([0, *(len(a.p) for a in chain)]), ends=np.array(ends, dtype=np.int64),
-                   states=np.concatenate([np.empty(0), *states]),
-                   p=np.concatenate([np.empty(0), *(a.p for a in chain)]), rest=rest, compiled=ready)
+    order = list(Stage)
+    chain = sorted(s.effects, key=lambda a: order.index(a.effect.stage))
+    if len(chain) > SLOTS:
+        raise MetadataError(f"{len(chain)} effects in one loop", where=s.name, remedy=f"at most {SLOTS}")
+    value, rest, states = s.output, s.output, [np.empty(0)]
+    for applied in chain:
+        if applied.effect.stage is Stage.SENSOR:
+            value = s.setpoint.level
+        state = applied.effect.begin(applied.p, s.step, value, series(applied, samples, columns, random))
+        states.append(state)
+        if applied.effect.stage in order[:3]:
+            value = rest = float(applied.effect.step(state.copy(), value, applied.p))
+    ends = [sum(a.effect.stage in upto for a in chain) for upto in (order[:3], order[:4], order)]
+    plain = [a.effect.step for a in chain]
+    machine = [compiled(step) for step in plain]
+    ready = None not in machine
+    steps = (*(machine if ready else plain), *[compiled(_idle)] * (SLOTS - len(chain)))
+    packed = [np.empty(0), *(a.p for a in chain)]
+    return ((steps, np.cumsum([len(x) for x in states]), np.cumsum([len(x) for x in packed]),
+             np.array(ends, dtype=np.int64), np.concatenate(states), np.concatenate(packed)), rest, ready)
 
 
 def _idle(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -127,9 +108,8 @@ def export(run: Trace) -> Record:
     s = run.scenario
     pick = slice(None, None, every(s.record_seconds, s.step, "record_interval"))
     output = run.output[pick]
-    state = np.full(output.size, SampleState.GOOD, dtype=np.uint8)
-    limits = (output <= s.controller.low + AT_LIMIT) | (output >= s.controller.high - AT_LIMIT)
-    state[limits] = SampleState.SATURATED
+    limited = (output <= s.controller.low + AT_LIMIT) | (output >= s.controller.high - AT_LIMIT)
+    state = np.where(limited, SampleState.SATURATED, SampleState.GOOD).astype(np.uint8)
     state[run.by_hand[pick]] = SampleState.MANUAL
     signals = {"SP": run.setpoint[pick], "PV": run.measurement[pick], "OP": output}
     signals = recorded({k: v.copy() for k, v in signals.items()}, s.recorder, s.record_seconds)
@@ -147,42 +127,36 @@ def trace(scenario: Scenario) -> Trace:
 
     s, c = scenario, scenario.controller
     samples = max(round(s.duration / s.step), 1)
-    random = Numbers(s.seed)
+    random = (np.random.default_rng([s.seed, k]) for k in count(1))
     setpoint = _from_outside(s.setpoint, samples, s.step, random)
     columns = {name: _from_outside(signal, samples, s.step, random) for name, signal in s.columns.items()}
     by_hand, hand = _manual(s, samples)
-    table = Table.build(s, samples, columns, random)
-
-    ratio = every(s.sample_seconds, s.step, "sample_time")
-    start, model = s.setpoint.level, s.process.sampled(s.step)
-    pid_state = np.zeros(PID_STATE)
-    pid_state[:4], pid_state[6] = start, s.output
-    pid_state[4] = s.output - c.K * (c.b - 1.0) * start
-    comp_state = np.zeros(COMPENSATOR_STATE)
+    effects, rest, ready = _effects(s, samples, columns, random)
+    start, (*process, delay) = s.setpoint.level, s.process.sampled(s.step)
+    pid_state, comp_state, out = np.zeros(PID_STATE), np.zeros(COMPENSATOR_STATE), np.zeros((5, samples))
+    pid_state[:4], pid_state[4], pid_state[6] = start, s.output - c.K * (c.b - 1.0) * start, s.output
     if s.compensator.scheme not in (0, 9):
         comp_state[:3] = s.output
-    out = np.zeros((5, samples))
-    run = closed_loop if table.compiled else closed_loop.py_func
+    run = closed_loop if ready else closed_loop.py_func
     with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
         warnings.filterwarnings("ignore", message="First-class function type feature")
-        reached = run(table.steps, table.state_at, table.p_at, table.ends, table.states, table.p, model.decay,
-                      model.newer, model.older, model.readout, np.zeros(model.delay + 2), c.packed(s.sample_seconds),
-                      pid_state, s.compensator.packed(c, s.sample_seconds), comp_state, ratio, setpoint, by_hand, hand,
-                      start, table.rest, UNSTABLE_SPANS, out)
+        reached = run(*effects, *process, np.zeros(delay + 2), c.packed(s.sample_seconds), pid_state,
+                      s.compensator.packed(c, s.sample_seconds), comp_state,
+                      every(s.sample_seconds, s.step, "sample_time"), setpoint, by_hand, hand, start, rest,
+                      UNSTABLE_SPANS, out)
     if reached < samples or not np.all(np.isfinite(out)):
         raise LoopError(f"the simulated loop is unstable: the measurement ran away after {reached * s.step:g} s",
-                        where=s.name,
-                        remedy="lower K, raise Ti, check the sign of K, or give output limits (low, high)",
-                        code="unstable_loop")
+                        where=s.name, code="unstable_loop",
+                        remedy="lower K, raise Ti, check the sign of K, or give output limits (low, high)")
     measurement, output, valve, process_output, error = out
     return Trace(s, setpoint, measurement, output, valve, process_output, error, by_hand, columns)
 
 
-def _from_outside(signal: Signal, samples: int, step: float, random: Numbers) -> FloatArray:
+def _from_outside(signal: Signal, samples: int, step: float, random: Random) -> FloatArray:
     values = np.full(samples, float(signal.level))
     for applied in signal.effects:
-        numbers = series(applied, samples, {}, random)
-        values = applied.effect.apply(values, applied.p, step, first=signal.level, series=numbers)
+        values = applied.effect.apply(values, applied.p, step, first=signal.level,
+                                      series=series(applied, samples, {}, random))
     return values
 
 

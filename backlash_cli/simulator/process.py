@@ -37,9 +37,8 @@ class Process:
         if not np.isfinite(self.gain) or self.gain == 0.0:
             raise MetadataError(f"process gain {self.gain:g} is not possible", remedy="give a gain other than 0")
         if any(lag <= 0.0 for lag in self.lags):
-            raise MetadataError(
-                f"a lag of {min(self.lags):g} s is not possible", remedy="lags are time constants above 0 s"
-            )
+            raise MetadataError(f"a lag of {min(self.lags):g} s is not possible",
+                                remedy="lags are time constants above 0 s")
         if not 0.0 <= self.dead_time < np.inf:
             raise MetadataError(f"a dead time of {self.dead_time:g} s is not possible", remedy="0 s or more")
         if not np.any(self.denominator) or self.denominator[0] == 0.0 or not np.any(self.numerator):
@@ -71,25 +70,26 @@ class Process:
             value = value / s
         return np.asarray(value * np.exp(-s * self.dead_time), dtype=np.complex128)
 
-    def sampled(self, step: float) -> SampledProcess:
-        """Return the exact model for an input held over `step` seconds, fractional dead time included."""
+    def sampled(self, step: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, int]:
+        """Return the exact model for an input held over `step` seconds, fractional dead time included.
+
+        decay, newer, older, readout, delay of x[k+1] = decay x[k] + newer u[k-delay] + older u[k-delay-1],
+        y[k] = readout x[k].
+        """
         from scipy.signal import cont2discrete
 
         a, b, c = self._state_space()
         whole = int(np.floor(self.dead_time / step + 1e-9))
         late = max(self.dead_time - whole * step, 0.0)
-        zero = np.zeros((1, 1))
 
         def held(time: float) -> tuple[FloatArray, FloatArray]:
-            if time <= 0.0:
-                return np.eye(len(a)), np.zeros_like(b)
-            ad, bd, *_ = cont2discrete((a, b, c, zero), time, method="zoh")
+            ad, bd, *_ = cont2discrete((a, b, c, np.zeros((1, 1))), time, method="zoh")
             return ad, bd
 
         # within one sample the older input acts for `late` seconds, then the newer one
         first, second = held(late), held(step - late)
-        return SampledProcess(decay=np.ascontiguousarray(held(step)[0]), newer=second[1][:, 0].copy(),
-                              older=(second[0] @ first[1])[:, 0].copy(), readout=c[0].copy(), delay=whole)
+        older = (second[0] @ first[1])[:, 0].copy()
+        return np.ascontiguousarray(held(step)[0]), second[1][:, 0].copy(), older, c[0].copy(), whole
 
     def _state_space(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Chain of small blocks: far better conditioned than one polynomial of high order."""
@@ -99,31 +99,17 @@ class Process:
         poles = [*((lag, 1.0) for lag in self.lags), *([(1.0, 0.0)] if self.integrating else [])]
         while len(numerator) > len(self.denominator) and poles:  # no block may answer before its input
             denominator = np.polymul(denominator, poles.pop(0))
-        fraction = len(denominator) > 1
-        scale = 1.0 if fraction else numerator[-1] / denominator[0]
-        blocks: list[tuple[Any, ...]] = [(np.array([[-low / high]]), np.array([[1 / high]]), np.eye(1), 0.0)
-                                         for high, low in poles]
-        if fraction:
-            a, b, c, d = tf2ss(numerator, denominator)
-            blocks.append((a, b, c, float(d[0, 0])))
+        blocks: list[Any] = [(np.array([[-low / high]]), np.array([[1 / high]]), np.eye(1), np.zeros((1, 1)))
+                             for high, low in poles]
+        scale = numerator[-1] / denominator[0]
+        if len(denominator) > 1:
+            blocks.append(tf2ss(numerator, denominator))
+            scale = 1.0
         a, b, c, d = blocks[0]
         for next_a, next_b, next_c, next_d in blocks[1:]:
             a = np.block([[a, np.zeros((len(a), len(next_a)))], [next_b @ c, next_a]])
-            b = np.vstack([b, next_b * d])
-            c = np.hstack([next_d * c, next_c])
-            d = next_d * d
+            b, c, d = np.vstack([b, next_b @ d]), np.hstack([next_d @ c, next_c]), next_d @ d
         return a, b * scale, c * self.gain
-
-
-@dataclass(frozen=True)
-class SampledProcess:
-    """x[k+1] = decay x[k] + newer u[k-delay] + older u[k-delay-1], y[k] = readout x[k]."""
-
-    decay: FloatArray
-    newer: FloatArray
-    older: FloatArray
-    readout: FloatArray
-    delay: int
 
 
 def _numbers(name: str, values: Sequence[float]) -> tuple[float, ...]:

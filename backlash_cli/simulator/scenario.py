@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -52,9 +51,8 @@ class Recorder:
     lines: bool = False
 
 
-def recorded(
-    signals: Mapping[str, FloatArray], recorders: tuple[Recorder, ...], interval: float
-) -> dict[str, FloatArray]:
+def recorded(signals: Mapping[str, FloatArray], recorders: tuple[Recorder, ...], interval: float
+             ) -> dict[str, FloatArray]:
     """Send the recorded signals, name -> (samples,), through the recorders in order."""
     result = dict(signals)
     for recorder in recorders:
@@ -160,12 +158,9 @@ class Scenario:
     def settings(self) -> LoopSettings:
         """Settings as a historian's metadata would give them."""
         c = self.controller
-        values: dict[str, Any] = {"K": c.K, "Ti": c.Ti, "Td": c.Td, "Tf": c.filter_time}
-        if self.process.static_gain is not None:
-            values["Kp"] = self.process.static_gain
-        if self.process.dead_time > 0.0:
-            values["theta"] = self.process.dead_time
-        told = {k: v for k, v in values.items() if k not in self.hidden}
+        values = {"K": c.K, "Ti": c.Ti, "Td": c.Td, "Tf": c.filter_time, "Kp": self.process.static_gain,
+                  "theta": self.process.dead_time or None}
+        told = {name: value for name, value in values.items() if value is not None and name not in self.hidden}
         return LoopSettings(pv_range=self.pv_range, op_range=self.op_range).with_values("metadata", **told)
 
 
@@ -180,44 +175,35 @@ def every(time: float, step: float, name: str) -> int:
 
 def truth_rows(scenarios: Iterable[Scenario]) -> list[Row]:
     """Return rows (loop, effect, parameter, value, unit), normalised; lists are joined by semicolons."""
-    return [row for scenario in scenarios for row in _rows(scenario)]
+    return [(scenario.name, *row) for scenario in scenarios for row in _rows(scenario)]
 
 
-def _rows(s: Scenario) -> Iterator[Row]:
-    process = s.process
-    yield s.name, "process", "gain", _text(process.gain), "PV span/OP span" + ("/s" if process.integrating else "")
-    if process.lags:
-        yield s.name, "process", "lags", _text(*process.lags), "s"
-    if len(process.denominator) > 1:
-        yield s.name, "process", "numerator", _text(*process.numerator), "1"
-        yield s.name, "process", "denominator", _text(*process.denominator), "1"
-    yield s.name, "process", "dead_time", _text(process.dead_time), "s"
-    yield s.name, "process", "integrating", str(int(process.integrating)), "0 or 1"
-    for applied in s.effects:
-        yield from _effect(s.name, "", applied)
-    for applied in s.setpoint.effects:
-        yield from _effect(s.name, "setpoint:", applied)
-    for recorder in s.recorder:
-        yield from _effect(s.name, "recorder:", recorder.applied)
+def _rows(s: Scenario) -> Iterator[tuple[str, str, str, str]]:
+    p = s.process
+    yield "process", "gain", _text(p.gain), "PV span/OP span" + ("/s" if p.integrating else "")
+    if p.lags:
+        yield "process", "lags", _text(*p.lags), "s"
+    if len(p.denominator) > 1:
+        yield "process", "numerator", _text(*p.numerator), "1"
+        yield "process", "denominator", _text(*p.denominator), "1"
+    yield "process", "dead_time", _text(p.dead_time), "s"
+    yield "process", "integrating", str(int(p.integrating)), "0 or 1"
+    placed = [("", s.effects), ("setpoint:", s.setpoint.effects), ("recorder:", [r.applied for r in s.recorder])]
+    for place, applied in ((place, applied) for place, chain in placed for applied in chain):
+        parameters, values = applied.effect.parameters, applied.p
+        lists = sum(q.many for q in parameters)
+        width = (len(values) - len(parameters) + lists) // max(lists, 1)
+        ends = np.cumsum([width if q.many else 1 for q in parameters])
+        for q, own in zip(parameters, np.split(values, ends[:-1]), strict=True):
+            if own.size and (not (q.nuisance or q.choices) or own[0] != q.neutral):
+                # the same effect on a setpoint adds to the measurement's span
+                unit = q.unit.replace("OP span", "PV span") if place == "setpoint:" else q.unit
+                yield place + applied.effect.name, q.name, _text(*own), unit
+        if applied.column is not None:
+            yield place + applied.effect.name, "column", applied.column, ""
     if s.compensator.gain > 0.0:
-        yield s.name, "compensator", "gain", _text(s.compensator.gain), "span"
-        yield s.name, "compensator", "scheme", str(int(s.compensator.scheme)), "equation"
-
-
-def _effect(loop: str, place: str, applied: Applied) -> Iterator[Row]:
-    lists = [q for q in applied.effect.parameters if q.many]
-    width = (len(applied.p) - len(applied.effect.parameters) + len(lists)) // max(len(lists), 1)
-    at = 0
-    for q in applied.effect.parameters:
-        size = width if q.many else 1
-        values = applied.p[at : at + size]
-        at += size
-        if values.size and (not (q.nuisance or q.choices) or values[0] != q.neutral):
-            # the same effect on a setpoint adds to the measurement's span
-            unit = q.unit.replace("OP span", "PV span") if place == "setpoint:" else q.unit
-            yield loop, place + applied.effect.name, q.name, _text(*values), unit
-    if applied.column is not None:
-        yield loop, place + applied.effect.name, "column", applied.column, ""
+        yield "compensator", "gain", _text(s.compensator.gain), "span"
+        yield "compensator", "scheme", str(int(s.compensator.scheme)), "equation"
 
 
 def _text(*values: float) -> str:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from backlash_cli.commands.options import dead_band
-from backlash_cli.compensate import compensate, contradiction, gain_margin
+from backlash_cli.compensate import compensate, contradiction, density_of, gain_margin
 from backlash_cli.errors import LoopError, MetadataError, UsageError
+from backlash_cli.model.problem import noise_floor
 from backlash_cli.record import record_from_arrays
 from backlash_cli.reporter.advice import ADVICE, compensation
 from backlash_cli.results.compensation import ProcessModel
@@ -18,11 +19,9 @@ from backlash_cli.simulator.compensation import (
     Study,
     choose,
     goes_on_oscillating,
-    noise_density,
     noise_gains,
     study,
     typical_load,
-    white_deviation,
 )
 from backlash_cli.simulator.process_fit import fit_process
 from backlash_cli.simulator.scenario_file import load_scenarios, parse_process, with_dead_band
@@ -78,17 +77,16 @@ def test_white_noise_is_seen_under_steps_trends_and_curves():
     random = np.random.default_rng(0)
     index = np.arange(5000.0)
     slow = np.sin(index / 200) + 0.001 * index + (index > 2500)
-    assert white_deviation(slow + 0.01 * random.standard_normal(5000), index) == pytest.approx(0.01, rel=0.1)
-    assert white_deviation(slow[:2], index[:2]) == 0.0
+    assert noise_floor(slow + 0.01 * random.standard_normal(5000)) == pytest.approx(0.01, rel=0.1)
 
 
 @pytest.mark.parametrize("controller", [PI, replace(PI, Td=6.0)])
 def test_noise_density_of_a_record(controller):
     """The controller samples twice as fast as the historian; OP tells what it sees."""
     record = recording(noise=1e-6, controller=controller)
-    assert noise_density(record, controller) == pytest.approx(1e-6, rel=0.3)
+    assert density_of(record, controller) == pytest.approx(1e-6, rel=0.3)
     rounded = replace(record, output=np.round(record.output, 2))
-    assert 1e-6 < noise_density(rounded, controller) < 2.6e-6
+    assert 1e-6 < density_of(rounded, controller) < 2.6e-6
 
 
 def test_typical_load_lies_between_the_dead_band_and_a_fifth_of_the_span():
