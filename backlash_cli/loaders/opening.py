@@ -62,9 +62,8 @@ def kind_of(path: Path | Remote) -> str:
 def _kind(magic: bytes, path: Path | Remote) -> str:
     if magic.startswith(b"PK\x03\x04") and path.name.lower().endswith((".xlsx", ".xlsm")):
         return "workbook"
-    for mark, (what, remedy) in _FOREIGN.items():
-        if magic.startswith(mark):
-            raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
+    for what, remedy in (said for mark, said in _FOREIGN.items() if magic.startswith(mark)):
+        raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
     return "parquet" if magic.startswith(b"PAR1") else "text"
 
 

@@ -102,8 +102,6 @@ class Remote(PathLike[str]):
         """Return the address itself."""
         return self
 
-    resolve = absolute
-
     def is_dir(self) -> bool:
         """Say whether this is a folder. Raises InputError where that cannot be known."""
         return self._info["type"] == "directory"
@@ -127,25 +125,23 @@ class Remote(PathLike[str]):
     def open_bytes(self) -> BinaryIO:
         """Open the object for reading; it is fetched in blocks, only where it is read."""
         with self._in_words():
-            system, path = self._system
-            opened: Any = system.open(path, "rb", block_size=BLOCK)
+            opened: Any = self._system[0].open(self._system[1], "rb", block_size=BLOCK)
             return opened
 
     def files_below(self) -> list[tuple[str, ...]]:
         """Return the files in and below a folder as (folder, ..., name)."""
         with self._in_words():
             system, path = self._system
-            root = len(path.rstrip("/"))
-            return [tuple(name[root:].strip("/").split("/")) for name in system.find(path)]
+            return [tuple(name[len(path.rstrip("/")) :].strip("/").split("/")) for name in system.find(path)]
 
     @cached_property
     def _system(self) -> tuple[Any, str]:
+        try:
+            from fsspec.core import url_to_fs
+        except ImportError:
+            raise InputError(f"reading {self.scheme}:// needs fsspec", where=self.url,
+                             remedy=f"pip install '{_DRIVERS.get(self.scheme, 'backlash[remote]')}'") from None
         with self._in_words():
-            try:
-                from fsspec.core import url_to_fs
-            except ImportError:
-                raise InputError(f"reading {self.scheme}:// needs fsspec", where=self.url,
-                                 remedy=f"pip install '{_DRIVERS.get(self.scheme, 'backlash[remote]')}'") from None
             return url_to_fs(self.url)
 
     @cached_property
@@ -268,9 +264,8 @@ def _below(folder: Path | Remote) -> list[Source]:
 def is_export(name: str) -> bool:
     """Say whether a file name has the ending of an export and is no sidecar."""
     found = _FILE.fullmatch(name)
-    if found is None or found["kind"] is None or name.startswith((".", "_", "~$")):
-        return False
-    return found["kind"].lower() != ".csv" or not f".{found['stem']}".lower().endswith(".loops")
+    return bool(found and found["kind"]) and not name.startswith((".", "_", "~$")) and not re.search(
+        r"(?:^|\.)loops\.csv(?:\.\w+)?$", name, re.IGNORECASE)
 
 
 def stem_of(path: Path | Remote) -> str:
