@@ -235,8 +235,8 @@ class _Making:
         notes = [note for _, more in found for note in more]
         if not items:
             return None, notes
-        signal = Signal(self.joiner.times(*(item.axis for item in items)), np.concatenate([auto for auto, _ in found]),
-                        None)
+        states = np.concatenate([auto for auto, _ in found])
+        signal = Signal(self.joiner.times(*(item.axis for item in items)), states, np.zeros(len(states), bool))
         if not np.isfinite(signal.values).any() and "mode" not in self.carried:
             return None, [*notes, Note("mode_empty", "the MODE column is empty; the loop is taken to be in automatic")]
         values = self._carried_on(signal, "mode", grid)
@@ -291,14 +291,14 @@ class _Making:
 
 def _where_recorded(pv: Signal) -> Signal:
     """The rows of the measurement: blank cells in many places mean that it was recorded less often."""
-    blank = np.isnan(pv.values) if pv.bad is None else np.isnan(pv.values) & ~pv.bad
+    blank = np.isnan(pv.values) & ~pv.bad
     count = int(blank.sum())
     if 0 < count < len(blank):
         edges = int(np.count_nonzero(blank[1:] & ~blank[:-1] & (pv.times.micros[1:] != NAT)))
         if edges > SPARSE_SHARE * (len(blank) - count) or count > 0.9 * len(blank):
             rows = np.flatnonzero(~blank)
-            bad = None if pv.bad is None else pv.bad[rows]
-            return replace(pv, times=Times(pv.times.micros[rows], pv.times.notes), values=pv.values[rows], bad=bad)
+            return replace(pv, times=Times(pv.times.micros[rows], pv.times.notes), values=pv.values[rows],
+                           bad=pv.bad[rows])
     return pv
 
 
@@ -314,9 +314,8 @@ def _records(signal: Signal) -> tuple[IntArray, FloatArray]:
     """Return (stamps, values) of all records in time order, nan in bad ones; blank cells are no records."""
     order = signal.times.order(signal.values)
     rows = slice(None) if order.rows is None else order.rows
-    values, bad = signal.values[rows], None if signal.bad is None else signal.bad[rows]
-    values = np.where(np.isfinite(values), values, np.nan)
-    record = ~np.isnan(values) if bad is None else ~np.isnan(values) | bad
+    values = np.where(np.isfinite(signal.values[rows]), signal.values[rows], np.nan)
+    record = ~np.isnan(values) | signal.bad[rows]
     return (order.stamps, values) if record.all() else (order.stamps[record], values[record])
 
 

@@ -109,43 +109,34 @@ class Grid:
         """Return the grid with its points among stamps. before: a stamp and its grid number, to go on from."""
         stamps, rows = order.stamps, order.rows
         if self.kind != "regular":
-            index = self._points(stamps)
-            return replace(self, index=index, recorded=self._recorded(stamps, self.start + self.step * index))
+            return self._between(stamps)
+        stamp, number = before or (int(stamps[0]) - self.step, -1)
         if before is not None:
-            begin = int(np.searchsorted(stamps, before[0], side="right"))
+            begin = int(np.searchsorted(stamps, stamp, side="right"))
             rows = np.arange(begin, len(stamps)) if rows is None else rows[begin:]
             stamps = stamps[begin:]
-        index, places = self._rows(stamps, *(before or (stamps[0] - self.step, -1)))
-        if len(places) > len(stamps):
-            rows = places if rows is None else np.where(places >= 0, rows[places], -1)
-        return replace(self, index=index, rows=rows)
-
-    def _rows(self, stamps: IntArray, stamp: int, number: int) -> tuple[IntArray, IntArray]:
-        """Return (index, rows) of a regular grid: the grid number of each sample, and its row, -1 for an absent one.
-
-        stamp, number: stamp and grid number of the row before the first.
-        """
         advance = np.maximum(1, np.rint(np.diff(stamps, prepend=stamp) / self.step).astype(np.int64))
         holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
-        own = np.arange(len(stamps))
-        absent = np.repeat(own, np.where(holes, advance - 1, 0))  # the row after each absent one
-        return number + np.cumsum(np.insert(np.where(holes, 1, advance), absent, 1)), np.insert(own, absent, -1)
+        if holes.any():
+            own = np.arange(len(stamps))
+            absent = np.repeat(own, np.where(holes, advance - 1, 0))  # the row after each absent one
+            advance = np.insert(np.where(holes, 1, advance), absent, 1)
+            rows = np.insert(own if rows is None else rows, absent, -1)
+        return replace(self, index=number + np.cumsum(advance), rows=rows)
 
-    def _points(self, stamps: IntArray) -> IntArray:
-        """Return the grid numbers between the first and last stamp of every stretch without a gap."""
+    def _between(self, stamps: IntArray) -> Grid:
+        """The grid with the points between the first and last stamp of every stretch without a gap."""
         last = (stamps - self.start) // self.step
         first = -((self.start - stamps) // self.step)  # rounded up: no point before the first stamp of a stretch
         goes_on = np.flatnonzero(np.diff(stamps) <= self.gap) + 1
         first[goes_on] = last[goes_on - 1] + 1
         counts = np.maximum(last - first + 1, 0)
-        return np.arange(int(counts.sum())) + np.repeat(first - (np.cumsum(counts) - counts), counts)
-
-    def _recorded(self, stamps: IntArray, times: IntArray) -> NDArray[np.bool_]:
-        """(times,) True where a row stands at (or, with jitter, next to) a grid point."""
+        index = np.arange(int(counts.sum())) + np.repeat(first - (np.cumsum(counts) - counts), counts)
+        times = self.start + self.step * index
         after = np.searchsorted(stamps, times, side="right").clip(1, len(stamps) - 1)
-        if self.kind == "jitter":
-            return stamps[after] - stamps[after - 1] <= 1.75 * self.step
-        return np.minimum(np.abs(stamps[after] - times), np.abs(stamps[after - 1] - times)) <= self.step // 2
+        recorded = stamps[after] - stamps[after - 1] <= 1.75 * self.step if self.kind == "jitter" else np.minimum(
+            np.abs(stamps[after] - times), np.abs(stamps[after - 1] - times)) <= self.step // 2
+        return replace(self, index=index, recorded=recorded)
 
     def said(self, share: float) -> list[Note]:
         """Return what is to be said of the grid. share: of its points that are recorded."""

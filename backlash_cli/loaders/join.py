@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,21 +49,17 @@ class LoopSeries:
 @dataclass(frozen=True, eq=False)
 class Signal:
     """One signal over all files. values: (rows,) nan where blank or bad; bad: (rows,) True where something stood
-    that is no good measurement, None if nowhere. faults: what stood there, counted, by what is wrong and by tag."""
+    that is no good measurement. faults: what stood there, counted, by what is wrong and by tag."""
 
     times: Times
     values: FloatArray
-    bad: NDArray[np.bool_] | None
+    bad: NDArray[np.bool_]
     notes: tuple[Note, ...] = ()
     faults: Faults = field(default_factory=dict)
 
 
-def by_loop(found: Iterable[Any], metadata: Metadata) -> dict[str, LoopSeries]:
-    """Assign every series to a loop; tags named in the metadata go where it says.
-
-    found: Series, or anything else with tag, loop, role and signal.
-    """
-    series = list(found)
+def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSeries]:
+    """Assign every series to a loop; tags named in the metadata go where it says."""
     explicit, asked = explicit_tags(metadata)
     loops: dict[str, LoopSeries] = {}
     seen: set[tuple[str, str]] = set()
@@ -103,11 +98,9 @@ def explicit_tags(metadata: Metadata) -> tuple[dict[str, list[tuple[str, str]]],
 
 def renamed_loops(known: Iterable[str], metadata: Metadata) -> dict[str, str]:
     """Loops of the data that the metadata know by another spelling or by a whole part of the name, one by one."""
-    if not metadata.loops:
-        return {}
-    found = {name: metadata.match(name) or metadata.part_of(name) for name in known if name not in metadata.loops}
+    present = set(known) if metadata.loops else set()
+    found = {name: metadata.match(name) or metadata.part_of(name) for name in present - metadata.loops.keys()}
     counts = Counter(found.values())
-    present = set(known)
     return {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
 
 
@@ -132,15 +125,12 @@ class Joiner:
         parts = [self._part(item) for item in chosen]
         if len(parts) == 1:
             return replace(parts[0], notes=(*parts[0].notes, *notes))
-        bad = None
-        if any(part.bad is not None for part in parts):
-            bad = np.concatenate([np.zeros(len(p.values), bool) if p.bad is None else p.bad for p in parts])
         faults: Faults = {}
         for part in parts:
             add_faults(faults, part.faults)
         said = {(note.code, note.message): note for part in parts for note in part.notes}
-        return Signal(self.times(*(item.axis for item in chosen)), np.concatenate([part.values for part in parts]), bad,
-                      (*said.values(), *notes), faults)
+        return Signal(self.times(*(item.axis for item in chosen)), np.concatenate([part.values for part in parts]),
+                      np.concatenate([part.bad for part in parts]), (*said.values(), *notes), faults)
 
     def _part(self, item: Series) -> Signal:
         cells, good = item.cells(), None
@@ -148,7 +138,7 @@ class Joiner:
         notes: list[Note] = []
         times = self.times(item.axis)
         own = slice(None) if self.only is None else slice(*np.searchsorted(times.micros, self.only).tolist())
-        faults: Faults = {("not_numbers", item.tag): Counter() if bad is None else cells.words(bad, own)}
+        faults: Faults = {("not_numbers", item.tag): cells.words(bad, own)}
         if (marks := item.marks()) is not None:
             known = {} if self.only is None else self._marks.setdefault((item.axis.where, item.tag), {})
             good, notes = good_samples(marks, self.good_quality, item.quality_name, known)
@@ -157,7 +147,7 @@ class Joiner:
             faults[code, item.tag] = Counter()
             if wrong is not None:
                 faults[code, item.tag][code] = int(np.count_nonzero(wrong[own]))
-                bad, values = wrong if bad is None else bad | wrong, np.where(wrong, np.nan, values)
+                bad, values = bad | wrong, np.where(wrong, np.nan, values)
         return Signal(times, values, bad, tuple(notes), faults)
 
 

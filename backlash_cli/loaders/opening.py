@@ -170,13 +170,11 @@ def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
 
 def _whole_lines(text: bytearray) -> int:
     """Length of the lines that end in a text; a quoted cell may hold line ends."""
-    end, quotes = b"\n" if b"\n" in text else b"\r", text.count(b'"')
-    cut = last = text.rfind(end)
-    for _ in range(200):
-        if cut < 0 or (quotes - text.count(b'"', cut)) % 2 == 0:
-            return cut + 1
-        cut = text.rfind(end, 0, cut)
-    return last + 1  # quotes that never end are taken as they are
+    end = b"\n" if b"\n" in text else b"\r"
+    last = text.rfind(end)
+    begin = text.rfind(b'"', 0, last) if text.count(b'"', 0, last) % 2 else -1
+    # quotes that never end are taken as they are
+    return (text.rfind(end, 0, begin) if begin >= 0 and text.count(end, begin, last) < 200 else last) + 1
 
 
 def _without_annotations(blocks: Iterable[bytearray]) -> Iterator[bytearray]:

@@ -106,13 +106,9 @@ class OpenPlant(Mapping[str, Record]):
     def _by_name(self) -> dict[str, Recipe]:
         return {recipe.loop: recipe for recipe in self.recipes}
 
-    @cached_property
-    def _joiner(self) -> Joiner:
-        return Joiner(self.recipes[0].options.good_quality)
-
     def __getitem__(self, loop: str) -> Record:
         try:
-            return self._by_name[loop].record(self._joiner)
+            return self._by_name[loop].record()
         except BacklashError as error:
             raise KeyError(str(error)) from None
 
