@@ -186,12 +186,12 @@ class Times:
     _order: Ordered | None = field(default=None, init=False)
     _grid: Grid | None = field(default=None, init=False)
 
-    def order(self, probe: FloatArray | None = None) -> Ordered:
+    def order(self, probe: FloatArray) -> Ordered:
         """Return the stamps in time order; `probe` is a measured signal of these rows, used the first time."""
         self._order = self._order or ordered(self.micros, probe, self.parts, self.line)
         return self._order
 
-    def grid(self, probe: FloatArray | None = None) -> Grid:
+    def grid(self, probe: FloatArray) -> Grid:
         """Return the uniform grid of these stamps. Raises LoopError when there is none."""
         self._grid = self._grid or make_grid(self.order(probe))
         return self._grid

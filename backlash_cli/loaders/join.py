@@ -62,24 +62,19 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     """Assign every series to a loop; tags named in the metadata go where it says."""
     explicit, asked = explicit_tags(metadata)
     loops: dict[str, LoopSeries] = {}
-    seen: set[tuple[str, str]] = set()
     renamed = renamed_loops(dict.fromkeys(item.loop for item in series if item.loop), metadata)
     for item in series:
-        owners = explicit.get(item.tag.strip().lower(), ()) if explicit else ()
+        owners = explicit.get(item.tag.strip().lower(), ())
         for loop, role in owners:
             loops.setdefault(loop, LoopSeries(loop)).roles.setdefault(role, []).append(item)
-            seen.add((loop, role))
-        if not item.loop or owners:
-            continue
         name = renamed.get(item.loop, item.loop)
-        if item.role and item.role in asked.get(name, {}):
-            continue  # the metadata name another tag for this signal
-        own = loops.setdefault(name, LoopSeries(name))
-        (own.roles if item.role else own.extra).setdefault(item.role or item.signal, []).append(item)
+        # unless the metadata name another tag for this signal
+        if item.loop and not owners and not (item.role and item.role in asked.get(name, {})):
+            own = loops.setdefault(name, LoopSeries(name))
+            (own.roles if item.role else own.extra).setdefault(item.role or item.signal, []).append(item)
     for loop, tags in asked.items():
-        for role, tag in tags.items():
-            if (loop, role) not in seen:
-                loops.setdefault(loop, LoopSeries(loop)).missing_tags[role] = tag
+        own = loops.setdefault(loop, LoopSeries(loop))
+        own.missing_tags |= {role: tag for role, tag in tags.items() if role not in own.roles}
     return {name: own for name, own in loops.items() if own.roles}
 
 
