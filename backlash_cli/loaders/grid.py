@@ -31,10 +31,8 @@ _NONE: IntArray = np.zeros(0, np.int64)
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """values: (distinct,) distances of stamps in microseconds, ascending; counts: how often each occurs.
-
-    first: stamp at the beginning. before_longest: the stamp before the first of the longest distances.
-    """
+    """values: (distinct,) distances of stamps in microseconds, ascending; counts: how often each occurs. first: stamp
+    at the beginning. before_longest: the stamp before the first of the longest distances."""
 
     values: IntArray
     counts: IntArray
@@ -241,10 +239,8 @@ def _nice(step: float) -> int:
 
 
 def linear(times: IntArray, known: IntArray, heights: FloatArray, limit: float) -> FloatArray:
-    """Values on straight lines between good records; nan where these are more than `limit` microseconds apart.
-
-    times: (samples,) where values are wanted. known, heights: (records,) stamps and values of the good records.
-    """
+    """Values on straight lines between good records; nan where these are more than `limit` microseconds apart. times:
+    (samples,) where values are wanted. known, heights: (records,) stamps and values of the good records."""
     if len(known) < 2:
         return np.full(len(times), np.nan)
     zero = known[0]

@@ -177,9 +177,7 @@ FAR = 8.0  # usual moves from one sample to the next that a zero must lie outsid
 
 def lone_zeros(values: FloatArray) -> NDArray[np.bool_] | None:
     """(rows,) True where up to LONE samples are exactly 0 and lie far outside all others; None where there are none.
-
-    Far: FAR times the largest usual move between samples (99.9 %), and a fifth of the distance that all others span.
-    """
+    Far: FAR times the largest usual move between samples (99.9 %), and a fifth of the distance that all others span."""
     zero = values == 0.0
     if not zero.any() or zero.all():
         return None

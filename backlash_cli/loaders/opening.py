@@ -226,10 +226,8 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
 
 
 def sheets(path: Path | Remote) -> list[tuple[str, bytes]]:
-    """Return (name, text as CSV) of the sheets of a workbook that hold more than a few cells.
-
-    Raises InputError where it cannot be read.
-    """
+    """Return (name, text as CSV) of the sheets of a workbook that hold more than a few cells. Raises InputError where
+    it cannot be read."""
     try:
         from python_calamine import CalamineWorkbook
     except ImportError:

@@ -122,10 +122,8 @@ class OpenPlant(Mapping[str, Record]):
         return len(self.recipes)
 
     def all_lost(self, more: Sequence[Note], *, read: int) -> tuple[Note, ...]:
-        """Return the loops that could not be read, with those found out when they were read, by name.
-
-        read: how many could. Raises LoopError when none could.
-        """
+        """Return the loops that could not be read, with those found out when they were read, by name. read: how many
+        could. Raises LoopError when none could."""
         lost = tuple(sorted([*self.lost, *more], key=lambda note: str(note.values["loop"])))
         if lost and not read:
             first = lost[0]
@@ -238,10 +236,8 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
 
 
 def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[list[Named]], set[int]]:
-    """Return what says of named columns which a loop may use that the options do not rule out.
-
-    Which loops are drawn for a sample is known only when all files are open.
-    """
+    """Return what says of named columns which a loop may use that the options do not rule out. Which loops are drawn
+    for a sample is known only when all files are open."""
     if not (options.only_loops or options.loops_matching):
         return lambda found: {one.column for one in found}
     owners = explicit_tags(metadata)[0]
@@ -292,10 +288,8 @@ def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[st
 
 
 def draw(names: Sequence[str], count: int, seed: int = 0) -> list[str]:
-    """Return `count` of the names, in order: those whose hash with the seed is smallest.
-
-    So a plant that grows by a few loops keeps nearly the same sample, and every night looks at the same loops.
-    """
+    """Return `count` of the names, in order: those whose hash with the seed is smallest. So a plant that grows by a few
+    loops keeps nearly the same sample, and every night looks at the same loops."""
     return sorted(sorted(names, key=lambda name: hashlib.sha256(
         f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest())[:count])
 

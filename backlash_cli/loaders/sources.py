@@ -60,10 +60,8 @@ def open_place(path: Path | Remote) -> BinaryIO:
 
 @dataclass(frozen=True, order=True)
 class Remote(PathLike[str]):
-    """A file or folder behind an address; every failure is an InputError that says what to do.
-
-    Credentials come from where the drivers look for them (environment, ~/.aws, ~/.config/fsspec ...), never from here.
-    """
+    """A file or folder behind an address; every failure is an InputError that says what to do. Credentials come from
+    where the drivers look for them (environment, ~/.aws, ~/.config/fsspec ...), never from here."""
 
     url: str
 
@@ -275,10 +273,8 @@ def stem_of(path: Path | Remote) -> str:
 
 
 def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source]) -> list[Path | Remote]:
-    """Return the metadata files that belong to the inputs: NAME.loops.toml next to it, else loops.toml in the folder.
-
-    A CSV table (NAME.loops.csv, loops.csv) is found the same way when there is no TOML.
-    """
+    """Return the metadata files that belong to the inputs: NAME.loops.toml next to it, else loops.toml in the folder. A
+    CSV table (NAME.loops.csv, loops.csv) is found the same way when there is no TOML."""
     @cache
     def first(folder: Path | Remote, *names: str, beside: frozenset[str] | None = None) -> Path | Remote | None:
         """The first of these files in a folder; asked of its listing where there is one, which costs nothing."""
@@ -300,10 +296,8 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
 
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:
-    """Read one metadata file: TOML with [defaults] and [loops.NAME], or a CSV table with a column `loop`.
-
-    Raises MetadataError naming file, line and key, with the nearest known ones.
-    """
+    """Read one metadata file: TOML with [defaults] and [loops.NAME], or a CSV table with a column `loop`. Raises
+    MetadataError naming file, line and key, with the nearest known ones."""
     path = place(path)
     try:
         if path.stat().st_size > SIZE_LIMIT:
