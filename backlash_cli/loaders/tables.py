@@ -56,7 +56,6 @@ class TextTable:
                              remedy="export it again with samples")
         self.head = Head(self.where, stem, dialect.names, tuple(first.columns), dialect.kinds, partition,
                          dialect.decimal, dialect.line)
-        self._first = first
         self._first_bad = self._bad[0][0] if self._bad else None  # rows are numbered where one thread reads them
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
@@ -65,19 +64,15 @@ class TextTable:
         types: dict[int, pa.DataType | None] = {}
         for i in {*columns, *stamps}:  # as their first rows are, numbers as float64 and words as a dictionary
             kind = self.head.columns[i].type
-            number = is_number(kind) or pa.types.is_null(kind)
-            types[i] = pa.float64() if number else pa.string()
             if is_text(kind) or (i in stamps and by_pattern):
                 types[i] = _WORDS
             elif i in stamps:
                 types[i] = None if pa.types.is_null(kind) else kind
-        begin = self.dialect.end
-        if by_pattern:  # stamps are read as text from the beginning
-            begin, self._bad = self.dialect.offset, []
-        else:
-            yield {i: self._first.column(i) for i in types}
-        for block in chain([self.text.head[begin:]], self.text.rest):
-            if not block or block.isspace():
+            else:
+                types[i] = pa.float64() if is_number(kind) or pa.types.is_null(kind) else pa.string()
+        self._bad = []
+        for block in chain([self.text.head[self.dialect.offset :]], self.text.rest):
+            if block.isspace():
                 continue
             before = len(self._bad)
             try:
@@ -109,16 +104,14 @@ class TextTable:
 
         chosen = {} if types is None else {"include_columns": [names[i] for i in types], "column_types": {
             names[i]: kind for i, kind in types.items() if kind is not None}}
-        return pa_csv.read_csv(
-            pa.BufferReader(block),
-            read_options=pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=1 << 20),
-            parse_options=pa_csv.ParseOptions(delimiter=self.dialect.delimiter, newlines_in_values=b'"' in block,
-                                              invalid_row_handler=on_bad_row),
-            convert_options=pa_csv.ConvertOptions(
-                decimal_point=self.dialect.decimal, null_values=["", " ", *BLANK], quoted_strings_can_be_null=True,
-                strings_can_be_null=True, auto_dict_encode=True, auto_dict_max_cardinality=4096,
-                true_values=["\x00"], false_values=["\x00"], **chosen),
-        )
+        reading = pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=1 << 20)
+        parsing = pa_csv.ParseOptions(delimiter=self.dialect.delimiter, newlines_in_values=b'"' in block,
+                                      invalid_row_handler=on_bad_row)
+        converting = pa_csv.ConvertOptions(
+            decimal_point=self.dialect.decimal, null_values=["", " ", *BLANK], quoted_strings_can_be_null=True,
+            strings_can_be_null=True, auto_dict_encode=True, auto_dict_max_cardinality=4096, true_values=["\x00"],
+            false_values=["\x00"], **chosen)
+        return pa_csv.read_csv(pa.BufferReader(block), reading, parsing, converting)
 
 
 @lru_cache(16)
