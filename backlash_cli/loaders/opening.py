@@ -50,8 +50,6 @@ def kind_of(path: Path | Remote) -> str:
             raise InputError("not a regular file", where=str(path), remedy="save the export as a file first")
         with open_place(path) as file:
             magic = file.read(16)
-    except FileNotFoundError:
-        raise InputError("no such file", where=str(path), remedy="check the name and the folder") from None
     except OSError as error:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
     if not magic:

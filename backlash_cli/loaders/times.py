@@ -203,7 +203,10 @@ class StampReader:
         self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
         self._unit = ""  # of stamps that are numbers
         self._of_day: tuple[int, int] | None = None  # last time of day without a date, and days since the first
-        self._clock: WallClock | None = None
+        self._zone: ZoneInfo | None = None  # where the clocks stand that show the stamps
+        self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
+        self._last: int | None = None  # stamp of the last row, and whether it lay in such an hour
+        self._within = False
 
     def take(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
         """Return the stamps of the next rows, to be given to what `finish` returns."""
@@ -247,7 +250,7 @@ class StampReader:
                 "mixed_zones", "some time stamps carry an offset and some do not; the others count as UTC"))
         counted = self._unit.startswith("epoch") or not self.absolute or self._of_day is not None
         if self.options.timezone and not counted and (self._bare or not self._zoned):
-            self._clock = WallClock(self.options.timezone)
+            self._zone = ZoneInfo(self.options.timezone)
 
         def resolved(stamps: IntArray) -> IntArray:
             is_open = _is_open(stamps)
@@ -255,17 +258,38 @@ class StampReader:
                 numbers, clock = _unpacked(stamps[is_open])
                 stamps = stamps.copy()
                 stamps[is_open] = _at(days_of(*_readings(numbers)[order or ""]), clock)
-            return stamps if self._clock is None else self._clock.utc(stamps)
+            return stamps if self._zone is None else self._utc(stamps, self._zone)
 
         return resolved
 
     @property
     def all_notes(self) -> tuple[Note, ...]:
         """What is to be said of all stamps, when they were resolved."""
-        if self._clock is None or not self._clock.rows:
+        if not self._doubled:
             return tuple(self.notes)
-        return (*self.notes, Note("dst_repeated_hour", f"{self._clock.rows} rows lie in the hour that occurs twice in "
+        return (*self.notes, Note("dst_repeated_hour", f"{self._doubled} rows lie in the hour that occurs twice in "
                                   f"{self.options.timezone}; they are taken in file order"))
+
+    def _utc(self, micros: IntArray, zone: ZoneInfo) -> IntArray:
+        """The next rows in UTC; after the clock went back (a step of more than half an hour in the doubled hour) the
+        second offset holds."""
+        known = np.flatnonzero(micros != NAT)
+        if not len(known):
+            return micros
+        local = micros[known]
+        hours, inverse = np.unique(local // HOUR, return_inverse=True)
+        first, second = (np.array([_offset(zone, hour, fold) for hour in hours.tolist()], np.int64)[inverse]
+                         for fold in (0, 1))
+        doubled = first != second
+        back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
+        count = self._back + np.cumsum(back)
+        begins = doubled & ~np.concatenate([[self._within], doubled[:-1]])
+        since = count - np.maximum.accumulate(np.where(begins, count - back, 0))
+        self._doubled += int(np.count_nonzero(doubled))
+        self._last, self._within, self._back = int(local[-1]), bool(doubled[-1]), int(since[-1])
+        out = micros.copy()
+        out[known] = local - np.where(doubled & (since > 0), second, first)
+        return out
 
     def _seen(self, micros: IntArray, zoned: NDArray[np.bool_]) -> None:
         """Note whether there are stamps, and whether they carry offsets."""
@@ -425,40 +449,9 @@ def micros_of(column: pa.ChunkedArray | pa.Array) -> IntArray:
     return np.where(np.abs(micros) < LIMIT, micros, NAT)
 
 
-class WallClock:
-    """Stamps as the clocks of a zone show them to UTC, some rows of a file after the other."""
-
-    def __init__(self, zone: str) -> None:
-        self.zone = ZoneInfo(zone)
-        self.rows = 0  # in the hour that occurs twice
-        self._last: int | None = None
-        self._within = False  # the last row lay in such an hour
-        self._back = 0  # steps back since the rows came to lie there
-
-    def utc(self, micros: IntArray) -> IntArray:
-        """Return the next rows in UTC, (rows,); unreadable ones stay unreadable. After the clock went back (a step of
-        more than half an hour in the doubled hour) the second offset holds."""
-        known = np.flatnonzero(micros != NAT)
-        if not len(known):
-            return micros
-        local = micros[known]
-        hours, inverse = np.unique(local // HOUR, return_inverse=True)
-        first, second = (np.array([self._offset(hour, fold) for hour in hours.tolist()], np.int64)[inverse]
-                         for fold in (0, 1))
-        doubled = first != second
-        back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
-        count = self._back + np.cumsum(back)
-        begins = doubled & ~np.concatenate([[self._within], doubled[:-1]])
-        since = count - np.maximum.accumulate(np.where(begins, count - back, 0))
-        self.rows += int(np.count_nonzero(doubled))
-        self._last, self._within, self._back = int(local[-1]), bool(doubled[-1]), int(since[-1])
-        out = micros.copy()
-        out[known] = local - np.where(doubled & (since > 0), second, first)
-        return out
-
-    def _offset(self, hour: int, fold: int) -> int:
-        try:
-            moment = (datetime(1970, 1, 1) + timedelta(hours=hour)).replace(tzinfo=self.zone, fold=fold)
-            return int((moment.utcoffset() or timedelta()).total_seconds() * SECOND)
-        except (OverflowError, ValueError):
-            return 0
+def _offset(zone: ZoneInfo, hour: int, fold: int) -> int:
+    try:
+        moment = (datetime(1970, 1, 1) + timedelta(hours=hour)).replace(tzinfo=zone, fold=fold)
+        return int((moment.utcoffset() or timedelta()).total_seconds() * SECOND)
+    except (OverflowError, ValueError):
+        return 0
