@@ -235,20 +235,18 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
     return Recipe(name, series, metadata.fallback() if values is None else values, options, notes)
 
 
-def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[list[Named]], set[int]]:
-    """Return what says of named columns which a loop may use that the options do not rule out. Which loops are drawn
-    for a sample is known only when all files are open."""
-    if not (options.only_loops or options.loops_matching):
-        return lambda found: {one.column for one in found}
-    owners = explicit_tags(metadata)[0]
+def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Named], bool]:
+    """Return what says whether a loop that the options do not rule out may use a signal. Which loops are drawn for a
+    sample is known only when all files are open."""
+    owners, only, matching = explicit_tags(metadata)[0], options.only_loops, options.loops_matching
 
     @cache
     def wanted(loop: str) -> bool:
         names = [loop] if loop in metadata.loops else [loop, metadata.match(loop), metadata.part_of(loop)]
-        return any(_fits(name, options.only_loops, options.loops_matching) for name in names if name)
+        return any(_fits(name, only, matching) for name in names if name)
 
-    return lambda found: {one.column for one in found if wanted(one.loop) or any(
-        wanted(loop) for loop, _ in owners.get(one.tag.strip().lower(), ()))}
+    return lambda one: not (only or matching) or wanted(one.loop) or any(
+        wanted(loop) for loop, _ in owners.get(one.tag.strip().lower(), ()))
 
 
 def _fits(name: str, only: Sequence[str], matching: Sequence[str] = ()) -> bool:

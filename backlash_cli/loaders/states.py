@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray, Note, SampleState
-from .numbers import parse_words
 from .signals import Cells
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
@@ -43,13 +42,11 @@ def quality_words(words: list[str]) -> bool:
 
 def _numbers_or_words(cells: Cells, *, all_texts: bool) -> tuple[FloatArray | None, IntArray, list[str]]:
     """Return (numbers, codes, words): the cells as numbers, None where their texts are something else. All texts have
-    to be numbers, or only those that are not digital states."""
-    if not cells.is_text:
-        return cells.values, np.zeros(0, np.int64), []
-    codes, words = cells.texts()
-    values, bad, _ = parse_words(words)
-    numbers = (np.isfinite(values) if all_texts else np.isfinite(values) | bad).all() and not bad.all()
-    return np.append(values, np.nan)[codes] if numbers else None, codes, words
+    to be numbers, or only some of them."""
+    numbers, bad = cells.numbers()
+    if not cells.is_text or (np.isfinite(numbers).any() and not (all_texts and bad.any())):
+        return numbers, np.zeros(0, np.int64), []
+    return None, *cells.texts()
 
 
 def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, float] | None = None

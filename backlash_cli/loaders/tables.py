@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import chain, islice
 from typing import Any
@@ -201,13 +201,13 @@ Table = TextTable | ParquetTable
 
 @dataclass
 class Reading:
-    """How files are read. needed: says of named columns, or of the tags of rows by their numbers, whose samples are.
-    taken: called with the bytes of a file that were read."""
+    """How files are read. needed: says whether the samples of a signal are. taken: called with the bytes of a file that
+    were read."""
 
     options: ReadOptions
-    needed: Callable[[list[Named]], set[int]] = lambda found: {one.column for one in found}
-    taken: Callable[[int], None] | None = None
-    room: Room = field(default_factory=Room)
+    needed: Callable[[Named], bool]
+    taken: Callable[[int], None] | None
+    room: Room
 
 
 def signals_of_file(source: Source, reading: Reading) -> tuple[list[Series], list[Note]]:
@@ -294,7 +294,7 @@ def _wide(table: Table, layout: Layout, reading: Reading) -> list[Series]:
             pa.types.is_timestamp(kind) and (kind.tz or not reading.options.timezone) for kind in kinds):
         axes = [Axis(table, f"v{pair[0]}", range(table.count), where=head.where) for pair in layout.stamps]
     else:
-        needed = reading.needed(signals_of(head, layout))
+        needed = {one.column for one in signals_of(head, layout) if reading.needed(one)}
         needed |= {layout.quality[i] for i in needed if i in layout.quality}
         # what is still empty may be a tag of the loops file
         columns = sorted((needed | empty).intersection(layout.stored))
@@ -325,10 +325,9 @@ def _grouped(table: Table, layout: Layout, reading: Reading) -> list[Series]:
     if not tall:
         moved, more = _one_clock(kept.store, f"v{layout.values[0]}", len(kept.numbers))
         about["notes"] = (*about["notes"], *more)
-    named = [[Named(k, f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i])
-              for i in layout.values] if tall else [of_tag(name, k)] for k, name in enumerate(kept.numbers)]
-    needed = reading.needed([one for ones in named for one in ones])
-    wanted = np.array([k in needed for k in range(len(named))] + [False])
+    named = [[Named(i, f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i])
+              for i in layout.values] if tall else [of_tag(name, layout.values[0])] for name in kept.numbers]
+    wanted = np.array([any(map(reading.needed, ones)) for ones in named] + [False])
     grouped, first, last = Store(reading.room, groups=True), 0, NAT
     for piece in kept.store.emptied():
         arrays = {name: column[:] for name, column in piece.items()}
@@ -348,8 +347,7 @@ def _grouped(table: Table, layout: Layout, reading: Reading) -> list[Series]:
         if count or not wanted[number]:
             axis = Axis(StoredRows(grouped, kept.lexicons, number), "t0", range(count), **about)
             axis = axis if wanted[number] else replace(axis, end=last)
-            found += [_series(replace(one, column=i), head, layout, axis)
-                      for i, one in zip(layout.values, ones, strict=True) if not tall or i in kept.filled]
+            found += [_series(one, head, layout, axis) for one in ones if not tall or one.column in kept.filled]
     return found
 
 
