@@ -58,29 +58,21 @@ def open_place(path: Path | Remote) -> BinaryIO:
     return path.open_bytes() if isinstance(path, Remote) else open(path, "rb", buffering=0)
 
 
-@dataclass(frozen=True, order=True)
-class Remote(PathLike[str]):
+class Remote(str):
     """A file or folder behind an address; every failure is an InputError that says what to do. Credentials come from
     where the drivers look for them (environment, ~/.aws, ~/.config/fsspec ...), never from here."""
 
-    url: str
-
-    def __fspath__(self) -> str:
-        return self.url
-
-    __str__ = __fspath__
-
     def __reduce__(self) -> tuple[type[Remote], tuple[str]]:
-        return Remote, (self.url,)
+        return Remote, (str(self),)
 
     @property
     def scheme(self) -> str:
-        return self.url.rpartition("::")[2].partition("://")[0].lower()
+        return self.rpartition("::")[2].partition("://")[0].lower()
 
     @property
     def _parts(self) -> tuple[str, PurePosixPath]:
         """What stands before the path, and the path without what follows a question mark on the web."""
-        head, slashes, key = self.url.partition("://")
+        head, slashes, key = self.partition("://")
         return head + slashes, PurePosixPath(key.partition("?")[0] if self.scheme in ("http", "https") else key)
 
     @property
@@ -111,7 +103,7 @@ class Remote(PathLike[str]):
     def stat(self) -> os.stat_result:
         """Return kind and size (and times as zero). Raises FileNotFoundError when nothing is there."""
         if self._info["type"] == "nothing":
-            raise FileNotFoundError(self.url)
+            raise FileNotFoundError(self)
         kind = stat.S_IFDIR if self.is_dir() else stat.S_IFREG
         return os.stat_result((kind | 0o444, 0, 0, 1, 0, 0, int(self._info.get("size") or 0), 0, 0, 0))
 
@@ -137,10 +129,10 @@ class Remote(PathLike[str]):
         try:
             from fsspec.core import url_to_fs
         except ImportError:
-            raise InputError(f"reading {self.scheme}:// needs fsspec", where=self.url,
+            raise InputError(f"reading {self.scheme}:// needs fsspec", where=self,
                              remedy=f"pip install '{_DRIVERS.get(self.scheme, 'backlash[remote]')}'") from None
         with self._in_words():
-            return url_to_fs(self.url)
+            return url_to_fs(self)
 
     @cached_property
     def _info(self) -> dict[str, Any]:
@@ -156,7 +148,7 @@ class Remote(PathLike[str]):
                     raise reason from None
                 return {"type": "nothing"}
             if self.scheme in ("http", "https"):
-                found["type"] = "directory" if self.url.partition("?")[0].endswith("/") else "file"
+                found["type"] = "directory" if self.partition("?")[0].endswith("/") else "file"
             return found
 
     @contextlib.contextmanager
@@ -183,7 +175,7 @@ class Remote(PathLike[str]):
 
                 what = f"no storage is called {self.scheme}://"
                 remedy = nearest(self.scheme, [*_DRIVERS, *available_protocols()])
-            raise InputError(what, where=self.url, remedy=remedy) from None
+            raise InputError(what, where=self, remedy=remedy) from None
 
 
 @dataclass(frozen=True)
