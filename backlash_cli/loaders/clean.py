@@ -378,9 +378,7 @@ def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray]) -> 
         raise LoopError(
             f"K is given but {names} is not, and the values are not within 0..1: K has no meaning without its span",
             remedy=f'add {names} = [low, high] to loops.toml, or units = "engineering" if K is in output units per '
-            "measurement unit",
-            code="missing_range",
-        )
+            "measurement unit", code="missing_range")
     for name, low, high in guessed:
         notes.append(Note(f"guessed_{name}", f"{name} is not given: scaled by {low:g}..{high:g}, a guess from the data",
                           {"low": low, "high": high}))

@@ -139,21 +139,19 @@ class Grid:
     def said(self, share: float) -> list[Note]:
         """Return what is to be said of the grid. share: of its points that are recorded."""
         found: list[Note] = []
-        steps, step = self.steps, self.step
-        apart = steps.values / step
+        steps, every = self.steps, self.interval
+        apart = steps.values / self.step
         if self.kind == "jitter":
             near = steps.values <= self.gap
             spread = round(steps.mean(near, (apart - steps.mean(near, apart)) ** 2) ** 0.5, 9)
-            found.append(Note(
-                "resampled", f"time stamps vary around {step / SECOND:g} s (standard deviation {100 * spread:.0f} %); "
-                f"values are interpolated to every {step / SECOND:g} s",
-                {"interval_s": step / SECOND, "jitter": spread}))
+            found.append(Note("resampled", f"time stamps vary around {every:g} s (standard deviation {100 * spread:.0f} "
+                              f"%); values are interpolated to every {every:g} s",
+                              {"interval_s": every, "jitter": spread}))
         elif self.kind == "compressed":
-            found.append(Note(
-                "compressed", f"samples are irregular, as after exception or swinging-door compression: "
-                f"{100 * share:.0f} % of the grid of {step / SECOND:g} s was recorded, "
-                f"up to {self.gap / SECOND:g} s are bridged", {"interval_s": step / SECOND, "recorded_share": share,
-                            "median_spacing_s": self.usual / SECOND}))
+            found.append(Note("compressed", f"samples are irregular, as after exception or swinging-door compression: "
+                              f"{100 * share:.0f} % of the grid of {every:g} s was recorded, up to "
+                              f"{self.gap / SECOND:g} s are bridged", {
+                                  "interval_s": every, "recorded_share": share, "median_spacing_s": self.usual / SECOND}))
         advance = np.maximum(1, np.rint(apart))
         gaps = int(steps.counts[advance > ABSENT_ROWS + 1 if self.kind == "regular" else steps.values > self.gap].sum())
         if gaps:
