@@ -144,14 +144,14 @@ class Grid:
         if self.kind == "jitter":
             near = steps.values <= self.gap
             spread = round(steps.mean(near, (apart - steps.mean(near, apart)) ** 2) ** 0.5, 9)
-            found.append(Note("resampled", f"time stamps vary around {every:g} s (standard deviation {100 * spread:.0f} "
-                              f"%); values are interpolated to every {every:g} s",
-                              {"interval_s": every, "jitter": spread}))
+            text = (f"time stamps vary around {every:g} s (standard deviation {100 * spread:.0f} %); values are "
+                    f"interpolated to every {every:g} s")
+            found.append(Note("resampled", text, {"interval_s": every, "jitter": spread}))
         elif self.kind == "compressed":
-            found.append(Note("compressed", f"samples are irregular, as after exception or swinging-door compression: "
-                              f"{100 * share:.0f} % of the grid of {every:g} s was recorded, up to "
-                              f"{self.gap / SECOND:g} s are bridged", {
-                                  "interval_s": every, "recorded_share": share, "median_spacing_s": self.usual / SECOND}))
+            text = (f"samples are irregular, as after exception or swinging-door compression: {100 * share:.0f} % of the "
+                    f"grid of {every:g} s was recorded, up to {self.gap / SECOND:g} s are bridged")
+            found.append(Note("compressed", text, {"interval_s": every, "recorded_share": share,
+                                                   "median_spacing_s": self.usual / SECOND}))
         advance = np.maximum(1, np.rint(apart))
         gaps = int(steps.counts[advance > ABSENT_ROWS + 1 if self.kind == "regular" else steps.values > self.gap].sum())
         if gaps:
