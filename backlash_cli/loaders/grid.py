@@ -148,8 +148,8 @@ class Grid:
                     f"interpolated to every {every:g} s")
             found.append(Note("resampled", text, {"interval_s": every, "jitter": spread}))
         elif self.kind == "compressed":
-            text = (f"samples are irregular, as after exception or swinging-door compression: {100 * share:.0f} % of the "
-                    f"grid of {every:g} s was recorded, up to {self.gap / SECOND:g} s are bridged")
+            text = (f"samples are irregular, as after exception or swinging-door compression: {100 * share:.0f} % of "
+                    f"the grid of {every:g} s was recorded, up to {self.gap / SECOND:g} s are bridged")
             found.append(Note("compressed", text, {"interval_s": every, "recorded_share": share,
                                                    "median_spacing_s": self.usual / SECOND}))
         advance = np.maximum(1, np.rint(apart))
