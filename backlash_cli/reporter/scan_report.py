@@ -16,7 +16,7 @@ from ..record import Note, Record
 from ..results import UNDECIDED, LoopReport, ScanResult, Verdict
 from . import figures
 from .figures import POINTS, Figure
-from .files import make_folder, replacing, write_parts
+from .files import make_folder, replacing, write_text
 from .json_report import json_parts
 from .page import LoopPart, one_page, write_folder_of
 from .plant_figures import PlantRow, plant_figure
@@ -86,7 +86,7 @@ def write(
     elif form == "html" and output.suffix.lower() not in (".html", ".htm"):
         write_folder(output, result, records, step)
     else:
-        write_parts(output, render(result, records, form, table, verbose=verbose))
+        write_text(output, render(result, records, form, table, verbose=verbose))
 
 
 def draw(
@@ -96,13 +96,13 @@ def draw(
 
     Loops that could not be read have no record and no picture. Raises BacklashError when the place cannot be written.
     """
-    from .still import draw_loop
+    from .still import loop_figure, write_still
 
     make_folder(folder)
     reports = [r for r in result.loops if r.loop in records and r.samples]
     names = file_names(r.loop for r in reports)
     for r in reports:
-        draw_loop(records[r.loop], r, folder, name=names[r.loop])
+        write_still(folder / f"{names[r.loop]}.png", loop_figure(records[r.loop], r))
         step()
     return len(reports)
 

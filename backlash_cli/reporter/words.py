@@ -136,12 +136,6 @@ def rung(step: Step) -> str:
     return "baseline" if step.added is None else f"+ {plain_name(step.added)}"
 
 
-def gap_sizes(e: Explanation, pair: tuple[str, str]) -> list[float]:
-    """The gap that each of these effects had where it was tried [span]."""
-    return [p.value for x in (*e.effects, *e.candidates) if x.effect in pair for n, p in x.parameters.items()
-            if n in ("d", "S") and isinstance(p.value, float)]
-
-
 def effect_name(effect: str, e: Explanation) -> str:
     """The name of an accepted effect, with its twin where the record cannot tell them apart; whether it is likely."""
     twin = [b for a, b in e.look_alikes if a == effect and {a, b} == {"backlash", "stiction"}]
@@ -223,11 +217,6 @@ def _digits(value: float, width: float) -> int:
     if math.isfinite(width) and width > 0:
         worth = max(-math.floor(math.log10(0.5 * width)), 1 - own if value else 0)
     return min(max(worth, 0), 8)
-
-
-def plain_quantity(p: FittedParameter) -> str:
-    """A parameter of the process, without engineering units."""
-    return quantity(p, "process", LoopSettings())
 
 
 def numbers(effect: FittedEffect, settings: LoopSettings, start: float | None = None, *, brief: bool = False

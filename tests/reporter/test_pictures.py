@@ -21,8 +21,9 @@ from backlash_cli.reporter.figures import (
     trend,
     unit,
 )
-from backlash_cli.reporter.still import draw_loop, loop_figure
-from backlash_cli.results import Cluster, Confirmation, Estimate, LoopReport, Verdict
+from backlash_cli.reporter.scan_report import draw
+from backlash_cli.reporter.still import loop_figure, write_still
+from backlash_cli.results import Cluster, Confirmation, Estimate, LoopReport, ScanResult, Verdict
 
 N = 6000
 SETTINGS = LoopSettings(K=0.6, Ti=28.0, pv_range=(0.0, 900.0), op_range=(0.0, 100.0))
@@ -69,12 +70,14 @@ def test_the_picture_says_what_was_found_and_where() -> None:
 
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 def test_the_file_is_a_picture_and_the_same_each_time(tmp_path: Path, suffix: str) -> None:
-    path = draw_loop(record(), report(), tmp_path, suffix=suffix)
+    path = tmp_path / f"FIC101{suffix}"
+    write_still(path, loop_figure(record(), report()))
     data = path.read_bytes()
-    assert path.name == f"FIC101{suffix}" and len(list(tmp_path.iterdir())) == 1
+    assert len(list(tmp_path.iterdir())) == 1
     if suffix == ".png":
         assert data.startswith(b"\x89PNG")
-        assert draw_loop(record(), report(), tmp_path).read_bytes() == data
+        write_still(path, loop_figure(record(), report()))
+        assert path.read_bytes() == data
     else:
         assert ET.fromstring(data).tag.endswith("svg")
 
@@ -83,8 +86,10 @@ def test_the_file_is_a_picture_and_the_same_each_time(tmp_path: Path, suffix: st
 def test_no_name_leaves_the_folder_or_breaks_the_picture(tmp_path: Path, name: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        path = draw_loop(record(name), report(name), tmp_path)
-    assert path.resolve().parent == tmp_path.resolve() and path.is_file()
+        found = replace(report(name), samples=N)
+        assert draw(ScanResult((found,)), {name: record(name)}, tmp_path / "plots") == 1
+    assert [path.suffix for path in tmp_path.rglob("*") if path.is_file()] == [".png"]
+    assert len(list((tmp_path / "plots").iterdir())) == 1
 
 
 def test_without_output_or_confirmation_the_estimates_are_the_evidence() -> None:
@@ -133,7 +138,8 @@ def test_gaps_and_missing_numbers_break_the_line() -> None:
 
 @pytest.mark.parametrize("samples", [1, 30])
 def test_short_records_are_drawn(tmp_path: Path, samples: int) -> None:
-    assert draw_loop(record().slice(0, samples), report(), tmp_path).is_file()
+    write_still(tmp_path / "short.png", loop_figure(record().slice(0, samples), report()))
+    assert (tmp_path / "short.png").is_file()
 
 
 def test_estimates_are_thinned_before_they_hide_each_other() -> None:
