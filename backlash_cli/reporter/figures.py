@@ -28,21 +28,18 @@ Flank = tuple[FloatArray, FloatArray]
 
 
 def axis(title: str, **more: Any) -> Figure:
-    """An axis with its title."""
+    """An axis with its title; more, here and below: further keys as plotly knows them."""
     return {"title": {"text": title}, **more}
 
 
 def trace(x: Sequence[Any], y: Sequence[Any], name: str, colour: str, *, mode: str = "lines", hover: str = "%{y}",
           width: float = 1.5, dash: str = "solid", symbol: str = "circle", size: float = 8, **more: Any) -> Figure:
-    """A line, or markers, or both as the mode says. more: further keys as plotly knows them."""
-    looks: Figure = {}
-    if "lines" in mode:
-        looks["line"] = {"color": colour, "width": width, "dash": dash}
-    if "markers" in mode:
-        looks["marker"] = {"color": colour, "symbol": symbol, "size": size}
-    if hover:
-        looks["hovertemplate"] = hover
-    return {"type": "scatter", "mode": mode, "name": picture(name), "x": x, "y": y, **looks, **more}
+    """A line, or markers, or both as the mode says."""
+    looks = {"line": {"color": colour, "width": width, "dash": dash} if "lines" in mode else None,
+             "marker": {"color": colour, "symbol": symbol, "size": size} if "markers" in mode else None,
+             "hovertemplate": hover}
+    return {"type": "scatter", "mode": mode, "name": picture(name), "x": x, "y": y,
+            **{key: value for key, value in looks.items() if value}, **more}
 
 
 def across(which: str, at: float | tuple[float, float], colour: str, *, name: str = "", width: float = 1.0,
@@ -52,14 +49,12 @@ def across(which: str, at: float | tuple[float, float], colour: str, *, name: st
     name: its words in the legend, if it stands there.
     """
     other = "y" if which == "x" else "x"
-    looks: Figure = {"type": "line", "line": {"color": colour, "width": width, "dash": dash}}
     low, high = at if isinstance(at, tuple) else (at, at)
-    if isinstance(at, tuple):
-        looks = {"type": "rect", "fillcolor": colour, "opacity": 0.15, "line": {"width": 0}}
-    if name:
-        looks |= {"name": name, "showlegend": True}
+    looks: Figure = {"type": "rect", "fillcolor": colour, "opacity": 0.15, "line": {"width": 0}} if isinstance(
+        at, tuple) else {"type": "line", "line": {"color": colour, "width": width, "dash": dash}}
+    legend: Figure = {"name": name, "showlegend": True} if name else {}
     return {f"{which}0": low, f"{which}1": high, f"{other}ref": "paper", f"{other}0": 0, f"{other}1": 1, **looks,
-            **more}
+            **legend, **more}
 
 
 def written(text: str, x: float, y: float, **more: Any) -> Figure:

@@ -13,9 +13,8 @@ from .._version import __version__
 from ..results import Compensator
 from ..results.history import DAY, HalfPeriod, Night, Place, Repair, Run, Segment, Wear, day_text
 from .figures import Figure
-from .files import write_text
 from .json_report import fields_of, iso_time
-from .page import LoopPart, one_page, write_folder_of
+from .page import LoopPart, PlantPages, is_page
 from .plant_figures import WEEKS, PlantRow, half_period_figure, plant_figure, wear_figure
 from .report import Report
 from .templates import screen, sentence
@@ -26,7 +25,6 @@ MARKS = {"pull": "bad", "room": "warn", "watch": "warn", "leave": "good", "check
 DRAWN = 60  # loops with figures in a single file
 RANKED = 40  # loops in the picture of the plant
 LATEST = 30  # nights in a loop's table
-TITLE = "Valve wear report"
 
 
 def loops_text(nights: Mapping[str, Sequence[Night]], repairs: Mapping[str, Sequence[Repair]], runs: int) -> str:
@@ -91,7 +89,7 @@ def write_report(output: Path, places: Sequence[Place], wears: Mapping[str, Wear
 
     The old report stays until the new one is whole. half_periods: gives the recent half periods of a loop by its name.
     """
-    single = output.suffix.lower() in (".html", ".htm")
+    single = is_page(output)
     times = [n.time for found in nights.values() for n in found]
     first, last = (day_text(edge(times)) if times else None for edge in (min, max))  # the clock is not asked
     subtitle = sentence("made", len(nights), first, last, __version__, len(times))
@@ -101,11 +99,8 @@ def write_report(output: Path, places: Sequence[Place], wears: Mapping[str, Wear
     content = {"places": places, "wears": wears, "picture": plant_picture(places[:RANKED], wears, nights),
                "counts": Counter(p.title for p in places), "cut": DRAWN * (single and len(places) > DRAWN),
                "ranked": RANKED, "weeks": WEEKS, "marks": MARKS, "day_text": day_text, "growth": growth}
-    if single:
-        write_text(output, one_page(TITLE, subtitle, loops, "wear.html", content))
-    else:
-        told = (places, [[n.digest for n in nights[p.loop]] for p in places], [wears[p.loop] for p in places])
-        write_folder_of(output, TITLE, subtitle, loops, "wear.html", content, told)
+    told = (places, [[n.digest for n in nights[p.loop]] for p in places], [wears[p.loop] for p in places])
+    PlantPages("Valve wear report", subtitle, "wear.html", content, loops).write(output, told)
 
 
 def plant_picture(places: Sequence[Place], wears: Mapping[str, Wear], nights: Mapping[str, Sequence[Night]]) -> Figure:
