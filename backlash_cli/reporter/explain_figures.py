@@ -107,8 +107,7 @@ def plane(series: Series, settings: LoopSettings) -> Figure:
                        colour, width=1, opacity=0.7, hover="OP %{x}, PV %{y}")
              for name, values, colour in (("measured", series.measured, fig.MEASUREMENT),
                                           ("predicted", series.predicted, PREDICTED))]
-    return {"data": lines, "layout": {"xaxis": fig.axis("OP"), "yaxis": fig.axis("PV"), "hovermode": "closest",
-                                      "height": 440}}
+    return {"data": lines, "layout": {"xaxis": fig.axis("OP"), "yaxis": fig.axis("PV"), "height": 440}}
 
 
 def _shading(region: Region, place: int) -> Figure:
@@ -153,7 +152,7 @@ def causes(series: Series, predictions: Mapping[str, FloatArray], noise_floor: f
                 lines.append(fig.trace(fig.digits(x), fig.digits(100 * y), name, colour, mode="lines+markers", size=6,
                                        width=1.6, dash=dash, symbol=symbol, hover="%{x:.4g}: %{y:.3g} %"))
         layout: Figure = {"xaxis": fig.axis(x_label), "yaxis": fig.axis(f"{y_label} [% of PV span]"),
-                          "hovermode": "closest", "height": 320}
+                          "height": 320}
         if title == "Period":
             layout["xaxis"]["type"] = "log"
         else:

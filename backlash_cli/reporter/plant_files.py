@@ -48,7 +48,12 @@ def write_plant(path: Path, records: Sequence[Record], *, layout: str = "wide", 
             pq.write_table(table, sink, compression="zstd")
         else:
             sink.write((",".join(table.column_names) + "\n").encode())
-            csv.write_csv(_times_as_text(table), sink, csv.WriteOptions(include_header=False, quoting_style="none"))
+            times = table["timestamp"]  # ISO 8601 with Z; milliseconds only where a time has them
+            with contextlib.suppress(pa.ArrowInvalid):
+                times = times.cast(pa.timestamp("s", tz="UTC"))
+            place = table.schema.get_field_index("timestamp")
+            table = table.set_column(place, "timestamp", compute.strftime(times, "%Y-%m-%dT%H:%M:%SZ"))
+            csv.write_csv(table, sink, csv.WriteOptions(include_header=False, quoting_style="none"))
 
 
 def write_settings(path: Path, records: Iterable[Record]) -> None:
@@ -89,11 +94,15 @@ def _long(records: Sequence[Record], finest: float) -> pa.Table:
 
 def _signals(record: Record, finest: float) -> dict[str, Any]:
     """Columns of one loop in engineering units, name -> (samples,); MODE only where the loop was ever in manual."""
-    settings = record.settings
-    columns: dict[str, Any] = {"SP": _engineering(record.setpoint, settings.pv_range, finest),
-                               "PV": _engineering(record.measurement, settings.pv_range, finest)}
+    def engineering(values: FloatArray, low: float, high: float) -> FloatArray:
+        decimals = max(0, math.ceil(-math.log10(abs(high - low) * finest) - 1e-9))
+        return np.round(low + (high - low) * values, decimals) + 0.0
+
+    s = record.settings
+    columns: dict[str, Any] = {"SP": engineering(record.setpoint, *s.pv_range),
+                               "PV": engineering(record.measurement, *s.pv_range)}
     if record.output is not None:
-        columns["OP"] = _engineering(record.output, settings.op_range, finest)
+        columns["OP"] = engineering(record.output, *s.op_range)
     manual = record.state == SampleState.MANUAL
     if manual.any():
         columns["MODE"] = np.where(manual, "MAN", "AUTO")
@@ -104,23 +113,8 @@ def _signals(record: Record, finest: float) -> dict[str, Any]:
     return columns
 
 
-def _engineering(values: FloatArray, span: tuple[float, float], finest: float) -> FloatArray:
-    low, high = span
-    decimals = max(0, math.ceil(-math.log10(abs(high - low) * finest) - 1e-9))
-    return np.round(low + (high - low) * values, decimals) + 0.0
-
-
 def _times(record: Record) -> Any:
     return pa.array(np.round(record.time * 1e3).astype(np.int64), type=pa.timestamp("ms", tz="UTC"))
-
-
-def _times_as_text(table: pa.Table) -> pa.Table:
-    """ISO 8601 with Z; milliseconds only where a time has them."""
-    times = table["timestamp"]
-    with contextlib.suppress(pa.ArrowInvalid):
-        times = times.cast(pa.timestamp("s", tz="UTC"))
-    place = table.schema.get_field_index("timestamp")
-    return table.set_column(place, "timestamp", compute.strftime(times, "%Y-%m-%dT%H:%M:%SZ"))
 
 
 def _key(name: str) -> str:

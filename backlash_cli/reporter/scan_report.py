@@ -15,13 +15,12 @@ from ..errors import UsageError, nearest
 from ..record import Note, Record
 from ..results import UNDECIDED, LoopReport, ScanResult, Verdict
 from . import figures
-from .figures import POINTS, Figure
+from .figures import POINTS, Figure, PlantRow
 from .files import make_folder, replacing, write_text
 from .json_report import json_parts
 from .page import LoopPart, PlantPages, is_page
-from .plant_figures import PlantRow, plant_figure
 from .safe import file_names
-from .tables import columns_of, csv_parts, write_parquet
+from .tables import columns_of, csv_parts, to_dataframe
 from .templates import screen, sentence
 from .words import MARKS, VERDICTS, by_size, excluded, moment, percent, size
 
@@ -77,7 +76,7 @@ def write(result: ScanResult, records: Mapping[str, Record], form: str, output: 
     """
     if form == "parquet":
         with replacing(output) as temporary:
-            write_parquet(result, temporary, table)
+            to_dataframe(result, table).to_parquet(temporary, index=False)
     elif form == "html":
         pages(result, records, folder=not is_page(output)).write(output, result, step)
     else:
@@ -157,7 +156,7 @@ def plant_picture(reports: Sequence[LoopReport]) -> Figure:
         words = "" if d is not None else VERDICTS[r.verdict] if below is None else f"below {percent(below)}"
         rows.append(PlantRow(r.loop, VERDICTS[r.verdict], MARKS[r.verdict], d, r.cluster.ci95 if r.cluster else None,
                              below, None if d is None else r.limit_of_detection, words, sentence("brief", r)))
-    return plant_figure(rows, "limit of detection")
+    return figures.plant(rows, "limit of detection")
 
 
 def parse_rules(texts: Iterable[str], where: str = "--fail-on") -> list[Rule]:

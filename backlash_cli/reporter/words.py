@@ -26,7 +26,6 @@ _SAID = {
     Verdict.ERROR: ("not analysed", "bad"),
 }
 VERDICTS, MARKS = ({verdict: said[k] for verdict, said in _SAID.items()} for k in (0, 1))
-_ORDER = {v: i for i, v in enumerate(VERDICTS)}
 WORSE = 1.15  # share of the error over share of the time, from which a region is worth a line
 SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
 A_DATE = 1e8  # epoch seconds (1973); a record that counts its seconds from zero stays below
@@ -42,14 +41,14 @@ _UNITS = {  # unit of a parameter -> factor to what is shown, and its words; {}:
 
 def by_size(reports: Sequence[LoopReport]) -> list[LoopReport]:
     """Reports in the order of a work list: backlash and suspicion by size, then the rest by verdict and name."""
-    return sorted(reports, key=lambda r: (_ORDER[r.verdict], -(size(r) or 0.0), r.loop))
+    order = {verdict: place for place, verdict in enumerate(VERDICTS)}
+    return sorted(reports, key=lambda r: (order[r.verdict], -(size(r) or 0.0), r.loop))
 
 
 def size(report: LoopReport) -> float | None:
     """Dead band to quote [span of output]: the cluster's; None where the verdict claims none."""
-    if report.verdict not in (Verdict.BACKLASH, Verdict.SUSPECTED) or report.cluster is None:
-        return None
-    return report.cluster.d
+    claimed = report.verdict in (Verdict.BACKLASH, Verdict.SUSPECTED)
+    return report.cluster.d if claimed and report.cluster is not None else None
 
 
 def excluded(report: LoopReport) -> float | None:

@@ -15,11 +15,10 @@ from backlash_cli.reporter.figures import (
     flanks,
     known_part,
     means,
-    scale,
+    shown,
     stands_still,
     stem_of,
     trend,
-    unit,
 )
 from backlash_cli.reporter.scan_report import draw
 from backlash_cli.reporter.still import loop_figure, write_still
@@ -204,6 +203,6 @@ def test_what_is_not_recorded_is_not_drawn() -> None:
 
 
 def test_units_and_means() -> None:
-    assert unit(scale((0.0, 1.0))) == "%" and scale((0.0, 900.0)) == (0.0, 900.0)
+    assert shown((0.0, 1.0)) == ((0.0, 100.0), "%") and shown((0.0, 900.0))[0] == (0.0, 900.0)
     assert means(np.arange(10.0), 5).tolist() == [0.5, 2.5, 4.5, 6.5, 8.5]
     assert means(np.arange(3.0), 5).tolist() == [0.0, 1.0, 2.0]
