@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class LoopCheck:
     """What was found about one loop's data and settings. start, end: UTC epoch seconds; signals normalised.
 
-    identified: settings read from the data, or a Note that says why they cannot be. settings_notes: disagreements.
+    identified: settings read from the data; unidentified: why they cannot be. settings_notes: disagreements.
     diagnosis: what an oscillation looks like, None where there is none. notes: what the loader found or assumed.
     failure: why the loop could not be checked at all; quality and identified are None then.
     """
@@ -38,7 +38,8 @@ class LoopCheck:
     end: float | None = None
     settings: LoopSettings = field(default_factory=LoopSettings)
     quality: Quality | None = None
-    identified: Identification | Note | None = None
+    identified: Identification | None = None
+    unidentified: Note | None = None
     settings_notes: tuple[Note, ...] = ()
     diagnosis: Diagnosis | None = None
     notes: tuple[Note, ...] = ()
@@ -62,8 +63,8 @@ class LoopCheck:
         for note in quality:
             if note.values.get("effect") == "blocks":
                 return "blocks", f"no verdict possible: {note.message}"
-        if isinstance(self.identified, Note) and not (self.settings.K and self.settings.Ti):
-            return "blocks", f"no verdict possible: K and Ti are not given, and {self.identified.message}"
+        if self.unidentified is not None and not (self.settings.K and self.settings.Ti):
+            return "blocks", f"no verdict possible: K and Ti are not given, and {self.unidentified.message}"
         for note in self.settings_notes:
             if note.values.get("severity") == "contradict":
                 return "limits", f"the size of a dead band would be wrong: {note.message}"
@@ -79,15 +80,14 @@ class LoopCheck:
 def check_loop(record: Record) -> LoopCheck:
     """Judge one loop's data and compare its settings with those that the data show."""
     record = with_constant_setpoint(record)
-    identified = identify(record)
-    settings = record.settings
-    Ti = settings.Ti
-    notes = check_settings(settings, identified)
-    if not isinstance(identified, Note) and (Ti is None or any(n.code in _OF_TI for n in notes)):
+    found, settings = identify(record), record.settings
+    identified, unidentified = (None, found) if isinstance(found, Note) else (found, None)
+    Ti, notes = settings.Ti, check_settings(settings, found)
+    if identified is not None and (Ti is None or any(n.code in _OF_TI for n in notes)):
         Ti = identified.Ti.value
     diagnosis = diagnose(record if np.isfinite(record.setpoint).any() else at_mean(record) or record)
     first, last = record.time[[0, -1]].tolist() if len(record) else (None, None)
-    return LoopCheck(record.loop, first, last, settings, data_quality(record, Ti), identified, notes,
+    return LoopCheck(record.loop, first, last, settings, data_quality(record, Ti), identified, unidentified, notes,
                      diagnosis if diagnosis.kind != "none" else None, record.notes)
 
 
@@ -101,19 +101,15 @@ def check(plant: Iterable[Record], progress: Callable[[], None] | None = None) -
     for record in plant:
         try:
             loops.append(check_loop(record))
-        except BacklashError as error:
-            loops.append(LoopCheck(record.loop, notes=record.notes, failure=Note(error.code, str(error))))
         except Exception as error:  # one loop's failure must not cost the others their report
-            why = Note("internal_error", f"the check failed: {type(error).__name__}: {error}")
+            why = Note(error.code, str(error)) if isinstance(error, BacklashError) else Note(
+                "internal_error", f"the check failed: {type(error).__name__}: {error}")
             loops.append(LoopCheck(record.loop, notes=record.notes, failure=why))
         if progress is not None:
             progress()
-    known = {loop.loop for loop in loops}
     failures: tuple[Note, ...] = getattr(plant, "failures", ())
-    for note in failures:
-        name = str(note.values.get("loop", ""))
-        if name and name not in known:
-            loops.append(LoopCheck(name, failure=note))
-            known.add(name)
+    lost = {str(note.values["loop"]): note for note in reversed(failures) if note.values.get("loop")}
+    known = {loop.loop for loop in loops}
+    loops += [LoopCheck(name, failure=note) for name, note in reversed(lost.items()) if name not in known]
     rest = tuple(note for note in failures if not note.values.get("loop"))
     return PlantResult(tuple(loops), getattr(plant, "inputs", ()), getattr(plant, "warnings", ()), rest)

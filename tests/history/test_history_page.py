@@ -5,8 +5,7 @@ import pytest
 from backlash_cli.history.limits import read_limits
 from backlash_cli.history.plant import plant_history
 from backlash_cli.history.store import History
-from backlash_cli.reporter.history_report import plant_picture, write_report
-from backlash_cli.reporter.plant_figures import WEEKS
+from backlash_cli.reporter.history_report import WEEKS, plant_picture, write_report
 from backlash_cli.results import Verdict
 from tests.history.nights import DAY, MARCH, growing, made, result
 
