@@ -194,7 +194,7 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
             except BacklashError as error:
                 lost(str(error))
                 continue
-            outcome = store.add_all([undated(scan)], export=(key, fingerprint))
+            outcome = store.add(undated(scan), export=(key, fingerprint))
         if job.taken_over:
             log("resumed", night=export.name, loops=job.taken_over)
         late = newest is not None and export.date is not None and export.date < newest
@@ -206,7 +206,7 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
         for note in scan.failures:
             log("not analysed", "warning", night=export.name, reason=note.message)
         if config.outputs.scan is not None:
-            _write_scan(config.outputs.scan, config.outputs.keep, export.name, scan, job.records, log)
+            _write_scan(config.outputs.scan, config.outputs.keep, export.name, scan, job.plant, log)
     return names, counts, scan
 
 
