@@ -7,14 +7,13 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 import click
 
 from ..errors import BacklashError
 from ..reporter.safe import terminal
 
-Found = TypeVar("Found")
 COMPILING = 4  # seconds of CPU that the first command spends on it at most, on a machine of 2026; a scan 1
 
 
@@ -45,9 +44,15 @@ def put(path: Path | None, text: str, what: str = "") -> None:
         say(f"{what} written to {path}")
 
 
-def deliver(found: Found, text: Callable[..., str], page: Callable[[Found], str], numbers: Callable[[Found], str],
-            html: Path | None, json_file: Path | None, **shown: bool) -> int:
-    """Write page and numbers where they were asked for, and the text unless the numbers go to standard output."""
+def deliver(found: Any, text: Callable[..., str], page: Callable[..., str], numbers: Callable[..., str],
+            html: Path | None, json_file: Path | None, picture: Path | None = None, **shown: bool) -> int:
+    """Write picture, page and numbers where they were asked for, and the text unless the numbers go to standard output.
+    """
+    if picture is not None:
+        from ..reporter.explain_report import write_picture
+
+        write_picture(found, picture)
+        say(f"picture written to {picture}")
     if html is not None:
         put(html, page(found), "page")
     if json_file is not None:

@@ -51,15 +51,12 @@ def compare(export: Export, loop: str | None, model_file: Path | None, other_loo
     error is given for the fit, for samples the fit did not see, and beside the measurement noise.
     """
     from ..model import compare as compare_with
-    from ..reporter.explain_report import compare_page, comparison_text, write_picture
+    from ..reporter.explain_report import compare_page, comparison_text
     from ..reporter.json_report import model_json
 
     check_places(export, picture, json_file, html)
     found = compare_with(*record_and_model(export, loop, model_file, other_loop=other_loop))
-    if picture is not None:
-        write_picture(found, picture)
-        say(f"picture written to {picture}")
-    return deliver(found, comparison_text, compare_page, model_json, html, json_file, verbose=verbose)
+    return deliver(found, comparison_text, compare_page, model_json, html, json_file, picture, verbose=verbose)
 
 
 @click.command(short_help="Find the physical effects that are missing in a loop's model.",
@@ -99,7 +96,7 @@ def explain(export: Export, loop: str | None, add: tuple[str, ...], outside: tup
     from ..api import save_model as keep
     from ..effects.registry import load_effect
     from ..model import explain as explain_record
-    from ..reporter.explain_report import explain_page, explanation_text, write_picture
+    from ..reporter.explain_report import explain_page, explanation_text
     from ..reporter.json_report import model_json
 
     engine = None if workers.engine == "local" else workers.engine
@@ -123,10 +120,7 @@ def explain(export: Export, loop: str | None, add: tuple[str, ...], outside: tup
     if save_model is not None and found.model is not None:
         keep(found.model, save_model)
         say(f"model written to {save_model}")
-    if picture is not None:
-        write_picture(found, picture)
-        say(f"picture written to {picture}")
-    return deliver(found, explanation_text, explain_page, model_json, html, json_file, verbose=verbose)
+    return deliver(found, explanation_text, explain_page, model_json, html, json_file, picture, verbose=verbose)
 
 
 def check_places(export: Export, picture: Path | None, *outputs: Path | None) -> None:

@@ -24,8 +24,7 @@ READING = ("time_format", "timezone", "interpolation", "delimiter", "decimal", "
            "header_row", "only_loops", "good_quality", "auto_modes")
 SCAN_SUFFIXES = (".html", ".json", ".csv", ".parquet")
 _DATE = re.compile(r"\{date(?::([^{}]*))?\}")
-_TOKENS = {"%Y": r"\d{4}", "%y": r"\d{2}", "%m": r"\d{2}", "%d": r"\d{2}", "%j": r"\d{3}", "%H": r"\d{2}",
-           "%M": r"\d{2}", "%S": r"\d{2}", "%b": r"[A-Za-z]{3}", "%%": "%"}
+CODES = "YymdjHMSb%"  # of a date, as in strftime; each is written in as many characters every day
 Count = Annotated[int, msgspec.Meta(gt=0, lt=1_000_000)]
 
 
@@ -139,9 +138,13 @@ def matches(pattern: str) -> list[tuple[Path, date | None]]:
     wild, expression, formats = "", "", []
     for i, piece in enumerate(_DATE.split(pattern)):  # text and date formats by turns
         if i % 2:
-            formats.append(piece or "%Y-%m-%d")
-            wild += re.sub("[^/]+", "*", formats[-1])
-            expression += f"({_format_expression(formats[-1], pattern)})"
+            form = piece or "%Y-%m-%d"
+            if strange := re.search(f"%([^{CODES}]|$)", form):
+                raise MetadataError(f"{strange[0]!r} is not known in a date", where=pattern,
+                                    remedy=f"use {', '.join('%' + code for code in CODES[:-1])}")
+            formats.append(form)
+            wild += re.sub("[^/]+", "*", form)
+            expression += f"(.{{{len(date(2026, 12, 31).strftime(form))}}})"
         else:
             wild += piece.replace("[", "[[]")
             expression += re.escape(piece).replace(r"\*\*/", "(?:.*/)?").replace(r"\*", "[^/]*").replace(r"\?", "[^/]")
@@ -166,15 +169,6 @@ def expand(pattern: str, name: str) -> str:
             return re.sub(r"[^A-Za-z0-9._-]+", "_", name)
 
     return _DATE.sub(fill, pattern)
-
-
-def _format_expression(form: str, pattern: str) -> str:
-    tokens = re.findall(r"%.|[^%]+|%", form)
-    for token in tokens:
-        if token.startswith("%") and token not in _TOKENS:
-            raise MetadataError(f"{token!r} is not known in a date", where=pattern,
-                                remedy=f"use {', '.join(t for t in _TOKENS if t != '%%')}")
-    return "".join(_TOKENS.get(token, re.escape(token)) for token in tokens)
 
 
 @contextlib.contextmanager
