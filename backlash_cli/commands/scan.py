@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -61,11 +61,11 @@ _STAMP = re.compile(  # a date, perhaps with a time, at the end of a file's name
 @options.verbose("List every reason and warning of every loop.")
 @click.option("--quiet", "-q", is_flag=True,
               help="Say only what went wrong: no progress, and no table unless --format asks for it.")
-@options.engine(options.JOBS)
+@options.JOBS
+@options.ENGINE
 @options.export(options.ONLY_LOOPS, *options.SELECTION, required=False)
-def scan(export: Export, demo: bool, form: str | None, output: Path | None, table: str, plot: Path | None,
-         history: Path | None, resume: bool, fail_on: tuple[str, ...], no_confirm: bool, verbose: bool, quiet: bool,
-         workers: Workers) -> int:
+def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Path | None, history: Path | None,
+         resume: bool, fail_on: tuple[str, ...], no_confirm: bool, verbose: bool, quiet: bool, **given: Any) -> int:
     """Find dead band in every loop of an export and say how much, how sure, and what to do.
 
     INPUT is one or more CSV or Parquet files, or folders of them; together they are one plant.
@@ -76,6 +76,7 @@ def scan(export: Export, demo: bool, form: str | None, output: Path | None, tabl
     from ..reporter.scan_report import check_delivery, draw, met, parse_rules
     from ..scanning import ScanOptions
 
+    export, workers = Export.of(given), Workers.of(given)
     if demo == bool(export.inputs):
         raise UsageError("--demo and an export do not fit together" if demo else "nothing to scan: no INPUT",
                          remedy="name an export, a file or folder, or give --demo alone to see what comes out")
