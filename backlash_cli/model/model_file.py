@@ -38,6 +38,12 @@ WORDS = {"loop": 'write loop = "FIC101"', "start": "write start = 2026-03-02T06:
          "baseline": "write [baseline] on a line of its own", "effects": "write [[effects]] on a line of its own",
          "interval": "give one number: between samples [s]", "rmse_holdout": "give one number: error [PV span]",
          **{key: f"give one number: {words}" for key, words in BASELINE.items()}}  # what to write instead
+# what stands behind each key of a file that is written
+REMARKS = {
+    "loop": "", "start": "  # of the record it was fitted to; times of events count from here", "end": "",
+    "interval": "  # between samples [s]", "pv_range": "", "op_range": "", "output": "  # where OP was then [span]",
+    "rmse_holdout": "  # error on samples the fit did not see",
+}  # fmt: skip
 
 
 class Baseline(Page, frozen=True):
@@ -116,61 +122,42 @@ def model_text(model: Model) -> str:
         "# Model of one loop, made by backlash: PV = Kp x lag(effects(OP)) + offset.",
         "# Change what you know better, then: backlash compare EXPORT --model THIS_FILE",
         "# Signals are normalised by the ranges (0.03 = 3 % of span), times are in seconds.",
-        f"loop = {_text(model.loop)}",
     ]
-    if model.start is not None:
-        out.append(f"start = {_time(model.start)}  # of the record it was fitted to; times of events count from here")
-    if model.end is not None:
-        out.append(f"end = {_time(model.end)}")
-    if model.interval is not None:
-        out.append(f"interval = {_number(model.interval)}  # between samples [s]")
-    for key, span in (("pv_range", model.pv_range), ("op_range", model.op_range)):
-        if span is not None:
-            out.append(f"{key} = [{_number(span[0])}, {_number(span[1])}]")
-    if model.output is not None:
-        out.append(f"output = [{_number(model.output[0])}, {_number(model.output[1])}]  # where OP was then [span]")
-    if model.rmse_holdout is not None:
-        out.append(f"rmse_holdout = {_number(model.rmse_holdout)}  # error on samples the fit did not see")
-    out += ["", "[baseline]"]
-    out += [f"{key} = {_number(getattr(model, key))}  # {words}" for key, words in BASELINE.items()]
+    told = {key: getattr(model, key) for key in REMARKS}
+    told |= {key: _time(told[key]) for key in ("start", "end") if told[key] is not None}
+    out += [f"{key} = {_value(value)}{REMARKS[key]}" for key, value in told.items() if value is not None]
+    out += ["", "[baseline]", *(f"{key} = {_value(getattr(model, key))}  # {words}" for key, words in BASELINE.items())]
     for entry in model.effects:
-        out += ["", *_entry(entry)]
+        effect = load_effect(entry.reference)
+        out += ["", f"# {_comment(effect.sentence)}", "[[effects]]", f"effect = {_value(entry.reference)}"]
+        out += [f"column = {_value(entry.column)}"] if entry.column else []
+        # values that do nothing are left out
+        out += [f"{q.name} = {_value(value)}  # {_comment(q.meaning)} [{_comment(q.unit)}]" for q in effect.parameters
+                if (value := entry.parameters.get(q.name)) not in (None, q.neutral, ())]
     return "\n".join(out) + "\n"
 
 
-def _entry(entry: ModelEffect) -> list[str]:
-    """The lines of one effect; values that do nothing are left out."""
-    effect = load_effect(entry.reference)
-    out = [f"# {_comment(effect.sentence)}", "[[effects]]", f"effect = {_text(entry.reference)}"]
-    if entry.column:
-        out.append(f"column = {_text(entry.column)}")
-    for q in effect.parameters:
-        value = entry.parameters.get(q.name)
-        if value is None or value == q.neutral or value == ():
-            continue
-        shown = f"[{', '.join(map(_number, value))}]" if isinstance(value, tuple) else _number(value)
-        out.append(f"{q.name} = {shown}  # {_comment(q.meaning)} [{_comment(q.unit)}]")
-    return out
-
-
-def _number(value: float) -> str:
-    return repr(float(f"{float(value):.8g}"))
-
-
-def _time(epoch: float) -> str:
-    """A TOML date-time; a number where it is no date."""
+def _time(epoch: float) -> datetime | float:
+    """A date; a number where it is no date."""
     try:
-        return datetime.fromtimestamp(round(epoch, 3), UTC).isoformat().replace("+00:00", "Z")
+        return datetime.fromtimestamp(round(epoch, 3), UTC)
     except (OverflowError, ValueError, OSError):
-        return _number(epoch)
+        return epoch
+
+
+def _value(value: object) -> str:
+    """A value as TOML; of text quotes, backslashes and control characters are escaped."""
+    match value:
+        case str():
+            kept = value.encode("utf-8", "replace").decode().replace("\\", "\\\\").replace('"', '\\"')
+            return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in kept) + '"'
+        case tuple():
+            return f"[{', '.join(map(_value, value))}]"
+        case datetime():
+            return value.isoformat().replace("+00:00", "Z")
+    return repr(float(f"{value:.8g}"))
 
 
 def _comment(text: str) -> str:
     """Text on one line, without what a TOML comment may not hold."""
     return re.sub(r"\s+", " ", "".join(c if c.isprintable() else " " for c in text)).strip()
-
-
-def _text(value: str) -> str:
-    """A TOML basic string: quotes, backslashes and control characters escaped."""
-    kept = value.encode("utf-8", "replace").decode().replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in kept) + '"'
