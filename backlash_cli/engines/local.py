@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..errors import BacklashError
@@ -24,7 +23,7 @@ from ..loaders.clean import Recipe
 from ..loaders.join import Joiner, failure
 from ..record import Note, Record
 from ..results import LoopReport, Verdict
-from ..scanning import ScanOptions, pieces, scan, scan_blocks
+from ..scanning import ScanOptions, scan, scan_blocks
 from .cluster import cores, on_cluster
 
 if TYPE_CHECKING:
@@ -117,7 +116,7 @@ def _analyse_recipe(recipe: Recipe, options: ScanOptions, joiner: Joiner | None,
     except Exception as error:  # one loop's failure must not cost the others their report
         return failed(recipe, Note("internal_error", f"reading failed: {type(error).__name__}: {error}"))
     if long:
-        report = _guarded(lambda: scan_blocks(lambda: chain.from_iterable(map(pieces, recipe.chunks())), options),
+        report = _guarded(lambda: scan_blocks(recipe.chunks(), options),
                           record)
     else:
         report = analyse_loop(record, options)

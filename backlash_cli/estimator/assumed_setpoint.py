@@ -42,11 +42,6 @@ def with_constant_setpoint(record: Record) -> Record:
     return replace(held, notes=(*(n for n in record.notes if n.code != "no_setpoint"), note))
 
 
-def like(held: Record, block: Record) -> Record:
-    """Return a block of the same loop with the constant setpoint of `held`, and its notes."""
-    return replace(block, setpoint=np.full(len(block), float(held.setpoint[0])), notes=held.notes)
-
-
 def at_mean(record: Record) -> Record | None:
     """Return the record with the mean of PV as its setpoint, None with too few usable samples."""
     use = record.usable & np.isfinite(record.measurement)

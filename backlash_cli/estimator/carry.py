@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from ..half_periods import ErrorScanner, OpenHalfPeriod, Segments, segment
+from ..half_periods import PIECE, ErrorScanner, OpenHalfPeriod, Segments, segment
 from ..record import FloatArray, LoopSettings, Record
 from .haegglund import error_scanner
 
@@ -59,87 +59,48 @@ class Carry:
         return (self.Ti, self.Tf, self.interval) == (other.Ti, other.Tf, other.interval)
 
 
-class CarryRecorder:
-    """Collects a night's Carry block by block; keeps no samples after the head."""
+def carry_of(record: Record, settings: LoopSettings, scanner: ErrorScanner) -> Carry:
+    """Return what the record of one night leaves behind; `scanner` is the one that ran over it."""
+    Ti, Tf = settings.Ti or 0.0, settings.filter_time or 0.0
+    until = int(record.index[0]) + int(np.ceil(FORGET * (Ti / 2.0 + Tf) / record.interval))
+    split = int(np.searchsorted(record.index, until))
+    head, rest = record.slice(0, split), record.slice(split, len(record))
+    cold = error_scanner(settings, record.interval)
+    cold.update(head)
+    body = ErrorScanner(cold.stages)
+    body.go_on(cold.states, cold.last_index)
+    edge, first, end, whole = (0, 0.0, 0.0), None, None, False
+    known = np.flatnonzero(rest.usable & np.isfinite(rest.measurement) & np.isfinite(rest.setpoint))
+    if len(known):
+        at = int(known[0]) + 1
+        body.update(rest.slice(0, at))
+        left = body.smooth.open
+        assert left is not None
+        edge = (left.last_index, left.last_error, left.last_setpoint)
+        body.smooth.open = replace(left, crossed=True)
+        while at < len(rest) and not len(body.smooth.ended):
+            body.update(rest.slice(at, at + PIECE))
+            at += PIECE
+        first, done = body.smooth.open, body.smooth.ended
+        if len(done):
+            first = OpenHalfPeriod(int(done.direction[0]), float(done.begin[0]), True, float(done.area[0]),
+                                   float(done.e_max[0]), float(done.setpoint_move[0]), 0, 0.0, 0.0)
+            end, whole = float(done.end[0]), bool(done.complete[0])
+    tail = Tail(scanner.smooth.open, tuple(scanner.states), scanner.last_index) if scanner.states else None
+    columns = tuple(x.astype(float) for x in (head.index, head.setpoint, head.measurement, head.state))
+    return Carry(Ti, Tf, record.interval, columns, split < len(record), first, edge, end, whole, tail,
+                 _travel(record))
 
-    def __init__(self, settings: LoopSettings, interval: float) -> None:
-        self.settings, self.interval = settings, interval
-        self.cold = error_scanner(settings, interval)
-        self.head: list[Record] = []
-        self.until: int | None = None
-        self.body: ErrorScanner | None = None
-        self.edge: tuple[int, float, float] | None = None
-        self.position: float | None = None
-        self.moved, self.samples = 0.0, 0
 
-    def update(self, block: Record) -> None:
-        """Take the next block of the record."""
-        self._travel(block)
-        if not len(block) or (self.body is not None and len(self.body.smooth.ended)):
-            return
-        if self.until is None:
-            assert self.settings.Ti is not None
-            memory = FORGET * (self.settings.Ti / 2.0 + (self.settings.filter_time or 0.0))
-            self.until = int(block.index[0]) + int(np.ceil(memory / self.interval))
-        split = int(np.searchsorted(block.index, self.until))
-        if split:
-            self.head.append(block.slice(0, split))
-            self.cold.update(self.head[-1])
-        if split < len(block):
-            self._go_on(block.slice(split, len(block)))
+def _travel(record: Record) -> float | None:
+    """How far the output moved per hour [spans/h]."""
+    output = np.zeros(0) if record.output is None else record.output[np.isfinite(record.output)]
+    if not len(output):
+        return None
+    from ..kernels import play
 
-    def _go_on(self, block: Record) -> None:
-        if self.body is None:
-            self.body = ErrorScanner(self.cold.stages)
-            self.body.go_on(self.cold.states, self.cold.last_index)
-        if self.edge is None:
-            usable = np.flatnonzero(block.usable & np.isfinite(block.measurement) & np.isfinite(block.setpoint))
-            one = int(usable[0]) + 1 if len(usable) else len(block)
-            self.body.update(block.slice(0, one))
-            block = block.slice(one, len(block))
-            left = self.body.smooth.open
-            if left is None:
-                return
-            self.edge = (left.last_index, left.last_error, left.last_setpoint)
-            self.body.smooth.open = replace(left, crossed=True)
-        self.body.update(block)
-
-    def _travel(self, block: Record) -> None:
-        if block.output is None:
-            return
-        output = block.output[np.isfinite(block.output)]
-        if not len(output):
-            return
-        from ..kernels import play
-
-        start = float(output[0]) if self.position is None else self.position
-        path = play(output, SMALLEST_MOVE, start)
-        self.moved += float(np.abs(np.diff(path, prepend=start)).sum())
-        self.samples += len(output)
-        self.position = float(path[-1])
-
-    def finish(self, scanner: ErrorScanner) -> Carry:
-        """Return the night's carry; `scanner` is the one that ran over the whole night."""
-        assert self.settings.Ti is not None
-        head = (
-            _join(self.head, "index"), _join(self.head, "setpoint"), _join(self.head, "measurement"),
-            _join(self.head, "state"),
-        )
-        first, end, whole = None, None, False
-        if self.body is not None and self.edge is not None:
-            done = self.body.smooth.ended
-            if len(done):
-                first = OpenHalfPeriod(int(done.direction[0]), float(done.begin[0]), True, float(done.area[0]),
-                                       float(done.e_max[0]), float(done.setpoint_move[0]), 0, 0.0, 0.0)
-                end, whole = float(done.end[0]), bool(done.complete[0])
-            else:
-                first = self.body.smooth.open
-        tail = None
-        if scanner.states:
-            tail = Tail(scanner.smooth.open, tuple(scanner.states), scanner.last_index)
-        return Carry(self.settings.Ti, self.settings.filter_time or 0.0, self.interval, head,
-                     self.body is not None, first, self.edge or (0, 0.0, 0.0), end, whole, tail,
-                     self.moved / (self.samples * self.interval / 3600.0) if self.samples else None)
+    path = play(output, SMALLEST_MOVE, output[0])
+    return float(np.abs(np.diff(path)).sum()) / (len(output) * record.interval / 3600.0)
 
 
 def resume(tail: Tail, night: Carry, shift: int) -> tuple[Segments, float | None, Tail | None]:
@@ -179,10 +140,6 @@ def resume(tail: Tail, night: Carry, shift: int) -> tuple[Segments, float | None
                      np.array([merged.e_max]), np.array([merged.sign], np.int64), np.array([merged.move]),
                      np.array([merged.crossed and night.first_whole]))
     return Segments.join([done, whole]), night.first_end, None
-
-
-def _join(blocks: list[Record], name: str) -> FloatArray:
-    return np.concatenate([np.zeros(0), *(getattr(b, name).astype(float) for b in blocks)])
 
 
 def pack(value: Carry | Tail) -> bytes:

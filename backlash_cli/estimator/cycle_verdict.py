@@ -21,11 +21,6 @@ NOT_TESTED = {"missing_settings", "no_setpoint", "sampling_too_coarse", "short_r
 VALVE = {"stiction": 0.9, "tight_nonlinear": 0.5}
 
 
-def says_of_cycles(report: LoopReport) -> bool:
-    """Whether an oscillation of the record could add something to the report."""
-    return _seen(report) or _untested(report)
-
-
 def with_oscillation(report: LoopReport, record: Record) -> LoopReport:
     """Return the report with what an oscillation of the record looks like, and the verdict that follows from it."""
     seen, untested = _seen(report), _untested(report)

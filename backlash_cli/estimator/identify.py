@@ -5,7 +5,7 @@ is known. It is fitted in its level form, with one offset per window of about te
 is averaged out and slow changes from outside do not matter; the filter time is searched for. What the record cannot
 settle (filter, scan rate of the controller) widens the intervals.
 
-    identify(record) -> Identification | Note          settings_of(survey) -> the same, after a Survey of all blocks
+    identify(record) -> Identification | Note
 
 A Note says why the settings cannot be read: no_output, output_constant, too_short, not_this_controller,
 proportional_part_unseen.
@@ -21,7 +21,7 @@ from math import isfinite
 
 import numpy as np
 
-from ..record import FloatArray, LoopSettings, Note, Record
+from ..record import FloatArray, LoopSettings, Note, Record, SampleState
 from .control_law import (
     DERIVATIVE,
     INTEGRAL,
@@ -33,7 +33,7 @@ from .control_law import (
     search_filter,
     settle_filter,
 )
-from .survey import LEVELS, OUTPUT, ROWS, SLOWER, Survey
+from .survey import LEVELS, ROWS, SLOWER, rows, with_all_signals
 
 LEAST_ROWS = 60
 MOSTLY_OWN = 0.2  # share of interpolated samples that leaves the P part visible
@@ -108,38 +108,31 @@ class Identification:
 
 
 def identify(record: Record) -> Identification | Note:
-    """Read K, Ti, Td and setpoint weight of the controller from setpoint, measurement and output of one loop."""
-    survey = Survey(record.interval)
-    survey.update(record)
-    return settings_of(survey)
+    """Read K, Ti, Td and setpoint weight of the controller from setpoint, measurement and output of one loop.
 
-
-def settings_of(survey: Survey) -> Identification | Note:
-    """Return the settings that a survey of the whole record shows, or a Note that says why they cannot be read."""
-    if not survey.with_output:
+    A Note says why they cannot be read.
+    """
+    if record.output is None or not np.isfinite(record.output).any():
         return Note("no_output", "the record has no controller output, so K and Ti cannot be read from it")
-    if survey.used and not survey.spread(OUTPUT):
+    use = with_all_signals(record)
+    if use.any() and not np.ptp(record.output[use]):
         return Note("output_constant", "the controller output never moves, so K and Ti cannot be read from it")
-    finest = law_rows(survey, 0)
+    finest = law_rows(record, 0)
     if finest is None:
-        return Note(
-            "too_short",
-            f"fewer than {LEAST_ROWS} usable samples with setpoint, PV and output: K and Ti cannot be read from them",
-        )
-    found = find_settings(lambda level: law_rows(survey, level) if level else finest, survey.interval)
-    if isinstance(found, Note) or survey.used_filled <= MOSTLY_OWN * survey.used:
+        return Note("too_short", f"fewer than {LEAST_ROWS} usable samples with setpoint, PV and output: K and Ti "
+                    "cannot be read from them")
+    found = find_settings(lambda level: law_rows(record, level) if level else finest, record.interval)
+    share = float(np.mean(record.state[use] == SampleState.FILLED))
+    if isinstance(found, Note) or share <= MOSTLY_OWN:
         return found
-    share = survey.used_filled / survey.used
     message = f"{100 * share:.0f} % of the samples are interpolated: only K/Ti is known"
     return replace(found, notes=(*found.notes, Note("interpolated", message, {"share": share})))
 
 
-def law_rows(survey: Survey, level: int) -> LawRows | None:
+def law_rows(record: Record, level: int) -> LawRows | None:
     """Return one picture of the record, None where it has too few rows, or there is none so slow."""
-    if level >= LEVELS:
-        return None
-    index, values = survey.rows(level)
-    return LawRows(index, values, survey.interval * SLOWER**level) if len(index) >= LEAST_ROWS else None
+    index, values = rows(record, level) if level < LEVELS else (np.empty(0, np.int64), np.empty((3, 0)))
+    return LawRows(index, values, record.interval * SLOWER**level) if len(index) >= LEAST_ROWS else None
 
 
 def find_settings(picture: Callable[[int], LawRows | None], interval: float) -> Identification | Note:

@@ -1,6 +1,6 @@
 """How good the record of one loop is for the verdict: sampling, gaps, repeats, rounding, compression, manual, motion.
 
-    data_quality(record, Ti) -> Quality          quality_of(survey, Ti) -> Quality     after a Survey of all blocks
+    data_quality(record, Ti) -> Quality
 
 `Quality.notes` says what each finding means for the verdict; a note's `values["effect"]` is "info", "limits" (the
 verdict is at most "suspected" on this evidence alone) or "blocks" ("cannot tell" for this reason). Shares are of all
@@ -35,7 +35,7 @@ import numpy as np
 
 from ..record import FloatArray, IntArray, Note, Record, SampleState
 from .recording import Storage, fast_noise, reversals, stored_as
-from .survey import MEASUREMENT, OUTPUT, Survey
+from .survey import Survey, measured
 
 FEWEST_PER_TI = 2.0  # below, half periods are invisible (h > Ti/2)
 FEWEST_STORED = 1.0  # stored values per Ti, the same for a compressed signal, on average
@@ -93,27 +93,26 @@ class Quality:
 
 def data_quality(record: Record, Ti: float | None = None) -> Quality:
     """Judge the record of one loop; `Ti` [s] is the controller's integral time, when known."""
-    survey = Survey(record.interval, slower=False)
+    survey = Survey()
     survey.update(record)
     Ti = Ti if Ti is not None else record.settings.Ti
-    quality = quality_of(survey, Ti)
+    quality = quality_of(survey, record, Ti)
     if quality.op is None:
         return quality
-    return replace(quality, output_reversals_per_hour=_turns(*survey.measured()[2:], quality.op, record.interval, Ti))
+    return replace(quality, output_reversals_per_hour=_turns(*measured(record)[2:], quality.op, record.interval, Ti))
 
 
-def quality_of(survey: Survey, Ti: float | None = None) -> Quality:
-    """Return what a survey of the whole record shows, reversals apart; `Ti` [s] is the time scale for sampling.
+def quality_of(survey: Survey, record: Record, Ti: float | None = None) -> Quality:
+    """Return what a survey of a whole record and its last samples show; `Ti` [s] is the time scale for sampling.
 
     Shares, ranges and gaps count every sample; storage and noise come from an even sample of stretches. Values that
     the reader put in are not the recorder's, and say nothing about it.
     """
-    interval, samples, counts = survey.interval, survey.samples, survey.states.tolist()
+    interval, samples, counts = record.interval, survey.samples, survey.states.tolist()
     points = survey.last - survey.first + 1 if samples else 0
     share = [count / max(points, 1) for count in counts]
-    index, measured, output_index, outputs = survey.measured()
+    index, values, output_index, outputs = measured(record)
     op = stored_as(output_index, outputs) if len(output_index) else None
-    usable = counts[SampleState.GOOD] + counts[SampleState.FILLED]
     return Quality(
         samples=samples,
         interval=interval,
@@ -122,17 +121,17 @@ def quality_of(survey: Survey, Ti: float | None = None) -> Quality:
         missing_share=1.0 - samples / max(points, 1) + share[SampleState.MISSING] if points else 1.0,
         gaps=survey.gaps,
         longest_gap=max(survey.longest - 1, 0) * interval,
-        usable_share=usable / max(points, 1),
+        usable_share=survey.used / max(points, 1),
         filled_share=share[SampleState.FILLED],
         manual_share=share[SampleState.MANUAL],
         saturated_share=share[SampleState.SATURATED],
         frozen_share=share[SampleState.FROZEN],
         implausible_share=share[SampleState.IMPLAUSIBLE],
-        pv=stored_as(index, measured) if len(index) else Storage("samples", 0.0, 1.0, 0.0, 0.0, 0.0),
+        pv=stored_as(index, values) if len(index) else Storage("samples", 0.0, 1.0, 0.0, 0.0, 0.0),
         op=op,
-        setpoint_moves=survey.moves / max(usable, 1),
-        measurement_range=survey.spread(MEASUREMENT),
-        output_range=survey.spread(OUTPUT) if op is not None else None,
+        setpoint_moves=survey.moves / max(survey.used, 1),
+        measurement_range=survey.ranges[0],
+        output_range=survey.ranges[1] if op is not None else None,
         output_reversals_per_hour=None,
     )
 

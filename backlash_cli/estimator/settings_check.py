@@ -1,7 +1,7 @@
 """Do the controller settings of the metadata make the recorded output? If not: which usual mix-up of units would?
 
     check_settings(record.settings, identify(record)) -> tuple[Note, ...]      (empty: nothing to complain about)
-    check_quickly(survey, settings) -> the same; one fit instead of a search where that leaves no doubt
+    check_quickly(record, settings) -> the same; one fit instead of a search where that leaves no doubt
 
 The comparison rests on K/Ti, which a record settles to a few per cent; K and Ti apart are used to tell the mix-ups
 from each other. Codes, each with `values` "factor" (K/Ti as given over as identified), "K" and "Ti" (as identified,
@@ -29,7 +29,7 @@ from math import ceil, isfinite, log
 
 import numpy as np
 
-from ..record import LoopSettings, Note
+from ..record import LoopSettings, Note, Record
 from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawForm, fit_law
 from .identify import (
     SLOWEST,
@@ -37,11 +37,11 @@ from .identify import (
     Identification,
     Identified,
     derivative_is_real,
+    identify,
     law_rows,
-    settings_of,
     window_of,
 )
-from .survey import LEVELS, SLOWER, Survey
+from .survey import LEVELS, SLOWER
 
 AGREES = log(1.15)  # findings: K/Ti is identified to 4-8 % in nine loops of ten
 SURE = log(1.05)  # by so much at least the interval must lie away from the value given
@@ -92,18 +92,18 @@ def check_settings(settings: LoopSettings, found: Identification | Note) -> tupl
     return tuple(notes)
 
 
-def check_quickly(survey: Survey, settings: LoopSettings) -> tuple[Note, ...]:
+def check_quickly(record: Record, settings: LoopSettings) -> tuple[Note, ...]:
     """Return what is wrong with the settings given, as `check_settings` does; an empty answer means they agree."""
-    return () if follows(survey, settings) else check_settings(settings, settings_of(survey))
+    return () if follows(record, settings) else check_settings(settings, identify(record))
 
 
-def follows(survey: Survey, settings: LoopSettings) -> bool:
+def follows(record: Record, settings: LoopSettings) -> bool:
     """Whether the recorded output is what a controller with these settings makes, within noise and rounding."""
     K, Ti, Tf = settings.K, settings.Ti, settings.filter_time
-    if not K or not Ti or Tf is None or Ti < LEAST_PER_TI * survey.interval:
+    if not K or not Ti or Tf is None or Ti < LEAST_PER_TI * record.interval:
         return False
-    level = min(max(ceil(log(Ti / (SLOWEST * survey.interval)) / log(SLOWER)), 0), LEVELS - 1)
-    rows = law_rows(survey, level)
+    level = min(max(ceil(log(Ti / (SLOWEST * record.interval)) / log(SLOWER)), 0), LEVELS - 1)
+    rows = law_rows(record, level)
     if rows is None or not np.ptp(rows.signals[2]) > 0.0:
         return False
     given_D = (DERIVATIVE,) if settings.Td > 0.0 else ()

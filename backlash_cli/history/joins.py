@@ -74,11 +74,7 @@ def join(tail: Tail, before: Carry, start_before: float, night: Carry, start: fl
     if not before.fits(night) or misfit > 0.25 or ends < first - 1 or ends > last or settings.K is None:
         return None
     done, until, own_tail = resume(tail, night, shift)
-    found = estimate(done, h, settings)
-    halves = [Estimate(start + b, start + b + dt, dt, dy, e_max, d, int(direction), why == "ok", str(why))
-              for b, dt, dy, e_max, d, direction, why in zip(
-                  found.begin.tolist(), found.duration.tolist(), found.dy.tolist(), found.e_max.tolist(),
-                  found.d.tolist(), found.direction, found.why, strict=True) if why != "too_short"]
+    halves = [e for e in estimate(done, h, settings, start) if e.why != "too_short"]
     return halves, None if until is None else start + until * h, own_tail
 
 

@@ -50,16 +50,14 @@ def half_periods(record: Record) -> object:
 
 def quality(record: Record) -> object:
     """What the recorder did to the signals, shares, gaps."""
-    survey = Survey(record.interval, slower=False)
+    survey = Survey()
     survey.update(record)
-    return quality_of(survey, record.settings.Ti)
+    return quality_of(survey, record, record.settings.Ti)
 
 
 def settings_check(record: Record) -> object:
     """Do the settings given make the recorded output?"""
-    survey = Survey(record.interval)
-    survey.update(record)
-    return check_quickly(survey, record.settings)
+    return check_quickly(record, record.settings)
 
 
 def confirmation(record: Record) -> object:
