@@ -23,7 +23,8 @@ VALVE = {"stiction": 0.9, "tight_nonlinear": 0.5}
 
 def with_oscillation(report: LoopReport, record: Record) -> LoopReport:
     """Return the report with what an oscillation of the record looks like, and the verdict that follows from it."""
-    seen, untested = _seen(report), _untested(report)
+    codes = {reason.code for reason in report.reasons}
+    seen, untested = "oscillation" in codes, report.verdict in NOTHING_SAID and bool(codes & NOT_TESTED)
     if not (seen or untested):
         return report
     blind = not np.isfinite(record.setpoint).any()
@@ -33,30 +34,17 @@ def with_oscillation(report: LoopReport, record: Record) -> LoopReport:
     found = diagnose(whole)
     if untested and found.kind == "none":
         return report
-    note = _without_setpoint(found.note) if blind else found.note
+    note = found.note
+    if blind:  # a setpoint that switches to and fro makes cycles that cannot be told from a sticking valve's
+        note = replace(note, message=f"{note.message}; or the setpoint, which was not recorded, swings")
     if report.verdict not in (Verdict.OSCILLATING, *NOTHING_SAID):
         return replace(report, reasons=(*report.reasons, note))
-    repeats = () if seen else (_repeats(found.period or 0.0),)
+    period = found.period or 0.0
+    repeats = () if seen else (
+        Note("oscillation", f"PV oscillates with a period of {period:.3g} s", {"period_s": period}),)
     if found.kind in VALVE and not blind:
         return replace(report, verdict=Verdict.SUSPECTED, reasons=(note, *repeats, *report.reasons),
                        confidence=VALVE[found.kind])
     if untested:
         return replace(report, verdict=Verdict.OSCILLATING, reasons=(*repeats, note, *report.reasons), confidence=0.5)
     return replace(report, reasons=(*report.reasons, note))
-
-
-def _without_setpoint(note: Note) -> Note:
-    """A setpoint that switches to and fro makes cycles that cannot be told from a sticking valve's."""
-    return replace(note, message=f"{note.message}; or the setpoint, which was not recorded, swings")
-
-
-def _seen(report: LoopReport) -> bool:
-    return any(reason.code == "oscillation" for reason in report.reasons)
-
-
-def _untested(report: LoopReport) -> bool:
-    return report.verdict in NOTHING_SAID and any(reason.code in NOT_TESTED for reason in report.reasons)
-
-
-def _repeats(period: float) -> Note:
-    return Note("oscillation", f"PV oscillates with a period of {period:.3g} s", {"period_s": period})
