@@ -151,10 +151,8 @@ def by_hand(record: Record, smooth: bool) -> list[tuple[float, ...]]:
     edges = [0, *(np.flatnonzero(np.diff(at) != 1) + 1), len(at)]
     for first, last in pairwise(edges):
         for stage in scanner.stages[: 1 + smooth]:
-            if not stage.is_identity:
-                rest = stage.settled(pv[first])
-                filtered[first:last] = signal.lfilter(stage.numerator, stage.denominator, filtered[first:last],
-                                                      zi=rest)[0]
+            rest = stage.settled(pv[first])
+            filtered[first:last] = signal.lfilter(stage.numerator, stage.denominator, filtered[first:last], zi=rest)[0]
     use = (state <= SampleState.FILLED) & np.isfinite(sp)
     return walk((sp - filtered)[use], sp[use], at[use])
 

@@ -136,9 +136,7 @@ def resume(tail: Tail, night: Carry, shift: int) -> tuple[Segments, float | None
     if night.first_end is None:
         own = night.tail
         return done, None, None if own is None else Tail(merged, own.states, own.last_index)
-    whole = Segments(np.array([merged.begin]), np.array([night.first_end]), np.array([merged.area]),
-                     np.array([merged.e_max]), np.array([merged.sign], np.int64), np.array([merged.move]),
-                     np.array([merged.crossed and night.first_whole]))
+    whole = merged.ended(night.first_end, merged.crossed and night.first_whole)
     return Segments.join([done, whole]), night.first_end, None
 
 
