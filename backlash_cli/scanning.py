@@ -7,15 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .estimator.assumed_setpoint import with_constant_setpoint
 from .estimator.carry import carry_of, pack
 from .estimator.compensator import recommend
 from .estimator.confirm import confirm
-from .estimator.cycle_verdict import with_oscillation
-from .estimator.haegglund import DEFAULT_KP, error_scanner, estimate, tally
-from .estimator.identify import identify
+from .estimator.diagnosis import with_oscillation
+from .estimator.haegglund import DEFAULT_KP, Oscillation, detect_oscillation, error_scanner, estimate, tally
+from .estimator.identify import identify, with_constant_setpoint
 from .estimator.manual_stretches import manual_stretches
-from .estimator.oscillation import Oscillation, detect_oscillation
 from .estimator.quality import quality_of
 from .estimator.reading import known_noise, read_half_periods
 from .estimator.settings_check import check_quickly

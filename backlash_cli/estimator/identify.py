@@ -5,12 +5,16 @@ is known. It is fitted in its level form, with one offset per window of about te
 is averaged out and slow changes from outside do not matter; the filter time is searched for. What the record cannot
 settle (filter, scan rate of the controller) widens the intervals.
 
-    identify(record) -> Identification | Note
+    identify(record) -> Identification | Note         with_constant_setpoint(record) -> the record, where SP stood still
 
 A Note says why the settings cannot be read: no_output, output_constant, too_short, not_this_controller,
 proportional_part_unseen.
 An Identification may carry notes: gain_uncertain, sampling_too_coarse, interpolated, one_frequency; `separate` is
 False where only K/Ti is to be relied on.
+
+A record without setpoint: integral action holds the mean of PV at it. With that level in its place a PI or PID
+controller of a loop whose setpoint never moved explains the recorded output almost to the last digit; where the
+setpoint moved, it does not, and nothing is assumed.
 """
 
 from __future__ import annotations
@@ -56,6 +60,7 @@ WIDE = 2.0  # ratio of the ends of an interval that is worth a note
 COARSEST = 1.0  # rows per Ti below which the P part is not seen any more
 T95 = (np.inf, np.inf, 12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26, 2.23, 2.2, 2.18, 2.16, 2.14, 2.13, 2.12)
 DIGITS = 6  # of identified settings
+PROVEN = 0.98  # share of OP explained by a constant setpoint; with a moving one 0.975 at most in 23 loops
 AT_ONE_FREQUENCY = Note("one_frequency", "the loop moves at one frequency only: K and Ti can only be told apart by "
                         "assuming the measurement filter (Ti/10)")
 
@@ -280,3 +285,36 @@ def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[No
         b=over_gain(SETPOINT) if SETPOINT in terms and coarse < NOISE_UNSEEN else None,
         Tf=best.filter_time, r2=1.0 - best.unexplained, n=len(rows.index), interval=rows.interval,
         form="ideal PID" if has_d else "ideal PI", notes=notes)
+
+
+def with_constant_setpoint(record: Record) -> Record:
+    """Return the record with a constant setpoint where none was recorded and the output shows that it stood still."""
+    output = record.output
+    if output is None or not len(record) or np.isfinite(record.setpoint[0]) or np.isfinite(record.setpoint).any():
+        return record
+    held = at_mean(record)
+    if held is None:
+        return record
+    found = identify(held)
+    if isinstance(found, Note) or found.r2 < PROVEN:
+        return record
+    level = float(held.setpoint[0])
+    low, high = record.settings.pv_range
+    note = Note(
+        "assumed_setpoint",
+        f"no setpoint (SP) in the data; it is taken as constant at the mean of PV, {low + level * (high - low):.4g}: "
+        f"with that a controller of K = {found.K.value:.3g} and Ti = {found.Ti.value:.3g} s explains "
+        f"{100.0 * found.r2:.2f} % of the output's motion",
+        {"setpoint": level, "r2": found.r2},
+    )
+    return replace(held, notes=(*(n for n in record.notes if n.code != "no_setpoint"), note))
+
+
+def at_mean(record: Record) -> Record | None:
+    """Return the record with the mean of PV as its setpoint, None with too few usable samples."""
+    use = record.usable & np.isfinite(record.measurement)
+    if record.output is not None:
+        use &= np.isfinite(record.output)
+    if np.count_nonzero(use) < LEAST_ROWS:
+        return None
+    return replace(record, setpoint=np.full(len(record), float(record.measurement[use].mean())))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from ..record import Note
 from ..results import NOTHING_SAID, Cluster, Confirmation, Verdict
 from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, read, times
-from .oscillation import Oscillation
+from .haegglund import Oscillation
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
 AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share

@@ -16,8 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from backlash_cli.estimator.confirm import ConfirmationScanner
-from backlash_cli.estimator.haegglund import error_scanner, estimate
-from backlash_cli.estimator.oscillation import detect_oscillation
+from backlash_cli.estimator.haegglund import detect_oscillation, error_scanner, estimate
 from backlash_cli.estimator.quality import quality_of
 from backlash_cli.estimator.settings_check import check_quickly
 from backlash_cli.estimator.survey import Survey
