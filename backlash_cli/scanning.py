@@ -15,7 +15,7 @@ from .estimator.haegglund import DEFAULT_KP, Oscillation, detect_oscillation, er
 from .estimator.identify import identify, with_constant_setpoint
 from .estimator.manual_stretches import manual_stretches
 from .estimator.quality import quality_of
-from .estimator.reading import known_noise, read_half_periods
+from .estimator.reading import read_half_periods
 from .estimator.settings_check import check_quickly
 from .estimator.survey import MOST, Survey
 from .estimator.verdict import Findings, decide
@@ -150,8 +150,8 @@ class LoopScanner:
             segments = self._errors.smooth.finish()
             half_periods = estimate(segments, self.interval, settings, self.start)
             oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, settings.Ti or 0.0)
-            noise = known_noise(quality.pv, quality.filled_share)
-            cluster, said = read_half_periods(half_periods, segments.setpoint_move, settings, self.interval, noise)
+            cluster, said = read_half_periods(half_periods, segments.setpoint_move, settings, self.interval,
+                                              quality.known_noise)
             report = replace(report, **tally(half_periods, self._errors.smooth.left_out, used * self.interval))
         else:
             warnings.append(Note("rule_left_out", "the published rule (15) on half periods is left out: "

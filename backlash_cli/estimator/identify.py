@@ -289,24 +289,16 @@ def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[No
 
 def with_constant_setpoint(record: Record) -> Record:
     """Return the record with a constant setpoint where none was recorded and the output shows that it stood still."""
-    output = record.output
-    if output is None or not len(record) or np.isfinite(record.setpoint[0]) or np.isfinite(record.setpoint).any():
+    held = None if np.isfinite(record.setpoint).any() else at_mean(record)
+    found = None if held is None else identify(held)
+    if held is None or not isinstance(found, Identification) or found.r2 < PROVEN:
         return record
-    held = at_mean(record)
-    if held is None:
-        return record
-    found = identify(held)
-    if isinstance(found, Note) or found.r2 < PROVEN:
-        return record
-    level = float(held.setpoint[0])
-    low, high = record.settings.pv_range
+    level, (low, high) = float(held.setpoint[0]), record.settings.pv_range
     note = Note(
-        "assumed_setpoint",
-        f"no setpoint (SP) in the data; it is taken as constant at the mean of PV, {low + level * (high - low):.4g}: "
-        f"with that a controller of K = {found.K.value:.3g} and Ti = {found.Ti.value:.3g} s explains "
-        f"{100.0 * found.r2:.2f} % of the output's motion",
-        {"setpoint": level, "r2": found.r2},
-    )
+        "assumed_setpoint", "no setpoint (SP) in the data; it is taken as constant at the mean of PV, "
+        f"{low + level * (high - low):.4g}: with that a controller of K = {found.K.value:.3g} and Ti = "
+        f"{found.Ti.value:.3g} s explains {100.0 * found.r2:.2f} % of the output's motion",
+        {"setpoint": level, "r2": found.r2})
     return replace(held, notes=(*(n for n in record.notes if n.code != "no_setpoint"), note))
 
 

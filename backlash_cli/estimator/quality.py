@@ -66,6 +66,11 @@ class Quality:
         return quality_notes(self)
 
     @property
+    def known_noise(self) -> float:
+        """Standard deviation of the fast noise on PV [span], 0 where a recorder's kinks would pass for it."""
+        return self.pv.noise if self.pv.kind == "samples" and self.filled_share < MOSTLY_OWN else 0.0
+
+    @property
     def effect(self) -> str:
         """The strongest effect of all notes: "info", "limits" or "blocks"."""
         return str(self.notes[0].values["effect"]) if self.notes else "info"

@@ -20,7 +20,6 @@ from scipy.special import bdtr
 from ..record import FloatArray, LoopSettings, Note
 from ..results import Cluster, Estimates
 from .haegglund import DEFAULT_KP
-from .recording import Storage
 from .rule import OK, SLOW_ENOUGH
 
 FLOOR = 3.0  # smallest mean error of a half period, in standard deviations of the filtered error
@@ -28,20 +27,11 @@ AFTER_MOVE = 2.0  # integral times: a half period shorter than this passes a set
 DITHER = 3.0  # 2.3 to 3.4 on the publication's second example with noise of six strengths, d of 3, 5 and 10 %
 MATTERS = 0.1  # of the estimate: smaller corrections are made and not told
 LEAST_GAP = 5.0  # smallest dead band in standard deviations of the output's noise: below, the valve never rests
-FILLED = 0.2  # share of interpolated samples from which the noise on PV is not known
 CLOSE = 0.35  # estimates within +-35 % of the centre belong together
 SEVERAL = 4  # fewest estimates of a group beside another
 A_QUARTER = 0.25
 REFUSED = {"setpoint_move": "the setpoint moved", "below_noise": "the error is no larger than noise"}
 FEWEST = 4  # estimates in each of two directions that can be compared
-
-
-def known_noise(pv: Storage, filled: float) -> float:
-    """Standard deviation of the fast noise on PV, 0 where a recorder's kinks would pass for it.
-
-    filled: share of samples that were interpolated.
-    """
-    return pv.noise if pv.kind == "samples" and filled < FILLED else 0.0
 
 
 def filtered_noise(noise: float, interval: float, Ti: float) -> float:
@@ -89,19 +79,15 @@ def read_half_periods(h: Estimates, moved: FloatArray, settings: LoopSettings, i
     cluster = densest(d)
     if cluster is None:
         return None, tuple(notes)
-    notes += [*_groups(d, cluster), *_directions(d, h.direction[used])]
+    notes += [*_groups(d), *_directions(d, h.direction[used])]
     if DITHER * sd > MATTERS * cluster.d:
         notes.append(Note(
             "dither", f"noise of about {100 * sd:.2g} % on OP walks the valve across its gap; the estimates (15) read "
             f"low by about three times that, and {100 * DITHER * sd:.2g} % was added to their centre",
             {"output_noise": sd, "added": DITHER * sd}))
-    return replace(cluster, limit_of_detection=_limit(settings, floor, sd)), tuple(notes)
-
-
-def _limit(settings: LoopSettings, floor: float, sd: float) -> float:
-    """Smallest dead band that half periods of just 5 Ti could show above the noise."""
+    # the smallest dead band that half periods of just 5 Ti could show above the noise
     shown = (abs(settings.K or 0.0) * SLOW_ENOUGH - 1.0 / abs(settings.Kp or DEFAULT_KP)) * floor
-    return max(shown, LEAST_GAP * sd)
+    return replace(cluster, limit_of_detection=max(shown, LEAST_GAP * sd)), tuple(notes)
 
 
 def _setpoint_moved(h: Estimates, moved: FloatArray, settings: LoopSettings) -> NDArray[np.bool_]:
@@ -112,11 +98,9 @@ def _setpoint_moved(h: Estimates, moved: FloatArray, settings: LoopSettings) -> 
     return np.asarray((moved + before) / abs(settings.Kp or DEFAULT_KP) > CLOSE * h.d)
 
 
-def _groups(d: FloatArray, first: Cluster) -> list[Note]:
-    """A note where the estimates gather in several places. first: the densest of them."""
-    if np.count_nonzero(np.abs(d / first.d - 1.0) > CLOSE) < SEVERAL:
-        return []
-    found = gathered(d, first)
+def _groups(d: FloatArray) -> list[Note]:
+    """A note where the estimates gather in several places."""
+    found = gathered(d)
     if len(found) < 2:
         return []
     told = " and ".join(f"{100 * c.d:.2g} % ({c.n})" for c in found)
@@ -127,14 +111,9 @@ def _groups(d: FloatArray, first: Cluster) -> list[Note]:
 
 def _directions(d: FloatArray, direction: NDArray[np.int8]) -> list[Note]:
     """A note where the estimates of one direction lie clear of those of the other."""
-    above = direction == 1
-    upwards, downwards = d[above], d[~above]
-    if min(len(upwards), len(downwards)) < FEWEST:
-        return []
-    up, down = densest(upwards), densest(downwards)
-    if up is None or down is None or min(up.n, down.n) < FEWEST:
-        return []
-    if up.ci95[0] <= down.ci95[1] and down.ci95[0] <= up.ci95[1]:
+    up, down = densest(d[direction == 1]), densest(d[direction != 1])
+    if (up is None or down is None or min(up.n, down.n) < FEWEST
+            or (up.ci95[0] <= down.ci95[1] and down.ci95[0] <= up.ci95[1])):
         return []
     return [Note("directions_differ", f"the estimates (15) are {100 * up.d:.2g} % with the error above zero and "
                  f"{100 * down.d:.2g} % below: the gap is not the same both ways, or a load leans on one side",
@@ -155,27 +134,22 @@ def densest(d: FloatArray) -> Cluster | None:
     most = int(np.argmax(highs - lows))
     members = values[lows[most] : highs[most]]
     q1, centre, q3 = np.quantile(members, [0.25, 0.5, 0.75]).tolist()
-    return Cluster(centre, median_interval(members), (q3 - q1) / centre, len(members),
-                   len(members) / len(values))
+    return Cluster(centre, median_interval(members), (q3 - q1) / centre, len(members), len(members) / len(values))
 
 
-def gathered(d: FloatArray, first: Cluster | None = None) -> tuple[Cluster, ...]:
+def gathered(d: FloatArray) -> list[Cluster]:
     """Return all groups of at least SEVERAL estimates and a quarter of them each, the largest first.
 
-    Each is the densest of what the groups before it left. Neighbours whose intervals touch are one group. first: the
-    densest of all, where that is known already.
+    Each is the densest of what the groups before it left. Neighbours whose intervals touch are one group.
     """
     found: list[Cluster] = []
     left = d[d > 0]
     total = len(left)
-    while len(left) >= SEVERAL:
-        group = first if first is not None and not found else densest(left)
-        if group is None or group.n < max(SEVERAL, A_QUARTER * total):
-            break
+    while (group := densest(left)) is not None and group.n >= max(SEVERAL, A_QUARTER * total):
         if all(group.ci95[0] > c.ci95[1] or group.ci95[1] < c.ci95[0] for c in found):
             found.append(replace(group, share=group.n / total))
         left = left[np.abs(left / group.d - 1.0) > CLOSE]
-    return tuple(found)
+    return found
 
 
 def median_interval(values: FloatArray, level: float = 0.95) -> tuple[float, float]:

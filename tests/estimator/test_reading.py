@@ -90,7 +90,7 @@ def test_two_regimes_are_two_groups() -> None:
     _, notes = read(d)
     assert [note.code for note in notes][:1] == ["several_groups"]
     assert len(gathered(np.array([0.02, 0.021, 0.019, 0.02]))) == 1
-    assert gathered(np.array([0.0])) == ()
+    assert gathered(np.array([0.0])) == []
 
 
 def test_two_directions_are_told_apart() -> None:
