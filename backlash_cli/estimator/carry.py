@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from ..half_periods import PIECE, ErrorScanner, OpenHalfPeriod, Segments, segment
+from ..half_periods import PIECE, ErrorScanner, ErrorTrack, OpenHalfPeriod, Segments
 from ..record import FloatArray, LoopSettings, Record
 from .haegglund import error_scanner
 
@@ -36,10 +36,10 @@ class Tail:
 class Carry:
     """What one night leaves behind. Positions are on its own grid.
 
-    head: (index, setpoint, measurement, usable) of the first samples. first: the half period from the end of the head
-    on, as if it had begun there with a crossing; `first_end` is where it ended, None if it was still open, and
-    `first_whole` says that it ended with a crossing. tail: None where no sample was usable. travel: how far the output
-    moved per hour [spans/h], reversals below 0.5 % left out; None without output.
+    head: (index, setpoint, measurement, state) of the first samples; before the last of them the filters have forgotten
+    how they started. first: the half period from there on, as if it had begun with a crossing; `first_end` is where it
+    ended, None if it was still open, and `first_whole` says that it ended with a crossing. tail: None where no sample
+    was usable. travel: how far the output moved per hour [spans/h], reversals below 0.5 % left out; None without output.
     """
 
     Ti: float
@@ -48,7 +48,6 @@ class Carry:
     head: tuple[FloatArray, ...]
     settled: bool
     first: OpenHalfPeriod | None
-    edge: tuple[int, float, float]
     first_end: float | None
     first_whole: bool
     tail: Tail | None
@@ -63,23 +62,20 @@ def carry_of(record: Record, settings: LoopSettings, scanner: ErrorScanner) -> C
     """Return what the record of one night leaves behind; `scanner` is the one that ran over it."""
     Ti, Tf = settings.Ti or 0.0, settings.filter_time or 0.0
     until = int(record.index[0]) + int(np.ceil(FORGET * (Ti / 2.0 + Tf) / record.interval))
-    split = int(np.searchsorted(record.index, until))
-    head, rest = record.slice(0, split), record.slice(split, len(record))
-    cold = error_scanner(settings, record.interval)
-    cold.update(head)
-    body = ErrorScanner(cold.stages)
-    body.go_on(cold.states, cold.last_index)
-    edge, first, end, whole = (0, 0.0, 0.0), None, None, False
-    known = np.flatnonzero(rest.usable & np.isfinite(rest.measurement) & np.isfinite(rest.setpoint))
-    if len(known):
-        at = int(known[0]) + 1
-        body.update(rest.slice(0, at))
-        left = body.smooth.open
-        assert left is not None
-        edge = (left.last_index, left.last_error, left.last_setpoint)
-        body.smooth.open = replace(left, crossed=True)
-        while at < len(rest) and not len(body.smooth.ended):
-            body.update(rest.slice(at, at + PIECE))
+    split = at = int(np.searchsorted(record.index, until))
+    known = record.usable[split:] & np.isfinite(record.measurement[split:] + record.setpoint[split:])
+    if known.any():  # the head ends with a sample that counts
+        at += int(np.argmax(known)) + 1
+    head = record.slice(0, at)
+    body = error_scanner(settings, record.interval)
+    body.update(head)
+    first, end, whole, begun = None, None, False, body.smooth.open
+    if known.any() and begun is not None:
+        body.smooth = ErrorTrack()
+        body.smooth.open = replace(begun, begin=float(begun.last_index), crossed=True, area=0.0,
+                                   e_max=abs(begun.last_error), move=0.0)
+        while at < len(record) and not len(body.smooth.ended):
+            body.update(record.slice(at, at + PIECE))
             at += PIECE
         first, done = body.smooth.open, body.smooth.ended
         if len(done):
@@ -88,8 +84,7 @@ def carry_of(record: Record, settings: LoopSettings, scanner: ErrorScanner) -> C
             end, whole = float(done.end[0]), bool(done.complete[0])
     tail = Tail(scanner.smooth.open, tuple(scanner.states), scanner.last_index) if scanner.states else None
     columns = tuple(x.astype(float) for x in (head.index, head.setpoint, head.measurement, head.state))
-    return Carry(Ti, Tf, record.interval, columns, split < len(record), first, edge, end, whole, tail,
-                 _travel(record))
+    return Carry(Ti, Tf, record.interval, columns, split < len(record), first, end, whole, tail, _travel(record))
 
 
 def _travel(record: Record) -> float | None:
@@ -125,14 +120,10 @@ def resume(tail: Tail, night: Carry, shift: int) -> tuple[Segments, float | None
     if night.first is None:
         done = scanner.smooth.ended
         return done, float(index[-1]) if len(index) else 0.0, None
-    at, error, sp = night.edge
-    closed, left = segment(np.array([error]), np.array([sp]), np.array([at]), scanner.smooth.open)
+    left, first, done = scanner.smooth.open, night.first, scanner.smooth.ended
     assert left is not None
-    first = night.first
-    merged = replace(left, sign=first.sign, area=left.area + first.area, e_max=max(left.e_max, first.e_max),
-                     move=left.move + first.move, last_index=first.last_index, last_error=first.last_error,
-                     last_setpoint=first.last_setpoint)
-    done = Segments.join([scanner.smooth.ended, closed])
+    merged = replace(first, begin=left.begin, crossed=left.crossed, area=left.area + first.area,
+                     e_max=max(left.e_max, first.e_max), move=left.move + first.move)
     if night.first_end is None:
         own = night.tail
         return done, None, None if own is None else Tail(merged, own.states, own.last_index)
