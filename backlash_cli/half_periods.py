@@ -140,9 +140,8 @@ class OpenHalfPeriod:
         return one.select(one.direction != 0)
 
 
-def segment(
-    error: FloatArray, setpoint: FloatArray, index: IntArray, open_: OpenHalfPeriod | None
-) -> tuple[Segments, OpenHalfPeriod | None]:
+def segment(error: FloatArray, setpoint: FloatArray, index: IntArray,
+            open_: OpenHalfPeriod | None) -> tuple[Segments, OpenHalfPeriod | None]:
     """Cut a block of usable samples into half periods.
 
     error, setpoint: (samples,) [span]. index: (samples,) grid positions, strictly increasing; a jump ends a half
@@ -161,9 +160,7 @@ def segment(
     size[0], sign[0] = abs(o.last_error), o.sign
     np.abs(error, out=size[1:])
     np.subtract((error > 0.0).view(np.int8), (error < 0.0).view(np.int8), out=sign[1:])
-    apart = np.zeros(n, dtype=np.bool_)  # from the sample before
-    if index[-1] - o.last_index != n:
-        apart = np.diff(index, prepend=o.last_index) != 1
+    apart = np.diff(index, prepend=o.last_index) != 1  # from the sample before
     if not sign.all():  # an exact zero belongs to the half period before it
         known = (sign != 0) | np.append(True, apart)
         sign = sign[np.maximum.accumulate(np.where(known, np.arange(n + 1), 0))]
@@ -245,36 +242,29 @@ class ErrorScanner:
         self.last_index = 0  # position of the last sample that went through the filters
         self.plain, self.smooth = ErrorTrack(least_area=least[0]), ErrorTrack(least_length=least[1])
 
-    def go_on(self, states: Sequence[FloatArray], last_index: int) -> None:
-        """Take over the filters as another scanner left them after the sample at `last_index`."""
-        self.states, self.last_index = list(states), last_index
-
     def update(self, block: Record) -> None:
         """Take the next block of the record."""
         for first in range(0, len(block), PIECE):
-            cut = slice(first, first + PIECE)
-            setpoint, pv = (np.asarray(x[cut], dtype=np.float64) for x in (block.setpoint, block.measurement))
-            self._take(block.index[cut], setpoint, pv, block.state[cut])
-
-    def _take(self, index: IntArray, setpoint: FloatArray, pv: FloatArray, state: NDArray[np.uint8]) -> None:
-        known = np.isfinite(pv) & (state != MISSING) & (state != IMPLAUSIBLE)
-        if not known.all():
-            index, setpoint, pv, state = index[known], setpoint[known], pv[known], state[known]
-        if not len(index):
-            return
-        plain, smooth = self._filtered(index, pv)
-        use = (state <= FILLED) & np.isfinite(setpoint)
-        if not use.all():
-            index, setpoint, plain, smooth = index[use], setpoint[use], plain[use], smooth[use]
-        self.plain.update(setpoint - plain, setpoint, index)
-        self.smooth.update(setpoint - smooth, setpoint, index)
+            piece = block.slice(first, first + PIECE)
+            index, state = piece.index, piece.state
+            setpoint, pv = np.asarray(piece.setpoint, np.float64), np.asarray(piece.measurement, np.float64)
+            known = np.isfinite(pv) & (state != MISSING) & (state != IMPLAUSIBLE)
+            if not known.all():
+                index, setpoint, pv, state = index[known], setpoint[known], pv[known], state[known]
+            if not len(index):
+                continue
+            plain, smooth = self._filtered(index, pv)
+            use = (state <= FILLED) & np.isfinite(setpoint)
+            if not use.all():
+                index, setpoint, plain, smooth = index[use], setpoint[use], plain[use], smooth[use]
+            self.plain.update(setpoint - plain, setpoint, index)
+            self.smooth.update(setpoint - smooth, setpoint, index)
 
     def _filtered(self, index: IntArray, pv: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The measurement behind the first filter and behind both, (samples,) each; afresh after every hole."""
         if not self.states or index[0] != self.last_index + 1:
             self.states = [stage.settled(pv[0]) for stage in self.stages]
-        whole = index[-1] - index[0] == len(index) - 1
-        afresh = np.zeros(0, dtype=np.int64) if whole else np.flatnonzero(np.diff(index) != 1) + 1
+        afresh = np.flatnonzero(np.diff(index) != 1) + 1
         plain, self.states[0] = self.stages[0].run_afresh(pv, self.states[0], afresh)
         smooth, self.states[1] = self.stages[1].run_afresh(plain, self.states[1], afresh)
         self.last_index = int(index[-1])

@@ -39,7 +39,7 @@ class Carry:
     head: (index, setpoint, measurement, state) of the first samples; before the last of them the filters have forgotten
     how they started. first: the half period from there on, as if it had begun with a crossing; `first_end` is where it
     ended, None if it was still open, and `first_whole` says that it ended with a crossing. tail: None where no sample
-    was usable. travel: how far the output moved per hour [spans/h], reversals below 0.5 % left out; None without output.
+    was usable. travel: how far the output moved per hour [spans/h], reversals below 0.5 % left out; None without one.
     """
 
     Ti: float
@@ -109,7 +109,7 @@ def resume(tail: Tail, night: Carry, shift: int) -> tuple[Segments, float | None
     scanner = error_scanner(settings, night.interval)
     scanner.smooth.open = None if tail.open is None else replace(
         tail.open, begin=tail.open.begin + shift, last_index=tail.open.last_index + shift)
-    scanner.go_on(tail.states, tail.last_index + shift)
+    scanner.states, scanner.last_index = list(tail.states), tail.last_index + shift
     index, setpoint, measurement, state = night.head
     new = index > tail.last_index + shift
     scanner.update(Record("", 0.0, night.interval, index[new].astype(np.int64), setpoint[new], measurement[new], None,

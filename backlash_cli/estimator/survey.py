@@ -59,12 +59,13 @@ class Survey:
         self.last, self.samples = int(index[-1]), self.samples + len(block)
         self.states = self.states + np.bincount(block.state, minlength=STATES)
         self.with_setpoint += int(np.count_nonzero(np.isfinite(block.setpoint)))
+        usable = block.usable
         for signal, values in enumerate((block.measurement, block.output)):
-            known = np.zeros(0) if values is None else values[block.usable & np.isfinite(values)]
+            known = np.zeros(0) if values is None else values[usable & np.isfinite(values)]
             if len(known):
                 self._low[signal] = min(self._low[signal], known.min())
                 self._high[signal] = max(self._high[signal], known.max())
-        setpoint = block.setpoint[block.usable & np.isfinite(block.setpoint)]
+        setpoint = block.setpoint[usable & np.isfinite(block.setpoint)]
         if len(setpoint):
             before = setpoint[0] if np.isnan(self._setpoint) else self._setpoint
             self.moves += int(np.count_nonzero(np.diff(setpoint, prepend=before)))
@@ -128,7 +129,7 @@ def with_all_signals(r: Record) -> NDArray[np.bool_]:
 def _even_choice(index: IntArray, most: int) -> NDArray[np.bool_]:
     """Which rows lie in one of `most` stretches at most: in every one of them, every second, every fourth .."""
     stretch, stride = index // ROWS, 1
-    there = np.unique(stretch)
+    there = stretch[np.flatnonzero(np.diff(stretch, prepend=-1))]
     while np.count_nonzero(there % stride == 0) > most:
         stride *= 2
     chosen: NDArray[np.bool_] = stretch % stride == 0
