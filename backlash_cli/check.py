@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import BacklashError
-from .estimator.assumed_setpoint import at_mean, with_constant_setpoint
 from .estimator.diagnosis import WORDS, Diagnosis, diagnose
-from .estimator.identify import identify
+from .estimator.identify import at_mean, identify, with_constant_setpoint
 from .estimator.quality import Quality, data_quality
 from .estimator.settings_check import check_settings
 from .record import LoopSettings, Note, Record
