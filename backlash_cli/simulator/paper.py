@@ -19,14 +19,12 @@ from ..record import FloatArray, Record
 from ..results import Estimate
 from ..results.paper import Line, Mark, Panel, PaperFigure, PaperReport, PaperRow, Published
 from .controller import Compensator, Controller, Scheme
-from .limit_cycle import limit_cycle, negative_inverse
+from .limit_cycle import describing_function, limit_cycle
 from .loop import Trace, simulate, trace
 from .process import Process
 from .scenario import Manual, Scenario, use
 from .scenario_file import load_scenarios, with_dead_band, with_seed
 
-ORDER = ("fig3", "scaling", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9", "fig10", "kp", "fig12", "fig13", "fig14",
-         "fig15", "fig17", "fig18", "fig19")
 POINTS = 1500  # of a drawn curve
 QUIET = ("setpoint", "valve")  # curves drawn in grey
 D, SIZES = 0.05, (0.01, 0.02, 0.05, 0.1)
@@ -51,11 +49,9 @@ Numbers = dict[str, float]
 Found = tuple[Numbers, list[PaperFigure]]
 
 
-def published() -> tuple[tuple[Published, ...], Mapping[str, str]]:
-    """Return every number of the paper with its tolerance, and the single estimates that its figures print."""
-    text = (resources.files(__package__) / "published.toml").read_text(encoding="utf-8")
-    page = tomllib.loads(text)
-    return tuple(Published(*row, **page["differs"].get(row[0], {})) for row in page["published"]), page["estimates"]
+PAGE = tomllib.loads((resources.files(__package__) / "published.toml").read_text(encoding="utf-8"))
+# every number of the paper with its tolerance
+PUBLISHED = tuple(Published(*row, **PAGE["differs"].get(row[0], {})) for row in PAGE["published"])
 
 
 def reproduce(estimator: Estimator) -> PaperReport:
@@ -67,40 +63,44 @@ def reproduce(estimator: Estimator) -> PaperReport:
                         industrial(estimator, lists)):
         values |= more
         figures += drawn
-    rows, printed = published()
-    return PaperReport(tuple(PaperRow(p, values[p.key]) for p in rows),
-                       tuple(sorted(figures, key=lambda f: ORDER.index(f.key))),
-                       {key: (printed[key], ours) for key, ours in lists.items()})
+    order = list(PAGE["figures"])
+    return PaperReport(tuple(PaperRow(p, values[p.key]) for p in PUBLISHED),
+                       tuple(sorted(figures, key=lambda f: order.index(f.key))),
+                       {key: (PAGE["estimates"][key], ours) for key, ours in lists.items()})
 
 
-def diagrams(key: str, title: str, t: FloatArray, above: Mapping[str, FloatArray], below: Mapping[str, FloatArray],
-             text: str, marks: Sequence[Mark] = ()) -> PaperFigure:
+def figure(key: str, *panels: Panel) -> PaperFigure:
+    """Return the panels under the figure's own title and words."""
+    title, text = PAGE["figures"][key]
+    counts = {"load_draws": LOAD_DRAWS, "draws": DRAWS, "industrial_draws": INDUSTRIAL_DRAWS}
+    return PaperFigure(key, title, panels, text.format(window=WINDOW, **counts))
+
+
+def diagrams(key: str, t: FloatArray, above: Mapping[str, FloatArray], below: Mapping[str, FloatArray],
+             marks: Sequence[Mark] = ()) -> PaperFigure:
     """Return two diagrams of named curves over time (points,), the measured signals above and the output below."""
-    def panel(curves: Mapping[str, FloatArray], x_label: str, y_label: str, marks: Sequence[Mark]) -> Panel:
-        lines = tuple(Line(name, t, values, "dot" if name in QUIET else "solid", quiet=name in QUIET)
-                      for name, values in curves.items())
-        return Panel(lines, x_label, y_label, tuple(marks))
-
-    return PaperFigure(key, title, (panel(above, "", "flow" if "flow" in above else "y", marks),
-                                    panel(below, "time [s]", "u", ())), text)
+    above_lines, below_lines = (tuple(Line(name, t, y, "dot" if name in QUIET else "solid", quiet=name in QUIET)
+                                      for name, y in curves.items()) for curves in (above, below))
+    return figure(key, Panel(above_lines, "", "flow" if "flow" in above else "y", tuple(marks)),
+                  Panel(below_lines, "time [s]", "u"))
 
 
-def trend(key: str, title: str, run: Trace, text: str) -> PaperFigure:
+def trend(key: str, run: Trace) -> PaperFigure:
     """Return the two diagrams of a simulation: y and setpoint, u and valve position."""
     thin = slice(None, None, max(1, len(run.setpoint) // POINTS))
-    return diagrams(key, title, run.time[thin], {"setpoint": run.setpoint[thin], "y": run.measurement[thin]},
-                    {"valve": run.valve[thin], "u": run.output[thin]}, text)
+    return diagrams(key, run.time[thin], {"setpoint": run.setpoint[thin], "y": run.measurement[thin]},
+                    {"valve": run.valve[thin], "u": run.output[thin]})
 
 
-def recording(key: str, title: str, record: Record, found: Sequence[Estimate], text: str) -> PaperFigure:
+def recording(key: str, record: Record, found: Sequence[Estimate]) -> PaperFigure:
     """Return a record with its estimates [%] written where they were made; refused ones in brackets."""
     assert record.output is not None
     thin = slice(None, None, max(1, len(record) // POINTS))
     top = float(np.max(record.measurement))
     marks = [Mark(e.end - record.start, top, f"{100 * e.d:.1f}" if e.accepted else f"({100 * e.d:.1f})") for e in found]
-    return diagrams(key, title, record.time[thin] - record.start,
+    return diagrams(key, record.time[thin] - record.start,
                     {"setpoint": record.setpoint[thin], "y": record.measurement[thin]},
-                    {"u": record.output[thin]}, text, marks)
+                    {"u": record.output[thin]}, marks)
 
 
 def listed(found: Sequence[Estimate]) -> str:
@@ -151,26 +151,18 @@ def integrating_process() -> Found:
               "ex1_predicted_period": predicted.period, "ex1_predicted_u": 100.0 * predicted.amplitude_u,
               "ex1_predicted_y": 100.0 * predicted.amplitude_y, "ex1_period": period, "ex1_y": 100.0 * amplitude,
               "ex3_iae": 100.0 * (left / ideal - 1.0)}
-    return values, [
-        nyquist(s, stable),
-        scaling(runs),
-        trend("fig4", "Fig. 4: Example 1, integrating process with 5 % of dead band", runs[SIZES.index(D)],
-              "The loop oscillates for ever, before and after the load step."),
-        trend("fig7", "Fig. 7: Example 3, the same loop with compensator (8), gain 5 %", compensated,
-              "Without noise a gain equal to the dead band takes the oscillation away."),
-    ]
+    return values, [nyquist(s, stable), scaling(runs), trend("fig4", runs[SIZES.index(D)]), trend("fig7", compensated)]
 
 
 def nyquist(integrating: Scenario, stable: Scenario) -> PaperFigure:
     """Return Fig. 3: negative inverse of the describing function and both open loops."""
-    curve = negative_inverse(np.linspace(0.0, 1.99, 400))
+    curve = -1.0 / describing_function(np.linspace(0.0, 1.99, 400))
     lines = [Line("-1/N, backlash", curve.real, curve.imag)]
     for name, s, dash in (("integrating process", integrating, "dash"), ("stable process", stable, "dot")):
         lines.append(Line(name, *open_loop(s.controller, s.process), dash))
     panel = Panel(tuple(lines), "real part", "imaginary part", x_limits=(-3.0, 1.0), y_limits=(-3.0, 1.0),
                   equal_scales=True)
-    return PaperFigure("fig3", "Fig. 3: limit cycle or not", (panel,), "Where the curve of the open loop crosses "
-                       "that of the backlash, the loop oscillates by itself.")
+    return figure("fig3", panel)
 
 
 def open_loop(controller: Controller, process: Process) -> tuple[FloatArray, FloatArray]:
@@ -188,9 +180,7 @@ def scaling(runs: Sequence[Trace]) -> PaperFigure:
         first = int(np.argmax((run.time[:-1] >= SETTLED[0]) & (y[:-1] < 0.0) & (y[1:] >= 0.0)))
         part = slice(first, first + 2400, 10)
         lines.append(Line(f"d = {100 * d:g} %", run.time[part] - run.time[first], y[part] / d))
-    return PaperFigure("scaling", "Section 2: the size of the dead band sets the amplitude, not the period",
-                       (Panel(tuple(lines), "time since a crossing of the setpoint [s]", "(y - setpoint) / d"),),
-                       "Divided by its dead band, every oscillation is the same curve.")
+    return figure("scaling", Panel(tuple(lines), "time since a crossing of the setpoint [s]", "(y - setpoint) / d"))
 
 
 def example_2(d: float = 0.05, *, load: float = 0.2, gain: float = 0.0, seed: int = 1, noise: bool = True) -> Scenario:
@@ -215,15 +205,7 @@ def stable_process() -> Found:
               "sec1_iae": float(rise[0.2][at(0.1), 0]), "sec1_peak": float(rise[0.2][at(0.1), 1]),
               "ex4_full": float(travel[1] > OSCILLATES * travel[0]),
               "ex4_less": float(travel[2] > OSCILLATES * travel[0]), "ex4_iae": left}
-    return values, [
-        trend("fig5", "Fig. 5: Example 2, stable process with 5 % of dead band", plain,
-              "No limit cycle, but the error stays on one side for long and never settles."),
-        figure_6(rise, left),
-        trend("fig8", "Fig. 8: Example 4, compensator (9) with gain 0.05 = d", full,
-              "The gain is too high: noise makes the valve move at every change of sign."),
-        trend("fig9", "Fig. 9: Example 4, compensator (9) with gain 0.04", less,
-              "u jumps, but mostly inside the gap, so the valve hardly notices."),
-    ]
+    return values, [trend("fig5", plain), figure_6(rise, left), trend("fig8", full), trend("fig9", less)]
 
 
 def mean_errors(d: float, load: float, gain: float) -> FloatArray:
@@ -248,8 +230,7 @@ def figure_6(rise: Mapping[float, FloatArray], left: float) -> PaperFigure:
         if k == 0:
             lines.append(Line("load 20 %, compensated with 0.04", np.array([5.0]), np.array([left]), "dot"))
         panels.append(Panel(tuple(lines), "dead band d [%]", label))
-    return PaperFigure("fig6", "Fig. 6: what dead band costs at load disturbances", tuple(panels),
-                       f"Mean of {LOAD_DRAWS} noise draws; error summed from {WINDOW[0]:g} to {WINDOW[1]:g} s.")
+    return figure("fig6", *panels)
 
 
 def detections(estimator: Estimator, lists: dict[str, str]) -> Found:
@@ -257,10 +238,9 @@ def detections(estimator: Estimator, lists: dict[str, str]) -> Found:
     values: Numbers = {}
     run = trace(example_2(0.05, seed=SEED))
     near = np.flatnonzero(within(run, (35.0, 65.0)))[::5]
-    figures = [diagrams("fig10", "Fig. 10: what the estimator uses", run.time[near],
+    figures = [diagrams("fig10", run.time[near],
                         {"setpoint": run.setpoint[near], "y filtered": (run.setpoint - run.error)[near]},
-                        {"valve": run.valve[near], "u": run.output[near]},
-                        "While u crosses the gap the valve rests and the error stays on one side.")]
+                        {"valve": run.valve[near], "u": run.output[near]})]
     below: list[bool] = []
     for key, d in DETECTED.items():
         records = [simulate(example_2(d, seed=SEED + k)) for k in range(DRAWS)]
@@ -270,8 +250,7 @@ def detections(estimator: Estimator, lists: dict[str, str]) -> Found:
         values[f"{key}_median"] = 100.0 * float(np.mean(medians)) if medians else float("nan")
         values[f"{key}_count"] = float(len(drawn[0]))
         lists[key] = listed(drawn[0])
-        figures.append(recording(key, f"Fig. {key[3:]}: the estimator at work, d = {100 * d:g} %", records[0], drawn[0],
-                                 f"Estimates [%] where they were made. The median below is the mean of {DRAWS} draws."))
+        figures.append(recording(key, records[0], drawn[0]))
     return {**values, "mostly_below": float(np.mean(below) > 0.5)}, figures
 
 
@@ -281,9 +260,7 @@ def default_gain() -> Found:
     error = 100.0 * ((5.0 - 1.0 / (0.5 * DEFAULT_KP)) / (5.0 - 1.0 / (0.5 * true)) - 1.0)
     at_ends = np.interp([1.0, 3.4], true, error)
     panel = Panel((Line("error of d", true, error),), "true Kp", "error of d [%]")
-    figure = PaperFigure("kp", "Section 4: how far a wrong process gain moves the estimate", (panel,),
-                         "Worst case of (17): half periods of 5 Ti and a controller gain of 0.5 / Kp.")
-    return {"kp_low": float(at_ends[0]), "kp_high": float(at_ends[1])}, [figure]
+    return {"kp_low": float(at_ends[0]), "kp_high": float(at_ends[1])}, [figure("kp", panel)]
 
 
 def industrial(estimator: Estimator, lists: dict[str, str]) -> Found:
@@ -299,15 +276,12 @@ def industrial(estimator: Estimator, lists: dict[str, str]) -> Found:
               "fig19_lower": float(np.median(calm) < np.median(accepted))}
     run = manual_test(fixed)
     thin = slice(None, None, 5)
-    figures = [diagrams("fig17", "Fig. 17: manual test of the valve", run.time[thin], {"flow": run.measurement[thin]},
-                        {"valve": run.valve[thin], "u": run.output[thin]},
-                        "The flow falls only after the output has come back through the gap.")]
-    note = f"In brackets: refused by the gate e_max < 2 dy. Numbers: {INDUSTRIAL_DRAWS} draws of noise and load."
-    for key, s, words in (("fig18", swinging, "an external, swinging setpoint"), ("fig19", fixed, "a fixed setpoint")):
-        record = simulate(s)
-        found = list(estimator(record))
+    figures = [diagrams("fig17", run.time[thin], {"flow": run.measurement[thin]},
+                        {"valve": run.valve[thin], "u": run.output[thin]})]
+    for key, s in (("fig18", swinging), ("fig19", fixed)):
+        found = list(estimator(record := simulate(s)))
         lists[key] = listed(found)
-        figures.append(recording(key, f"Fig. {key[3:]}: pulp flow with {words}", record, found, note))
+        figures.append(recording(key, record, found))
     return {**values, "fig17_d": 100.0 * read_manual_test(run)}, figures
 
 
