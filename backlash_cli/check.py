@@ -1,26 +1,22 @@
-"""Before any verdict: is the record of each loop good enough, and do its settings agree with the data?
-
-    check_loop(record) -> LoopCheck          check(plant) -> CheckResult
-"""
+"""Before any verdict: is the record of each loop good enough, and do its settings agree with the data?"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .errors import BacklashError
 from .estimator.assumed_setpoint import at_mean, with_constant_setpoint
 from .estimator.diagnosis import WORDS, Diagnosis, diagnose
-from .estimator.identify import identify
+from .estimator.identify import Identification, identify
 from .estimator.quality import Quality, data_quality
 from .estimator.settings_check import check_settings
 from .record import LoopSettings, Note, Record
 
-if TYPE_CHECKING:
-    from .estimator.identify import Identification
+# after these the given Ti is no measure for the sampling
+_OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settings_contradicted")
 
 
 @dataclass(frozen=True)
@@ -88,10 +84,8 @@ class CheckResult:
 def check_loop(record: Record) -> LoopCheck:
     """Judge one loop's data and compare its settings with those that the data show."""
     record = with_constant_setpoint(record)
-    identified = identify(record)
-    settings = record.settings
-    Ti = settings.Ti
-    notes = check_settings(settings, identified)
+    identified, settings = identify(record), record.settings
+    Ti, notes = settings.Ti, check_settings(settings, identified)
     if not isinstance(identified, Note) and (Ti is None or any(n.code in _OF_TI for n in notes)):
         Ti = identified.Ti.value
     diagnosis = diagnose(record if np.isfinite(record.setpoint).any() else at_mean(record) or record)
@@ -100,29 +94,21 @@ def check_loop(record: Record) -> LoopCheck:
                      diagnosis if diagnosis.kind != "none" else None, record.notes)
 
 
-# After these the given Ti is no measure for the sampling.
-_OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settings_contradicted")
-
-
 def check(plant: Iterable[Record], progress: Callable[[], None] | None = None) -> CheckResult:
     """Check every loop; one that fails is reported as failed and the others go on. `progress` is called after each."""
     loops = []
     for record in plant:
         try:
             loops.append(check_loop(record))
-        except BacklashError as error:
-            loops.append(LoopCheck(record.loop, notes=record.notes, failure=Note(error.code, str(error))))
         except Exception as error:  # one loop's failure must not cost the others their report
-            why = Note("internal_error", f"the check failed: {type(error).__name__}: {error}")
+            why = Note(error.code, str(error)) if isinstance(error, BacklashError) else Note(
+                "internal_error", f"the check failed: {type(error).__name__}: {error}")
             loops.append(LoopCheck(record.loop, notes=record.notes, failure=why))
         if progress is not None:
             progress()
-    known = {loop.loop for loop in loops}
     failures: tuple[Note, ...] = getattr(plant, "failures", ())
-    for note in failures:
-        name = str(note.values.get("loop", ""))
-        if name and name not in known:
-            loops.append(LoopCheck(name, failure=note))
-            known.add(name)
+    lost = {str(note.values["loop"]): note for note in reversed(failures) if note.values.get("loop")}
+    known = {loop.loop for loop in loops}
+    loops += [LoopCheck(name, failure=note) for name, note in reversed(lost.items()) if name not in known]
     rest = tuple(note for note in failures if not note.values.get("loop"))
     return CheckResult(tuple(loops), getattr(plant, "inputs", ()), getattr(plant, "warnings", ()), rest)
