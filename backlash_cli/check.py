@@ -14,6 +14,7 @@ from .estimator.identify import Identification, identify
 from .estimator.quality import Quality, data_quality
 from .estimator.settings_check import check_settings
 from .record import LoopSettings, Note, Record
+from .results import PlantResult
 
 # after these the given Ti is no measure for the sampling
 _OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settings_contradicted")
@@ -71,16 +72,6 @@ class LoopCheck:
         return "none", "fit for a verdict"
 
 
-@dataclass(frozen=True)
-class CheckResult:
-    """All loops of a plant, and what could not be read."""
-
-    loops: tuple[LoopCheck, ...]
-    inputs: tuple[str, ...] = ()
-    warnings: tuple[Note, ...] = ()
-    failures: tuple[Note, ...] = ()
-
-
 def check_loop(record: Record) -> LoopCheck:
     """Judge one loop's data and compare its settings with those that the data show."""
     record = with_constant_setpoint(record)
@@ -94,7 +85,7 @@ def check_loop(record: Record) -> LoopCheck:
                      diagnosis if diagnosis.kind != "none" else None, record.notes)
 
 
-def check(plant: Iterable[Record], progress: Callable[[], None] | None = None) -> CheckResult:
+def check(plant: Iterable[Record], progress: Callable[[], None] | None = None) -> PlantResult:
     """Check every loop; one that fails is reported as failed and the others go on. `progress` is called after each."""
     loops = []
     for record in plant:
@@ -111,4 +102,4 @@ def check(plant: Iterable[Record], progress: Callable[[], None] | None = None) -
     known = {loop.loop for loop in loops}
     loops += [LoopCheck(name, failure=note) for name, note in reversed(lost.items()) if name not in known]
     rest = tuple(note for note in failures if not note.values.get("loop"))
-    return CheckResult(tuple(loops), getattr(plant, "inputs", ()), getattr(plant, "warnings", ()), rest)
+    return PlantResult(tuple(loops), getattr(plant, "inputs", ()), getattr(plant, "warnings", ()), rest)

@@ -31,14 +31,15 @@ def check(export: Export, form: str | None, output: Path | None, verbose: bool) 
     Exit status: 0 done; 2 wrong use, or nothing could be read; 3 done, but some loop could not be checked.
     """
     from ..check import check as check_plant
-    from ..reporter.check_table import check_json, check_text
+    from ..reporter.check_table import checked
 
     plant = export.read(compiles=False)
     with progress("checking", len(plant), stopped="loops were checked; no report was written") as step:
         result = check_plant(plant, step)
     form = form or ("json" if output is not None and output.suffix.lower() == ".json" else "table")
-    text = check_json(result) if form == "json" else check_text(
-        result, verbose=verbose, colour=output is None and sys.stdout.isatty())
+    report = checked(result)
+    text = report.json() if form == "json" else report.text(
+        verbose=verbose, colour=output is None and sys.stdout.isatty())
     put(output, text, f"{several(len(result.loops), 'loop')} checked, {form}")
     failed = [f"{loop.loop}: {loop.failure.message.removeprefix(f'{loop.loop}: ')}" for loop in result.loops
               if loop.failure is not None]

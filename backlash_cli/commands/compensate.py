@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import click
 from ..errors import LoopError
 from . import options
 from .options import Export, Workers
-from .terminal import put
+from .terminal import deliver
 
 
 @click.command(short_help="Simulate a loop with and without backlash compensation.",
@@ -36,7 +35,7 @@ def compensate(export: Export, loop: str, process_text: str | None, dead_band: s
     from ..compensate import compensate as study_of
     from ..engines.local import answers
     from ..record import Note
-    from ..reporter.compensation import compensation_page, to_json, to_text
+    from ..reporter.advice import compensation
     from ..simulator.scenario_file import parse_process
 
     work = partial(study_of, process=parse_process(process_text) if process_text else None,
@@ -46,10 +45,5 @@ def compensate(export: Export, loop: str, process_text: str | None, dead_band: s
         study = work(record) if client is None else next(answers([record], work, client=client))
     if isinstance(study, Note):
         raise LoopError(study.message, code=study.code)
-    if json_file is not None:
-        put(json_file, to_json(study), "numbers")
-    if html is not None:
-        put(html, compensation_page(study), "page")
-    if str(json_file) != "-":
-        put(None, to_text(study, colour=sys.stdout.isatty()))
+    deliver(compensation(study), json_file, html)
     return 0

@@ -73,11 +73,11 @@ def trend(form: str, output: Path | None, verbose: bool, **wear: Any) -> None:
     A night is one scanned export of a loop. Wear is a trend through the nights since the last repair that
     may bend; single bad nights do not pull it. --verbose says whether a straight line would do.
     """
-    from ..reporter.history_report import trend_json, trend_text
+    from ..reporter.history_report import trend as trend_report
 
     with worn_plant(**wear) as (plant, _):
-        put(output, trend_json(plant.wears, plant.places) if form == "json" else
-            trend_text(plant.wears, plant.places, verbose=verbose))
+        found = trend_report(plant.wears, plant.places)
+        put(output, found.json() if form == "json" else found.text(verbose=verbose))
 
 
 @click.command(short_help="Write the report page of a history.",

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,13 +48,13 @@ def nightly(config: Path, check: bool) -> int:
     Exit status: 0 done; 1 a fail_on rule was met; 2 wrong use, another job works, or nothing could be read; 3 done,
     but some export or loop could not be analysed.
     """
-    from ..history.nightly import missing_dates, read_config
+    from ..history.nightly import read_config
 
     settings = read_config(config)
     if check:
         found = _exports(settings)
         lines = [f"{e.name}: {', '.join(terminal(path.name) for path in e.files)}" for e in found]
-        emit("\n".join([*lines, *(f"{day}: missing" for day in missing_dates(found))]) + "\n")
+        emit("\n".join([*lines, *(f"{day}: missing" for day in _missing(found))]) + "\n")
         return 0
     with open_log(settings.log.file, settings.log.format) as log:
         summary, status = run(settings, log)
@@ -69,45 +68,30 @@ def open_log(path: Path | None, form: str) -> Iterator[Log]:
 
     Without `path`, lines of text go to standard error (warnings and errors only) and JSON lines to it all.
     """
-    with contextlib.ExitStack() as files:
-        write: Callable[[str], object] = say
-        if path is not None:
-            try:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                if path.exists() and path.stat().st_size > LARGEST:
-                    path.replace(path.with_name(path.name + ".1"))
-                stream = files.enter_context(path.open("a", 1, encoding="utf-8", errors="backslashreplace"))
-            except OSError as error:
-                raise BacklashError(f"cannot write the log: {error.strerror}", where=str(path), code="cannot_write",
-                                    remedy="check `log.file` in the configuration") from None
-            write = lambda line: stream.write(line + "\n")  # noqa: E731
+    stream = None
+    if path is not None:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if path.exists() and path.stat().st_size > LARGEST:
+                path.replace(path.with_name(path.name + ".1"))
+            stream = path.open("a", 1, encoding="utf-8", errors="backslashreplace")
+        except OSError as error:
+            raise BacklashError(f"cannot write the log: {error.strerror}", where=str(path), code="cannot_write",
+                                remedy="check `log.file` in the configuration") from None
 
-        def log(event: str, level: str = "info", **values: object) -> None:
-            now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-            words = terminal(" ".join([event, *(f"{k}={v}" for k, v in values.items() if v not in ("", ()))]))
-            if form == "json":
-                write(json.dumps({"time": now, "level": level, "event": event, **values}, ensure_ascii=False,
-                                 default=str))
-            elif path is not None:
-                write(f"{now} {level} {words}")
-            elif level != "info":
-                write(words)
+    def log(event: str, level: str = "info", **values: object) -> None:
+        now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+        line = terminal(" ".join([event, *(f"{k}={v}" for k, v in values.items() if v not in ("", ()))]))
+        if form == "json":
+            line = json.dumps({"time": now, "level": level, "event": event, **values}, ensure_ascii=False, default=str)
+        elif stream is not None:
+            line = f"{now} {level} {line}"
+        elif level == "info":
+            return
+        say(line) if stream is None else stream.write(line + "\n")
 
+    with stream or contextlib.nullcontext():
         yield log
-
-
-@dataclass
-class Night:
-    """What happened to the exports of a run, by name."""
-
-    scanned: list[str] = field(default_factory=list)
-    known: list[str] = field(default_factory=list)
-    late: list[str] = field(default_factory=list)
-    failed: list[str] = field(default_factory=list)
-    missing: list[str] = field(default_factory=list)
-    nights: Counter[str] = field(default_factory=Counter)
-    newest: ScanResult | None = None
-    incomplete: bool = False
 
 
 def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
@@ -115,33 +99,42 @@ def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
 
     Raises BacklashError when nothing can be done: wrong configuration, another job, no export that can be read.
     """
-    from ..history.nightly import lock, missing_dates
+    from ..history.nightly import lock
     from ..history.plant import plant_history
     from ..history.store import History
+    from ..reporter.files import write_text
+    from ..reporter.history_report import trend, write_report
     from ..reporter.scan_report import met, parse_rules
 
     limits = read_profile(config.limits, config.loops)
     rules = parse_rules((rule for rule in config.fail_on if rule != PULL), f"{config.path}, fail_on")
+    report, numbers = config.outputs.report, config.outputs.trend
     with lock(config.lock) as stale:
         if stale:
             log(stale, "warning")
         found = _exports(config)
-        night = Night(missing=missing_dates(found))
         with History(config.history, create=True, say=lambda text: log(text, "warning")) as store:
-            _scan_all(config, found, store, night, log)
-            if night.failed and not (night.scanned or night.known):
+            names, counts, newest = _scan_all(config, found, store, log)
+            if not names["scanned"] + names["known"]:
                 raise InputError(f"none of {len(found)} exports could be read", where=str(config.path),
                                  remedy="see the log for the reason of each")
             plant = plant_history(store, limits, horizon=config.horizon)
-            _write_reports(config, plant, store, log)
-    for day in night.missing:
+            for path in filter(None, (report, numbers)):
+                path.parent.mkdir(parents=True, exist_ok=True)
+            if report is not None:
+                write_report(report, plant.places, plant.wears, plant.nights, store.recent_half_periods)
+                log("report", path=str(report))
+            if numbers is not None:
+                write_text(numbers, trend(plant.wears, plant.places).json())
+    names["missing"] = _missing(found)
+    for day in names["missing"]:
         log("missing", "warning", night=day)
-    hits = met(rules, night.newest.loops) if night.newest else []
+    hits = met(rules, newest.loops) if newest else []
     if PULL in config.fail_on:
         hits += [p.loop for p in plant.places if p.action == PULL]
-    summary = _summary(config, night, plant, sorted(set(hits)))
+    summary = _summary(config, names, counts, plant, sorted(set(hits)))
     log("done", summary=summary)
-    return summary, 1 if hits else 3 if night.failed or night.incomplete else 0
+    return summary, 1 if hits else 3 if names["failed"] or names["incomplete"] else 0
 
 
 def _exports(config: NightlyConfig) -> list[DatedExport]:
@@ -154,27 +147,42 @@ def _exports(config: NightlyConfig) -> list[DatedExport]:
     return found
 
 
-def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: History, night: Night, log: Log) -> None:
+def _missing(found: Sequence[DatedExport]) -> list[str]:
+    from ..results.history import missing_days
+
+    return missing_days(e.date for e in found if e.date is not None)
+
+
+def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: History, log: Log
+              ) -> tuple[dict[str, list[str]], Counter[str], ScanResult | None]:
+    """Scan what is new into the history.
+
+    Returns the names of the exports by what happened to them, the loop nights counted in the same way, and the last
+    scan.
+    """
     from ..loaders import ReadOptions
     from ..loaders.sources import find_sidecars, find_sources
     from ..scanning import ScanOptions
 
-    def lost(export: DatedExport, reason: str) -> None:
-        night.failed.append(export.name)
+    def lost(reason: str) -> None:
+        names["failed"].append(export.name)
         log("failed", "error", night=export.name, reason=reason)
 
-    keys = {export.name: f"{config.path.stem}:{export.name}" for export in found}
-    newest = max((e.date for e in found if e.date and store.export_fingerprint(keys[e.name])), default=None)
+    names: dict[str, list[str]] = defaultdict(list)
+    counts: Counter[str] = Counter()
+    scan: ScanResult | None = None
+    known = {export.name: store.export_fingerprint(f"{config.path.stem}:{export.name}") for export in found}
+    newest = max((e.date for e in found if e.date and known[e.name]), default=None)
     for export in found:
-        key = keys[export.name]
+        key = f"{config.path.stem}:{export.name}"
         try:
             settings = [config.loops] if config.loops else find_sidecars(export.files, find_sources(export.files))
             fingerprint = export.fingerprint([Path(path) for path in settings], salt=__version__)
         except OSError as error:
-            lost(export, error.strerror or str(error))
+            lost(error.strerror or str(error))
             continue
-        if store.export_fingerprint(key) == fingerprint:
-            night.known.append(export.name)
+        if known[export.name] == fingerprint:
+            names["known"].append(export.name)
             log("known", night=export.name)
             continue
         job = Job(Export(export.files, config.loops, ReadOptions(**config.reading)), ScanOptions(carry=True),
@@ -184,23 +192,22 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
             try:
                 scan = job.scan()
             except BacklashError as error:
-                lost(export, str(error))
+                lost(str(error))
                 continue
             outcome = store.add_all([undated(scan)], export=(key, fingerprint))
         if job.taken_over:
             log("resumed", night=export.name, loops=job.taken_over)
-        if newest is not None and export.date is not None and export.date < newest:
-            night.late.append(export.name)
-        night.scanned.append(export.name)
-        night.nights.update(new=len(outcome.new), revised=len(outcome.revised), known=len(outcome.unchanged))
-        night.newest = scan
-        night.incomplete |= bool(scan.failures) or any(r.verdict == "error" for r in scan.loops)
-        log("scanned", night=export.name, loops=len(scan.loops), history=outcome.sentence(),
-            late=export.name in night.late)
+        late = newest is not None and export.date is not None and export.date < newest
+        wrong = bool(scan.failures) or any(r.verdict == "error" for r in scan.loops)
+        for word, holds in (("scanned", True), ("late", late), ("incomplete", wrong)):
+            names[word] += [export.name] * holds
+        counts.update(new=len(outcome.new), revised=len(outcome.revised), known=len(outcome.unchanged))
+        log("scanned", night=export.name, loops=len(scan.loops), history=outcome.sentence(), late=late)
         for note in scan.failures:
             log("not analysed", "warning", night=export.name, reason=note.message)
         if config.outputs.scan is not None:
             _write_scan(config.outputs.scan, config.outputs.keep, export.name, scan, job.records, log)
+    return names, counts, scan
 
 
 def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records: Mapping[str, Record],
@@ -218,33 +225,21 @@ def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records:
         log("removed", report=path.name)
 
 
-def _write_reports(config: NightlyConfig, plant: PlantHistory, store: History, log: Log) -> None:
-    from ..reporter.files import write_text
-    from ..reporter.history_report import trend_json, write_report
-
-    if config.outputs.report is not None:
-        config.outputs.report.parent.mkdir(parents=True, exist_ok=True)
-        write_report(config.outputs.report, plant.places, plant.wears, plant.nights, store.recent_half_periods)
-        log("report", path=str(config.outputs.report))
-    if config.outputs.trend is not None:
-        config.outputs.trend.parent.mkdir(parents=True, exist_ok=True)
-        write_text(config.outputs.trend, trend_json(plant.wears, plant.places))
-
-
-def _summary(config: NightlyConfig, night: Night, plant: PlantHistory, hits: Sequence[str]) -> str:
+def _summary(config: NightlyConfig, names: Mapping[str, Sequence[str]], counts: Counter[str], plant: PlantHistory,
+             hits: Sequence[str]) -> str:
     """Return the line for the cron mail."""
     from ..results.history import day_of
 
     last = max((n.end for found in plant.nights.values() for n in found), default=None)
     day = day_of(last).isoformat() if last is not None else "no data"
-    counts = ", ".join(f"{n} {word}" for word in ("new", "revised", "known") if (n := night.nights[word])) or "none"
+    counted = ", ".join(f"{n} {word}" for word, n in counts.items() if n) or "none"
     parts = [f"backlash {day}: {several(len(plant.places), 'loop')}",
-             f"scanned {_names(night.scanned)} (loop nights: {counts})" if night.scanned
-             else f"nothing new ({len(night.known)} known)"]
+             f"scanned {_names(names['scanned'])} (loop nights: {counted})" if names["scanned"]
+             else f"nothing new ({len(names['known'])} known)"]
     actions = {words: [p.loop for p in plant.places if p.action == action]
                for action, words in (("pull", "pull"), ("room", "pull if room"), ("watch", "watch"))}
-    said = {**actions, "late": night.late, "missing": night.missing, "failed": night.failed, "alarm": hits}
-    parts += [f"{words} {_names(names)}" for words, names in said.items() if names]
+    said = {**actions, **{word: names[word] for word in ("late", "missing", "failed")}, "alarm": hits}
+    parts += [f"{words} {_names(found)}" for words, found in said.items() if found]
     if config.outputs.report is not None:
         parts.append(f"report {config.outputs.report}")
     return terminal("; ".join(parts))

@@ -50,7 +50,7 @@ def plan(export: Export, target: str | None, max_pv_move: str, max_op_move: str,
     from ..engines.plan import kept_plan
     from ..plan import PlanOptions
     from ..record import Note
-    from ..reporter import plan_report
+    from ..reporter import advice
 
     moves = _move(max_pv_move, "--max-pv-move"), _move(max_op_move, "--max-op-move")
     wanted = PlanOptions(options.dead_band(target, "--target"), *moves, repeats, seed)
@@ -67,13 +67,10 @@ def plan(export: Export, target: str | None, max_pv_move: str, max_op_move: str,
             elif found is not None:
                 plans.append(found)
             step()
-    if form in ("html", "text"):
-        text = (plan_report.plan_page if form == "html" else plan_report.to_text)(plans, len(plant))
-    else:
-        text = {"json": plan_report.to_json, "csv": plan_report.to_csv}[form](plans)
-    put(output, text, several(len(plans), "plan"))
+    report = advice.plans(plans, len(plant))
+    made = {"html": report.page, "text": report.text, "json": report.json, "csv": lambda: advice.plans_csv(plans)}
+    put(output, made[form](), several(len(plans), "plan"))
     return say_failures("not planned", failures)
-
 
 
 def _move(text: str, where: str) -> Move:

@@ -171,7 +171,7 @@ class Job:
         gc.freeze()  # the program itself holds no garbage: looking it through took a tenth of a scan
         plant = self.plant if inputs is None else self._open(inputs)
         if inputs is None:
-            self.files = {r.loop: {item.where for item in r.series.roles.get("pv", ())} for r in plant.recipes}
+            self.files = {r.loop: {item.axis.where for item in r.series.roles.get("pv", ())} for r in plant.recipes}
         if inputs is None and self.keep is not None:
             self.taken_over = sum(recipe.key in self.keep.known for recipe in plant.recipes)
             if self.keep.resumed and self.shown:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from textwrap import fill
 
@@ -10,7 +9,7 @@ import click
 
 from ..errors import UsageError
 from . import options
-from .terminal import put, several
+from .terminal import deliver, several
 
 
 @click.command(short_help="Write a record from the closed-loop simulator.",
@@ -96,14 +95,8 @@ def paper(html: Path | None, json_file: Path | None) -> int:
     no input.
     """
     from ..estimator.haegglund import published_estimates
-    from ..reporter.paper import paper_page, to_json, to_text
+    from ..reporter.paper import paper as paper_report
     from ..simulator.paper import reproduce
 
-    report = reproduce(published_estimates)
-    if json_file is not None:
-        put(json_file, to_json(report), "rows")
-    if html is not None:
-        put(html, paper_page(report), "page")
-    if str(json_file) != "-":
-        put(None, to_text(report, colour=sys.stdout.isatty()))
+    deliver(paper_report(reproduce(published_estimates)), json_file, html)
     return 0

@@ -7,11 +7,15 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from ..errors import BacklashError
 from ..reporter.safe import terminal
+
+if TYPE_CHECKING:
+    from ..reporter.report import Report
 
 COMPILING = 4  # seconds of CPU that the first command spends on it at most, on a machine of 2026; a scan 1
 
@@ -41,6 +45,16 @@ def put(path: Path | None, text: str, what: str = "") -> None:
     write_text(path, text)
     if what:
         say(f"{what} written to {path}")
+
+
+def deliver(report: Report, json_file: Path | None, html: Path | None, *, verbose: bool = False) -> None:
+    """Write numbers and page where they were asked for, and show the text unless the numbers go to standard output."""
+    if json_file is not None:
+        put(json_file, report.json(), "numbers")
+    if html is not None:
+        put(html, report.page(), "page")
+    if str(json_file) != "-":
+        put(None, report.text(verbose=verbose, colour=sys.stdout.isatty()))
 
 
 def say(text: str) -> None:

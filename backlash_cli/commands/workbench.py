@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
 from ..errors import LoopError, UsageError
 from . import options
 from .options import Export, Workers
-from .terminal import progress, put, say, say_failures
+from .terminal import deliver, progress, put, say, say_failures
 
 if TYPE_CHECKING:
     from ..loaders import Plant
     from ..record import Note, Record
-    from ..results import Comparison, Explanation, Model, PlantExplanation
+    from ..results import Explanation, Model, PlantExplanation
 
-Found = TypeVar("Found", "Comparison", "Explanation")
 SUFFIXES = (".csv", ".json", ".html", ".htm", ".txt")
 loop_option = click.option("--loop", metavar="NAME",
                            help="The loop to look at. Default: the model's, or the only one there is.")
@@ -51,11 +50,14 @@ def compare(export: Export, loop: str | None, model_file: Path | None, other_loo
     error is given for the fit, for samples the fit did not see, and beside the measurement noise.
     """
     from ..model import compare as compare_with
-    from ..reporter.explain_report import compare_page, comparison_text
+    from ..reporter.explain_report import judged, write_picture
 
     check_places(export, picture, json_file, html)
     found = compare_with(*record_and_model(export, loop, model_file, other_loop=other_loop))
-    _deliver(found, compare_page, comparison_text, picture, html, json_file, verbose=verbose)
+    if picture is not None:
+        write_picture(found, picture)
+        say(f"picture written to {picture}")
+    deliver(judged(found), json_file, html, verbose=verbose)
     return 0
 
 
@@ -96,7 +98,7 @@ def explain(export: Export, loop: str | None, add: tuple[str, ...], outside: tup
     from ..api import save_model as keep
     from ..effects.registry import load_effect
     from ..model import explain as explain_record
-    from ..reporter.explain_report import explain_page, explanation_text
+    from ..reporter.explain_report import judged, write_picture
 
     engine = None if workers.engine == "local" else workers.engine
     of_one = {"--loop": loop, "--add": add, "--model": model_file, "--save-model": save_model, "--json": json_file,
@@ -119,7 +121,10 @@ def explain(export: Export, loop: str | None, add: tuple[str, ...], outside: tup
     if save_model is not None and found.model is not None:
         keep(found.model, save_model)
         say(f"model written to {save_model}")
-    _deliver(found, explain_page, explanation_text, picture, html, json_file, verbose=verbose)
+    if picture is not None:
+        write_picture(found, picture)
+        say(f"picture written to {picture}")
+    deliver(judged(found), json_file, html, verbose=verbose)
     return 0
 
 
@@ -188,30 +193,14 @@ def names_in(plant: Plant) -> list[str]:
     return sorted({*(record.loop for record in plant), *lost})
 
 
-def _deliver(found: Found, page: Callable[[Found], str], text: Callable[..., str], picture: Path | None,
-             html: Path | None, json_file: Path | None, *, verbose: bool) -> None:
-    """Write what was asked for, and show the text unless the numbers go to standard output."""
-    if picture is not None:
-        from ..reporter.explain_report import write_picture
-
-        write_picture(found, picture)
-        say(f"picture written to {picture}")
-    if html is not None:
-        put(html, page(found), "page")
-    if json_file is not None:
-        from ..reporter.json_report import model_json
-
-        put(json_file, model_json(found), "numbers")
-    if str(json_file) != "-":
-        put(None, text(found, verbose=verbose, colour=sys.stdout.isatty()))
-
-
 def explain_plant(export: Export, effects: tuple[str, ...], output: Path | None, workers: Workers) -> int:
     """Explain every loop and write the summary to a file or folder, or show it; 3 when a loop could not be."""
     from ..engines.local import answers
     from ..model import explain as explain_record
     from ..record import Note
-    from ..reporter import explain_summary as reports
+    from ..reporter.explain_report import judged, summary, to_csv
+    from ..reporter.page import BACK, write_pages
+    from ..reporter.templates import sentence
     from ..results import PlantExplanation
 
     folder = output is not None and output.suffix.lower() not in SUFFIXES
@@ -223,59 +212,38 @@ def explain_plant(export: Export, effects: tuple[str, ...], output: Path | None,
     kept: list[Explanation] = []
     lost: list[Note] = []
 
-    def summary() -> PlantExplanation:
-        return PlantExplanation(tuple(kept), (*plant.failures, *lost), plant.inputs, plant.warnings)
+    def so_far() -> PlantExplanation:
+        return PlantExplanation(tuple(kept), plant.inputs, plant.warnings, (*plant.failures, *lost))
 
-    def each() -> Iterator[Explanation]:
-        """Yield each explanation whole, and keep it without its series."""
+    def pages() -> Iterator[tuple[str, dict[str, str]]]:
+        """Keep each explanation without its series; give page and numbers of its loop for a folder."""
         work = partial(explain_record, effects=effects)
         for result in answers(plant.records, work, jobs=workers.jobs, client=client):
             if isinstance(result, Note):
                 lost.append(result)
             else:
                 kept.append(result.light())
-                yield result
+                if folder:
+                    report = judged(result)
+                    yield result.loop, {"html": report.page(**BACK), "json": report.json()}
             step()
 
     with workers.client() as client, progress("explaining", len(names),
                                               stopped="loops were explained; no summary was written") as step:
         if folder and output is not None:
-            _write_folder(output, names, each(), kept, summary, repr((plant.inputs, export.reading)))
+            write_pages(output, (plant.inputs, export.reading), names, pages(),
+                        lambda **where: summary(so_far()).page(**where))
         else:
-            for _ in each():
-                continue
-    found = summary()
+            list(pages())
+    found, report = so_far(), summary(so_far())
     if output is None:
-        put(None, reports.to_text(found, colour=sys.stdout.isatty()))
+        put(None, report.text(colour=sys.stdout.isatty()))
         return 3 if found.failures else 0
     if folder:
-        put(output / "summary.csv", reports.to_csv(found), "table")
-        put(output / "summary.json", reports.to_json(found), "numbers")
+        put(output / "summary.csv", to_csv(found), "table")
+        put(output / "summary.json", report.json(), "numbers")
     else:
-        forms = {".csv": reports.to_csv, ".json": reports.to_json, ".txt": reports.to_text}
-        put(output, forms.get(output.suffix.lower(), reports.to_page)(found), "summary")
-    say(reports.summary_line(found))
+        forms = {".csv": lambda: to_csv(found), ".json": report.json, ".txt": report.text}
+        put(output, forms.get(output.suffix.lower(), report.page)(), "summary")
+    say(sentence("summary", found, report.content["counts"]))
     return say_failures("not explained", [note.message for note in found.failures])
-
-
-def _write_folder(folder: Path, loops: Sequence[str], found: Iterator[Explanation], kept: list[Explanation],
-                  summary: Callable[[], PlantExplanation], told: str) -> None:
-    """Write a page per loop as it comes, then the index, the table and the numbers. told: what the report is about."""
-    from ..reporter.explain_report import explain_page
-    from ..reporter.explain_summary import to_page
-    from ..reporter.files import write_text
-    from ..reporter.json_report import model_json
-    from ..reporter.page import links_to, write_pages
-    from ..reporter.safe import file_names
-
-    names = file_names(loops)
-    back = ("../index.html", "All loops")
-    pages = ((names[x.loop], explain_page(x, plotly_file="plotly.js", back=back)) for x in found)
-
-    def index(subfolder: str) -> str:
-        for x in kept:
-            write_text(folder / subfolder / f"{names[x.loop]}.json", model_json(x))
-        links = links_to({x.loop: names[x.loop] for x in kept}, subfolder)
-        return to_page(summary(), links, plotly_file=f"{subfolder}/plotly.js")
-
-    write_pages(folder, told, pages, index)

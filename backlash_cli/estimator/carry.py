@@ -185,7 +185,7 @@ def _join(blocks: list[Record], name: str) -> FloatArray:
     return np.concatenate([np.zeros(0), *(getattr(b, name).astype(float) for b in blocks)])
 
 
-def pack(value: Carry | Tail) -> bytes:
+def pack(value: Carry) -> bytes:
     """Return `value` as bytes: MessagePack, compressed; the same value gives the same bytes."""
     return zlib.compress(msgspec.msgpack.encode(value, enc_hook=lambda array: array.astype("<f8").tobytes()), 6)
 
@@ -193,11 +193,6 @@ def pack(value: Carry | Tail) -> bytes:
 def unpack(data: bytes) -> Carry:
     """Return the Carry that `pack` made bytes of."""
     return msgspec.msgpack.decode(zlib.decompress(data), type=Carry, dec_hook=_array)
-
-
-def unpack_tail(data: bytes) -> Tail:
-    """Return the Tail that `pack` made bytes of."""
-    return msgspec.msgpack.decode(zlib.decompress(data), type=Tail, dec_hook=_array)
 
 
 def _array(kind: type, data: bytes) -> FloatArray:

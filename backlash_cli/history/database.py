@@ -37,15 +37,14 @@ STEPS = (  # statements from each version to the next; an empty file has version
         digest TEXT PRIMARY KEY, first REAL NOT NULL, last REAL NOT NULL, loops INTEGER NOT NULL,
         nights INTEGER NOT NULL, inputs TEXT NOT NULL, failures TEXT NOT NULL, tool TEXT NOT NULL) WITHOUT ROWID""",
      "CREATE TABLE repairs (loop TEXT, time REAL, note TEXT NOT NULL, PRIMARY KEY (loop, time)) WITHOUT ROWID"),
-    # half periods go over the cut between two nights; valve travel and details of the evidence are kept; the nightly
-    # job knows which exports it has scanned
+    # a night says what it leaves to the next one, valve travel and details of the evidence; the nightly job knows which
+    # exports it has scanned
     ("ALTER TABLE nights ADD COLUMN travel REAL",
      "ALTER TABLE nights ADD COLUMN details TEXT NOT NULL DEFAULT '{}'",
      "ALTER TABLE nights ADD COLUMN carry BLOB",
-     """CREATE TABLE joins (
-        loop TEXT NOT NULL, start REAL NOT NULL, end REAL NOT NULL, of TEXT NOT NULL, until REAL, tail BLOB,
-        PRIMARY KEY (loop, start, end)) WITHOUT ROWID""",
      "CREATE TABLE exports (name TEXT PRIMARY KEY, fingerprint TEXT NOT NULL) WITHOUT ROWID"),
+    # half periods over the cut are worked out when they are asked for
+    ("DROP TABLE IF EXISTS joins", "DELETE FROM half_periods WHERE joined"),
 )
 _BUSY = ("another run is still writing to the history", "run again when it has finished")
 _WRONG = {

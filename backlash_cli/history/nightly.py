@@ -11,7 +11,7 @@ import socket
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import date, datetime, timedelta
+from datetime import date, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -134,13 +134,6 @@ def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: 
     files = tuple(path for path, day in found if day is None)
     groups = [files] if together and files else [(f,) for f in files]
     return out + [DatedExport(group[0].name, group) for group in groups]
-
-
-def missing_dates(exports: Sequence[DatedExport]) -> list[str]:
-    """Return the days between the first and the last dated export for which there is none."""
-    days = {e.date for e in exports if e.date is not None}
-    span = (max(days) - min(days)).days if days else 0
-    return [day.isoformat() for k in range(span) if (day := min(days) + timedelta(days=k)) not in days]
 
 
 def matches(pattern: str) -> list[tuple[Path, date | None]]:

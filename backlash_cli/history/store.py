@@ -9,19 +9,20 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from .. import __version__
-from ..estimator.carry import unpack
-from ..record import Note
-from ..results import LoopReport, ScanResult, Verdict
+from ..estimator.carry import Carry, unpack
+from ..record import LoopSettings, Note
+from ..results import Estimate, LoopReport, ScanResult, Verdict
 from ..results.history import DAY, HalfPeriod, Night, Outcome, Repair, Run, day_of
 from .database import Database
-from .joins import active, distinct, half_period_row, moment, rejoin, short
+from .joins import active, distinct, join
 
 EARLIEST, LATEST = 6e10, 2.5e11  # epoch seconds: year 68 to 9892
 _EVIDENCE = {"cluster": ("d", "n", "share", "spread"), "confirmation": ("d", "delta_bic", "error_reduction"),
@@ -63,8 +64,6 @@ class History(Database):
                         self._write(row, report)
                 if rows:
                     self._write_run(rows, result)
-            for loop in dict.fromkeys(loop for loop, _ in (*done["new"], *done["revised"])):
-                rejoin(self, loop)
             if export is not None:
                 self.insert("exports", [dict(zip(("name", "fingerprint"), export, strict=True))])
         return Outcome(**{name: tuple(nights) for name, nights in done.items()}, untimed=tuple(untimed))
@@ -72,7 +71,7 @@ class History(Database):
     def _write(self, row: dict[str, Any], report: LoopReport) -> None:
         self.db.execute("DELETE FROM half_periods WHERE (loop, night_start, night_end) = (:loop, :start, :end)", row)
         self.insert("nights", [{**row, "carry": report.carry}])
-        self.insert("half_periods", [half_period_row(row, e, joined=False) for e in report.estimates], "IGNORE")
+        self.insert("half_periods", [half_period_row(row, e) for e in report.estimates], "IGNORE")
 
     def _write_run(self, rows: list[dict[str, Any]], result: ScanResult) -> None:
         inputs = sorted({Path(name).name for name in result.inputs})
@@ -93,29 +92,43 @@ class History(Database):
 
     def nights(self, loop: str) -> list[Night]:
         """Return the nights of a loop in time order; an export inside a longer one is left out."""
-        rows = self.rows("SELECT * FROM nights WHERE loop = ? ORDER BY start, end", loop)
-        counting = set(active([(row["start"], row["end"]) for row in rows]))
-        return [night_of(dict(row)) for row in rows if (row["start"], row["end"]) in counting]
+        counting = set(self._spans(loop))
+        return [night_of(dict(row)) for row in self.rows("SELECT * FROM nights WHERE loop = ? ORDER BY start", loop)
+                if (row["start"], row["end"]) in counting]
 
-    def recent_half_periods(self, loop: str, days: float = 14.0) -> list[HalfPeriod]:
-        """Return the half periods of a loop's last `days`."""
-        last = self.rows("SELECT max(end) FROM nights WHERE loop = ?", loop)[0][0]
-        return self.half_periods(loop, (last or 0.0) - days * DAY)
+    def _spans(self, loop: str) -> list[tuple[float, float]]:
+        return active([(r[0], r[1]) for r in self.rows("SELECT start, end FROM nights WHERE loop = ?", loop)])
 
-    def half_periods(self, loop: str, since: float = -1e300) -> list[HalfPeriod]:
+    def recent_half_periods(self, loop: str) -> list[HalfPeriod]:
+        """Return the half periods of a loop's last two weeks."""
+        return self.half_periods(loop, max((end for _, end in self._spans(loop)), default=0.0) - 14 * DAY)
+
+    def half_periods(self, loop: str, since: float = -math.inf) -> list[HalfPeriod]:
         """Return the half periods of a loop in time order, each moment once, joined where nights meet.
 
         since: epoch seconds; only nights that end later.
         """
-        spans = self.rows("SELECT start, end FROM nights WHERE loop = ?", loop)
-        # a night's own ones are replaced by those that go over the cut before it
-        rows = self.rows(
-            "SELECT h.* FROM half_periods h LEFT JOIN joins j ON j.loop = h.loop AND j.start = h.night_start AND "
-            "j.end = h.night_end WHERE h.loop = ? AND h.night_end > ? AND "
-            "(h.joined OR j.of IS NULL OR h.start >= j.until - 0.002)", loop, since)
-        counting = set(active([(row["start"], row["end"]) for row in spans]))
-        return distinct([msgspec.convert(dict(row), HalfPeriod, strict=False) for row in rows
-                         if (row["night_start"], row["night_end"]) in counting])
+        spans = self._spans(loop)
+        found: list[HalfPeriod] = []
+        before: tuple[Carry, float] | None = None
+        for span in spans[max(sum(end <= since for _, end in spans) - 1, 0) :]:
+            (row,) = self.rows("SELECT * FROM nights WHERE loop = ? AND start = ? AND end = ?", loop, *span)
+            own: Iterable[Mapping[str, Any]] = map(dict, self.rows(
+                "SELECT * FROM half_periods WHERE loop = ? AND night_start = ? AND night_end = ?", loop, *span))
+            if row["carry"] is None:
+                before = None
+            else:
+                carry, settings = unpack(row["carry"]), msgspec.json.decode(row["settings"], type=LoopSettings)
+                start = span[0] - float(carry.head[0][0]) * carry.interval
+                if before is not None:  # those that go over the cut take the place of the night's own
+                    halves, until, tail = join(*before, carry, start, settings)
+                    own = [*(r for r in own if r["start"] >= until - 0.002),
+                           *({**half_period_row(dict(row), e), "joined": 1} for e in halves)]
+                    carry = replace(carry, tail=tail or carry.tail)
+                before = carry, start
+            if span[1] > since:
+                found += [msgspec.convert(r, HalfPeriod, strict=False) for r in own]
+        return distinct(found)
 
     def repairs(self, loop: str) -> list[Repair]:
         """Return the repairs that people marked for a loop, in time order."""
@@ -138,6 +151,16 @@ class History(Database):
         """Return the runs that added to the history, in the order of their data."""
         return [msgspec.convert({**row, "inputs": json.loads(row["inputs"]), "failures": json.loads(row["failures"])},
                                 Run) for row in map(dict, self.rows("SELECT * FROM runs ORDER BY first, last, digest"))]
+
+
+def moment(time: float) -> float:
+    """Round a time to the millisecond."""
+    return round(float(time), 3)
+
+
+def short(value: float | None) -> float | None:
+    """Round to nine digits; None for what is not a number."""
+    return None if value is None or not math.isfinite(value) else float(f"{value:.9g}")
 
 
 def night_row(report: LoopReport) -> dict[str, Any]:
@@ -164,9 +187,17 @@ def night_row(report: LoopReport) -> dict[str, Any]:
         "details": as_json({name: {key: short(v) if isinstance(v := getattr(value, key), float) else v
                                    for key in _EVIDENCE[name]} for name, value in found if value is not None}),
     }
-    halves = [list(half_period_row(row, e, joined=False).values()) for e in report.estimates]
+    halves = [list(half_period_row(row, e).values()) for e in report.estimates]
     row["digest"] = _digest(as_json([row, halves]), report.carry or b"")
     return row
+
+
+def half_period_row(night: Mapping[str, Any], e: Estimate) -> dict[str, Any]:
+    """Return the row of table `half_periods` for one half period of a night."""
+    return {"loop": night["loop"], "night_start": night["start"], "night_end": night["end"], "joined": 0,
+            "start": moment(e.start), "end": moment(e.end), "dt_s": short(e.dt_s), "dy": short(e.dy),
+            "e_max": short(e.e_max), "d": short(e.d), "direction": int(e.direction), "accepted": int(e.accepted),
+            "why": str(e.why)}
 
 
 def night_of(row: Mapping[str, Any]) -> Night:

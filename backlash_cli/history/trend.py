@@ -11,15 +11,14 @@ The time of a night is the middle of its data; the clock is never asked.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from ..record import FloatArray
 from ..results import Verdict
-from ..results.history import DAY, HeldOut, Limit, Night, Repair, Segment, Wear, day_of, day_text
+from ..results.history import DAY, HeldOut, Limit, Night, Repair, Segment, Wear, day_of, day_text, missing_days
 from .local_trend import BELIEF, ENOUGH, LEAST, LINE, Nights, Shocks, Trend, find_shocks, fit
 
 SAME_REPAIR = 5  # a drop found this close (in nights) to a marked repair is that repair
@@ -40,46 +39,38 @@ def wear(loop: str, nights: Sequence[Night], marked: Sequence[Repair], limit: Li
     """Return the wear of one loop from its nights, in any order, and the repairs that people marked."""
     nights = sorted(nights, key=lambda n: n.time)
     points, gaps = points_of(nights)
-    parts = [_Part(part) for part in _between(points, marked)]
+    covered = (day_of(k * DAY) for n in nights for k in range(int(n.start // DAY), int(n.end // DAY) + 1))
+    parts = _between(points, marked)
     repairs = sorted([*marked, *_found(loop, parts)], key=lambda r: r.time)
     if len(repairs) > len(marked):
-        parts = [_Part(part) for part in _between(points, repairs)]
+        parts = _between(points, repairs)
     out = Wear(loop, len(nights), limit, "no_estimate", "", tuple(part.segment() for part in parts if part.nights),
-               tuple(repairs), None, tuple(gaps), tuple(missing_days(nights)))
+               tuple(repairs), None, tuple(gaps), tuple(missing_days(covered)))
     # after the last repair nothing may have been measured yet: then no older slope speaks for the valve
     return _outlook(out, parts[-1])
 
 
-def _between(points: Sequence[Night], repairs: Sequence[Repair]) -> list[list[Night]]:
+def _between(points: Sequence[Night], repairs: Sequence[Repair]) -> list[_Part]:
     """Return the nights before, between and after the repairs."""
     edges = [-np.inf, *sorted(r.time for r in repairs), np.inf]
-    return [[p for p in points if first <= p.time < last] for first, last in pairwise(edges)]
+    return [_Part([p for p in points if first <= p.time < last]) for first, last in pairwise(edges)]
 
 
-@dataclass(frozen=True)
 class _Part:
-    """Nights between two repairs, with what is measured and fitted of them; each is worked out once."""
+    """Nights between two repairs, with what is measured and fitted of them: `trend` is None where fewer than five of
+    them have a size."""
 
-    nights: Sequence[Night]
-
-    @cached_property
-    def sized(self) -> list[Night]:
-        return [p for p in self.nights if p.d is not None]
-
-    @cached_property
-    def measured(self) -> Nights:
-        return measurements(self.nights)
-
-    @cached_property
-    def trend(self) -> Trend | None:
-        """The trend through the nights, None where fewer than five have a size."""
-        return fit(self.measured, find_shocks(self.measured)) if len(self.sized) >= ENOUGH else None
+    def __init__(self, nights: Sequence[Night]) -> None:
+        self.nights, self.sized = nights, [p for p in nights if p.d is not None]
+        self.measured = measurements(self.sized) if self.sized else None
+        enough = self.measured is not None and len(self.sized) >= ENOUGH
+        self.trend = fit(self.measured, find_shocks(self.measured)) if self.measured and enough else None
 
     def segment(self) -> Segment:
         """Return the wear in words of the report."""
         part, trend = self.nights, self.trend
         out = Segment(part[0].time, part[-1].time, len(self.sized), len(part) - len(self.sized))
-        if not self.sized:  # nothing but bounds: somewhere below
+        if self.measured is None:  # nothing but bounds: somewhere below
             bound = float(np.median([p.limit_of_detection or 0.0 for p in part]))
             return replace(out, level_first=0.5 * bound, level=0.5 * bound, level_ci95=(0.0, bound))
         if trend is None:
@@ -113,13 +104,12 @@ def points_of(nights: Sequence[Night]) -> tuple[list[Night], list[tuple[str, str
     return points, gaps
 
 
-def measurements(points: Sequence[Night]) -> Nights:
-    """Return sizes with their errors, from nights in time order of which at least one has a size; days since 1970.
+def measurements(sized: Sequence[Night]) -> Nights:
+    """Return sizes with their errors, from nights in time order that all have a size; days since 1970.
 
     The usual interval at that time counts, or the night's own where that is much wider; not the night's own dead band,
     which would pull low. What neighbouring nights scatter more, or less, than their intervals say corrects them all.
     """
-    sized = [p for p in points if p.d is not None]
     time, size = np.array([[p.time / DAY, p.d] for p in sized], float).T
     half = np.array([0.5 * (p.ci95[1] - p.ci95[0]) if p.ci95 else np.nan for p in sized])
     usual, level = _running_median(half), _running_median(size)
@@ -144,13 +134,6 @@ def _running_median(x: FloatArray) -> FloatArray:
     return np.array([np.median(v) if len(v := part[np.isfinite(part)]) else np.nan for part in near])
 
 
-def missing_days(nights: Sequence[Night]) -> list[str]:
-    """Return the UTC days between the first and the last night that no export covers."""
-    covered = {day for n in nights for day in range(int(n.start // DAY), int(n.end // DAY) + 1)}
-    return [day_of(day * DAY).isoformat() for day in range(min(covered, default=0), max(covered, default=0))
-            if day not in covered]
-
-
 def _found(loop: str, parts: Sequence[_Part]) -> list[Repair]:
     """Return repairs seen in the data that nobody marked; searched between the marked ones."""
     out = []
@@ -172,12 +155,9 @@ def drops(part: _Part) -> list[tuple[int, float, float]]:
     Wear makes a dead band grow slowly; nothing but a repair makes it fall at once. Either a step of the sizes down
     (`find_shocks`), or nights that nearly all see no dead band where nearly all did before.
     """
-    found = []
-    if part.trend is not None and len(part.sized) >= 2 * LEAST:
-        for k in part.trend.shocks.steps:
-            before, after = float(part.trend.level[k - 1]), float(part.trend.level[k])
-            found.append((part.nights.index(part.sized[k]), before, after))
-    found = [drop for drop in found if _fell(*drop[1:])]
+    level = part.trend.level.tolist() if part.trend is not None else []
+    steps = part.trend.shocks.steps if part.trend is not None and len(part.sized) >= 2 * LEAST else ()
+    found = [(part.nights.index(part.sized[k]), level[k - 1], level[k]) for k in steps if _fell(level[k - 1], level[k])]
     silent = [drop for drop in _falls_silent(part.nights) if all(abs(drop[0] - k) > WINDOW for k, _, _ in found)]
     return sorted([*found, *silent])
 
@@ -239,7 +219,7 @@ def _outlook(out: Wear, part: _Part) -> Wear:
     if not segment.nights and segment.below >= ENOUGH:
         return replace(out, state="no_trend", message=f"no night{since} shows a dead band; it is below "
                        f"{percent(segment.level_ci95[1])}")
-    if trend is None or segment.slope is None or segment.slope_ci95 is None:
+    if trend is None or part.measured is None or segment.slope is None or segment.slope_ci95 is None:
         n = segment.nights + segment.below
         said = f"{n} night{'s' * (n != 1)} since the last repair or start"
         return replace(out, state="too_few_nights", message=f"{said}; a trend needs {ENOUGH} with a size; {now}")

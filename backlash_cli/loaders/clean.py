@@ -10,6 +10,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +22,8 @@ from .grid import GAP_FACTOR, MAX_HOLE, SPARSE_SHARE, Grid, Steps, Times, held, 
 from .join import Faults, Joiner, LoopSeries, Signal, add_faults
 from .options import ReadOptions
 from .order import NAT
-from .quality import automatic
-from .signals import Axis, Series, packed
-from .states import judged, state_notes
+from .signals import Axis, Series
+from .states import automatic, judged, state_notes
 
 CHUNK = 2_000_000  # rows of a loop that are in memory at once
 SLACK = 0.05  # of a span: noise around the end of a range
@@ -48,31 +48,23 @@ class Recipe:
 
     def record(self, joiner: Joiner | None = None) -> Record:
         """Read the loop. Raises BacklashError when it cannot be read. joiner: shared by loops of the same files."""
-        settings = settings_of(self.values)
-        record = build(self.series, settings, joiner or Joiner(self.options.good_quality), self.options, Going())
-        return replace(record, notes=(*self.notes, *record.notes)) if self.notes else record
+        return _Making(self, joiner or Joiner(self.options.good_quality)).record(self.series)
 
     def is_long(self) -> bool:
         """Say whether the record is better made in chunks: it is long, and all its stamps rise."""
-        return self.rows > CHUNK and all(_one_after_the_other(_in_turn(items))
-                                         for items in self.series.roles.values())
+        return self.rows > CHUNK and all(_one_after_the_other(_in_turn(items)) for items in self.series.roles.values())
 
     def chunks(self) -> Iterator[Record]:
-        """Yield the record in chunks; the notes of the last one are those of the whole.
+        """Yield the record of a long loop in chunks; the notes of the last one are those of the whole.
 
         Raises BacklashError when the loop cannot be read.
         """
-        settings, going = settings_of(self.values), Going()
-        refuse_missing(self.series)
-        joiner = Joiner(self.options.good_quality)
-        axes = _in_turn(self.series.roles["pv"])
+        making, axes = _Making(self, Joiner(self.options.good_quality)), _in_turn(self.series.roles["pv"])
         begins = [int(axis.read(row, row + 1)[0]) for axis in axes for row in range(0, len(axis), CHUNK)]
         ends = [*begins[1:], (axes[-1].last() or 0) + 1]
         for begin, end in zip(begins, ends, strict=True):
-            going.begin, going.end = begin, end
-            joiner.next_chunk(begin, end)
-            record = build(_window(self.series, begin, end), settings, joiner, self.options, going)
-            yield replace(record, notes=(*self.notes, *record.notes) if end == ends[-1] else ())
+            record = making.record(_window(self.series, begin, end), begin, end)
+            yield record if end == ends[-1] else replace(record, notes=())
 
     def keyed(self, marks: Mapping[str, str], common: tuple[object, ...]) -> Recipe:
         """Return the recipe with its key; without one where a file cannot be known again.
@@ -80,9 +72,9 @@ class Recipe:
         marks: what changes when the content of a file does, by its name. common: what else a report depends on.
         """
         items = [(role, item) for role, items in sorted(self.series.roles.items()) for item in items]
-        if not all(marks.get(item.where) for _, item in items):
+        if not all(marks.get(item.axis.where) for _, item in items):
             return self
-        parts = [(role, i.tag, i.loop, i.signal, i.where, marks[i.where]) for role, i in items]
+        parts = [(role, i.tag, i.loop, i.signal, i.axis.where, marks[i.axis.where]) for role, i in items]
         # which loops are wanted is not how they are read
         how = replace(self.options, only_loops=(), loops_matching=(), sample=None, sample_seed=0, since=None)
         values = self.values
@@ -94,36 +86,32 @@ class Recipe:
     def packed(self) -> Recipe:
         """Return the recipe with its samples, to be sent to another machine; columns of Parquet files are read there.
         """
-        axes: dict[int, Axis] = {}
-
-        def own(item: Series) -> Series:
-            axis = item.axis
-            if id(axis) not in axes:
-                axes[id(axis)] = replace(axis, rows=packed(axis.rows, (), axis.column))
-            return replace(item, axis=axes[id(axis)], rows=packed(item.rows, (item.column, item.quality)))
-
-        return replace(self, series=self.series.changed(own))
+        columns: dict[Axis, set[str]] = {}
+        for item in chain.from_iterable((*self.series.roles.values(), *self.series.extra.values())):
+            columns.setdefault(item.axis, set()).update(filter(None, (item.column, item.quality)))
+        return replace(self, series=self.series.changed(lambda axis: axis.packed(columns[axis])))
 
     @property
     def rows(self) -> int:
         """Rows of the measurement, about the samples of its record."""
-        return sum(item.count for item in self.series.roles.get("pv", ()))
+        return sum(len(item.axis) for item in self.series.roles.get("pv", ()))
 
 
 @dataclass
-class Going:
-    """What a chunk of a loop goes on from, and adds to. begin, end: stamps between which it lies, None for the whole
-    loop.
+class _Making:
+    """Makes the record of a loop, or chunk after chunk of it: what a chunk goes on from, and what is counted for the
+    notes.
 
-    grid, spans, output: of the first chunk. place: a stamp near the end of the last one and its grid number. until: the
-    grid number of its last sample. The rest is counted for the notes. carried: setpoint and mode that still hold.
+    grid, spans, has_output: of the first chunk. place: a stamp near the end of the last one and its grid number. until:
+    the grid number of its last sample. carried: setpoint and mode that still hold. times, bridge, notes: of this chunk:
+    the stamps of the measurement, the longest hole in samples that is filled, and what is to be said of all so far.
     """
 
-    begin: int = NAT
-    end: int | None = None
+    recipe: Recipe
+    joiner: Joiner
     grid: Grid | None = None
     spans: tuple[LoopSettings, list[Note]] | None = None
-    output: bool = False
+    has_output: bool = False
     place: tuple[int, int] = (0, 0)
     until: int = -1
     counts: Counter[str] = field(default_factory=Counter)
@@ -132,9 +120,68 @@ class Going:
     steps: list[Steps] = field(default_factory=list)
     faults: Faults = field(default_factory=dict)
     carried: dict[str, float] = field(default_factory=dict)
+    times: Times | None = None
+    bridge: int = 0
+    notes: list[Note] = field(default_factory=list)
 
-    def own_samples(self, pv: Signal, grid: Grid, end: int) -> tuple[int, int]:
-        """Return the first sample of a chunk and the one after its last, and note where it ends."""
+    def record(self, loop: LoopSeries, begin: int = NAT, end: int | None = None) -> Record:
+        """Make the record of the whole loop, or of the chunk between two stamps from rows around it.
+
+        Raises LoopError when it has no measurement, no times or no usable scale.
+        """
+        refuse_missing(loop)
+        settings, first_chunk = settings_of(self.recipe.values), self.grid is None
+        if end is not None:
+            self.joiner.next_chunk(begin, end)
+        pv = _where_recorded(self.joiner.signal(loop.roles["pv"], "pv", loop.name))
+        if self.grid is None:
+            grid = pv.times.grid(pv.values)
+            self.grid = replace(grid, index=grid.index[:0], rows=None, recorded=None)
+        else:
+            grid = self.grid.laid(pv.times.order(pv.values), self.place)
+        first, last, on_grid = 0, len(grid.index), list(grid.notes)
+        if end is not None:
+            first, last = self._own_samples(pv, grid, end)
+            on_grid = self._said_of_grid(pv, grid, begin, end, first, last)
+        self.times, self.bridge = pv.times, fill_limit(settings.loop.Ti, grid.interval)
+        self.notes = [*self.recipe.notes, *settings.notes, *pv.times.notes, *on_grid]
+        self._say(pv)
+        measured = self._on_grid(pv, "pv", grid)
+        interpolated = None if grid.recorded is None else ~grid.recorded & np.isfinite(measured)
+        if first_chunk and not np.isfinite(measured).any():
+            raise LoopError("the measurement (PV) holds no number at all", code="no_measurement",
+                            remedy="check the column and the export")
+        setpoint, output = self._companion(loop, "sp", grid), self._companion(loop, "op", grid)
+        if setpoint is None and settings.constant_setpoint is not None:
+            setpoint = np.full(len(measured), settings.constant_setpoint)
+        if output is not None and not (np.isfinite(output).any() if first_chunk else self.has_output):
+            self.notes.append(Note("no_output", "the output (OP) holds no number at all"))
+            output = None
+        self.has_output = output is not None
+        self.spans = self.spans or spans_of(settings, [measured] if setpoint is None else [measured, setpoint],
+                                            [] if output is None else [output])
+        scaled, guessed = self.spans
+        self.notes += guessed
+        manual, on_mode = self._manual(loop, (*self.recipe.options.auto_modes, *settings.auto_modes), grid)
+        sp, op = (None if values is None else normalised(values, span)
+                  for values, span in ((setpoint, scaled.pv_range), (output, scaled.op_range)))
+        y, state, marks = judged(grid.index, sp, normalised(measured, scaled.pv_range), op, interpolated, manual,
+                                 self.bridge)
+        self.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()})
+        self.samples += last - first
+        missing = [] if sp is not None else [Note(
+            "no_setpoint", "no setpoint (SP) column: what needs the control error cannot be done", {"loop": loop.name})]
+        said = [state_notes(self.counts, self.samples, *kinds) for kinds in (
+            ("wild", "filled", "frozen", "saturated", "missing"), ("setpoint", "output"), ("manual",))]
+        extra = {name: self._disturbance(items, grid) for name, items in loop.extra.items()}
+        record = Record(loop.name, grid.start / 1e6, grid.interval, grid.index,
+                        np.full(len(y), np.nan) if sp is None else sp, y, op, state, scaled,
+                        {name: values for name, values in extra.items() if values is not None},
+                        (*self.notes, *said[0], *missing, *said[1], *on_mode, *said[2]))
+        return record if end is None else record.slice(first, last)
+
+    def _own_samples(self, pv: Signal, grid: Grid, end: int) -> tuple[int, int]:
+        """The first sample of a chunk and the one after its last; notes where it ends."""
         first = int(np.searchsorted(grid.index, self.until, side="right"))
         if grid.kind == "regular":
             at = grid.index if grid.rows is None else grid.index[grid.rows >= 0]
@@ -146,69 +193,100 @@ class Going:
             self.until = (end - 1 - grid.start) // grid.step
         return first, int(np.searchsorted(grid.index, self.until, side="right"))
 
-    def said_of_grid(self, pv: Signal, grid: Grid, end: int, first: int, last: int) -> list[Note]:
+    def _said_of_grid(self, pv: Signal, grid: Grid, begin: int, end: int, first: int, last: int) -> list[Note]:
         """What is to be said of the stamps of all chunks so far."""
         stamps = pv.times.order(pv.values).stamps
-        own = stamps[max(int(np.searchsorted(stamps, self.begin)) - 1, 0) : int(np.searchsorted(stamps, end))]
+        own = stamps[max(int(np.searchsorted(stamps, begin)) - 1, 0) : int(np.searchsorted(stamps, end))]
         self.steps += [Steps.of(own)] if len(own) > 1 else []
         self.recorded += last - first if grid.recorded is None else int(grid.recorded[first:last].sum())
         share = self.recorded / max(self.samples + last - first, 1)
         return replace(grid, steps=Steps.joined(self.steps)).said(share) if self.steps else []
 
+    def _say(self, signal: Signal) -> None:
+        """Note what was found out about a signal."""
+        self.notes += [*signal.notes, *add_faults(self.faults, signal.faults)]
 
-def build(loop: LoopSeries, settings: Settings, joiner: Joiner, options: ReadOptions, going: Going) -> Record:
-    """Make the Record of one loop, or a chunk of it, which goes on from the chunk before; the notes are those of all
-    chunks so far. Raises LoopError when it has no measurement, no times or no usable scale."""
-    refuse_missing(loop)
-    later = going.grid is not None
-    pv = _where_recorded(joiner.signal(loop.roles["pv"], "pv", loop.name))
-    if going.grid is None:
-        grid = pv.times.grid(pv.values)
-        going.grid = replace(grid, index=grid.index[:0], rows=None, recorded=None)
-    else:
-        grid = going.grid.laid(pv.times.order(pv.values), going.place)
-    first, last, on_grid = 0, len(grid.index), list(grid.notes)
-    if going.end is not None:
-        first, last = going.own_samples(pv, grid, going.end)
-        on_grid = going.said_of_grid(pv, grid, going.end, first, last)
-    notes: list[Note] = [*settings.notes, *pv.times.notes, *on_grid]
-    frame = _Frame(loop, joiner, options, pv.times, grid, fill_limit(settings.loop.Ti, grid.interval), notes, going)
-    frame.say(pv)
-    measured = frame.on_grid(pv, "pv")
-    interpolated = None if grid.recorded is None else ~grid.recorded & np.isfinite(measured)
-    if not later and not np.isfinite(measured).any():
-        raise LoopError("the measurement (PV) holds no number at all", code="no_measurement",
-                        remedy="check the column and the export")
-    setpoint = frame.companion("sp")
-    if setpoint is None and settings.constant_setpoint is not None:
-        setpoint = np.full(len(measured), settings.constant_setpoint)
-    output = frame.companion("op")
-    if output is not None and not (going.output if later else np.isfinite(output).any()):
-        notes.append(Note("no_output", "the output (OP) holds no number at all"))
-        output = None
-    going.spans = going.spans or spans_of(settings, [measured] if setpoint is None else [measured, setpoint],
-                                          [] if output is None else [output])
-    scaled, guessed = going.spans
-    notes += guessed
-    manual, on_mode = frame.manual((*options.auto_modes, *settings.auto_modes))
-    sp, op = (None if values is None else normalised(values, span)
-              for values, span in ((setpoint, scaled.pv_range), (output, scaled.op_range)))
-    y, state, marks = judged(grid.index, sp, normalised(measured, scaled.pv_range), op, interpolated, manual,
-                             frame.bridge)
-    going.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()})
-    going.samples += last - first
-    going.output = output is not None
-    missing = [] if sp is not None else [Note(
-        "no_setpoint", "no setpoint (SP) column: what needs the control error cannot be done", {"loop": loop.name})]
-    said = [state_notes(going.counts, going.samples, *kinds) for kinds in (
-        ("wild", "filled", "frozen", "saturated", "missing"), ("setpoint", "output"), ("manual",))]
-    extra = {name: frame.disturbance(items) for name, items in loop.extra.items()}
-    record = Record(
-        loop.name, grid.start / 1e6, grid.interval, grid.index, np.full(len(y), np.nan) if sp is None else sp, y, op,
-        state, scaled, {name: values for name, values in extra.items() if values is not None},
-        (*notes, *said[0], *missing, *said[1], *on_mode, *said[2]),
-    )  # fmt: skip
-    return record if going.end is None else record.slice(first, last)
+    def _companion(self, loop: LoopSeries, role: str, grid: Grid) -> FloatArray | None:
+        """Setpoint or output, held between its records unless the user says linear; None when not recorded."""
+        if role not in loop.roles:
+            return None
+        signal = self.joiner.signal(loop.roles[role], role, loop.name)
+        self._say(signal)
+        if signal.times is not self.times:
+            how = "interpolated on straight lines" if self.recipe.options.interpolation == "linear" else (
+                "held until the next record")
+            self.notes.append(Note("expanded", f"{role.upper()} is recorded at its own times; it is {how}"))
+        return self._carried_on(signal, role, grid)
+
+    def _disturbance(self, items: list[Series], grid: Grid) -> FloatArray | None:
+        """A further measured column in its own units; None when it holds no numbers or cannot be joined."""
+        first_of_each = {item.axis: item for item in reversed(items)}
+        try:
+            signal = self.joiner.signal(list(first_of_each.values()), "", "")
+        except LoopError:
+            return None
+        return self._on_grid(signal, "dv", grid) if np.isfinite(signal.values).any() else None
+
+    def _manual(self, loop: LoopSeries, auto_modes: tuple[str, ...], grid: Grid
+                ) -> tuple[NDArray[np.bool_] | None, list[Note]]:
+        """True where the controller was not in automatic, None when no mode is recorded; and what is to be said."""
+        items = loop.roles.get("mode", [])
+        found = [automatic(item.cells(), auto_modes) for item in items]
+        notes = [note for _, more in found for note in more]
+        if not items:
+            return None, notes
+        signal = Signal(self.joiner.times(*(item.axis for item in items)), np.concatenate([auto for auto, _ in found]),
+                        None)
+        if not np.isfinite(signal.values).any() and "mode" not in self.carried:
+            return None, [*notes, Note("mode_empty", "the MODE column is empty; the loop is taken to be in automatic")]
+        values = self._carried_on(signal, "mode", grid)
+        unknown = np.isnan(values)
+        if unknown.any():
+            # a first change to manual means automatic before, and the other way round
+            before = not unknown.all() and float(values[~unknown][0]) == 0.0
+            values = np.where(unknown, before, values)
+            notes.append(Note("mode_unknown", f"{int(unknown.sum())} samples before the first recorded mode are taken "
+                              f"as {'automatic' if before else 'not automatic'}"))
+        return values == 0.0, notes
+
+    def _carried_on(self, signal: Signal, role: str, grid: Grid) -> FloatArray:
+        """The values of a signal; a setpoint or mode of the chunk before holds until the first one that is known."""
+        values = self._on_grid(signal, role, grid)
+        known = np.isfinite(values)
+        if role in self.carried and not known.all():
+            first = int(np.argmax(known)) if known.any() else len(values)
+            values = np.concatenate([np.full(first, self.carried[role]), values[first:]])
+        if role != "op" and known.any():
+            self.carried[role] = float(values[known][-1])
+        return values
+
+    def _on_grid(self, signal: Signal, role: str, grid: Grid) -> FloatArray:
+        """(samples,) The values of a signal as it was recorded, nan where there are none: in its rows, on straight
+        lines, or held."""
+        own = signal.times is self.times
+        if own and grid.recorded is None:
+            rows = grid.rows
+            found = signal.values if rows is None else np.where(rows >= 0, signal.values[rows], np.nan)
+            if role == "pv" or not np.isnan(found).any():
+                return found
+        stamps, values = _records(signal)
+        known = np.isfinite(values)
+        few, limit = (self.bridge + 0.5) * grid.step, float("inf")
+        steps = np.diff(stamps[known])
+        if role == "pv":
+            limit = (MAX_HOLE + 1.5) * grid.step
+            if grid.kind == "compressed" and len(steps):  # 99 % of the records keep this spacing
+                limit = max(limit, GAP_FACTOR * float(np.quantile(steps, 0.99)))
+        elif role not in ("sp", "mode") and len(steps):
+            # recorded on change, a value holds until the next record; at regular times, a longer silence is a loss
+            middle, usual = np.quantile(steps, [0.5, 0.95]).tolist()
+            limit = max(GAP_FACTOR * usual if usual <= 3.0 * middle else float(steps.max()), few + grid.step)
+        how = self.recipe.options.interpolation or ("linear" if role == "pv" else "hold")
+        if how == "linear" and role != "mode":
+            return linear(grid.times, stamps[known], values[known], limit)
+        # rows stamped now early, now late are still one scan each: PV and OP of a row belong together
+        late = grid.step // 2 if grid.kind == "jitter" and own and role != "pv" else 0
+        return held(grid.times + late, stamps, values, limit, few)
 
 
 def _where_recorded(pv: Signal) -> Signal:
@@ -232,114 +310,6 @@ def fill_limit(Ti: float | None, interval: float) -> int:
     return MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / interval)))
 
 
-@dataclass
-class _Frame:
-    """The signals of one loop on its grid. times: of the measurement. bridge: longest hole in samples that is
-    filled.
-
-    Every method returns (samples,) values on the grid, nan where there are none, and adds to `notes` what it assumed.
-    """
-
-    loop: LoopSeries
-    joiner: Joiner
-    options: ReadOptions
-    times: Times
-    grid: Grid
-    bridge: int
-    notes: list[Note]
-    going: Going
-
-    def say(self, signal: Signal) -> None:
-        """Note what was found out about a signal."""
-        self.notes += [*signal.notes, *add_faults(self.going.faults, signal.faults)]
-
-    def companion(self, role: str) -> FloatArray | None:
-        """Setpoint or output, held between its records unless the user says linear; None when not recorded."""
-        if role not in self.loop.roles:
-            return None
-        signal = self.joiner.signal(self.loop.roles[role], role, self.loop.name)
-        self.say(signal)
-        if signal.times is not self.times:
-            how = "interpolated on straight lines" if self.options.interpolation == "linear" else (
-                "held until the next record")
-            self.notes.append(Note("expanded", f"{role.upper()} is recorded at its own times; it is {how}"))
-        return self._expanded(signal, role)
-
-    def disturbance(self, items: list[Series]) -> FloatArray | None:
-        """A further measured column in its own units; None when it holds no numbers or cannot be joined."""
-        first_of_each = {id(item.axis): item for item in reversed(items)}
-        try:
-            signal = self.joiner.signal(list(first_of_each.values()), "", "")
-        except LoopError:
-            return None
-        return self._expanded(signal, "dv") if np.isfinite(signal.values).any() else None
-
-    def manual(self, auto_modes: tuple[str, ...]) -> tuple[NDArray[np.bool_] | None, list[Note]]:
-        """True where the controller was not in automatic, None when no mode is recorded; and what is to be said."""
-        items = self.loop.roles.get("mode", [])
-        found = [automatic(item.cells(), auto_modes) for item in items]
-        notes = [note for _, more in found for note in more]
-        if not items:
-            return None, notes
-        signal = Signal(self.joiner.times([item.axis for item in items]), np.concatenate([auto for auto, _ in found]),
-                        None)
-        if not np.isfinite(signal.values).any() and "mode" not in self.going.carried:
-            return None, [*notes, Note("mode_empty", "the MODE column is empty; the loop is taken to be in automatic")]
-        values = self._expanded(signal, "mode")
-        unknown = np.isnan(values)
-        if unknown.any():
-            # a first change to manual means automatic before, and the other way round
-            before = not unknown.all() and float(values[~unknown][0]) == 0.0
-            values = np.where(unknown, before, values)
-            notes.append(Note("mode_unknown", f"{int(unknown.sum())} samples before the first recorded mode are taken "
-                              f"as {'automatic' if before else 'not automatic'}"))
-        return values == 0.0, notes
-
-    def _expanded(self, signal: Signal, role: str) -> FloatArray:
-        """The values of a signal; a setpoint or mode of the chunk before holds until the first one that is known."""
-        values, carried = self.on_grid(signal, role), self.going.carried
-        if role in ("sp", "mode"):
-            known = np.isfinite(values)
-            if role in carried and not known.all():
-                first = int(np.argmax(known)) if known.any() else len(values)
-                values = np.concatenate([np.full(first, carried[role]), values[first:]])
-            if known.any():
-                carried[role] = float(values[known][-1])
-        return values
-
-    def on_grid(self, signal: Signal, role: str) -> FloatArray:
-        """The values of a signal as it was recorded: in its rows, on straight lines, or held."""
-        grid, own, how = self.grid, signal.times is self.times, self.options.interpolation
-        if own and grid.recorded is None:
-            found = _in_rows(signal.values, grid)
-            if role == "pv" or not np.isnan(found).any():
-                return found
-        stamps, values = _records(signal)
-        known = np.isfinite(values)
-        few, limit = (self.bridge + 0.5) * grid.step, float("inf")
-        steps = np.diff(stamps[known])
-        if role == "pv":
-            limit = (MAX_HOLE + 1.5) * grid.step
-            if grid.kind == "compressed" and len(steps):  # 99 % of the records keep this spacing
-                limit = max(limit, GAP_FACTOR * float(np.quantile(steps, 0.99)))
-        elif role not in ("sp", "mode") and len(steps):
-            # recorded on change, a value holds until the next record; at regular times, a longer silence is a loss
-            middle, usual = np.quantile(steps, [0.5, 0.95]).tolist()
-            limit = max(GAP_FACTOR * usual if usual <= 3.0 * middle else float(steps.max()), few + grid.step)
-        if (how or ("linear" if role == "pv" else "hold")) == "linear" and role != "mode":
-            return linear(grid.times, stamps[known], values[known], limit)
-        # rows stamped now early, now late are still one scan each: PV and OP of a row belong together
-        late = grid.step // 2 if grid.kind == "jitter" and own and role != "pv" else 0
-        return held(grid.times + late, stamps, values, limit, few)
-
-
-def _in_rows(values: FloatArray, grid: Grid) -> FloatArray:
-    """Put the values of a regular grid's own rows at their grid points; absent rows are nan."""
-    if grid.rows is None:
-        return values
-    return np.where(grid.rows >= 0, values[grid.rows], np.nan)
-
-
 def _records(signal: Signal) -> tuple[IntArray, FloatArray]:
     """Return (stamps, values) of all records in time order, nan in bad ones; blank cells are no records."""
     order = signal.times.order(signal.values)
@@ -352,7 +322,7 @@ def _records(signal: Signal) -> tuple[IntArray, FloatArray]:
 
 def _in_turn(items: Iterable[Series]) -> list[Axis]:
     """The axes of some series, each once, by their first stamps."""
-    return sorted({id(item.axis): item.axis for item in items if item.count}.values(), key=Axis.first)
+    return sorted({item.axis for item in items if len(item.axis)}, key=Axis.first)
 
 
 def _one_after_the_other(axes: list[Axis]) -> bool:
@@ -367,18 +337,10 @@ def _one_after_the_other(axes: list[Axis]) -> bool:
 
 def _window(loop: LoopSeries, begin: int, end: int) -> LoopSeries:
     """The rows of a loop that tell of the samples between two stamps, with a margin on both sides."""
-    parts: dict[int, tuple[Axis, slice]] = {}
-
-    def some(item: Series) -> Series:
-        axis = item.axis
-        if id(axis) not in parts:
-            rows = slice(max(_row_at(axis, begin) - MARGIN, 0), min(_row_at(axis, end) + MARGIN, len(axis)))
-            parts[id(axis)] = axis.part(rows), rows
-        return item.part(*parts[id(axis)])
-
-    cut = replace(loop, extra={}).changed(some)
-    return replace(cut, roles={role: [item for item in items if item.count] or items[:1]
-                               for role, items in cut.roles.items()})
+    cut = replace(loop, extra={}).changed(lambda axis: axis.part(
+        slice(max(_row_at(axis, begin) - MARGIN, 0), min(_row_at(axis, end) + MARGIN, len(axis)))))
+    nothing = {role: [replace(items[0], axis=items[0].axis.part(slice(0, 0)))] for role, items in loop.roles.items()}
+    return replace(cut, roles=nothing | cut.roles)
 
 
 def _row_at(axis: Axis, stamp: int) -> int:
@@ -469,5 +431,6 @@ def _bounds(values: FloatArray) -> tuple[float, float]:
 
 
 def _round_up(value: float) -> float:
-    steps = 10.0 ** np.floor(np.log10(value)) * np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = 10.0 ** np.floor(np.log10(value)) * np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
     return float(steps[np.argmax(steps >= value * (1 - 1e-12))])

@@ -25,9 +25,9 @@ from .options import ReadOptions
 from .signals import Cells, Lexicon
 from .sniff import HEAD_LINES, find_dialect
 from .sources import Remote, open_place
-from .times import StampReader
+from .times import micros_of
 
-BATCH_ROWS = 1 << 19  # rows of Parquet that are read at once
+BATCH_CELLS, BATCH_ROWS = 1 << 22, 1 << 19  # cells and rows of Parquet that are read at once
 MAX_COLUMNS = 100_000
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
 _TWO_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # a name of two levels as pandas writes it
@@ -55,9 +55,18 @@ class TextTable:
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
         """Yield the columns that are asked for, some rows at a time; to be called once. stamps: columns of stamps."""
-        types = {i: self._type(i, i in stamps) for i in {*columns, *stamps}}
+        by_pattern = "%" in (self.text.options.time_format or "")
+        types: dict[int, pa.DataType | None] = {}
+        for i in {*columns, *stamps}:  # as their first rows are, numbers as float64 and words as a dictionary
+            kind = self.head.columns[i].type
+            number = is_number(kind) or pa.types.is_null(kind)
+            types[i] = pa.float64() if number else pa.string()
+            if is_text(kind) or (i in stamps and by_pattern):
+                types[i] = _WORDS
+            elif i in stamps:
+                types[i] = None if pa.types.is_null(kind) else kind
         begin = self.dialect.end
-        if "%" in (self.text.options.time_format or ""):  # stamps are read as text from the beginning
+        if by_pattern:  # stamps are read as text from the beginning
             begin, self._bad = self.dialect.offset, []
         else:
             yield {i: self._first.column(i) for i in types}
@@ -82,15 +91,6 @@ class TextTable:
         return [*self.text.notes, Note(
             "ragged_rows", f"{len(self._bad)} rows have too few or too many cells and were dropped{line} "
             f"({found} columns instead of {expected})", {"rows": float(len(self._bad)), "file": self.where})]
-
-    def _type(self, column: int, stamps: bool) -> pa.DataType | None:
-        """The type in which a column is read: as its first rows are, numbers as float64 and words as a dictionary."""
-        kind = self.head.columns[column].type
-        if is_text(kind) or (stamps and "%" in (self.text.options.time_format or "")):
-            return _WORDS
-        if stamps:
-            return None if pa.types.is_null(kind) else kind
-        return pa.float64() if is_number(kind) or pa.types.is_null(kind) else pa.string()
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:
@@ -168,8 +168,8 @@ class ParquetTable:
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
         """Yield the columns that are asked for, some rows at a time."""
         wanted = sorted({*columns, *stamps})
-        for batch in open_parquet(self.path).iter_batches(BATCH_ROWS, columns=[self._names[i] for i in wanted],
-                                                          use_threads=False):
+        for batch in open_parquet(self.path).iter_batches(min(BATCH_ROWS, 1 + BATCH_CELLS // len(wanted)),
+                                                          columns=[self._names[i] for i in wanted], use_threads=False):
             yield {i: pa.chunked_array([batch.column(self._names[i])]) for i in wanted}
 
     def cells(self, column: str, first: int, last: int) -> Cells:
@@ -179,11 +179,8 @@ class ParquetTable:
         return Cells(values, codes, Lexicon(list(words)))
 
     def stamps(self, column: str, first: int, last: int) -> IntArray:
-        """Return the stamps of rows first..last-1 in the column "t0" [microseconds since 1970 UTC]."""
-        at = int(column[1:])
-        reader = StampReader([self._names[at]], self.options, self.where)
-        micros = reader.take([self._column(at, first, last)])
-        return reader.finish()(micros)
+        """Return the stamps of rows first..last-1 of the column "v0" [microseconds since 1970 UTC]."""
+        return micros_of(self._column(int(column[1:]), first, last))
 
     def _column(self, at: int, first: int, last: int) -> pa.ChunkedArray:
         file, name = open_parquet(self.path), self._names[at]

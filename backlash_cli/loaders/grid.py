@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..record import FloatArray, IntArray, Note
+from ..record import FloatArray, IntArray, Note, duration
 from .order import SECOND, Ordered, ordered, utc_text
 
 MAX_HOLE = 5  # absent samples that may be bridged when nothing else is known
@@ -169,7 +169,7 @@ class Grid:
         gaps = int(steps.counts[advance > ABSENT_ROWS + 1 if self.kind == "regular" else steps.values > self.gap].sum())
         if gaps:
             found.append(Note(
-                "gaps", f"{gaps} gap{'s' * (gaps > 1)} in the record, the longest {_length(steps.longest / SECOND)} "
+                "gaps", f"{gaps} gap{'s' * (gaps > 1)} in the record, the longest {duration(steps.longest / SECOND)} "
                 f"from {utc_text(steps.before_longest)}; nothing is estimated across a gap",
                 {"gaps": float(gaps), "longest_s": float(steps.longest / SECOND)}))
         holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
@@ -240,13 +240,6 @@ def _plan(steps: Steps) -> Grid:
         raise LoopError(f"samples are too irregular: {base / SECOND:g} s to {steps.longest / SECOND:g} s apart",
                         code="irregular", remedy="export at a fixed interval, not interpolated")
     return Grid(start, base, "compressed", gap, steps, usual=middle)
-
-
-def _length(seconds: float) -> str:
-    for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
-        if seconds >= 2.0 * size:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds:g} s"
 
 
 def _nice(step: float) -> int:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,8 @@ from ..record import FloatArray, Note
 from ..settings import ROLE_KEYS, Metadata
 from .grid import Times
 from .names import SIGNALS, plain
-from .quality import good_samples
 from .signals import Axis, Series
-from .states import inside, runs
+from .states import good_samples, inside, runs
 
 Faults = dict[tuple[str, str], Counter[str]]  # (what is wrong, tag) -> what stood there, counted
 MOST_TIMES = 8  # kept: more than one loop has, and few enough for plants of many files
@@ -38,10 +38,12 @@ class LoopSeries:
     extra: dict[str, list[Series]] = field(default_factory=dict)
     missing_tags: dict[str, str] = field(default_factory=dict)
 
-    def changed(self, change: Callable[[Series], Series]) -> LoopSeries:
-        """Return it with other series in the place of its own."""
-        roles, extra = ({name: list(map(change, items)) for name, items in parts.items()}
-                        for parts in (self.roles, self.extra))
+    def changed(self, change: Callable[[Axis], Axis]) -> LoopSeries:
+        """Return it with other rows in the place of its own, also shared ones; without signals that have none left."""
+        once = cache(change)
+        roles, extra = ({name: there for name, items in signals.items() if (
+            there := [replace(item, axis=axis) for item in items if len(axis := once(item.axis))])}
+            for signals in (self.roles, self.extra))
         return replace(self, roles=roles, extra=extra)
 
 
@@ -116,12 +118,12 @@ class Joiner:
         self.good_quality = good_quality
         self.only: tuple[int, int] | None = None  # stamps between which faults are counted, in the chunks of a loop
         self._marks: dict[tuple[str, str], dict[str, float]] = {}  # what earlier chunks tell of a quality's numbers
-        self._times: OrderedDict[tuple[int, ...], tuple[Times, list[Axis]]] = OrderedDict()
+        self.times = lru_cache(MOST_TIMES)(_times)  # of all rows of some axes, the same ones for the same axes
 
     def next_chunk(self, begin: int, end: int) -> None:
         """Go on with the chunk of a loop between two stamps."""
         self.only = begin, end
-        self._times.clear()
+        self.times.cache_clear()
 
     def signal(self, series: list[Series], role: str, loop: str) -> Signal:
         """Return one signal from its series. Raises LoopError when two different columns carry one name."""
@@ -137,34 +139,18 @@ class Joiner:
         for part in parts:
             add_faults(faults, part.faults)
         said = {(note.code, note.message): note for part in parts for note in part.notes}
-        return Signal(self.times([item.axis for item in chosen]), np.concatenate([part.values for part in parts]), bad,
+        return Signal(self.times(*(item.axis for item in chosen)), np.concatenate([part.values for part in parts]), bad,
                       (*said.values(), *notes), faults)
-
-    def times(self, axes: list[Axis]) -> Times:
-        """Return the stamps of all rows of some axes, the same ones for the same axes."""
-        key = tuple(map(id, axes))
-        if key not in self._times:
-            micros = [axis.read() for axis in axes]
-            if len(axes) == 1:
-                times = Times(micros[0], axes[0].notes, line=axes[0].first_line)
-            else:
-                times = Times(np.concatenate(micros), tuple(note for axis in axes for note in axis.notes),
-                              tuple(np.cumsum([len(axis) for axis in axes])[:-1].tolist()))
-            while len(self._times) >= MOST_TIMES:
-                self._times.popitem(last=False)
-            self._times[key] = times, axes  # ids stay unique while they live
-        self._times.move_to_end(key)
-        return self._times[key][0]
 
     def _part(self, item: Series) -> Signal:
         cells, good = item.cells(), None
         values, bad = cells.numbers()
         notes: list[Note] = []
-        times = self.times([item.axis])
+        times = self.times(item.axis)
         own = slice(None) if self.only is None else slice(*np.searchsorted(times.micros, self.only).tolist())
         faults: Faults = {("not_numbers", item.tag): Counter() if bad is None else cells.words(bad, own)}
         if (marks := item.marks()) is not None:
-            known = {} if self.only is None else self._marks.setdefault((item.where, item.tag), {})
+            known = {} if self.only is None else self._marks.setdefault((item.axis.where, item.tag), {})
             good, notes = good_samples(marks, self.good_quality, item.quality_name, known)
         for code in ("bad_quality", "lone_zeros"):
             wrong = lone_zeros(values) if code == "lone_zeros" else None if good is None or good.all() else ~good
@@ -173,6 +159,14 @@ class Joiner:
                 faults[code, item.tag][code] = int(np.count_nonzero(wrong[own]))
                 bad, values = wrong if bad is None else bad | wrong, np.where(wrong, np.nan, values)
         return Signal(times, values, bad, tuple(notes), faults)
+
+
+def _times(*axes: Axis) -> Times:
+    micros, first = [axis.read() for axis in axes], axes[0]
+    if len(axes) == 1:
+        return Times(micros[0], first.notes, line=first.first_line)
+    return Times(np.concatenate(micros), tuple(note for axis in axes for note in axis.notes),
+                 tuple(np.cumsum([len(axis) for axis in axes])[:-1].tolist()))
 
 
 def add_faults(total: Faults, found: Faults) -> list[Note]:
@@ -222,7 +216,7 @@ def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Seri
     notes: list[Note] = []
     groups: dict[str, list[Series]] = {}
     for item in series:
-        groups.setdefault(item.where, []).append(item)
+        groups.setdefault(item.axis.where, []).append(item)
     chosen = []
     priority = {word: i for i, word in enumerate(SIGNALS.get(role, "").split())}
     for where, items in groups.items():

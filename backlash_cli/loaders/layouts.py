@@ -5,7 +5,7 @@ Decided from the first rows of a file, before the rest is read.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -16,7 +16,7 @@ from ..errors import InputError
 from .names import IGNORED, LOOP, SIGNALS, TAG, VALUE, Tag, is_quality_name, is_time_name, plain, signal_role, split_tag
 from .numbers import codes_and_words, is_number, is_text
 from .options import ReadOptions
-from .quality import quality_words
+from .states import quality_words
 from .times import is_midnight
 
 GROUPS = LOOP | {"measurement", "device", "unit", "block"}
@@ -55,19 +55,19 @@ class Head:
     @cached_property
     def times(self) -> list[int]:
         """Columns that hold stamps, numeric ones only when their header says so."""
-        found = [i for i, name in enumerate(self.names) if self.plain[i] not in _BOUNDS and not pa.types.is_null(
+        called = [is_time_name(name) for name in self.names]
+        found = [i for i, word in enumerate(self.plain) if word not in _BOUNDS and not pa.types.is_null(
             kind := self.columns[i].type) and (self.is_time(i) or (is_number(kind) and (
-                is_time_name(name) or self.tags[i].role == "time")))]
-        if not found:
-            found = [i for i, name in enumerate(self.names) if is_time_name(name)][:1]
+                called[i] or self.tags[i].role == "time")))] or np.flatnonzero(called)[:1].tolist()
         if not found and self.columns and is_number(self.columns[0].type) and not self.tags[0].role:
             begin = self.columns[0].slice(0, 200).cast(pa.float64(), safe=False).to_numpy()
             found = [0] if len(begin) > 1 and bool(np.all(np.diff(begin) > 0)) else []
         return found
 
-    def is_text(self, column: int) -> bool:
-        """Say whether a column holds text."""
-        return is_text(self.columns[column].type)
+    @cached_property
+    def texts(self) -> list[int]:
+        """Columns of texts."""
+        return [i for i, column in enumerate(self.columns) if is_text(column.type)]
 
     def is_time(self, column: int) -> bool:
         """Say whether a column holds dates or times of day, by its type or by what its first cells look like."""
@@ -81,7 +81,7 @@ class Head:
 
     def marks(self, column: int) -> bool:
         """Say whether a column holds qualities by its content: words such as Good, or OPC codes, mostly good."""
-        if self.is_text(column):
+        if column in self.texts:
             return quality_words(self.words(column))
         if not pa.types.is_integer(self.columns[column].type):
             return False
@@ -96,7 +96,7 @@ class Layout:
     column of values -> column that marks it."""
 
     kind: str
-    stamps: tuple[tuple[int, ...], ...]
+    stamps: tuple[Sequence[int], ...]
     values: tuple[int, ...]
     naming: tuple[int, ...] = ()
     quality: dict[int, int] = field(default_factory=dict)
@@ -125,7 +125,7 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     if kind == "pairs":
         return _pairs(head)
     stamps, used = stamp_columns(head, options)
-    texts = [i for i in range(len(head.names)) if head.is_text(i) and i not in used]
+    texts = [i for i in head.texts if i not in used]
     naming: tuple[int, ...] = ()
     if kind == "long":
         naming = name_columns(head, texts)
@@ -143,18 +143,17 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
         return Layout(kind, (stamps,), tuple(values), naming, {} if naming else _quality_beside(head, values))
     named = [i for i in values if head.plain[i] in VALUE]
     rest = [i for i in values if i not in named]
-    quality = next((i for i in rest if is_quality_name(head.plain[i])), None)
-    if quality is None and len(values) > 1:
-        quality = next((i for i in rest if head.marks(i)), None)
-    rest = [i for i in rest if i != quality]
-    value = (named or [i for i in rest if not head.is_text(i)] or rest)[:1]
+    quality = ([i for i in rest if is_quality_name(head.plain[i])]
+               or [i for i in rest if len(values) > 1 and head.marks(i)])[:1]
+    rest = [i for i in rest if i not in quality]
+    value = (named or [i for i in rest if i not in head.texts] or rest)[:1]
     if not value:
         raise InputError("no column of values found", where=head.where, remedy="name it 'value'")
-    return Layout(kind, (stamps,), tuple(value), naming, {} if quality is None else {value[0]: quality})
+    return Layout(kind, (stamps,), tuple(value), naming, dict(zip(value, quality, strict=False)))
 
 
 def _recognise(head: Head) -> str:
-    texts = [i for i in range(len(head.names)) if head.is_text(i) and i not in head.times]
+    texts = [i for i in head.texts if i not in head.times]
     alone = any(tag.role == "pv" and not tag.loop for tag in head.tags)
     wide = any(tag.loop and tag.role in SIGNALS for tag in head.tags)
     if alone and VALUE.isdisjoint(head.plain):
@@ -165,7 +164,7 @@ def _recognise(head: Head) -> str:
     return "long" if texts and head.times and not wide and name_columns(head, texts) else "wide"
 
 
-def stamp_columns(head: Head, options: ReadOptions) -> tuple[tuple[int, ...], set[int]]:
+def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[int]]:
     """Return the column of the stamps, or those of date and time of day, and all columns that hold times.
 
     Raises InputError when there is none.
@@ -179,8 +178,7 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[tuple[int, ...], se
     if clocks and dates and is_midnight(head.columns[dates[0]], head.names[dates[0]], options, head.where):
         return (dates[0], clocks[0]), {dates[0], clocks[0]}
     utc = [i for i in columns if "utc" in head.plain[i] or "epoch" in head.plain[i]]
-    named = [i for i in columns if is_time_name(head.names[i])]
-    return ((utc or named or columns)[0] if len(columns) > 1 else columns[0],), set(columns)
+    return (utc or [i for i in columns if is_time_name(head.names[i])] or columns)[:1], set(columns)
 
 
 def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
@@ -209,8 +207,9 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
 
 def _pairs(head: Head) -> Layout:
     """Every tag has a time column of its own, shorter ones padded with empty cells."""
-    stamps, values = [], []
+    stamps: list[tuple[int]] = []
     quality: dict[int, int] = {}
+    values: list[int] = []
     for column, end in zip(head.times, [*head.times[1:], len(head.names)], strict=True):
         block = [i for i in range(column + 1, end) if head.names[i] or not pa.types.is_null(head.columns[i].type)]
         marks = [i for i in block if is_quality_name(head.plain[i]) or head.tags[i].role == "quality"]
@@ -231,7 +230,7 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
             quality[by_name[tag.of]] = i
         elif before in values and (not tag.of or head.tags[before].loop == tag.loop) and (
                 tag.role == "quality" or is_quality_name(head.plain[i])
-                or (not tag.role and head.is_text(i) and not head.is_text(before) and head.marks(i))):
+                or (not tag.role and i in head.texts and before not in head.texts and head.marks(i))):
             quality[before] = i
     return quality
 
@@ -242,21 +241,24 @@ def signals_of(head: Head, layout: Layout, empty: Collection[int] = ()) -> list[
     A header that names no loop is completed by what the folders or the file are called; one that says "value" stands
     for what its time column, the folders or the file are called.
     """
-    pairs, marks = layout.kind == "pairs", set(layout.quality.values())
-    signals = [i for i in layout.values if pairs or (i not in marks and (head.tags[i].role or i not in empty))]
-    alone = not pairs and any(not head.tags[i].loop and head.tags[i].role in SIGNALS for i in signals)  # of one loop
-    only = not pairs and not alone and len(signals) == 1 and not all((head.tags[signals[0]].loop,
-                                                                      head.tags[signals[0]].role))
-    home = _partition_name(head)
+    pairs, marks, tags = layout.kind == "pairs", set(layout.quality.values()), head.tags
+    signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in empty))]
+    alone = not pairs and any(not tags[i].loop and tags[i].role in SIGNALS for i in signals)  # of one loop
+    only = not pairs and not alone and len(signals) == 1 and not (tags[signals[0]].loop and tags[signals[0]].role)
+    loop = next((v for k, v in head.partition.items() if plain(k) in LOOP), "")
+    rest = [v for k, v in head.partition.items() if plain(k) in TAG]
+    home = loop or (rest[0] if rest else "")  # what the folders name: loop=FIC101, or tag=FIC101.PV
+    if (role := next((v for v in rest if signal_role(v)), "")) and (loop or len(rest) > 1):
+        home = f"{loop or next(v for v in rest if v != role)}.{role}"
     found = []
     for place, i in enumerate(signals):
         name = header = head.names[i]
         if pairs and (not name or not VALUE.isdisjoint((head.plain[i], plain(name.rpartition(".")[2])))):
             time = layout.stamps[place][0]
-            name = head.tags[time].of or name.rpartition(".")[0] or head.names[time]
+            name = tags[time].of or name.rpartition(".")[0] or head.names[time]
         elif only and (not name or head.plain[i] in VALUE):
             name = home or head.stem
-        elif only and not head.tags[i].loop and split_tag(head.stem).role in SIGNALS:
+        elif only and not tags[i].loop and split_tag(head.stem).role in SIGNALS:
             name = head.stem
         named = of_tag(name, i, place if pairs else 0)
         if alone and (home or not named.loop or not named.role):
@@ -274,13 +276,3 @@ def of_tag(name: str, column: int, place: int = 0) -> Named:
     """The signal that a tag names."""
     tag = split_tag(name)
     return Named(column, name, tag.loop, tag.role if tag.role in SIGNALS else "", tag.signal, place)
-
-
-def _partition_name(head: Head) -> str:
-    """The loop or tag that the folders name: loop=FIC101, tag=FIC101.PV, or loop=FIC101/signal=PV."""
-    loop = next((v for k, v in head.partition.items() if plain(k) in LOOP), "")
-    rest = [v for k, v in head.partition.items() if plain(k) in TAG]
-    role = next((v for v in rest if signal_role(v)), "")
-    if role and (loop or len(rest) > 1):
-        return f"{loop or next(v for v in rest if v != role)}.{role}"
-    return loop or (rest[0] if rest else "")

@@ -73,29 +73,15 @@ def stored(column: pa.ChunkedArray | pa.Array, words: dict[str, int], decimal: s
 
 def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[IntArray, list[str]]:
     """Return (codes, words) of a text column: codes[i] is -1 for an empty cell, else a position in words."""
-    if not pa.types.is_dictionary(column.type):
-        column = _as_text(column).dictionary_encode()
+    column = column if pa.types.is_dictionary(column.type) else column.dictionary_encode()
     if isinstance(column, pa.ChunkedArray):
         column = column.unify_dictionaries().combine_chunks()
-    indices = to_array(column.indices.fill_null(-1)).astype(np.int64)
-    texts = _decoded(_as_text(column.dictionary).fill_null(""))
+    indices, found = to_array(column.indices.fill_null(-1)).astype(np.int64), column.dictionary
+    found = found if is_text(found.type) or pa.types.is_binary(found.type) else found.cast(pa.large_string())
+    # as bytes: in a damaged Parquet file they may be no text
+    texts = [(word or b"").decode(errors="replace") for word in found.cast(pa.large_binary()).to_pylist()]
     keep = np.array([bool(text) and text not in BLANK and not text.isspace() for text in texts] + [False])
     return (indices if keep[:-1].all() else np.where(keep[indices], indices, -1)), texts
-
-
-def _decoded(words: pa.Array) -> list[str]:
-    try:
-        return words.to_pylist()
-    except UnicodeDecodeError:  # a damaged Parquet file
-        return [word.decode("utf-8", errors="replace") for word in words.cast(pa.large_binary()).to_pylist()]
-
-
-def _as_text(column: pa.ChunkedArray | pa.Array) -> pa.ChunkedArray | pa.Array:
-    """Any column as text; bytes that are no text become empty cells."""
-    try:
-        return column if is_text(column.type) else column.cast(pa.string())
-    except pa.ArrowException:
-        return pa.nulls(len(column), pa.string())
 
 
 def plain_numbers(words: list[str], decimal: str = ".") -> FloatArray:
@@ -154,6 +140,6 @@ def foreign_units(units: list[str], counts: IntArray) -> NDArray[np.bool_]:
     """(texts,) Which carry another unit than most cells do: they cannot be compared and count as bad."""
     tally: Counter[str] = Counter()
     for unit, count in zip(units, counts.tolist(), strict=True):
-        tally[unit] += count if unit else 0
-    main = tally.most_common(1)[0][0] if units else ""
+        tally[unit] += count * bool(unit)
+    main = max(tally, key=lambda unit: tally[unit], default="")
     return np.array([bool(unit) and unit.lower() != main.lower() for unit in units], bool)

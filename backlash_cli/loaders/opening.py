@@ -246,7 +246,10 @@ def sheets(path: Path | Remote) -> list[tuple[str, bytes]]:
             rows = book.get_sheet_by_name(name).to_python()
             if len(rows) > 1:
                 text = io.StringIO()
-                csv.writer(text, lineterminator="\n").writerows([[_cell(cell) for cell in row] for row in rows])
+                # to the millisecond: a day number carries some microseconds of rounding
+                csv.writer(text, lineterminator="\n").writerows([[
+                    cell.isoformat(" ", "milliseconds") if isinstance(cell, datetime) else cell for cell in row]
+                    for row in rows])
                 found.append((name, text.getvalue().encode()))
     except Exception as error:  # the library raises kinds of its own for damaged workbooks
         raise InputError(f"damaged workbook: {str(error).strip() or type(error).__name__}", where=str(path),
@@ -254,9 +257,3 @@ def sheets(path: Path | Remote) -> list[tuple[str, bytes]]:
     if not found:
         raise InputError("the workbook holds no table", where=str(path), remedy="export it again")
     return found
-
-
-def _cell(value: Any) -> Any:
-    if isinstance(value, datetime):  # a day number carries some microseconds of rounding
-        return (value.replace(microsecond=0) if value.microsecond < 500 else value).isoformat(" ", "milliseconds")
-    return value

@@ -14,7 +14,8 @@ NAT = np.iinfo(np.int64).min
 SECOND = 1_000_000
 DAY = 86_400 * SECOND
 HOUR = 3600 * SECOND
-OUTLIER_SHARE = 0.01  # of the stamps that may lie far from all others
+OUTLIER_SHARE = 0.01  # of the stamps that may lie far from all others:
+FAR = 10.0  # times the distance of their 5 % and 95 % quantiles, and two days
 CLOCK_CODES = ("dst_repeated_hour", "clock_set_back")
 
 
@@ -35,10 +36,9 @@ def ordered(micros: IntArray, probe: FloatArray | None = None, parts: tuple[int,
     passes.
     """
     if len(micros) and micros.min() != NAT:
-        steps = np.diff(micros)
-        few = len(micros) // 20
-        wide = float(micros[-1] - micros[0]) > _far_off(float(micros[few]), float(micros[-1 - few]))
-        if (not len(steps) or steps.min() > 0) and not (few and wide):
+        steps, few = np.diff(micros), len(micros) // 20
+        if (not len(steps) or steps.min() > 0) and not (few and float(micros[-1]) - float(micros[0]) > FAR * (
+                float(micros[-1 - few]) - float(micros[few])) + 2.0 * DAY):
             return Ordered(micros, None)
     notes: list[Note] = []
     rows = np.flatnonzero(micros != NAT)
@@ -48,8 +48,10 @@ def ordered(micros: IntArray, probe: FloatArray | None = None, parts: tuple[int,
     if not len(rows):
         raise LoopError("no readable time stamps", remedy="describe them with --time-format", code="no_times")
     stamps = micros[rows]
-    far = _outliers(stamps)
-    if far.any():  # a clock reset to 1970, a year 9999
+    low, middle, high = np.quantile(stamps.astype(np.float64), [0.05, 0.5, 0.95])
+    far = np.abs(stamps.astype(np.float64) - middle) > FAR * (high - low) + 2.0 * DAY
+    few = len(stamps) >= 20 and far.sum() <= max(3, OUTLIER_SHARE * len(stamps))
+    if few and far.any():  # a clock reset to 1970, a year 9999
         shown = ", ".join(utc_text(s) for s in stamps[far][:3])
         notes.append(_counted("time_outliers", int(far.sum()),
                               f"rows with implausible time stamps far out of range were dropped ({shown})"))
@@ -83,18 +85,6 @@ def ordered(micros: IntArray, probe: FloatArray | None = None, parts: tuple[int,
 
 def _counted(code: str, count: int, text: str, **more: float) -> Note:
     return Note(code, f"{count} {text}", {"rows": float(count), **more})
-
-
-def _far_off(low: float, high: float) -> float:
-    """Return how far a stamp may lie from the others [microseconds], by their 5 % and 95 % quantiles."""
-    return 10.0 * (high - low) + 2.0 * DAY
-
-
-def _outliers(stamps: IntArray) -> NDArray[np.bool_]:
-    """(stamps,) True for few stamps that lie far from all others."""
-    low, middle, high = np.quantile(stamps.astype(np.float64), [0.05, 0.5, 0.95])
-    far = np.abs(stamps.astype(np.float64) - middle) > _far_off(low, high)
-    return far & (far.sum() <= max(3, OUTLIER_SHARE * len(stamps))) & (len(stamps) >= 20)
 
 
 def _clock_set_back(stamps: IntArray, back: IntArray, rows: IntArray, values: FloatArray | None, parts: tuple[int, ...],

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache, cached_property
 from os import PathLike
@@ -17,7 +17,7 @@ import numpy as np
 from pyarrow.lib import ArrowException
 
 from ..errors import BacklashError, InputError, LoopError, UsageError, nearest
-from ..record import IntArray, Note, Record
+from ..record import Note, Record
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
 from .join import Joiner, LoopSeries, by_loop, explicit_tags, failure
@@ -47,21 +47,18 @@ class Plant:
     failures: tuple[Note, ...] = ()
     inputs: tuple[str, ...] = ()
 
-    @cached_property
-    def _by_name(self) -> dict[str, Record]:
-        return {record.loop: record for record in self.records}
-
     def __getitem__(self, name: str) -> Record:
         """Return one loop. Raises LoopError when it could not be read, UsageError when it does not exist."""
-        if name in self._by_name:
-            return self._by_name[name]
+        by_name = {record.loop: record for record in self.records}
+        if name in by_name:
+            return by_name[name]
         for lost in self.failures:
             if lost.values.get("loop") == name:
                 raise LoopError(lost.message, code=lost.code)
         same = [record for record in self.records if record.loop.lower() == name.lower()]
         if len(same) == 1:
             return same[0]
-        raise UsageError(f"no loop {name!r} in the data", where="--loop", remedy=nearest(name, self._by_name))
+        raise UsageError(f"no loop {name!r} in the data", where="--loop", remedy=nearest(name, by_name))
 
     def __len__(self) -> int:
         return len(self.records)
@@ -174,10 +171,23 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
         raise first if first is not None and len(sources) == 1 else InputError(
             f"none of {len(sources)} files could be read; the first: {first}", remedy="export them again")
     all_loops = by_loop(series, metadata)
-    wanted, notes = _chosen(series, all_loops, metadata, options, str(sources[0].path))
-    warnings += notes
+    if not all_loops:
+        tags = ", ".join(filter(None, sorted({item.tag for item in series})[:12])) or "columns without a name"
+        raise InputError("no loop found: no column is called SP, PV or OP of a loop", where=str(sources[0].path),
+                         remedy=f"name the tags in loops.toml; found: {tags}")
     lost: list[Note] = []
-    moment = None
+    # an indicator, or a column with a chance name
+    single = sorted(name for name, own in all_loops.items() if len(own.roles) == 1 and metadata.of(name) is None)
+    if len(single) == len(all_loops):
+        single = []
+    if single:
+        more = ", ".join(name[:40] for name in single[:5]) + (", ..." if len(single) > 5 else "")
+        warnings.append(Note("single_signals", f"{len(single)} tags have one signal only and are no loops; they are "
+                             f"left out: {more}"))
+    names, notes = choose(all_loops.keys() - single, options.only_loops, options.loops_matching, options.sample,
+                          options.sample_seed)
+    wanted, moment = {name: all_loops[name] for name in names}, None
+    warnings += notes
     if options.since is not None:
         wanted, notes, lost, moment = since(wanted, series, options.since, options.timezone)
         warnings += notes
@@ -204,37 +214,16 @@ def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
     return metadata, notes
 
 
-def _chosen(found: Sequence[Series], series: dict[str, LoopSeries], metadata: Metadata, options: ReadOptions, where: str
-            ) -> tuple[dict[str, LoopSeries], list[Note]]:
-    """Return the loops that the options ask for, by name, in order, and what was left out."""
-    if not series:
-        tags = sorted({item.tag for item in found})
-        shown = ", ".join(filter(None, tags[:12])) or "columns without a name"
-        raise InputError("no loop found: no column is called SP, PV or OP of a loop", where=where,
-                         remedy=f"name the tags in loops.toml; found: {shown}")
-    notes: list[Note] = []
-    # an indicator, or a column with a chance name
-    single = {name for name, own in series.items() if len(own.roles) == 1 and metadata.of(name) is None}
-    if single and len(single) < len(series):
-        shown = ", ".join(name[:40] for name in sorted(single)[:5]) + (", ..." if len(single) > 5 else "")
-        notes.append(Note("single_signals", f"{len(single)} tags have one signal only and are no loops; they are left "
-                          f"out: {shown}"))
-        series = {name: own for name, own in series.items() if name not in single}
-    names, more = choose(series, options.only_loops, options.loops_matching, options.sample, options.sample_seed)
-    return {name: series[name] for name in names}, [*notes, *more]
-
-
 def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata) -> list[Note]:
-    used = {metadata.match(name) for name in series}
-    missing = {name: own for name, own in metadata.loops.items() if name not in used}
-    if len(missing) > FEW_LOOPS:
-        # The loops file of a whole plant beside the export of a few loops: usual, and one line says it.
-        text = (f"{len(missing)} loops of the loops file are not found in the data: "
-                f"{', '.join(list(missing)[:FEW_LOOPS])} ...")
-        return [Note("loop_not_found", text, {"loop": ", ".join(missing), "loops": len(missing)})]
+    missing = metadata.loops.keys() - {metadata.match(name) for name in series}
+    names = [name for name in metadata.loops if name in missing]
+    if len(names) > FEW_LOOPS:  # the loops file of a whole plant beside the export of a few loops: usual
+        text = (f"{len(names)} loops of the loops file are not found in the data: {', '.join(names[:FEW_LOOPS])} ...")
+        return [Note("loop_not_found", text, {"loop": ", ".join(names), "loops": len(names)})]
     notes = []
-    for name, own in missing.items():
-        tags = ", ".join(tag for role in ROLE_KEYS if isinstance(tag := own.values.get(role), str))
+    for name in names:
+        values = metadata.loops[name].values
+        tags = ", ".join(tag for role in ROLE_KEYS if isinstance(tag := values.get(role), str))
         hint = f"its tags {tags} are not there" if tags else nearest(name, sorted(series))
         notes.append(Note("loop_not_found", f"loop {name} of the loops file is not found in the data ({hint})",
                           {"loop": name}))
@@ -242,14 +231,14 @@ def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata) -> list[Not
 
 
 def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOptions) -> Recipe:
-    values = metadata.of(name)
-    notes: list[Note] = []
-    origin = next(iter(series.roles.values()))[0]
-    if values is not None and origin.loop and origin.loop != name and metadata.match(origin.loop) is None:
-        notes.append(Note("matched_name", f"{origin.loop[:60]} in the data is taken as {name[:60]} of the loops file"))
+    values, text = metadata.of(name), ""
+    origin = next(iter(series.roles.values()))[0].loop
     if values is None and metadata.files:
-        notes.append(Note("not_in_metadata", f"loop {name[:60]} is not in the loops file: its settings are missing"))
-    return Recipe(name, series, values if values is not None else metadata.fallback(), options, tuple(notes))
+        text = f"loop {name[:60]} is not in the loops file: its settings are missing"
+    elif values is not None and origin not in ("", name) and metadata.match(origin) is None:
+        text = f"{origin[:60]} in the data is taken as {name[:60]} of the loops file"
+    notes = (Note("not_in_metadata" if values is None else "matched_name", text),) if text else ()
+    return Recipe(name, series, metadata.fallback() if values is None else values, options, notes)
 
 
 def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[list[Named]], set[int]]:
@@ -273,8 +262,8 @@ def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[list[Named]],
 def _fits(name: str, only: Sequence[str], matching: Sequence[str] = ()) -> bool:
     """Say whether a loop is one of those named, also by wildcards, and its name fits a pattern; all do where there are
     none."""
-    named = not only or any(name == pattern or fnmatchcase(name.lower(), pattern.lower()) for pattern in only)
-    return named and (not matching or any(check_pattern(pattern)(name) for pattern in matching))
+    return (not only or any(name == one or fnmatchcase(name.lower(), one.lower()) for one in only)) and (
+        not matching or any(check_pattern(pattern)(name) for pattern in matching))
 
 
 def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[str] = (), sample: str | None = None,
@@ -311,10 +300,8 @@ def draw(names: Sequence[str], count: int, seed: int = 0) -> list[str]:
 
     So a plant that grows by a few loops keeps nearly the same sample, and every night looks at the same loops.
     """
-    def place(name: str) -> bytes:
-        return hashlib.sha256(f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest()
-
-    return sorted(sorted(names, key=place)[:count])
+    return sorted(sorted(names, key=lambda name: hashlib.sha256(
+        f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest())[:count])
 
 
 def shown(names: Sequence[str]) -> str:
@@ -332,22 +319,32 @@ def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, t
     stays, as it still holds. Raises UsageError when the data have no times, InputError when no loop has later ones.
     """
     moment, age = parse_since(when, timezone)
-    last = max((last for axis in {id(item.axis): item.axis for item in found}.values()
-                if (last := axis.last()) is not None), default=None)
+    last = max((end for axis in {item.axis for item in found} if (end := axis.last()) is not None), default=None)
     if moment is None:
         if last is None:
             raise UsageError("the data have no times", where=f"--since {when}", remedy="leave --since out")
         moment = last - age
-    parts: dict[tuple[int, bool], tuple[Axis, slice | IntArray]] = {}  # loops may share their rows
+
+    @cache  # loops may share their rows
+    def cut(axis: Axis, keep_one: bool) -> Axis:
+        micros = axis.read()
+        before = (micros < moment) & (micros != NAT)
+        if keep_one and before.any():
+            before[np.argmax(np.where(before, micros, NAT))] = False
+        later = np.flatnonzero(~before & (micros != NAT))
+        first = int(later[0]) if len(later) else len(micros)
+        return axis.part(np.flatnonzero(~before) if before[first:].any() else slice(first, None))
+
     kept, without, lost = {}, [], []
     for name, own in loops.items():
         measured = own.roles.get("pv", [])
         if not age and any(not item.axis.absolute for item in measured):
-            error = InputError("the times count from an unknown start", where=measured[0].where,
+            error = InputError("the times count from an unknown start", where=measured[0].axis.where,
                                remedy="give --since as an age, such as 3h")
             lost.append(failure(error, loop=name))
             continue
-        kept[name] = _cut(own, moment, {id(item.axis) for item in measured}, parts)
+        of_pv = {item.axis for item in measured}  # no value of PV before the moment stays
+        kept[name] = own.changed(lambda axis, of_pv=of_pv: cut(axis, axis not in of_pv))  # type: ignore[misc]
         if measured and "pv" not in kept[name].roles:
             without.append(name)
             del kept[name]
@@ -361,35 +358,6 @@ def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, t
         said = f"{len(without)} of {len(loops)} loops have no data since {text} and were not computed: {shown(without)}"
         notes.append(Note("nothing_since", said, {"loops": float(len(without)), "names": ", ".join(without)}))
     return kept, notes, lost, moment
-
-
-def _cut(loop: LoopSeries, moment: int, measured: set[int], parts: dict[tuple[int, bool], tuple[Axis, slice | IntArray]]
-         ) -> LoopSeries:
-    """Take off what lies before a moment, and signals of which nothing is left. measured: ids of the axes of PV, of
-    which no value before it stays."""
-    def part(item: Series) -> Series:
-        key = id(item.axis), id(item.axis) not in measured
-        if key not in parts:
-            rows = _rows_since(item.axis.micros, moment, keep_one=key[1])
-            parts[key] = item.axis.part(rows), rows
-        return item.part(*parts[key])
-
-    cut = loop.changed(part)
-    roles, extra = ({name: there for name, items in signals.items() if (there := [i for i in items if i.count])}
-                    for signals in (cut.roles, cut.extra))
-    return replace(cut, roles=roles, extra=extra)
-
-
-def _rows_since(micros: IntArray, moment: int, *, keep_one: bool) -> slice | IntArray:
-    before = (micros < moment) & (micros != NAT)
-    if keep_one and before.any():
-        held = np.flatnonzero(before)
-        before[held[np.argmax(micros[held])]] = False
-    later = np.flatnonzero(~before & (micros != NAT))
-    if not len(later):
-        return slice(0, 0)
-    first = int(later[0])
-    return np.flatnonzero(~before) if before[first:].any() else slice(first, None)
 
 
 Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]

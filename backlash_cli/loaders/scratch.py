@@ -1,4 +1,4 @@
-"""Columns of a file that is not columnar itself: in memory as long as they are few, else in one Arrow IPC scratch file.
+"""Columns of a file that is not columnar itself: in memory as long as they are few, else in one scratch file.
 
 A text file holds its rows one after the other, an analysis wants one signal after the other. The scratch file has no
 name where the system allows that, so nothing is left behind even when the program is killed.
@@ -6,93 +6,26 @@ name where the system allows that, so nothing is left behind even when the progr
 
 from __future__ import annotations
 
-import io
 import os
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
-from weakref import WeakValueDictionary, finalize
+from typing import IO, Any
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from ..errors import BacklashError
 from ..record import IntArray
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
-Arrays = dict[str, NDArray[Any]]
-
-
-class ScratchFile:
-    """One file to which Arrow tables are appended; other processes of this machine can read it."""
-
-    def __init__(self, path: str = "") -> None:
-        self.path, self._end = path, 0
-        self._file: io.FileIO | None = None
-
-    def append(self, arrays: Arrays) -> dict[str, Spilled]:
-        """Write columns as an Arrow IPC file; return them as they lie there. Raises BacklashError without room."""
-        sink = pa.BufferOutputStream()
-        batch = pa.RecordBatch.from_arrays([pa.array(column) for column in arrays.values()], list(arrays))
-        with pa.ipc.new_file(sink, batch.schema) as writer:
-            writer.write_batch(batch)
-        data = sink.getvalue()
-        place, view = self._end, memoryview(data)
-        try:
-            file = self._opened()
-            file.seek(place)
-            while view:
-                view = view[file.write(view) :]
-        except OSError as error:
-            raise BacklashError(
-                f"no room for temporary data: {error.strerror}", where=tempfile.gettempdir(), code="cannot_write",
-                remedy="name a folder with more room in TMPDIR, or scan some of the loops with --loop") from None
-        self._end += -(-len(data) // 64) * 64
-        written = pa.ipc.open_file(data).get_batch(0)
-        return {name: Spilled(self, place + written.column(name).buffers()[1].address - data.address, column.dtype,
-                              len(column)) for name, column in arrays.items()}
-
-    def read(self, place: int, out: NDArray[Any]) -> NDArray[Any]:
-        """Fill an array with what stands at a place. Raises BacklashError when it is not there."""
-        file = self._opened()
-        file.seek(place)
-        if len(out) and file.readinto(memoryview(out).cast("B")) != out.nbytes:
-            raise BacklashError("the temporary file is cut short", where=tempfile.gettempdir(),
-                                remedy="is the disk full?", code="cannot_read")
-        return out
-
-    def _opened(self) -> io.FileIO:
-        if self._file is None and self.path:
-            self._file = io.FileIO(self.path, "rb")
-        elif self._file is None:
-            number, name = tempfile.mkstemp(prefix="backlash-", suffix=".arrow")
-            self._file, self.path = io.FileIO(number, "r+b"), f"/proc/{os.getpid()}/fd/{number}"
-            if os.path.exists(self.path):
-                os.unlink(name)
-            else:
-                self.path = name
-                finalize(self, os.unlink, name)
-        return self._file
-
-    def __reduce__(self) -> tuple[Callable[[str], ScratchFile], tuple[str]]:
-        return _of_another_process, (self.path,)
-
-
-_sent: WeakValueDictionary[str, ScratchFile] = WeakValueDictionary()
-
-
-def _of_another_process(path: str) -> ScratchFile:
-    """Return the file that was sent here, opened once however many columns it holds."""
-    return _sent.get(path) or _sent.setdefault(path, ScratchFile(path))
 
 
 @dataclass(frozen=True)
 class Spilled:
     """A column in the scratch file: a slice of it is read. nbytes: the memory it takes."""
 
-    file: ScratchFile
+    path: str
     place: int
     dtype: np.dtype[Any]
     count: int
@@ -103,7 +36,12 @@ class Spilled:
 
     def __getitem__(self, rows: slice) -> NDArray[Any]:
         first, last, _ = rows.indices(self.count)
-        return self.file.read(self.place + first * self.dtype.itemsize, np.empty(max(last - first, 0), self.dtype))
+        count = max(last - first, 0)
+        found = np.fromfile(self.path, self.dtype, count, offset=self.place + first * self.dtype.itemsize)
+        if len(found) < count:
+            raise BacklashError("the temporary file is cut short", where=tempfile.gettempdir(),
+                                remedy="is the disk full?", code="cannot_read")
+        return found
 
 
 Piece = dict[str, NDArray[Any] | Spilled]  # some rows of several columns
@@ -113,7 +51,30 @@ class Room:
     """How much memory the columns of one run may still take, and the scratch file for what is beyond."""
 
     def __init__(self, size: int = IN_MEMORY) -> None:
-        self.left, self.file = size, ScratchFile()
+        self.left = size
+        self._file: IO[bytes] | None = None
+
+    def spilled(self, column: NDArray[Any]) -> Spilled:
+        """Append a column to the scratch file, which other processes of this machine can read. Raises BacklashError
+        without room."""
+        try:
+            if self._file is None:
+                unnamed = os.path.exists(f"/proc/{os.getpid()}/fd")
+                made = tempfile.TemporaryFile if unnamed else tempfile.NamedTemporaryFile
+                self._file = made("w+b", buffering=0, prefix="backlash-")
+            place, view = self._file.seek(0, os.SEEK_END), memoryview(column).cast("B")
+            while view:
+                view = view[self._file.write(view) :]
+        except OSError as error:
+            raise BacklashError(
+                f"no room for temporary data: {error.strerror}", where=tempfile.gettempdir(), code="cannot_write",
+                remedy="name a folder with more room in TMPDIR, or scan some of the loops with --loop") from None
+        name = self._file.name
+        path = name if isinstance(name, str) else f"/proc/{os.getpid()}/fd/{name}"
+        return Spilled(path, place, column.dtype, len(column))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"left": self.left, "_file": None}
 
 
 class Store:
@@ -127,10 +88,6 @@ class Store:
         self.room, self.groups, self.stays = room, groups, stays
         self.pieces: list[Piece] = []
         self.starts: list[IntArray] = []  # of each piece: where its groups begin, or its only one
-
-    @property
-    def rows(self) -> int:
-        return sum(int(starts[-1]) for starts in self.starts)
 
     def add(self, arrays: Mapping[str, NDArray[Any] | Spilled]) -> None:
         """Take the next rows."""
@@ -153,41 +110,31 @@ class Store:
             self._spill(piece)
 
     def _spill(self, piece: Piece) -> None:
-        """Bring what is in memory of a piece to the scratch file."""
-        if inside := {name: column for name, column in piece.items() if isinstance(column, np.ndarray)}:
-            piece |= self.room.file.append(inside)
+        piece |= {name: self.room.spilled(column) for name, column in piece.items() if isinstance(column, np.ndarray)}
 
-    def group_rows(self, group: int) -> IntArray:
+    def rows(self, group: int = 0) -> IntArray:
         """(pieces,) Number of rows of a group in each piece."""
         return np.array([s[group + 1] - s[group] if group + 1 < len(s) else 0 for s in self.starts], np.int64)
 
-    def read(self, names: Sequence[str], first: int = 0, last: int | None = None, group: int = 0) -> Arrays:
-        """Return rows of some columns, of a group counted within it; one that a piece lacks is filled up with -1."""
-        parts: list[Arrays] = []
+    def read(self, name: str, first: int = 0, last: int | None = None, group: int = 0) -> NDArray[Any]:
+        """Return rows of a column, of a group counted within it; what pieces lack is filled up with -1."""
+        parts: list[NDArray[Any]] = []
         begin = 0
-        for piece, starts, count in zip(self.pieces, self.starts, self.group_rows(group).tolist(), strict=True):
+        for piece, starts, count in zip(self.pieces, self.starts, self.rows(group).tolist(), strict=True):
             low, high = max(first - begin, 0), count if last is None else min(last - begin, count)
             if low < high:
                 own = slice(int(starts[group]) + low, int(starts[group]) + high)
-                parts.append({name: piece[name][own] if name in piece else np.full(high - low, -1, np.int32)
-                              for name in names})
+                parts.append(piece[name][own] if name in piece else np.full(high - low, -1, np.int32))
             begin += count
-        if len(parts) == 1:
-            return parts[0]
-        return {name: np.concatenate([part[name] for part in parts]) if parts else np.zeros(0) for name in names}
+        return parts[0] if len(parts) == 1 else np.concatenate(parts or [np.zeros(0)])
 
-    def changed(self, change: Callable[[Piece, int], Mapping[str, NDArray[Any] | Spilled]], *, groups: bool = False
-                ) -> Store:
-        """Return another store whose pieces are made of the pieces of this one and their first rows; this one is
-        emptied on the way."""
-        out = Store(self.room, groups=groups)
-        first = 0
+    def emptied(self) -> Iterator[Piece]:
+        """Yield the pieces, which are gone from here then."""
         while self.pieces:
-            piece, starts = self.pieces.pop(0), self.starts.pop(0)
+            self.starts.pop(0)
+            piece = self.pieces.pop(0)
             self.room.left += sum(column.nbytes for column in piece.values())
-            out.add(change(piece, first))
-            first += int(starts[-1])
-        return out
+            yield piece
 
     def __getstate__(self) -> dict[str, Any]:
         for piece in () if self.stays else self.pieces:

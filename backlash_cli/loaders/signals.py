@@ -14,23 +14,21 @@ from numpy.typing import NDArray
 from ..record import FloatArray, IntArray, Note
 from .numbers import foreign_units, parse_words
 from .order import NAT
-from .scratch import Arrays, Room, Store
+from .scratch import Room, Store
 
 PIECE = 1 << 20  # rows that are looked at together
 
 
+@dataclass(frozen=True, eq=False)
 class Lexicon:
     """Texts that stand in a column, by their numbers; read as numbers once for all that share them."""
 
-    def __init__(self, words: list[str], decimal: str = ".") -> None:
-        self.words, self.decimal = words, decimal
+    words: list[str]
+    decimal: str = "."
 
     @cached_property
     def parsed(self) -> tuple[FloatArray, NDArray[np.bool_], list[str]]:
         return parse_words(self.words, self.decimal)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"words": self.words, "decimal": self.decimal}
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,11 +89,7 @@ class Cells:
 
 
 class Rows(Protocol):
-    """Rows of a file that belong together; `column`: a name by which they know their columns."""
-
-    @property
-    def count(self) -> int:
-        """Number of rows."""
+    """Rows of a file; `column`: a name by which they know their columns."""
 
     def cells(self, column: str, first: int, last: int) -> Cells:
         """Return the cells of rows first..last-1."""
@@ -109,85 +103,30 @@ class StoredRows:
     """Rows of a store, all or those of one group. lexicons: of the columns that hold texts, by their names."""
 
     store: Store
-    count: int
     lexicons: dict[str, Lexicon] = field(default_factory=dict)
     group: int = 0
 
-    def _read(self, names: list[str], first: int, last: int) -> dict[str, NDArray[Any]]:
-        return self.store.read(names, first, last, self.group)
-
     def cells(self, column: str, first: int, last: int) -> Cells:
-        lexicon = self.lexicons.get(column)
-        if lexicon is None:
-            return Cells(self._read([column], first, last)[column])
-        found = self._read([column, f"{column}w"], first, last)
-        return Cells(found[column], found.get(f"{column}w"), lexicon)
+        values = self.store.read(column, first, last, self.group)
+        if column not in self.lexicons:
+            return Cells(values)
+        return Cells(values, self.store.read(f"{column}w", first, last, self.group), self.lexicons[column])
 
     def stamps(self, column: str, first: int, last: int) -> IntArray:
-        return self._read([column], first, last)[column].astype(np.int64, copy=False)
-
-
-@dataclass(frozen=True, eq=False)
-class SomeRows:
-    """Some rows of others, by their numbers."""
-
-    base: Rows
-    which: range | IntArray
-
-    @property
-    def count(self) -> int:
-        return len(self.which)
-
-    def cells(self, column: str, first: int, last: int) -> Cells:
-        begin, end, taken = self._rows(first, last)
-        found = self.base.cells(column, begin, end)
-        return Cells(found.values[taken], None if found.codes is None else found.codes[taken], found.lexicon)
-
-    def stamps(self, column: str, first: int, last: int) -> IntArray:
-        begin, end, taken = self._rows(first, last)
-        return self.base.stamps(column, begin, end)[taken]
-
-    def _rows(self, first: int, last: int) -> tuple[int, int, slice | IntArray]:
-        """Rows of the others between which these lie, and which of those they are."""
-        which = self.which[first:last]
-        if isinstance(which, range):
-            return which.start, which.stop, slice(None)
-        begin, end = (int(which.min()), int(which.max()) + 1) if len(which) else (0, 0)
-        return begin, end, which - begin
-
-
-def part_of(rows: Rows, chosen: slice | IntArray) -> Rows:
-    """Return some rows of others."""
-    return SomeRows(rows, range(rows.count)[chosen] if isinstance(chosen, slice) else chosen)
-
-
-def packed(rows: Rows | None, columns: Iterable[str], stamps: str = "") -> Rows | None:
-    """Return rows that lie in the scratch file of this machine with some columns of cells, or with their stamps, in
-    memory; all others as they are."""
-    base = rows
-    while isinstance(base, SomeRows):
-        base = base.base
-    if rows is None or not isinstance(base, StoredRows):
-        return rows
-    arrays: Arrays = {stamps: rows.stamps(stamps, 0, rows.count)} if stamps else {}
-    for column in filter(None, columns):
-        cells = rows.cells(column, 0, rows.count)
-        arrays |= {column: cells.values} if cells.codes is None else {column: cells.values, f"{column}w": cells.codes}
-    store = Store(Room(1 << 62), stays=True)
-    store.add(arrays)
-    return StoredRows(store, rows.count, base.lexicons)
+        return self.store.read(column, first, last, self.group).astype(np.int64, copy=False)
 
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """Where the stamps of a set of rows lie, which all signals recorded in these rows share.
+    """Rows that belong together, and where their stamps lie, which all signals recorded in these rows share.
 
-    rows, column: where they are read. absolute: False for stamps that count from an unknown start. where: file.
-    first_line: line of row 0. end: the last stamp where it is known.
+    column: of their stamps. which: of the rows these are. absolute: False for stamps that count from an unknown start.
+    where: file. first_line: line of row 0. end: the last stamp where it is known.
     """
 
-    rows: Rows | None = None
-    column: str = ""
+    rows: Rows
+    column: str
+    which: range | IntArray
     absolute: bool = True
     notes: tuple[Note, ...] = ()
     where: str = ""
@@ -195,24 +134,31 @@ class Axis:
     end: int | None = None
 
     def __len__(self) -> int:
-        return 0 if self.rows is None else self.rows.count
+        return len(self.which)
+
+    def _base(self, first: int, last: int) -> tuple[int, int, slice | IntArray]:
+        """Rows of the file between which these lie, and which of those they are."""
+        which = self.which[first:last]
+        if isinstance(which, range):
+            return which.start, which.stop, slice(None)
+        begin, end = (int(which.min()), int(which.max()) + 1) if len(which) else (0, 0)
+        return begin, end, which - begin
 
     def read(self, first: int = 0, last: int | None = None) -> IntArray:
         """Return the stamps of all rows, or of rows first..last-1: microseconds since 1970 UTC, NAT where unreadable.
         """
-        if self.rows is None:
-            return np.zeros(0, np.int64)
-        return self.rows.stamps(self.column, first, self.rows.count if last is None else last)
+        begin, end, taken = self._base(first, len(self) if last is None else last)
+        return self.rows.stamps(self.column, begin, end)[taken]
 
-    @property
-    def micros(self) -> IntArray:
-        """(rows,) All stamps."""
-        return self.read()
+    def cells(self, column: str) -> Cells:
+        """Return the cells of a column in all rows."""
+        begin, end, taken = self._base(0, len(self))
+        found = self.rows.cells(column, begin, end)
+        return Cells(found.values[taken], None if found.codes is None else found.codes[taken], found.lexicon)
 
     def pieces(self) -> Iterator[IntArray]:
         """Yield all stamps, some rows at a time."""
-        for first in range(0, len(self), PIECE):
-            yield self.read(first, min(first + PIECE, len(self)))
+        return (self.read(first, min(first + PIECE, len(self))) for first in range(0, len(self), PIECE))
 
     def first(self) -> int:
         """Return the first stamp that was read, 0 if there is none."""
@@ -224,39 +170,45 @@ class Axis:
         return None if last == NAT else last
 
     def part(self, chosen: slice | IntArray) -> Axis:
-        """Return the stamps of some rows."""
-        line = self.first_line + int(chosen.start or 0) if isinstance(chosen, slice) and self.first_line else 0
-        return replace(self, rows=None if self.rows is None else part_of(self.rows, chosen), first_line=line, end=None)
+        """Return some of the rows."""
+        if isinstance(chosen, slice):
+            line = self.first_line and self.first_line + int(chosen.start or 0)
+            return replace(self, which=self.which[chosen], first_line=line, end=None)
+        which = self.which.start + chosen if isinstance(self.which, range) else self.which[chosen]
+        return replace(self, which=which, first_line=0, end=None)
+
+    def packed(self, columns: Iterable[str]) -> Axis:
+        """Return rows that lie in the scratch file of this machine with some columns of cells in memory; all others as
+        they are."""
+        if not isinstance(self.rows, StoredRows):
+            return self
+        arrays: dict[str, NDArray[Any]] = {self.column: self.read()}
+        for column in columns:
+            cells = self.cells(column)
+            arrays |= {column: cells.values} | ({} if cells.codes is None else {f"{column}w": cells.codes})
+        store = Store(Room(1 << 62), stays=True)
+        store.add(arrays)
+        return replace(self, rows=StoredRows(store, self.rows.lexicons), which=range(len(self)))
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
     """One signal of one file. tag: its name as written. loop, role, signal: that name taken apart. column: of the
-    axis' rows that holds its cells; quality: the column that marks them, and its name."""
+    axis' rows that holds its cells; quality: the column that marks them, "" if there is none, and its name."""
 
     tag: str
     loop: str
     role: str
     signal: str
     axis: Axis
-    rows: Rows | None
-    column: str = ""
+    column: str
     quality: str = ""
-    where: str = ""
     quality_name: str = ""
-
-    @property
-    def count(self) -> int:
-        return 0 if self.rows is None else self.rows.count
 
     def cells(self) -> Cells:
         """Return its cells."""
-        return Cells(np.zeros(0)) if self.rows is None else self.rows.cells(self.column, 0, self.count)
+        return self.axis.cells(self.column)
 
     def marks(self) -> Cells | None:
         """Return the quality of its cells, None where there is none."""
-        return self.rows.cells(self.quality, 0, self.count) if self.rows is not None and self.quality else None
-
-    def part(self, axis: Axis, chosen: slice | IntArray) -> Series:
-        """Return some rows of it; axis: their stamps."""
-        return replace(self, axis=axis, rows=None if self.rows is None else part_of(self.rows, chosen))
+        return self.axis.cells(self.quality) if self.quality else None

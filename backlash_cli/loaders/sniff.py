@@ -10,7 +10,7 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
@@ -18,22 +18,13 @@ from itertools import islice
 from ..errors import InputError
 from .names import LOOP, TAG, VALUE, is_time_name, plain, signal_role, split_tag
 from .options import ReadOptions
+from .times import stamp_kind
 
 _NUMBER = re.compile(
     r"^[+-]?(?:\d{1,3}(?:[ .,'’\u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?$"
 )
 _WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
 _WORDS = re.compile(r"^[+-]?(?:inf(?:inity)?|nan|1\.#\w+)$", re.IGNORECASE)
-_DATE = (r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4}"
-         r"|\d{1,2}[-/. ]+[^\W\d]{3,12}\.?[-/. ,]+\d{2,4}"
-         r"|\d{4}[-/. ][^\W\d]{3,12}\.?[-/. ]\d{1,2}|[^\W\d]{3,12}\.? \d{1,2},? \d{4}|(?:19|20)\d{6})")  # fmt: skip
-_CLOCK = r"\d{1,2}[:.h]\d{2}(?:[:.]\d{2}(?:[.,:]\d+)?)?\s*(?:[AaPp]\.?\s?[Mm]\.?)?"
-_ODD = re.compile(r"^(?:[^\W\d]{3} [^\W\d]{3}\s+\d{1,2} (?:[\d:]+ .*\d{4}|\d{4} [\d:]+.*)|\d{4}年.*)$")
-_TIME = re.compile(
-    rf"^(?:[^\W\d]{{2,10}},?\s+)?(?:{_DATE}(?:[T_ ,]+{_CLOCK}|T?\d{{6}}(?:\.\d+)?)?)\s*[A-Za-z0-9+:\-]{{0,8}}$"
-)
-_COMPACT = re.compile(r"^(?:19|20)\d{6}[T ]?\d{4,6}(?:[.,]\d+)?Z?$")
-_CLOCK_ONLY = re.compile(r"^\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?\s*(?:[AaPp]\.?\s?[Mm]\.?)?$")
 COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 DELIMITERS = (",", ";", "\t", "|")
 HEAD_LINES = 4000
@@ -41,7 +32,6 @@ Line = tuple[int, int, str]
 Row = tuple[int, list[str]]
 _DECIMAL_COMMA = re.compile(r"^\s*[+-]?(?:\d{1,3}(?:\.\d{3})+|\d+),\d+(?:[eE][+-]?\d+)?\s*(?:[^\d\s].*)?$")
 _DECIMAL_POINT = re.compile(r"^\s*[+-]?(?:\d*\.\d+|\d{1,3}(?:,\d{3})+\.\d*)\s*(?:[^\d\s].*)?$")
-_GROUPED = re.compile(r"^\s*-?[1-9]\d{0,2},\d{3}\s*$")
 
 
 @dataclass(frozen=True)
@@ -64,9 +54,8 @@ def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> D
 
     Raises InputError when there is no header line, no data, or nothing that looks like columns.
     """
-    head = text.decode()
-    lines = lines_of(head)
-    end = lines[HEAD_LINES][1] if len(lines) > HEAD_LINES else len(head)
+    lines = lines_of(text)
+    end = lines[HEAD_LINES][1] if len(lines) > HEAD_LINES else len(text)
     declared = re.match(r"^sep=(.)$", lines[0][2].strip()) if lines else None
     lines = [row for row in lines[1 if declared else 0 : HEAD_LINES] if row[2].strip(" \t,;|")]
     if not lines:
@@ -79,15 +68,14 @@ def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> D
     enough = 6 if width > 300 else 24
     tail = [cells(i) for i in last if len(cells(i)) == width][-enough:]
     kinds = _column_kinds(tail, width)
-    first = next(_data_rows(lines, cells, kinds, options.header_row or 0), None)
+    first = _first_row(lines, cells, kinds, options.header_row or 0)
     if first is None or all(k == "text" for k in kinds if k != "empty"):
         raise _without_data([cells(i) for i in range(min(10, len(lines)))], width, options, where)
     before = [(lines[i][0], cells(i)) for i in range(max(first - HEAD_LINES // 10, 0), first)]
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
-    return Dialect(delimiter, column_names(before, width, options, where), len(head[: lines[first][1]].encode()),
-                   len(head[:end].encode()), lines[first][0],
+    return Dialect(delimiter, column_names(before, width, options, where), lines[first][1], end, lines[first][0],
                    options.decimal or _decimal([*data, *tail], delimiter),
                    tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True)))
 
@@ -121,38 +109,36 @@ def _column_kinds(rows: list[list[str]], width: int) -> tuple[str, ...]:
     return tuple(found.most_common(1)[0][0] if found else "empty" for found in counted)
 
 
-def _data_rows(lines: list[Line], cells: Callable[[int], list[str]], kinds: tuple[str, ...], header: int
-               ) -> Iterator[int]:
-    """The rows of data below the header that are followed by another.
+def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tuple[str, ...], header: int) -> int | None:
+    """The first row of data below the header that is followed by another.
 
-    They have stamps where the last rows have them, or numbers in half of their number columns.
+    Such rows have stamps where the last rows have them, or numbers in half of their number columns.
     """
     times = [i for i, k in enumerate(kinds) if k in ("time", "clock")]
     wanted = times or [i for i, k in enumerate(kinds) if k == "number"][:50]
 
     @cache
     def is_data(row: int) -> bool:
-        if COMMENT.match(cells(row)[0]) and kind(cells(row)[0]) == "text":
-            return False
-        found = [kind(cells(row)[i]) if i < len(cells(row)) else "empty" for i in wanted]
+        own = cells(row)
+        found = [kind(own[i]) if i < len(own) else "empty" for i in wanted]
         hits = [f == kinds[i] for f, i in zip(found, wanted, strict=True)]
-        return any(hits) and sum(hits) + (found.count("empty") if times else 0) >= len(wanted) / 2
+        return any(hits) and sum(hits) + (found.count("empty") if times else 0) >= len(wanted) / 2 and not (
+            COMMENT.match(own[0]) and kind(own[0]) == "text")
 
     count = len(lines)
-    return (i for i in range(count) if lines[i][0] > header and is_data(i)
-            and (i + 1 == count or any(map(is_data, range(i + 1, min(i + 4, count))))))
+    return next((i for i in range(count) if lines[i][0] > header and is_data(i)
+                 and (i + 1 == count or any(map(is_data, range(i + 1, min(i + 4, count)))))), None)
 
 
 def _decimal(rows: list[list[str]], delimiter: str) -> str:
     if delimiter == ",":
         # quoted "405,12": a comma before other than three digits is no thousands separator
-        cells = [cell for row in rows for cell in row if "," in cell]
-        commas = all(re.match(r"^\s*-?\d+,\d+\s*$", cell) for cell in cells)
-        return "," if cells and commas and not all(_GROUPED.match(cell) for cell in cells) else "."
-    with_mark = [cell for row in rows for cell in row if ("," in cell or "." in cell) and kind(cell) == "number"]
-    with_mark = [re.sub(r"[ '’\u00a0\u202f](?=\d{3})", "", cell) for cell in with_mark]
-    comma = sum(bool(_DECIMAL_COMMA.match(cell)) for cell in with_mark)
-    return "," if comma > sum(bool(_DECIMAL_POINT.match(cell)) for cell in with_mark) else "."
+        cells = [cell.strip() for row in rows for cell in row if "," in cell]
+        commas = all(re.match(r"-?\d+,\d+$", cell) for cell in cells)
+        return "," if commas and not all(re.match(r"-?[1-9]\d{0,2},\d{3}$", cell) for cell in cells) else "."
+    numbers = [re.sub(r"[ '’\u00a0\u202f](?=\d{3})", "", c) for row in rows for c in row if kind(c) == "number"]
+    comma, point = (sum(bool(form.match(cell)) for cell in numbers) for form in (_DECIMAL_COMMA, _DECIMAL_POINT))
+    return "," if comma > point else "."
 
 
 def _without_data(begun: list[list[str]], width: int, options: ReadOptions, where: str) -> InputError:
@@ -176,11 +162,9 @@ def column_names(before: Sequence[Row], width: int, options: ReadOptions, where:
         if not given:
             raise InputError(f"line {options.header_row} cannot be the header", where=where)
         return tuple(_fit(given, width))
-    rows = [cells for _, cells in before if not COMMENT.match(cells[0]) and _spans(cells, width)]
-    if not rows:  # a header behind a comment sign
-        commented = [cells for _, cells in before if COMMENT.match(cells[0]) and _spans(cells, width)]
-        rows = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in commented[-1:]]
-        rows = [row for row in rows if score_names(row) != 0]
+    rows = [cells for _, cells in before if _spans(cells, width)]
+    commented = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in rows if COMMENT.match(cells[0])][-1:]
+    rows = [cells for cells in rows if not COMMENT.match(cells[0])] or [row for row in commented if score_names(row)]
     if not rows:
         raise InputError("no header line found: nothing says which column is the time, the setpoint or the measurement",
                          where=where, remedy="add a header line, or name the columns with --columns time,SP,PV,OP")
@@ -208,10 +192,9 @@ def score_names(cells: list[str]) -> float:
     """How much a line looks like a header: points for names that are known, off for numbers and times."""
     points = 0.0
     for i, cell in enumerate(cells):
-        word = plain(cell)
         if split_tag(cell).role or signal_role(cell):
             points += 1.0
-        elif is_time_name(cell) or word in TAG or word in VALUE or word in LOOP:
+        elif is_time_name(cell) or plain(cell) in TAG | VALUE | LOOP:
             points += 1.5 if i == 0 else 1.0
         elif kind(cell) in ("number", "time", "clock"):
             points -= 1.0
@@ -240,17 +223,11 @@ def kind(cell: str) -> str:
     ['time', 'clock', 'number', 'number', 'text', 'empty']
     """
     text = cell.strip(" \t\"'")
-    if not text:
-        return "empty"
-    if len(text) > 60:
-        return "text"
+    if not text or len(text) > 60:
+        return "text" if text else "empty"
     if _NUMBER.match(text) or _WORDS.match(text):
-        return "time" if _COMPACT.match(text) and len(text) >= 14 else "number"
-    if _CLOCK_ONLY.match(text):
-        return "clock"
-    if _TIME.match(text) or _COMPACT.match(text) or _ODD.match(text):
-        return "time"
-    return "number" if _WITH_UNIT.match(text) else "text"
+        return "time" if len(text) >= 14 and stamp_kind(text) else "number"
+    return stamp_kind(text) or ("number" if _WITH_UNIT.match(text) else "text")
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
@@ -261,10 +238,10 @@ def split_line(line: str, delimiter: str) -> list[str]:
     return line.split(delimiter)
 
 
-def lines_of(text: str) -> list[Line]:
-    """Return (line number from 1, character offset, text) of the first logical lines; quotes may hold line ends."""
+def lines_of(text: bytes | bytearray) -> list[Line]:
+    """Return (line number from 1, offset in bytes, text) of the first logical lines; quotes may hold line ends."""
     found: list[Line] = []
-    lines = list(islice(io.StringIO(text, newline=""), 2 * HEAD_LINES))
+    lines = list(islice(io.TextIOWrapper(io.BytesIO(text), "utf-8", newline=""), 2 * HEAD_LINES))
     at = offset = 0
     while at < len(lines) and len(found) <= HEAD_LINES:
         count = 1
@@ -272,6 +249,6 @@ def lines_of(text: str) -> list[Line]:
             count = next((k for k in range(2, 9) if "".join(lines[at : at + k]).count('"') % 2 == 0), 1)
         line = "".join(lines[at : at + count])
         found.append((at + 1, offset, line.rstrip("\r\n")))
-        offset += len(line)
+        offset += len(line.encode())
         at += count
     return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,7 +20,7 @@ from .opening import Text, kind_of, sheets
 from .options import ReadOptions
 from .order import CLOCK_CODES, NAT, ordered
 from .scratch import Piece, Room, Store
-from .signals import Axis, Lexicon, Rows, Series, StoredRows
+from .signals import Axis, Lexicon, Series, StoredRows
 from .sources import Source, stem_of
 from .times import StampReader
 
@@ -39,170 +39,147 @@ class Reading:
     room: Room = field(default_factory=Room)
 
 
-def tables_of(source: Source, reading: Reading) -> Iterator[tuple[Table, Layout]]:
-    """Open the tables of a file: one, or the sheets of a workbook; a sheet of remarks beside one is passed over.
+def signals_of_file(source: Source, reading: Reading) -> tuple[list[Series], list[Note]]:
+    """Return the signals of a file, and what was noticed; a sheet of remarks beside one of data is passed over.
 
-    Raises InputError.
+    Raises InputError when it cannot be read.
     """
     path, options, stem = source.path, reading.options, stem_of(source.path)
     kind = kind_of(path)
-    if kind == "parquet":
-        if reading.taken is not None:
-            reading.taken(path.stat().st_size)
-        in_place = ParquetTable(path, stem, options, source.partition)
-        yield in_place, layout_of(in_place.head, options)
-        return
-    parts = sheets(path) if kind == "workbook" else [(stem, None)]
-    problems = []
-    for name, data in parts:
-        try:
-            text = Text(path, options, reading.taken, data)
-            table = TextTable(text, stem if len(parts) == 1 else name, source.partition)
-            yield table, layout_of(table.head, options)
-        except InputError as error:
-            problems.append(error)
-    if len(problems) == len(parts):
-        raise problems[0]
-
-
-def signals_of_file(source: Source, reading: Reading) -> tuple[list[Series], list[Note]]:
-    """Return the signals of a file, and what was noticed. Raises InputError when it cannot be read."""
+    if kind == "parquet" and reading.taken is not None:
+        reading.taken(path.stat().st_size)
+    parts: list[tuple[str, bytes | None]] = [*sheets(path)] if kind == "workbook" else [(stem, None)]
     found: list[Series] = []
     notes: list[Note] = []
-    for table, layout in tables_of(source, reading):
+    problems: list[InputError] = []
+    for name, data in parts:
+        try:
+            table = ParquetTable(path, stem, options, source.partition) if kind == "parquet" else TextTable(
+                Text(path, options, reading.taken, data), stem if len(parts) == 1 else name, source.partition)
+            layout = layout_of(table.head, options)
+        except InputError as error:
+            problems.append(error)
+            continue
         found += (_grouped if layout.naming else _wide)(table, layout, reading)
         notes += table.notes
+    if len(problems) == len(parts):
+        raise problems[0]
     return found, notes
 
 
-class _Stored:
+class _Kept:
     """The columns of a file in a store, with their stamps in UTC as "t0", "t1" ... and their cells as "v3", "v4" ...
 
-    filled: columns that hold anything. Raises InputError when the stamps are not understood.
+    filled: columns that hold anything. about: of each set of rows what its Axis says. numbers: of the tags of a long
+    file, or of the loops of a tall one; they stand in the column "group". Raises InputError when the stamps are not
+    understood.
     """
 
-    def __init__(self, table: Table, layout: Layout, columns: Sequence[int], reading: Reading,
-                 tags: _Tags | None = None) -> None:
+    def __init__(self, table: Table, layout: Layout, columns: Sequence[int], reading: Reading) -> None:
         head, written = table.head, isinstance(table, TextTable)
         readers = [StampReader([head.names[i] for i in pair], reading.options, head.where) for pair in layout.stamps]
-        self.store = Store(reading.room)
+        raw, self.store = Store(reading.room), Store(reading.room)
         self.filled: set[int] = set()
+        self.numbers: dict[str, int] = {}
         words: dict[int, dict[str, int]] = {i: {} for i in columns}
         for batch in table.batches([*columns, *layout.naming], {i for pair in layout.stamps for i in pair}):
             piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
                             for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
-            if tags is not None:
-                piece["group"] = tags.take(batch)
+            if layout.naming:
+                piece["group"] = self._tags(batch, layout.naming, head)
             for i in columns:
                 values, codes = stored(batch[i], words[i], head.decimal, written=written)
                 piece |= {f"v{i}": values} if codes is None else {f"v{i}": values, f"v{i}w": codes}
                 if i not in self.filled and (codes is not None or not np.isnan(values).all()):
                     self.filled.add(i)
-            self.store.add(piece)
+            raw.add(piece)
         self.lexicons = {f"v{i}": Lexicon(list(found), head.decimal) for i, found in words.items() if found}
         clocks = [reader.finish() for reader in readers]
-        self.store = self.store.changed(lambda piece, first: {
-            **piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
+        for piece in raw.emptied():
+            self.store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
         self.about: list[dict[str, Any]] = [
             {"absolute": reader.absolute, "notes": reader.all_notes, "where": head.where} for reader in readers]
 
-
-def _wide(table: Table, layout: Layout, reading: Reading) -> list[Series]:
-    """A column per signal; of Parquet it stays in the file until it is needed, and so do stamps that are UTC."""
-    head = table.head
-    needed = reading.needed(signals_of(head, layout))
-    needed |= {layout.quality[i] for i in needed if i in layout.quality}
-    empty = {i for i in layout.stored if pa.types.is_null(head.columns[i].type)}
-    used = needed | empty  # what is still empty may be a tag of the loops file
-    rows: Rows | None = table if isinstance(table, ParquetTable) else None
-    kinds = [head.columns[i].type for pair in layout.stamps for i in pair]
-    if rows is not None and len(kinds) == len(layout.stamps) and all(pa.types.is_timestamp(kind) and (
-            kind.tz is not None or not reading.options.timezone) for kind in kinds):
-        axes = [Axis(rows, f"t{pair[0]}", where=head.where) for pair in layout.stamps]
-    else:
-        columns = [] if rows is not None else sorted(used.intersection(layout.stored))
-        kept = _Stored(table, layout, columns, reading)
-        of_store = StoredRows(kept.store, kept.store.rows, kept.lexicons)
-        axes = [Axis(of_store, f"t{k}", first_line=head.first_line, **about) for k, about in enumerate(kept.about)]
-        if rows is None:
-            rows, empty = of_store, set(columns) - kept.filled
-    found = []
-    for one in signals_of(head, layout, empty):
-        series = _series(one, head, layout, axes[one.stamps], rows if one.column in used else None)
-        if layout.kind == "pairs":  # shorter ones are padded with rows without a stamp
-            known = np.flatnonzero(series.axis.micros != NAT)
-            chosen = slice(0, len(known)) if not len(known) or known[-1] == len(known) - 1 else known
-            series = series.part(series.axis.part(chosen), chosen)
-        found.append(series)
-    return found
-
-
-def _series(one: Named, head: Head, layout: Layout, axis: Axis, rows: Rows | None) -> Series:
-    mark = layout.quality.get(one.column)
-    quality, name = ("", "") if mark is None else (f"v{mark}", head.names[mark])
-    return Series(one.tag, one.loop, one.role, one.signal, axis, rows, f"v{one.column}", quality, head.where, name)
-
-
-class _Tags:
-    """Numbers of the tags of a long file, or of the loops of a tall one."""
-
-    def __init__(self, head: Head, naming: Sequence[int]) -> None:
-        self.naming, self.header = naming, ".".join(head.names[i].strip() for i in naming)
-        self.numbers: dict[str, int] = {}
-
-    def take(self, batch: Batch) -> NDArray[np.int32]:
-        """Return the number of each row's tag, -1 for none."""
-        codes, words = codes_and_words(batch[self.naming[0]])
-        if len(self.naming) == 2:
-            second, fields = codes_and_words(batch[self.naming[1]])
+    def _tags(self, batch: Batch, naming: Sequence[int], head: Head) -> NDArray[np.int32]:
+        """Return the number of each row's tag, -1 for none, such as a header in between."""
+        header = ".".join(head.names[i].strip() for i in naming)
+        codes, words = codes_and_words(batch[naming[0]])
+        if len(naming) == 2:
+            second, fields = codes_and_words(batch[naming[1]])
             both = np.where((codes < 0) | (second < 0), -1, codes * max(len(fields), 1) + second)
             present, codes = np.unique(both, return_inverse=True)
             words = ["" if p < 0 else f"{words[p // len(fields)]}.{fields[p % len(fields)]}" for p in present.tolist()]
         table = np.full(len(words) + 1, -1, np.int32)
         for i in np.flatnonzero(np.bincount(codes + 1)[1:]).tolist():
-            if (name := words[i].strip()) and name != self.header:
+            if (name := words[i].strip()) and name != header:
                 table[i] = self.numbers.setdefault(name, len(self.numbers))
         return table[codes]
+
+
+def _wide(table: Table, layout: Layout, reading: Reading) -> list[Series]:
+    """A column per signal; of Parquet with stamps that are UTC it stays in the file until it is needed."""
+    head = table.head
+    empty = {i for i in layout.stored if pa.types.is_null(head.columns[i].type)}
+    kinds = [head.columns[i].type for pair in layout.stamps for i in pair]
+    if isinstance(table, ParquetTable) and len(kinds) == len(layout.stamps) and all(
+            pa.types.is_timestamp(kind) and (kind.tz or not reading.options.timezone) for kind in kinds):
+        axes = [Axis(table, f"v{pair[0]}", range(table.count), where=head.where) for pair in layout.stamps]
+    else:
+        needed = reading.needed(signals_of(head, layout))
+        needed |= {layout.quality[i] for i in needed if i in layout.quality}
+        # what is still empty may be a tag of the loops file
+        columns = sorted((needed | empty).intersection(layout.stored))
+        kept = _Kept(table, layout, columns, reading)
+        rows, count = StoredRows(kept.store, kept.lexicons), int(kept.store.rows().sum())
+        axes = [Axis(rows, f"t{k}", range(count), first_line=head.first_line, **about)
+                for k, about in enumerate(kept.about)]
+        empty = set(columns) - kept.filled
+    if layout.kind == "pairs":  # shorter ones are padded with rows without a stamp
+        for k, axis in enumerate(axes):
+            known = np.flatnonzero(axis.read() != NAT)
+            axes[k] = axis.part(slice(0, len(known)) if not len(known) or known[-1] == len(known) - 1 else known)
+    return [_series(one, head, layout, axes[one.stamps]) for one in signals_of(head, layout, empty)]
+
+
+def _series(one: Named, head: Head, layout: Layout, axis: Axis) -> Series:
+    mark = layout.quality.get(one.column)
+    quality, name = ("", "") if mark is None else (f"v{mark}", head.names[mark])
+    return Series(one.tag, one.loop, one.role, one.signal, axis, f"v{one.column}", quality, name)
 
 
 def _grouped(table: Table, layout: Layout, reading: Reading) -> list[Series]:
     """Rows that belong to different tags or loops: they are put together by tag."""
     head, tall = table.head, layout.kind == "tall"
-    tags = _Tags(head, layout.naming)
-    kept = _Stored(table, layout, layout.stored, reading, tags)
+    kept = _Kept(table, layout, layout.stored, reading)
     about: dict[str, Any] = kept.about[0]
     moved: list[tuple[int, int]] = []
     if not tall:
-        moved, more = _one_clock(kept.store, f"v{layout.values[0]}", len(tags.numbers))
+        moved, more = _one_clock(kept.store, f"v{layout.values[0]}", len(kept.numbers))
         about["notes"] = (*about["notes"], *more)
     named = [[Named(k, f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i])
-              for i in layout.values] if tall else [of_tag(name, k)] for k, name in enumerate(tags.numbers)]
+              for i in layout.values] if tall else [of_tag(name, k)] for k, name in enumerate(kept.numbers)]
     needed = reading.needed([one for ones in named for one in ones])
     wanted = np.array([k in needed for k in range(len(named))] + [False])
-    last = NAT
-
-    def by_tag(piece: Piece, first: int) -> Mapping[str, NDArray[Any]]:
-        nonlocal last
+    grouped, first, last = Store(reading.room, groups=True), 0, NAT
+    for piece in kept.store.emptied():
         arrays = {name: column[:] for name, column in piece.items()}
         micros = arrays["t0"].astype(np.int64, copy=False)
         for row, shift in moved:
             later = (np.arange(first, first + len(micros)) > row) & (micros != NAT)
             micros = np.where(later, micros + shift, micros)
-        last = max(last, int(micros.max(initial=NAT)))
+        first, last = first + len(micros), max(last, int(micros.max(initial=NAT)))
         keep = wanted[arrays["group"]]
         if not tall:  # rows without a stamp, such as headers in between, are no samples
             keep &= micros != NAT
         arrays["t0"] = micros
-        return arrays if keep.all() else {name: column[keep] for name, column in arrays.items()}
-
-    grouped = kept.store.changed(by_tag, groups=True)
+        grouped.add(arrays if keep.all() else {name: column[keep] for name, column in arrays.items()})
     found = []
     for number, ones in enumerate(named):
-        count = int(grouped.group_rows(number).sum())
-        rows = StoredRows(grouped, count, kept.lexicons, number) if wanted[number] else None
-        axis = Axis(end=last, **about) if rows is None else Axis(rows, "t0", **about)
-        if rows is None or count:
-            found += [_series(replace(one, column=i), head, layout, axis, rows)
+        count = int(grouped.rows(number).sum())
+        if count or not wanted[number]:
+            axis = Axis(StoredRows(grouped, kept.lexicons, number), "t0", range(count), **about)
+            axis = axis if wanted[number] else replace(axis, end=last)
+            found += [_series(replace(one, column=i), head, layout, axis)
                       for i, one in zip(layout.values, ones, strict=True) if not tall or i in kept.filled]
     return found
 

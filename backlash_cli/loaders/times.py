@@ -1,16 +1,17 @@
 """Stamps of every usual kind to microseconds since 1970-01-01 UTC, block by block.
 
-Written dates are read by one expression for the whole column and arithmetic on its parts. What only the whole file can
-tell (which of day and month comes first, times of day past midnight, the hour that occurs twice) is found out when all
-blocks were seen: until then a stamp with an open date is packed from the numbers of its date and its time of day.
+Written dates are read by one expression for the whole column and arithmetic on its parts. Which of day and month comes
+first is known when all blocks were seen: until then a stamp with an open date is packed from the numbers of its date
+and its time of day.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime, timedelta
+from typing import NamedTuple
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -70,43 +71,47 @@ _NAMED = (("millis", ("ms",), ("ms", "msec")), ("minutes", ("min", "minutes"), (
           ("hours", ("hours", "timeh"), ("h", "hours")))  # unit: ends of a column's name, words in brackets behind it
 
 
-@dataclass(frozen=True, eq=False)
-class Dates:
+class Dates(NamedTuple):
     """Texts read as stamps. micros: (words,) microseconds, NAT where nothing was read, packed where it is open what is
-    day and what is month. zoned: (words,) they carry an offset. of_day: the texts are times of day only.
-    separator, am_pm: how the first open date is written. short: the years of all open dates have two digits.
+    day and what is month. zoned: (words,) they carry an offset. of_day: the texts are times of day only. shown: the
+    first open one.
     """
 
     micros: IntArray
     zoned: NDArray[np.bool_]
-    of_day: bool = False
-    separator: str = ""
-    am_pm: bool = False
-    short: bool = True
+    of_day: bool
+    shown: str
 
 
 def read_dates(words: list[str]) -> Dates:
     """Read texts as dates with or without a time of day, or as times of day."""
-    text, rest = pa.array(words, pa.string()), np.arange(len(words))
-    found = Dates(np.full(len(words), NAT), np.zeros(len(words), bool))
+    text, rest, of_day = pa.array(words, pa.string()), np.arange(len(words)), False
+    micros, zoned = np.full(len(words), NAT), np.zeros(len(words), bool)
     for form, rewritten in ((_DATED, ()), (_DATED, _REWRITTEN), (_COMPACT, ()), (_OF_DAY, ())):
         for written, usual in rewritten:
             text = pc.replace_substring_regex(text, written, usual)
         fields = pc.extract_regex(text, form)
         valid = to_array(fields.is_valid())
-        if form is _OF_DAY:
-            found = replace(found, of_day=len(rest) == len(words) and valid.sum() > len(rest) / 2)
-        if valid.any() and (form is not _OF_DAY or found.of_day):
-            fields, rows = fields.filter(pa.array(valid)), rest[valid]
-            found.micros[rows], found.zoned[rows] = _stamps(fields)
-            if len(unclear := np.flatnonzero(_is_open(found.micros[rows]))):
-                first, years = fields[int(unclear[0])].as_py(), fields.field("c").take(pa.array(unclear))
-                found = replace(found, separator=found.separator or first["sep"].strip(), am_pm=bool(first["ap"]),
-                                short=found.short and pc.max(pc.utf8_length(years)).as_py() <= 2)
-            text, rest = text.filter(pa.array(~valid)), rest[~valid]
+        if form is _OF_DAY and not (of_day := len(rest) == len(words) and valid.sum() > len(rest) / 2):
+            break
+        micros[rest[valid]], zoned[rest[valid]] = _stamps(fields.filter(pa.array(valid)))
+        text, rest = text.filter(pa.array(~valid)), rest[~valid]
         if not len(rest):
             break
-    return found
+    unclear = np.flatnonzero(_is_open(micros))
+    return Dates(micros, zoned, of_day, words[unclear[0]].strip() if len(unclear) else "")
+
+
+def stamp_kind(text: str) -> str:
+    """Return "time" for a text that may be a date, with a time of day or not, "clock" for a time of day, else ""."""
+    if ":" in text and re.match(_OF_DAY, text):
+        return "clock"
+    found = re.match(_DATED, text)
+    for written, usual in () if found else _REWRITTEN:
+        text = re.sub(written, usual, text)
+    found = found or re.match(_DATED, text)
+    known = found and all(_whole_or_month(part) != -99 for part in found.group("a", "b"))
+    return "time" if known or re.match(_COMPACT, text) else ""
 
 
 def _is_open(micros: IntArray) -> NDArray[np.bool_]:
@@ -178,73 +183,6 @@ def days_of(year: IntArray, month: IntArray, day: IntArray) -> IntArray:
     return np.where(bad | (days.astype("datetime64[M]") != months), NAT, days.astype(np.int64))
 
 
-class DateOrder:
-    """Finds out which of day, month and year comes first, from all open dates of a file in their order."""
-
-    def __init__(self) -> None:
-        self.seen: dict[int, list[int]] = {}  # date -> first and last time of day it was seen with, and number of texts
-        self.first = Dates(np.zeros(0, np.int64), np.zeros(0, bool))
-        self.short = True
-
-    def take(self, found: Dates) -> None:
-        """Count the open dates of some texts, in the order in which these stand in the file."""
-        stamps = found.micros[_is_open(found.micros)]
-        if not len(stamps):
-            return
-        self.first, self.short = self.first if self.seen else found, self.short and found.short
-        numbers, clocks = _unpacked(stamps)
-        dates, begins, counts = np.unique(numbers, return_index=True, return_counts=True)
-        ends = len(numbers) - 1 - np.unique(numbers[::-1], return_index=True)[1]
-        for k in np.argsort(begins).tolist():
-            seen = self.seen.setdefault(int(dates[k]), [int(clocks[begins[k]]), 0, 0])
-            seen[1:] = int(clocks[ends[k]]), seen[2] + int(counts[k])
-
-    def chosen(self, order: str | None, where: str, name: str, notes: list[Note]) -> Callable[[IntArray], IntArray]:
-        """Return what gives the stamps of packed ones. Raises InputError when two readings are possible."""
-        if not self.seen or order not in ("dmy", "mdy", "ymd"):
-            order = self._decided(where, name, notes) if self.seen else "dmy"
-
-        def read(stamps: IntArray) -> IntArray:
-            numbers, clock = _unpacked(stamps)
-            return _at(days_of(*_readings(numbers)[order]), clock)
-
-        return read
-
-    def _decided(self, where: str, name: str, notes: list[Note]) -> str:
-        readings = _readings(np.array(list(self.seen), np.int64))
-        counts = [count for _, _, count in self.seen.values()]
-        fitting = [kind for kind, (_, month, day) in readings.items() if (kind != "ymd" or self.short) and np.average(
-            (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31), weights=counts) > 0.99]
-        if len(fitting) < 2:
-            return fitting[0] if fitting else "dmy"
-        even = self._even({kind: readings[kind] for kind in fitting})
-        separator = self.first.separator
-        if even or (separator == "." and "dmy" in fitting):
-            return even or "dmy"
-        if self.first.am_pm and separator in ("/", "-") and "mdy" in fitting:
-            notes.append(Note("time_format", "dates with AM/PM are read as month/day/year; --time-format dmy if not"))
-            return "mdy"
-        year, b, a = (int(part[0]) for part in readings["dmy"])
-        raise InputError(
-            f"dates like {a:02d}{separator}{b:02d}{separator}{year % 100 if self.short else year:02d} in {name!r} are "
-            "ambiguous: is the day first?", where=where, code="ambiguous_dates",
-            remedy="say it with --time-format dmy, mdy or a pattern such as '%d/%m/%Y %H:%M:%S'")
-
-    def _even(self, readings: dict[str, tuple[IntArray, ...]]) -> str:
-        """The reading with which the time goes on over midnight where every other one jumps, "" if there is none."""
-        if len(self.seen) < 2:
-            return ""
-        first, last, _ = np.array(list(self.seen.values())).T
-        jumps = {}
-        for kind, parts in readings.items():
-            days = days_of(*parts)
-            ahead = np.abs(np.diff(days) + (first[1:] - last[:-1]) / DAY) if days.min() != NAT else np.array([np.inf])
-            jumps[kind] = float(np.sum(ahead)), float(np.max(ahead))
-        best = min(jumps, key=lambda kind: jumps[kind])
-        others = [total for kind, (total, _) in jumps.items() if kind != best]
-        return best if jumps[best][1] < 3.0 and min(others) > 5.0 * jumps[best][0] else ""
-
-
 def _readings(numbers: IntArray) -> dict[str, tuple[IntArray, ...]]:
     """(year, month, day) of the numbers of dates in each order in which they may stand."""
     rest, a = np.divmod(numbers, 100)
@@ -261,9 +199,9 @@ class StampReader:
         self.notes: list[Note] = []
         self.absolute = True
         self._known = False  # there was a stamp
-        self._shown = ""  # a text that is none
+        self._shown = self._shown_open = ""  # a text that is none, and one with an open date
         self._zoned = self._bare = False  # some stamps carry an offset, some do not
-        self._order = DateOrder()
+        self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
         self._unit = ""  # of stamps that are numbers
         self._of_day: tuple[int, int] | None = None  # last time of day without a date, and days since the first
         self._clock: WallClock | None = None
@@ -281,11 +219,11 @@ class StampReader:
             column = column.cast(column.type.value_type)
         kind = column.type
         if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
-            micros = _micros(column, pa.timestamp("us", getattr(kind, "tz", None)))
+            micros = micros_of(column)
             self._seen(micros, np.full(len(micros), getattr(kind, "tz", None) is not None))
             return micros
         if pa.types.is_time(kind):
-            return self._past_midnight(_micros(column, pa.time64("us")))
+            return self._past_midnight(micros_of(column))
         if pa.types.is_null(kind):
             return np.full(len(column), NAT)
         if is_text(kind):
@@ -302,7 +240,9 @@ class StampReader:
             what = f"readable time stamps (for example {self._shown!r})" if self._shown else "time stamps"
             raise InputError(f"time column {self.name!r} holds no {what}", where=self.where,
                              remedy="describe them with --time-format, for example --time-format '%d/%m/%Y %H:%M:%S'")
-        read_open = self._order.chosen(self.options.time_format, self.where, self.name, self.notes)
+        order = self.options.time_format
+        if self._open and order not in ("dmy", "mdy", "ymd"):
+            order = self._date_order()
         if self._zoned and self._bare:
             self.notes.append(Note(
                 "mixed_zones", "some time stamps carry an offset and some do not; the others count as UTC"))
@@ -313,8 +253,9 @@ class StampReader:
         def resolved(stamps: IntArray) -> IntArray:
             is_open = _is_open(stamps)
             if is_open.any():
+                numbers, clock = _unpacked(stamps[is_open])
                 stamps = stamps.copy()
-                stamps[is_open] = read_open(stamps[is_open])
+                stamps[is_open] = _at(days_of(*_readings(numbers)[order or ""]), clock)
             return stamps if self._clock is None else self._clock.utc(stamps)
 
         return resolved
@@ -367,9 +308,46 @@ class StampReader:
                 values = np.append(plain_numbers(words, decimal), np.nan)[codes]
                 if np.isfinite(values).mean() > 0.5:
                     return self._numbers(values)
-        self._order.take(found)
+        self._shown_open = self._shown_open or found.shown
+        numbers, clocks = _unpacked(found.micros[_is_open(found.micros)])
+        dates, begins, counts = np.unique(numbers, return_index=True, return_counts=True)
+        ends = len(numbers) - 1 - np.unique(numbers[::-1], return_index=True)[1]
+        for k in np.argsort(begins).tolist():  # in the order in which they stand in the file
+            seen = self._open.setdefault(int(dates[k]), [int(clocks[begins[k]]), 0, 0])
+            seen[1:] = int(clocks[ends[k]]), seen[2] + int(counts[k])
         self._seen(found.micros, found.zoned)
         return np.append(found.micros, NAT)[codes]
+
+    def _date_order(self) -> str:
+        """Which of day, month and year comes first, from all open dates. Raises InputError when it may be either."""
+        parts = re.search(r"\d+\s*([-/.]?)[-/. ]*\d+[-/. ,]+(\d+)", self._shown_open)
+        separator, short = (parts[1], len(parts[2]) < 3) if parts else ("", False)  # short: years of two digits
+        readings = _readings(np.array(list(self._open), np.int64))
+        first, last, counts = np.array(list(self._open.values())).T
+        fitting = [kind for kind, (_, month, day) in readings.items() if (kind != "ymd" or short) and np.average(
+            (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31), weights=counts) > 0.99]
+        if len(fitting) < 2:
+            return fitting[0] if fitting else "dmy"
+        # with the right one the time goes on over midnight, where every other one jumps
+        jumps = {}
+        for kind in fitting if len(self._open) > 1 else ():
+            days = days_of(*readings[kind])
+            ahead = np.abs(np.diff(days) + (first[1:] - last[:-1]) / DAY) if days.min() != NAT else np.array([np.inf])
+            jumps[kind] = float(np.sum(ahead)), float(np.max(ahead))
+        best, *others = sorted(jumps, key=lambda kind: jumps[kind]) or [""]
+        if best and jumps[best][1] < 3.0 and min(jumps[kind][0] for kind in others) > 5.0 * jumps[best][0]:
+            return best
+        if separator == "." and "dmy" in fitting:
+            return "dmy"
+        if separator in ("/", "-") and "mdy" in fitting and re.search(r"\d\s*[AaPp]\.?\s?[Mm]", self._shown_open):
+            self.notes.append(Note("time_format", "dates with AM/PM are read as month/day/year; --time-format dmy if "
+                                   "not"))
+            return "mdy"
+        year, b, a = (int(part[0]) for part in readings["dmy"])
+        raise InputError(
+            f"dates like {a:02d}{separator}{b:02d}{separator}{year % 100 if short else year:02d} in {self.name!r} are "
+            "ambiguous: is the day first?", where=self.where, code="ambiguous_dates",
+            remedy="say it with --time-format dmy, mdy or a pattern such as '%d/%m/%Y %H:%M:%S'")
 
     def _numbers(self, values: FloatArray) -> IntArray:
         """Numeric stamps: epoch seconds to nanoseconds, spreadsheet days, or seconds from an unknown start."""
@@ -440,9 +418,11 @@ def _unit_of(known: FloatArray, name: str) -> str:
     return next((unit for unit, ends, words in _NAMED if plain(name).endswith(ends) or bracket in words), "seconds")
 
 
-def _micros(column: pa.ChunkedArray | pa.Array, kind: pa.DataType) -> IntArray:
-    """Stamps or times of day as microseconds, NAT where they are empty or too far off."""
-    micros = to_array(pc.fill_null(column.cast(kind, safe=False).cast(pa.int64()), NAT))
+def micros_of(column: pa.ChunkedArray | pa.Array) -> IntArray:
+    """Return dates, stamps or times of day as microseconds, NAT where they are empty or too far off."""
+    kind = column.type
+    usual = pa.time64("us") if pa.types.is_time(kind) else pa.timestamp("us", getattr(kind, "tz", None))
+    micros = to_array(pc.fill_null(column.cast(usual, safe=False).cast(pa.int64()), NAT))
     return np.where(np.abs(micros) < LIMIT, micros, NAT)
 
 

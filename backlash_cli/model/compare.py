@@ -39,9 +39,9 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
         predicted = predicted_by(problem, plain.fit)
         where = where_it_fails(record, problem, distance(problem, (), predicted), plain.fit.shape)
         return Comparison(
-            record.loop, base, base, problem.floor, where, (), 1.0,
-            series_of(record, problem, predicted, plain.fit.shape), notes(problem, record), record.settings,
-            kept_model(record, problem, plain.fit, (), plain.rmse_holdout),
+            record.loop, base, problem.floor, fitness=base, where=where, unexplained=1.0,
+            series=series_of(record, problem, predicted, plain.fit.shape), warnings=notes(problem, record),
+            settings=record.settings, model=kept_model(record, problem, plain.fit, (), plain.rmse_holdout),
         )  # fmt: skip
     parts = parts_of(model, problem, start)
     problem = nearer(problem, model, shape_of(model, parts))
@@ -62,10 +62,11 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
     units = {"Kp": "1", "tau": "s", "theta": "s", "offset": "PV span"}
     numbers = {name: FittedParameter(getattr(model, name), unit) for name, unit in units.items()}
     return Comparison(
-        record.loop, base, Fitness(rmse, holdout, numbers), problem.floor,
-        where_it_fails(record, problem, error, shape), tuple(as_given(p) for p in parts),
-        unexplained(holdout, base.rmse_holdout, problem.floor), series_of(record, problem, predicted, shape),
-        notes(problem, record, model), record.settings, model, False, float(np.mean(known[problem.used])), reasons,
+        record.loop, base, problem.floor, fitness=Fitness(rmse, holdout, numbers), fitted=False,
+        seen=float(np.mean(known[problem.used])), where=where_it_fails(record, problem, error, shape),
+        effects=tuple(as_given(p) for p in parts), unexplained=unexplained(holdout, base.rmse_holdout, problem.floor),
+        reasons=reasons, warnings=notes(problem, record, model), series=series_of(record, problem, predicted, shape),
+        settings=record.settings, model=model,
     )  # fmt: skip
 
 

@@ -216,8 +216,8 @@ def tried(seen: Problem, found: Found, plain: Tested, accepted: Sequence[str]) -
         gain = before - found.judge.score(trial)
         gone = float(np.clip(1.0 - (best.rmse_holdout / plain.rmse_holdout) ** 2, 0.0, 1.0))
         verdict = "accepted" if name in accepted else "not needed"
-        out.append(Candidate(name, best.rmse_holdout, gone, effect.parameters, effect.column, gain, verdict,
-                             effect.sentence, effect.meaning, effect.stage))
+        out.append(Candidate(name, effect.parameters, effect.column, effect.sentence, effect.meaning, effect.stage,
+                             rmse_holdout=best.rmse_holdout, error_reduction=gone, evidence=gain, verdict=verdict))
     return tuple(sorted(out, key=lambda c: (c.effect not in accepted, c.rmse_holdout)))
 
 

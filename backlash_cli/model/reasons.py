@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..record import Note
-from ..results import Candidate, FittedEffect, Model, gap_size
+from ..results import Candidate, FittedEffect, Model
 from .fit import Solver, finished, fit
 from .holdout import Tested, better, tested
 from .locate import turning_points
@@ -35,7 +35,7 @@ def usual_move(problem: Problem) -> float:
 
 def marked(problem: Problem, gain: float, effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
     """Return accepted effects, each gap with notes where it is small; gain: of the process [PV span / OP span]."""
-    return tuple(replace(e, notes=tuple(_small(problem, gain, gap_size(e)))) for e in effects)
+    return tuple(replace(e, notes=tuple(_small(problem, gain, e.gap))) for e in effects)
 
 
 def _small(problem: Problem, gain: float, d: float | None) -> list[Note]:
@@ -70,7 +70,7 @@ def with_reasons(
     def why(c: Candidate) -> Note | None:
         if c.effect in accepted:
             return None
-        d, by = gap_size(c), " and ".join(name.replace("_", " ") for name in accepted)
+        d, by = c.gap, " and ".join(name.replace("_", " ") for name in accepted)
         if taken := [a for a, other in alike if other == c.effect]:
             return Note("look_alike", f"{taken[0].replace('_', ' ')} was taken; this record cannot tell the two apart")
         if taken := [a for a in accepted if c.effect in siblings.get(a, ())]:

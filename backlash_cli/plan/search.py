@@ -8,7 +8,6 @@ scanned. A rung of a ladder that does not promise enough after a few repeats is 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from ..errors import LoopError
 from ..estimator.criteria import CLEARED
 from ..estimator.quality import data_quality
-from ..record import FloatArray, Note, Record
+from ..record import Note, Record
 from ..results import NOTHING_SAID, UNDECIDED, LoopReport, Verdict
 from ..results.plan import Course, LoopPlan, PlanOption
 from ..scanning import scan
@@ -67,7 +66,7 @@ class Played:
 
     worn: Counter[Verdict] = field(default_factory=Counter)
     healthy: Counter[Verdict] = field(default_factory=Counter)
-    moves: list[tuple[float, float]] = field(default_factory=list)
+    moves: list[tuple[float, ...]] = field(default_factory=list)
 
     @property
     def moved(self) -> tuple[float, float]:
@@ -111,9 +110,8 @@ def plan(record: Record, options: PlanOptions | None = None, report: LoopReport 
                           report.verdict)
     except LoopError as error:
         return found if logging else replace(found, options=(PlanOption("logging", f"{error.what}: {error.remedy}"),))
-    tried = [subject.least(rungs) for rungs in subject.ladders()]
     return replace(found, model=model_words(subject.healthy),
-                   options=(*logging, *sorted(tried, key=lambda option: not option.decides)))
+                   options=(*logging, *sorted(subject.tried(), key=lambda option: not option.decides)))
 
 
 @dataclass
@@ -134,13 +132,12 @@ class Subject:
         s, o = self.record.settings, self.options
         return o.max_pv_move.share(s.pv_range), o.max_op_move.share(s.op_range)
 
-    def ladders(self) -> Iterator[list[Test] | PlanOption]:
-        """For every kind of test its candidates, the least first; a PlanOption where the limits allow none."""
+    def tried(self) -> list[PlanOption]:
+        """For every kind of test the least that decides, or why there is none."""
         makers = {"wait": self._waits, "setpoint_steps": self._setpoint_steps, "manual_test": self._manual_tests}
-        for kind in self.options.kinds:
-            # what oscillates goes on as it is, and a step would be lost in its swing
-            if kind == "manual_test" or self.before is not Verdict.OSCILLATING:
-                yield makers[kind]()
+        # what oscillates goes on as it is, and a step would be lost in its swing
+        return [self._least(makers[kind]()) for kind in self.options.kinds
+                if kind == "manual_test" or self.before is not Verdict.OSCILLATING]
 
     def _waits(self) -> list[Test]:
         h = self.record.interval
@@ -158,7 +155,7 @@ class Subject:
         least = ACROSS[0] * self.target * gain
         if most < least:
             return PlanOption("setpoint_steps", too_small("a setpoint step", OVERSHOOT * least, kick * least,
-                                                          self.limits, w.settings))
+                                                          self.limits, w.record.settings))
         sizes = sorted({min(k * self.target * gain, most) for k in ACROSS})
         down = w.level > 0.5
         once = (-1.0, 0.0) if down else (1.0, 0.0)
@@ -177,14 +174,14 @@ class Subject:
         most, least = min(op_most / peak, pv_most / (peak * gain)), LEAST_STEP * self.target
         if most < least:
             return PlanOption("manual_test", too_small("a test in manual", peak * gain * least, peak * least,
-                                                       self.limits, w.settings))
+                                                       self.limits, w.record.settings))
         levels = tuple(-x for x in levels) if w.output > 0.5 else levels
         small, large = (min(k * self.target, most) for k in STEPS)
         sizes = [small] if large == small else [small, large]
         rungs = [Test("manual_test", hold, m, levels * n) for n in ROUNDS for m in sizes for hold in holds]
         return [t for t in rungs if t.duration <= LONGEST_TEST] or rungs[:1]
 
-    def least(self, rungs: list[Test] | PlanOption) -> PlanOption:
+    def _least(self, rungs: list[Test] | PlanOption) -> PlanOption:
         """Return the first rung that decides, with all its repeats; the most promising one where none does."""
         if isinstance(rungs, PlanOption):
             return rungs
@@ -225,8 +222,8 @@ class Subject:
                 if test.move and len(played.moves) < FIRST_LOOK:
                     still = twin.play(replace(test, kind="setpoint_steps", move=0.0), seed, around=around)[1]
                     size = min(len(run.output), len(still.output))
-                    played.moves.append((_farthest(run.process_output[:size], still.process_output[:size]),
-                                         _farthest(run.output[:size], still.output[:size])))
+                    played.moves.append(tuple(float(np.abs(one[:size] - other[:size]).max()) for one, other in (
+                        (run.process_output, still.process_output), (run.output, still.output))))
 
     def _option(self, test: Test, played: Played) -> PlanOption:
         n = self.options.repeats
@@ -236,8 +233,7 @@ class Subject:
             test.hold if test.move else None, op, pv, played.worn[Verdict.BACKLASH] / n,
             played.healthy[Verdict.NO_BACKLASH] / n, played.healthy[Verdict.BACKLASH] / n,
             played.worn[Verdict.NO_BACKLASH] / n, n,
-            *(None if test.kind == "wait" else self._course(twin, test) for twin in (self.worn, self.healthy)),
-        )
+            *(None if test.kind == "wait" else self._course(twin, test) for twin in (self.worn, self.healthy)))
         return replace(option, text=option_words(option, self.healthy, self.target))
 
     def _course(self, twin: Twin, test: Test) -> Course | None:
@@ -248,18 +244,10 @@ class Subject:
         step = run.scenario.step
         first = max(round((begin - AROUND * twin.controller.Ti) / step), 0)
         pick = np.linspace(first, len(run.output) - 1, POINTS).astype(np.int64)
-
-        def drawn(values: FloatArray) -> tuple[float, ...]:
-            return tuple(np.round(values[pick], 6).tolist())
-
-        return Course(tuple(np.round(run.time[pick] - begin, 2).tolist()), drawn(run.setpoint),
-                      drawn(run.measurement), drawn(run.output))
+        return Course(tuple(np.round(run.time[pick] - begin, 2).tolist()),
+                      *(tuple(np.round(x[pick], 6).tolist()) for x in (run.setpoint, run.measurement, run.output)))
 
 
 def excluded(report: LoopReport) -> float | None:
     """Smallest dead band [span] that the record would have shown, None where it is not known."""
     return None if report.confirmation is None else report.confirmation.limit_of_detection
-
-
-def _farthest(one: FloatArray, other: FloatArray) -> float:
-    return float(np.max(np.abs(one - other)))

@@ -7,7 +7,9 @@ are. No model of a load is needed.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
@@ -18,7 +20,7 @@ from ..effects.shape import Stage
 from ..errors import LoopError
 from ..estimator.predictor import recording_of
 from ..kernels import play
-from ..record import FloatArray, LoopSettings, Record
+from ..record import FloatArray, Record
 from ..simulator import Applied, Controller, Manual, Process, Recorder, Scenario, Signal, Trace, export, trace, use
 
 HOLE = 20  # samples; a longer one ends the stretch that is played again
@@ -90,10 +92,6 @@ class Twin:
     rounding: tuple[float, float]
 
     @property
-    def settings(self) -> LoopSettings:
-        return self.record.settings
-
-    @property
     def answer_time(self) -> float:
         """Time [s] that the process needs for most of its answer to a step of OP."""
         p = self.process
@@ -110,22 +108,18 @@ class Twin:
         around: ordinary operation [s] before the test and after it, in the record. Raises LoopError where the loop
         cannot be held stable.
         """
-        for attempt in range(TRIES + 1):
-            try:
-                return self._play(test, np.random.default_rng([seed, attempt]), around, SPREAD * (attempt < TRIES))
-            except LoopError:
-                if attempt == TRIES:
-                    raise
-        raise AssertionError
+        for attempt in range(TRIES):
+            with contextlib.suppress(LoopError):
+                return self._play(test, np.random.default_rng([seed, attempt]), around, self.spread)
+        return self._play(test, np.random.default_rng([seed, TRIES]), around, 0.0)
 
-    def _play(self, test: Test, random: np.random.Generator, around: float,
-              spread: float) -> tuple[Record, Trace, float]:
+    def _play(self, test: Test, random: np.random.Generator, around: float, spread: float
+              ) -> tuple[Record, Trace, float]:
         h, c = self.record.interval, self.controller
         inner = max(1, int(np.ceil(h * FINEST / c.Ti)))
         begin = max(1, round((SETTLE * c.Ti + around) / h)) * h
         samples = int(np.ceil((begin + test.duration + around) / h))
-        off = self.spread / SPREAD * spread
-        gain, lag, dead = np.exp(off * random.standard_normal(3))
+        gain, lag, dead = np.exp(spread * random.standard_normal(3))
         p = self.process
         process = replace(p, gain=p.gain * gain, lags=tuple(x * lag for x in p.lags), dead_time=p.dead_time * dead)
         place = random.uniform(-1.0, 1.0)
@@ -151,7 +145,7 @@ class Twin:
                 Manual(a, b, float(np.clip(stood + test.move * level, 0.0, 1.0)))
                 for a, b, level in zip(edges, edges[1:], test.levels, strict=False)))
         run = trace(scenario)
-        record = replace(export(run), settings=self.settings)
+        record = replace(export(run), settings=self.record.settings)
         return record.slice(round((begin - around) / h), len(record)), run, begin
 
     def _again(self, samples: int, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
@@ -242,11 +236,7 @@ def longest_stretch(record: Record) -> Record:
 
 def behind(record: Record, later: Record) -> Record:
     """One record: later samples of the same loop behind those of a record, with a hole between."""
-    assert record.output is not None and later.output is not None
-    return replace(
-        record, index=np.append(record.index, later.index - later.index[0] + record.index[-1] + HOLE + 5),
-        setpoint=np.append(record.setpoint, later.setpoint),
-        measurement=np.append(record.measurement, later.measurement),
-        output=np.append(record.output, later.output), state=np.append(record.state, later.state), disturbances={},
-        notes=(),
-    )
+    both: dict[str, Any] = {name: np.append(getattr(record, name), getattr(later, name))
+                            for name in ("setpoint", "measurement", "output", "state")}
+    index = np.append(record.index, later.index - later.index[0] + record.index[-1] + HOLE + 5)
+    return replace(record, index=index, disturbances={}, notes=(), **both)

@@ -65,7 +65,7 @@ def _of(share: float | None) -> str:
 
 def option_words(option: PlanOption, twin: Twin, target: float) -> str:
     """What to do, what will be seen, and how sure it is, in sentences."""
-    s, said = twin.settings, chances(option, target)
+    s, said = twin.record.settings, chances(option, target)
     assert option.duration_s is not None
     if option.kind == "wait":
         if not option.decides:

@@ -1,4 +1,4 @@
-"""What `backlash check` found, as a table for people and as JSON for programs."""
+"""What `backlash check` found: a table for people, a document for programs."""
 
 from __future__ import annotations
 
@@ -6,36 +6,30 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from ..record import Note
-from .console import WIDTH, screen
-from .json_report import fields_of, header, iso_time, json_text
+from ..results import PlantResult
+from .json_report import fields_of, iso_time
+from .report import Report
 
 if TYPE_CHECKING:
-    from ..check import CheckResult, LoopCheck
+    from ..check import LoopCheck
     from ..estimator.identify import Identification
 
 # what the data mean for a verdict, the worst first: word and colour
-_EFFECTS = {"failed": ("failed", "bold red"), "blocks": ("no verdict", "bold red"), "limits": ("limited", "yellow"),
-            "none": ("good", "green")}
+EFFECTS = {"failed": ("failed", "bold red"), "blocks": ("no verdict", "bold red"), "limits": ("limited", "yellow"),
+           "none": ("good", "green")}
 
 
-def check_json(result: CheckResult) -> str:
-    """Return the whole check as JSON text, ending with a line end; times are ISO 8601 in UTC."""
-    return json_text({
-        **header(), "inputs": result.inputs, "loops": [_loop(loop) for loop in result.loops],
-        "warnings": [fields_of(note) for note in result.warnings],
-        "failures": [fields_of(note) for note in result.failures],
-    })
-
-
-def check_text(result: CheckResult, *, verbose: bool = False, colour: bool = False, width: int = WIDTH) -> str:
-    """Return the check as text, the worst loops first; `verbose` adds every finding and number of every loop."""
-    loops = sorted(result.loops, key=lambda loop: ([*_EFFECTS].index(loop.effect), loop.loop))
+def checked(result: PlantResult) -> Report:
+    """Return the check, the worst loops first; verbose: every finding and number of every loop."""
+    loops = sorted(result.loops, key=lambda loop: ([*EFFECTS].index(loop.effect), loop.loop))
     counts = Counter(loop.effect for loop in loops)
-    return screen(
-        "check.txt", colour=colour, width=min(width, WIDTH), result=result, loops=loops, verbose=verbose,
-        effects=_EFFECTS, found_in=_found, findings=_findings,
-        counts=", ".join(f"{counts[e]} {word}" for e, (word, _) in _EFFECTS.items() if counts[e]),
-        untold=lambda loop: [note for note in _findings(loop) if note.message not in loop.meaning])
+    content = {"result": result, "loops": loops, "effects": EFFECTS, "found_in": _found, "findings": _findings,
+               "counts": ", ".join(f"{counts[e]} {word}" for e, (word, _) in EFFECTS.items() if counts[e]),
+               "untold": lambda loop: [note for note in _findings(loop) if note.message not in loop.meaning]}
+    return Report("check", "", content, lambda: {
+        "inputs": result.inputs, "loops": [_loop(loop) for loop in result.loops],
+        "warnings": [fields_of(note) for note in result.warnings],
+        "failures": [fields_of(note) for note in result.failures]})
 
 
 def _found(loop: LoopCheck) -> Identification | None:
@@ -45,11 +39,10 @@ def _found(loop: LoopCheck) -> Identification | None:
 def _findings(loop: LoopCheck) -> list[Note]:
     """Everything worth saying about a loop, settings first."""
     notes = list(loop.settings_notes)
-    found = _found(loop)
-    if found is not None:
-        notes += found.notes
-    elif isinstance(loop.identified, Note) and not notes:
-        notes.append(loop.identified)
+    if isinstance(loop.identified, Note):
+        notes = notes or [loop.identified]
+    elif loop.identified is not None:
+        notes += loop.identified.notes
     if loop.quality is not None:
         told = {note.code for note in loop.notes}
         notes += [note for note in loop.quality.notes if note.code not in told]

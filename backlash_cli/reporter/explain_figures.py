@@ -7,7 +7,6 @@ the speed of OP, loads in the time of the record, swings from outside in one fre
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,20 +28,20 @@ USUAL = 0.99  # share of the residuals that the axis shows at least
 SHADED = 6  # kinds of regions offered for shading
 BINS = 12
 FEWEST = 8  # samples in a bin that is drawn
-
-
+Binned = tuple[FloatArray, FloatArray, FloatArray]  # x, mean and root mean square of a residual [PV span], each (bins,)
+NOTHING: Binned = (np.empty(0), np.empty(0), np.empty(0))
 
 def overlay(
     series: Series, settings: LoopSettings, regions: Sequence[Region], noise_floor: float, name: str = "PV predicted"
 ) -> Figure:
     """Measured and predicted PV, the residual with its worst regions shaded, and OP, on one time axis."""
-    setpoint, measured, *below = _recorded(series, settings)
+    (setpoint, measured, *below), rest = _recorded(series, settings), series.residual(series.predicted)
     lines = [setpoint, measured, _line(series, series.predicted, settings.pv_range, name, PREDICTED),
-             _line(series, series.residual, _width(settings.pv_range), "residual (measured - predicted)", RESIDUAL,
-                   yaxis="y2"), *below]
+             _line(series, rest, _width(settings.pv_range), "residual (measured - predicted)", RESIDUAL, yaxis="y2"),
+             *below]
     shaded = [r for r in (fails(regions) or regions) if r.stretches][:SHADED]
     lines += [_shading(region, place) for place, region in enumerate(shaded)]
-    return {"data": lines, "layout": _layout(settings, noise_floor, [series.residual])}
+    return {"data": lines, "layout": _layout(settings, noise_floor, [rest])}
 
 
 def _recorded(series: Series, settings: LoopSettings) -> list[Figure]:
@@ -52,7 +51,7 @@ def _recorded(series: Series, settings: LoopSettings) -> list[Figure]:
             _line(series, series.output, settings.op_range, "OP", fig.OUTPUT, yaxis="y3"),
             *(_line(series, values, settings.op_range, "stem (model)" if name == "valve" else plain_name(name),
                     fig.STEM, yaxis="y3", dash="dash")
-              for name, values in series.moved.items())]
+              for name, values in series.inside.items() if not np.allclose(values, series.output, rtol=0.0, atol=1e-9))]
 
 
 def ladder_overlay(series: Series, steps: Sequence[Step], settings: LoopSettings, noise_floor: float) -> Figure:
@@ -63,7 +62,7 @@ def ladder_overlay(series: Series, steps: Sequence[Step], settings: LoopSettings
     lines, rests = list(always), []
     for place, (k, step, prediction) in enumerate(drawn):
         name, colour = f"{k}: {rung(step)}", STEP_COLOURS[place % len(STEP_COLOURS)]
-        rests.append(np.where(series.used, series.measured - prediction, np.nan))
+        rests.append(series.residual(prediction))
         switched: Figure = {"visible": place in (0, len(drawn) - 1), "legendgroup": name}
         lines += [_line(series, prediction, settings.pv_range, f"{name}, {error_size(step.rmse_holdout)}", colour,
                         **switched),
@@ -113,29 +112,6 @@ def plane(series: Series, settings: LoopSettings) -> Figure:
                                       "height": 440}}
 
 
-def cause_figure(cause: Cause, noise_floor: float) -> Figure:
-    """Residual against one thing that it may depend on."""
-    models = list(dict.fromkeys(c.model for c in cause.curves))
-    kinds = list(dict.fromkeys(c.part for c in cause.curves))
-    colours = [PREDICTED] if len(models) == 1 else [fig.QUIET, STEP_COLOURS[2]]
-    lines = []
-    for curve in cause.curves:
-        y, kind = curve.mean if cause.show == "mean" else curve.rms, kinds.index(curve.part) % 2
-        lines.append(fig.trace(fig.digits(curve.x), fig.digits(100 * y),
-                           f"{curve.model}, {curve.part}" if curve.part else curve.model,
-                           colours[models.index(curve.model) % 2], mode="lines+markers", width=1.6,
-                           dash=("solid", "dash")[kind], size=6, symbol=("circle", "circle-open")[kind],
-                           hover="%{x:.4g}: %{y:.3g} %"))
-    word = "mean residual" if cause.show == "mean" else "residual (rms)"
-    layout: Figure = {"xaxis": fig.axis(cause.x_label), "yaxis": fig.axis(f"{word} [% of PV span]"),
-                      "hovermode": "closest", "height": 320}
-    if cause.show == "spectrum":
-        layout["xaxis"]["type"] = "log"
-    else:
-        layout["shapes"] = [fig.across("y", 0.0 if cause.show == "mean" else 100 * noise_floor, fig.QUIET, dash="dot")]
-    return {"data": lines, "layout": layout}
-
-
 def _line(series: Series, values: FloatArray, span: tuple[float, float], name: str, colour: str, *, width: float = 1.4,
           **more: Any) -> Figure:
     return fig.over_time(series.time, values, span, name, colour, points=POINTS, digits=DIGITS, width=width,
@@ -169,80 +145,79 @@ def _width(span: tuple[float, float]) -> tuple[float, float]:
     return 0.0, span[1] - span[0]
 
 
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """Mean and root mean square of a residual [PV span] in bins of something; x: (bins,) centre of each bin.
+def causes(series: Series, predictions: Mapping[str, FloatArray], noise_floor: float) -> list[tuple[str, str, Figure]]:
+    """The residual of each model against what it may depend on: title, what to look for, figure.
 
-    model: whose residual. part: which part of the record, "" for all of it.
+    predictions: model -> PV (samples,).
     """
-
-    model: str
-    part: str
-    x: FloatArray
-    mean: FloatArray
-    rms: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Cause:
-    """One diagram: the curves of each model, what x is, and what to look for. show: "mean", "rms" or "spectrum"."""
-
-    title: str
-    x_label: str
-    note: str
-    curves: tuple[Curve, ...]
-    show: str = "mean"
-
-
-def causes(series: Series, residuals: Mapping[str, FloatArray]) -> list[Cause]:
-    """Return the diagrams of residuals, model name -> (samples,) with nan where a sample does not count."""
     h = float(np.median(np.diff(series.time))) if len(series.time) > 1 else 1.0
     since, upward = since_reversal(series.output)
     early = (since >= 0) & (since < np.quantile(since[since >= 0], 0.9) if np.any(since >= 0) else False)
-    speed = np.abs(smooth_speed(series.output, h))
-    clock = (series.time - series.time[0]) / 3600.0
+    speed, clock = 100 * np.abs(smooth_speed(series.output, h)), (series.time - series.time[0]) / 3600.0
+    mean, size = "mean residual", "residual (rms)"
+    shown: list[tuple[str, str, str, str, Callable[[FloatArray], dict[str, Binned]]]] = [
+        ("Time since OP turned", "time since OP turned [s]", mean,
+         "Play or stiction: of opposite sign after turns up and down, largest soon after the turn.",
+         lambda r: {f"OP turned {word}": binned(since * h, r, early & (upward == up), even=True)
+                    for up, word in ((1, "up"), (-1, "down"))}),
+        ("Level of OP", "OP [% of span]", mean, "A curved valve bends this line; a stop tilts one of its ends.",
+         lambda r: {"": binned(100 * series.output, r)}),
+        ("Speed of OP", "|dOP/dt| [% of span per s]", size, "A slow actuator: the error grows with the speed of OP.",
+         lambda r: {"": binned(speed, r)}),
+        ("Time of the record", "time [h]", mean, "Load steps make jumps here, a drifting load a slope.",
+         lambda r: {"": binned(clock, r, even=True, bins=3 * BINS)}),
+        ("Period", "period [s]", size, "A peak is a swing from outside; noise alone is level.",
+         lambda r: {"": spectrum(r, h)})]
+    colours = [PREDICTED] if len(predictions) == 1 else [fig.QUIET, STEP_COLOURS[2]]
+    looks, found = (("solid", "circle"), ("dash", "circle-open")), []
+    for title, x_label, y_label, note, curves in shown:
+        lines = []
+        for (model, prediction), colour in zip(predictions.items(), colours, strict=True):
+            parts = curves(series.residual(prediction)).items()
+            for (part, (x, *ys)), (dash, symbol) in zip(parts, looks, strict=False):
+                name, y = f"{model}, {part}" if part else model, ys[y_label == size]
+                lines.append(fig.trace(fig.digits(x), fig.digits(100 * y), name, colour, mode="lines+markers", size=6,
+                                       width=1.6, dash=dash, symbol=symbol, hover="%{x:.4g}: %{y:.3g} %"))
+        layout: Figure = {"xaxis": fig.axis(x_label), "yaxis": fig.axis(f"{y_label} [% of PV span]"),
+                          "hovermode": "closest", "height": 320}
+        if title == "Period":
+            layout["xaxis"]["type"] = "log"
+        else:
+            layout["shapes"] = [fig.across("y", 0.0 if y_label == mean else 100 * noise_floor, fig.QUIET, dash="dot")]
+        if lines := [line for line in lines if line["x"]]:
+            found.append((title, note, {"data": lines, "layout": layout}))
+    return found
 
-    def cause(title: str, x_label: str, show: str, note: str, make: Callable[[str, FloatArray], list[Curve]]) -> Cause:
-        curves = (curve for name, residual in residuals.items() for curve in make(name, residual) if len(curve.x))
-        return Cause(title, x_label, note, tuple(curves), show)
 
-    found = [
-        cause("Time since OP turned", "time since OP turned [s]", "mean",
-              "Play or stiction: of opposite sign after turns up and down, largest soon after the turn.",
-              lambda n, r: [binned(n, since * h, r, early & (upward == up), part=f"OP turned {word}", even=True)
-                            for up, word in ((1, "up"), (-1, "down"))]),
-        cause("Level of OP", "OP [% of span]", "mean", "A curved valve bends this line; a stop tilts one of its ends.",
-              lambda n, r: [binned(n, 100 * series.output, r)]),
-        cause("Speed of OP", "|dOP/dt| [% of span per s]", "rms",
-              "A slow actuator: the error grows with the speed of OP.", lambda n, r: [binned(n, 100 * speed, r)]),
-        cause("Time of the record", "time [h]", "mean", "Load steps make jumps here, a drifting load a slope.",
-              lambda n, r: [binned(n, clock, r, even=True, bins=3 * BINS)]),
-        cause("Period", "period [s]", "spectrum", "A peak is a swing from outside; noise alone is level.",
-              lambda n, r: [spectrum(n, r, h)]),
-    ]
-    return [one for one in found if one.curves]
-
-
-def binned(
-    model: str, x: FloatArray, residual: FloatArray, where: NDArray[np.bool_] | bool = True, *, part: str = "",
-    even: bool = False, bins: int = BINS,
-) -> Curve:
-    """Return mean and rms of a residual (samples,) in bins of x: of even width, or with evenly many samples."""
+def binned(x: FloatArray, residual: FloatArray, where: NDArray[np.bool_] | bool = True, *, even: bool = False,
+           bins: int = BINS) -> Binned:
+    """Return centre, mean and rms of a residual (samples,) in bins of x: of even width, or with evenly many samples."""
     from scipy.stats import binned_statistic
 
     chosen = where & np.isfinite(residual) & np.isfinite(x)
     xs, rs = x[chosen], residual[chosen]
     if len(xs) < 2 * FEWEST or np.ptp(xs) == 0.0:
-        return _nothing(model)
+        return NOTHING
     shares = np.linspace(0.0, 1.0, bins + 1)
     edges = xs.min() + shares * np.ptp(xs) if even else np.unique(np.quantile(xs, shares))
     means, _, place = binned_statistic(xs, [xs, rs, rs**2], "mean", bins=edges)
     center, mean, square = means[:, np.bincount(place - 1, minlength=len(edges) - 1) >= FEWEST]
-    return Curve(model, part, center, mean, np.sqrt(square))
+    return center, mean, np.sqrt(square)
 
 
-def _nothing(model: str) -> Curve:
-    return Curve(model, "", np.empty(0), np.empty(0), np.empty(0))
+def spectrum(residual: FloatArray, h: float) -> Binned:
+    """Return the size of a residual by period [s]: its rms in thirds of an octave, the mean 0; holes count as 0."""
+    good = np.isfinite(residual)
+    n = len(residual)
+    if np.count_nonzero(good) < 64:
+        return NOTHING
+    values = np.where(good, residual - np.mean(residual[good]), 0.0)
+    power = np.abs(np.fft.rfft(values)[1:]) ** 2 * 2.0 / (n * np.count_nonzero(good))
+    period = n * h / np.arange(1, len(power) + 1)
+    band = np.floor(3.0 * np.log2(period / (2.0 * h)) + 0.5).astype(np.int64)
+    _, place, count = np.unique(band, return_inverse=True, return_counts=True)
+    x = np.exp(np.bincount(place, np.log(period)) / count)
+    return x, np.zeros(len(x)), np.sqrt(np.bincount(place, power))
 
 
 def since_reversal(output: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -274,18 +249,3 @@ def smooth_speed(output: FloatArray, h: float, reach: int = 5) -> FloatArray:
     low, high = np.maximum(np.arange(n) - reach, 0), np.minimum(np.arange(n) + reach, n - 1)
     out: FloatArray = (output[high] - output[low]) / (np.maximum(high - low, 1) * h)
     return out
-
-
-def spectrum(model: str, residual: FloatArray, h: float) -> Curve:
-    """Return the size of a residual by period [s]: rms [PV span] in thirds of an octave; holes count as 0."""
-    good = np.isfinite(residual)
-    n = len(residual)
-    if np.count_nonzero(good) < 64:
-        return _nothing(model)
-    values = np.where(good, residual - np.mean(residual[good]), 0.0)
-    power = np.abs(np.fft.rfft(values)[1:]) ** 2 * 2.0 / (n * np.count_nonzero(good))
-    period = n * h / np.arange(1, len(power) + 1)
-    band = np.floor(3.0 * np.log2(period / (2.0 * h)) + 0.5).astype(np.int64)
-    _, place, count = np.unique(band, return_inverse=True, return_counts=True)
-    x = np.exp(np.bincount(place, np.log(period)) / count)
-    return Curve(model, "", x, np.zeros(len(x)), np.sqrt(np.bincount(place, power)))

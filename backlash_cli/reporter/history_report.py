@@ -12,13 +12,13 @@ from typing import Any
 from .._version import __version__
 from ..results import Compensator
 from ..results.history import DAY, HalfPeriod, Night, Place, Repair, Run, Segment, Wear, day_text
-from .console import screen
 from .figures import Figure
 from .files import write_text
-from .json_report import fields_of, header, iso_time, json_text
+from .json_report import fields_of, iso_time
 from .page import LoopPart, one_page, write_folder_of
 from .plant_figures import WEEKS, PlantRow, half_period_figure, plant_figure, wear_figure
-from .templates import sentence
+from .report import Report
+from .templates import screen, sentence
 
 WIDTH = 160  # lines of names, dates and numbers are not wrapped
 TO_DO = {"pull": "pull", "room": "pull if room", "watch": "watch", "leave": "leave alone", "check": "check"}
@@ -41,15 +41,11 @@ def runs_text(runs: Sequence[Run]) -> str:
     return screen("runs.txt", width=WIDTH, runs=runs, day_text=day_text)
 
 
-def trend_text(wears: Mapping[str, Wear], places: Sequence[Place], *, verbose: bool = False) -> str:
-    """Return wear and ranking as a table for the terminal; `verbose` adds why every loop has its place."""
-    return screen("trend.txt", width=WIDTH, wears=wears, places=places, verbose=verbose, day_text=day_text,
-                  growth=growth, to_do=TO_DO)
-
-
-def trend_json(wears: Mapping[str, Wear], places: Sequence[Place]) -> str:
-    """Return wear and ranking of all loops as strict JSON text, in the order of repair."""
-    return json_text({**header(), "loops": [_wear(wears[place.loop], place) for place in places]})
+def trend(wears: Mapping[str, Wear], places: Sequence[Place]) -> Report:
+    """Return wear and ranking of all loops in the order of repair; verbose: why every loop has its place."""
+    content = {"wears": wears, "places": places, "day_text": day_text, "growth": growth, "to_do": TO_DO}
+    return Report("trend", "", content, lambda: {"loops": [_wear(wears[place.loop], place) for place in places]},
+                  width=WIDTH)
 
 
 def _wear(wear: Wear, place: Place) -> dict[str, Any]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,8 @@ from ..record import FloatArray, Note
 
 SCHEMA_VERSION = 1
 NO_DATE = 2.5e11  # seconds from 1970 beyond which a time is no date (year 9892)
-_NUMBERS = ("dt_s", "dy", "e_max", "d")
+_NAMES = [f.name for f in fields(results.Estimate)]
+_HALF_PERIOD = attrgetter(*_NAMES)
 
 
 def to_json(result: results.ScanResult) -> str:
@@ -46,8 +48,7 @@ def loop(report: results.LoopReport) -> dict[str, Any]:
     found: dict[str, Any] = strict({
         **fields_of(report, "carry"), "start": iso_time(report.start), "end": iso_time(report.end), "estimates": (),
         "settings": {**fields_of(s), "Tf": s.filter_time},
-        "confirmation": None if confirmed is None else fields_of(confirmed, "profile"),
-    })
+        "confirmation": None if confirmed is None else fields_of(confirmed, "profile")})
     halves = half_periods(report.estimates)
     found["estimates"] = [dict(zip(halves, row, strict=True)) for row in zip(*halves.values(), strict=True)]
     return found
@@ -55,19 +56,12 @@ def loop(report: results.LoopReport) -> dict[str, Any]:
 
 def half_periods(found: Sequence[results.Estimate]) -> dict[str, list[Any]]:
     """Half periods column by column, as strict values: a plant has hundreds of thousands of them."""
-    e = found if isinstance(found, results.Estimates) else _as_columns(found)
-    why = [e.codes[code] for code in e.why.tolist()]
-    numbers = {name: [shown(v) for v in getattr(e, name).tolist()] for name in _NUMBERS}
-    return {"start": times(e.origin + e.begin), "end": times(e.origin + (e.begin + e.dt_s)), **numbers,
-            "direction": e.direction.tolist(), "accepted": [code == "ok" for code in why], "why": why}
-
-
-def _as_columns(found: Sequence[results.Estimate]) -> results.Estimates:
-    codes = tuple(sorted({e.why for e in found}))
-    start, dt_s, dy, e_max, d = (np.array([getattr(e, name) for e in found], dtype=np.float64)
-                                 for name in ("start", *_NUMBERS))
-    return results.Estimates(0.0, start, dt_s, dy, e_max, d, np.array([e.direction for e in found], dtype=np.int8),
-                     np.array([codes.index(e.why) for e in found], dtype=np.uint8), codes)
+    rows = [_HALF_PERIOD(e) for e in found]
+    columns = zip(*rows, strict=True) if rows else ((),) * len(_NAMES)
+    told: dict[str, Callable[[Any], list[Any]]] = {
+        **dict.fromkeys(("start", "end"), lambda column: times(np.array(column))),
+        **dict.fromkeys(("dt_s", "dy", "e_max", "d"), lambda column: [*map(shown, column)])}
+    return {name: told.get(name, list)(column) for name, column in zip(_NAMES, columns, strict=True)}
 
 
 def header() -> dict[str, Any]:
@@ -130,65 +124,45 @@ def times(epoch: FloatArray) -> list[str | None]:
 
 
 
-def model_json(found: results.Comparison | results.Explanation) -> str:
-    """Return one loop's comparison or explanation as JSON text, ending with a line end."""
-    return json_text(comparison(found) if isinstance(found, results.Comparison) else explanation(found))
-
-
-def explanation(e: results.Explanation) -> dict[str, Any]:
-    """Return an explanation with names as in the contract, its values as `strict` takes them."""
+def judged(found: results.Judged) -> dict[str, Any]:
+    """Return a comparison or an explanation with names as in the contract, its values as `strict` takes them."""
+    s = found.series
+    first, last = (s.time[[0, -1]].tolist() if s is not None and len(s.time) else (None, None))
+    own = _explanation(found) if isinstance(found, results.Explanation) else _comparison(found)
     return {
-        **_head(e),
-        "candidates": [
-            {**fields_of(c, "parameters", "column", "sentence", "meaning", "stage"), **_fitted(c)}
-            for c in e.candidates
-        ],
+        **header(), "loop": found.loop, "start": iso_time(first), "end": iso_time(last),
+        "samples": None if s is None else s.used.sum(), "baseline": _fitness(found.baseline),
+        "noise_floor": found.noise_floor, **own, "unexplained": found.unexplained,
+        "effects": [{"effect": f.effect, "confidence": f.confidence or None, **_fitted(f), "sentence": f.sentence,
+                     "notes": f.notes} for f in found.effects],
+        "where": [fields_of(r, "stretches") for r in found.where],
+        **{name: getattr(found, name) for name in ("reasons", "warnings", "details")},
+        "model": None if found.model is None else _kept(found.model)}
+
+
+def _explanation(e: results.Explanation) -> dict[str, Any]:
+    tried = ("effect", "rmse_holdout", "error_reduction", "evidence", "verdict", "why")
+    return {
+        "candidates": [{**{name: getattr(c, name) for name in tried}, **_fitted(c)} for c in e.candidates],
         "steps": [fields_of(s, "prediction") for s in e.steps],
-        **{name: getattr(e, name) for name in ("missing_effect", "unexplained", "adequate", "rest", "verdict")},
+        **{name: getattr(e, name) for name in ("missing_effect", "adequate", "rest", "verdict", "look_alikes")},
         "where_before": [fields_of(r, "stretches") for r in e.where_before],
-        "look_alikes": e.look_alikes,
         "margin": None if e.margin is None else {"evidence": e.margin[0], "runner_up": e.margin[1]},
-        "final": None if e.final is None else _fitness(e.final),
-        **_tail(e),
-    }
+        "final": None if e.final is None else _fitness(e.final)}
 
 
-def comparison(c: results.Comparison) -> dict[str, Any]:
-    """Return a comparison in the same fields: no candidates, and the model's effects as they stand."""
+def _comparison(c: Any) -> dict[str, Any]:
+    """The same fields: no candidates, and the model's effects as they stand."""
     steps: list[dict[str, Any]] = [{"added": None, **fields_of(c.baseline, "parameters")}]
     if not c.fitted:
         name = c.effects[-1].effect if c.effects else "model"
         steps.append({"added": name, **fields_of(c.fitness, "parameters"), "chosen": "user"})
-    return {**_head(c), "fitness": _fitness(c.fitness), "fitted": c.fitted, "seen": c.seen, "candidates": [],
-            "steps": steps, "missing_effect": None, "unexplained": c.unexplained, **_tail(c)}
-
-
-def _head(found: results.Comparison | results.Explanation) -> dict[str, Any]:
-    s = found.series
-    first, last = (s.time[[0, -1]].tolist() if s is not None and len(s.time) else (None, None))
-    return {
-        **header(), "loop": found.loop, "start": iso_time(first), "end": iso_time(last),
-        "samples": None if s is None else s.used.sum(), "baseline": _fitness(found.baseline),
-        "noise_floor": found.noise_floor,
-    }
-
-
-def _tail(found: results.Comparison | results.Explanation) -> dict[str, Any]:
-    return {
-        "effects": [
-            {"effect": f.effect, "confidence": f.confidence or None, **_fitted(f), "sentence": f.sentence,
-             "notes": f.notes} for f in found.effects
-        ],
-        "where": [fields_of(r, "stretches") for r in found.where],
-        "reasons": found.reasons,
-        "model": None if found.model is None else _kept(found.model),
-        "warnings": found.warnings,
-        "details": found.details,
-    }
+    return {"fitness": _fitness(c.fitness), "fitted": c.fitted, "seen": c.seen, "candidates": [], "steps": steps,
+            "missing_effect": None}
 
 
 def _fitness(f: results.Fitness) -> dict[str, Any]:
-    return {"rmse": f.rmse, "rmse_holdout": f.rmse_holdout, "parameters": _parameters(f.parameters)}
+    return {**fields_of(f), "parameters": _parameters(f.parameters)}
 
 
 def _parameters(given: Mapping[str, results.FittedParameter], *, nuisance: bool = False) -> dict[str, Any]:
@@ -196,7 +170,7 @@ def _parameters(given: Mapping[str, results.FittedParameter], *, nuisance: bool 
             if p.nuisance is nuisance}
 
 
-def _fitted(found: results.FittedEffect | results.Candidate) -> dict[str, Any]:
+def _fitted(found: results.FittedEffect) -> dict[str, Any]:
     """Parameters of an effect; what only says how the record began stands apart."""
     column = {"column": {"value": found.column, "ci95": None, "unit": ""}} if found.column else {}
     return {"parameters": {**column, **_parameters(found.parameters)},
@@ -204,10 +178,8 @@ def _fitted(found: results.FittedEffect | results.Candidate) -> dict[str, Any]:
 
 
 def _kept(m: results.Model) -> dict[str, Any]:
-    return {
-        **fields_of(m, "rmse_holdout"), "start": iso_time(m.start), "end": iso_time(m.end),
-        "effects": [{"effect": e.reference, "column": e.column or None, **e.parameters} for e in m.effects],
-    }
+    return {**fields_of(m, "rmse_holdout"), "start": iso_time(m.start), "end": iso_time(m.end),
+            "effects": [{"effect": e.reference, "column": e.column or None, **e.parameters} for e in m.effects]}
 
 
 _line = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode

@@ -19,30 +19,28 @@ from dataclasses import dataclass
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
+from markupsafe import Markup
 
 from .._version import __version__
 from .files import make_folder, write_text
 from .safe import file_names, shorten
 from .templates import environment
 
-if TYPE_CHECKING:
-    from markupsafe import Markup
-
-
+BACK: Mapping[str, Any] = {"plotly_file": "plotly.js", "back": ("../index.html", "All loops")}  # of a folder's pages
 _PAGES = re.compile(r"loops-[0-9a-f]{12}")
 
 
 @dataclass(frozen=True)
 class LoopPart:
-    """One loop of a report: name, mark, one line on it; template of its part, and what makes the content of that."""
+    """One loop of a report."""
 
     name: str
     mark: str
-    brief: str
-    template: str
+    brief: str  # one line on it
+    template: str  # of its part, and what makes the content of that
     content: Callable[[], Mapping[str, Any]]
 
 
@@ -57,21 +55,18 @@ def page(template: str, title: str, *, subtitle: str = "", plotly_file: str = ""
     """
     figures: list[str] = []  # as text, a fifth of the memory that their numbers take
     body = environment("html").get_template(template).render(plot=partial(_plot, figures), cell=cell, **content)
-    inside = bool(figures) and not plotly_file
-    script = _asset("page.js")
-    allowed = " ".join(_fingerprint(s) for s in (*[plotly_script()] * inside, script))
+    script, library = _asset("page.js"), plotly_script() if figures and not plotly_file else ""
+    allowed = " ".join(_fingerprint(s) for s in (library, script) if s)
     if figures and plotly_file:
         allowed += " 'self' file:"  # a page opened from disk has no origin of its own; file: is its folder
     return environment("html").get_template("page.html").render(
         title=title, subtitle=subtitle, body=body, style=_asset("page.css"), script=script, allowed=allowed, back=back,
-        figures=_pack(f"[{','.join(figures)}]") if figures else "", plotly=_packed_plotly() if inside else "",
+        figures=_packed(f"[{','.join(figures)}]") if figures else "", plotly=library and _packed_plotly(),
         plotly_file=plotly_file if figures else "")
 
 
 def _plot(figures: list[str], figure: Any) -> Markup:
     """Keep a figure as JSON, where numbers that JSON does not know are null, and return the place where it is drawn."""
-    from markupsafe import Markup
-
     figures.append(figure.to_json() if hasattr(figure, "to_json") else
                    msgspec.json.encode(figure, enc_hook=lambda value: value.tolist()).decode())
     return Markup('<div class="plot"></div>')
@@ -87,10 +82,10 @@ def plotly_script() -> str:
 
 @cache
 def _packed_plotly() -> str:
-    return _pack(plotly_script())
+    return _packed(plotly_script())
 
 
-def _pack(text: str) -> str:
+def _packed(text: str) -> str:
     """Text as gzip in base64, the same for the same text: letters that can stand between any tags."""
     return base64.b64encode(gzip.compress(text.encode("utf-8"), mtime=0)).decode("ascii")
 
@@ -109,13 +104,11 @@ def cell(value: Any, text: str = "") -> dict[str, Any]:
     """Return what a table needs to know of a value: how it is shown and sorted, and whether it is a number."""
     raw = value.item() if hasattr(value, "item") else value
     number = isinstance(raw, int | float) and not isinstance(raw, bool) and math.isfinite(raw)
-    shown = str(raw)
+    shown = f"{raw:.4g}" if isinstance(raw, float) else str(raw)
     if raw is None or (isinstance(raw, float) and not number):
         shown = "–"
     elif isinstance(raw, bool):
         shown = "yes" if raw else "no"
-    elif isinstance(raw, float):
-        shown = f"{raw:.4g}"
     return {"text": text or shown, "key": repr(raw) if number else "" if shown == "–" else shown, "number": number}
 
 
@@ -131,47 +124,42 @@ def write_folder_of(folder: Path, title: str, subtitle: str, loops: Sequence[Loo
 
     told: tells this report from others. The old report is whole until the new one is; see `write_pages`.
     """
-    names = file_names(one.name for one in loops)
-
-    def pages() -> Iterator[tuple[str, str]]:
+    def pages() -> Iterator[tuple[str, dict[str, str]]]:
         for one in loops:
-            yield names[one.name], page(one.template, shorten(one.name, 120), subtitle=one.brief, x=one.content(),
-                                        plotly_file="plotly.js", back=("../index.html", "All loops"))
+            yield one.name, {"html": page(one.template, shorten(one.name, 120), subtitle=one.brief, x=one.content(),
+                                          **BACK)}
             step()
 
-    write_pages(folder, (__version__, told), pages(), lambda subfolder: page(
-        overview, title, subtitle=subtitle, links=links_to(names, subfolder), plotly_file=f"{subfolder}/plotly.js",
-        **content))
+    write_pages(folder, (__version__, told), [one.name for one in loops], pages(), lambda **where: page(
+        overview, title, subtitle=subtitle, **where, **content))
 
 
-def write_pages(folder: Path, told: object, pages: Iterable[tuple[str, str]], index: Callable[[str], str]) -> None:
-    """Write `pages`, (file name without suffix, HTML), into a subfolder and then index.html.
+def write_pages(folder: Path, told: object, loops: Iterable[str], pages: Iterable[tuple[str, Mapping[str, str]]],
+                index: Callable[..., str]) -> None:
+    """Write the files of each loop, (loop, {suffix: text}), into a subfolder and then index.html.
 
-    told: tells this report from others by what it says. index: gives the HTML of index.html for the subfolder's name.
-    index.html is replaced last, in one step: until then the old report is whole. Pages of older runs, except those of
-    the report just replaced, are removed at the end.
+    told: tells this report from others by what it says. index: gives the HTML of index.html for the `links` to the
+    loops' pages and the `plotly_file`. It is replaced last, in one step: until then the old report is whole. Pages of
+    older runs, except those of the report just replaced, are removed at the end.
     """
     mark = hashlib.sha256(repr(told).encode("utf-8", "backslashreplace")).hexdigest()[:12]
-    subfolder = folder / f"loops-{mark}"
-    previous = ""  # the subfolder that the present index.html points to
+    subfolder, names, links = folder / f"loops-{mark}", file_names(loops), {}
+    previous = None  # the subfolder that the present index.html points to
     with contextlib.suppress(OSError, ValueError):
-        found = _PAGES.search((folder / "index.html").read_text("utf-8"))
-        previous = found.group() if found else ""
+        previous = _PAGES.search((folder / "index.html").read_text("utf-8"))
+    spared = {subfolder.name, previous and previous.group()}
     make_folder(subfolder)
     try:
         write_text(subfolder / "plotly.js", plotly_script())
-        for name, text in pages:
-            write_text(subfolder / f"{name}.html", text)
-        write_text(folder / "index.html", index(subfolder.name))
+        for loop, texts in pages:
+            for suffix, text in texts.items():
+                write_text(subfolder / f"{names[loop]}.{suffix}", text)
+            links[loop] = f"{subfolder.name}/{names[loop]}.html"
+        write_text(folder / "index.html", index(links=links, plotly_file=f"{subfolder.name}/plotly.js"))
     except BaseException:
-        if subfolder.name != previous:
+        if previous is None or subfolder.name != previous.group():
             shutil.rmtree(subfolder, ignore_errors=True)
         raise
     for old in folder.iterdir():
-        if _PAGES.fullmatch(old.name) and old.name not in (subfolder.name, previous):
+        if _PAGES.fullmatch(old.name) and old.name not in spared:
             shutil.rmtree(old, ignore_errors=True)
-
-
-def links_to(names: Mapping[str, str], subfolder: str) -> dict[str, str]:
-    """Return the address of every item's page as seen from index.html."""
-    return {item: f"{subfolder}/{name}.html" for item, name in names.items()}

@@ -1,51 +1,38 @@
-"""The paper's numbers beside ours as text, plain values and a page with each figure drawn anew."""
+"""The paper's numbers beside ours: all numbers first, then each figure drawn anew."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from ..results.paper import Line, PaperFigure, PaperReport
-from .console import screen
 from .figures import GREEN, QUIET, Figure, axis, digits, trace, written
-from .json_report import json_text
-from .page import page
+from .json_report import fields_of
+from .report import Report
 
-WIDTH = 120
 COLOURS = ("#2878c8", "#d1345b", GREEN, "#c77700", "#7a5bc7")
 GAP = 0.1  # of the height, between panels
-_SOURCE = "J. Process Control 17 (2007) 489-499"
+SOURCE = "J. Process Control 17 (2007) 489-499"
 
 
-def to_text(report: PaperReport, *, colour: bool = False) -> str:
-    """Return the table paper, ours, difference, agrees; below it why some rows differ."""
-    return screen("paper.txt", colour=colour, width=WIDTH, **_content(report),
-                  reasons=list(dict.fromkeys(row.published.why for row in report.rows if row.published.why)))
+def paper(report: PaperReport) -> Report:
+    """Return the table paper, ours, difference, agrees; why some rows differ; and the figures."""
+    agreeing = sum(row.agrees for row in report.rows)
+    content = {"report": report, "source": SOURCE, "agreeing": agreeing,
+               "reasons": list(dict.fromkeys(row.why for row in report.rows if row.why))}
+
+    def document() -> dict[str, Any]:
+        rows = [{**fields_of(row, "value", "certified", "certified_tolerance"), "paper": row.value,
+                 "difference": row.difference, "agrees": row.agrees, "why": row.why or None} for row in report.rows]
+        return {"paper": f"T. Haegglund, {SOURCE}", "agree": agreeing, "rows": rows,
+                "estimates": {key: {"paper": theirs, "ours": ours} for key, (theirs, ours) in report.lists.items()}}
+
+    return Report("paper", "Haegglund (2007), recomputed", content, document,
+                  lambda: {"figures": [(figure, _plot(figure)) for figure in report.figures]},
+                  f"T. Haegglund, Automatic on-line estimation of backlash in control loops, {SOURCE}", width=120)
 
 
-def paper_page(report: PaperReport) -> str:
-    """Return the page: all numbers first, then figure by figure."""
-    return page("paper.html", "Haegglund (2007), recomputed", **_content(report),
-                subtitle=f"T. Haegglund, Automatic on-line estimation of backlash in control loops, {_SOURCE}",
-                figures=[(figure, plot(figure)) for figure in report.figures])
-
-
-def _content(report: PaperReport) -> dict[str, Any]:
-    return {"report": report, "source": _SOURCE, "agreeing": sum(row.agrees for row in report.rows)}
-
-
-def to_json(report: PaperReport) -> str:
-    """Return the rows as JSON text."""
-    rows = [{**{n: getattr(row.published, n) for n in ("key", "figure", "quantity", "unit")},
-             "paper": row.published.value, "ours": row.ours, "difference": row.difference,
-             "tolerance": row.published.tolerance, "agrees": row.agrees, "why": row.published.why or None}
-            for row in report.rows]
-    return json_text({
-        "paper": f"T. Haegglund, {_SOURCE}", "agree": sum(row.agrees for row in report.rows), "rows": rows,
-        "estimates": {key: {"paper": theirs, "ours": ours} for key, (theirs, ours) in report.lists.items()}})
-
-
-def plot(figure: PaperFigure) -> Figure:
-    """Return a figure with its panels below each other."""
+def _plot(figure: PaperFigure) -> Figure:
+    """A figure with its panels below each other."""
     n = len(figure.panels)
     height = (1.0 - GAP * (n - 1)) / n
     data: list[Figure] = []
@@ -58,17 +45,17 @@ def plot(figure: PaperFigure) -> Figure:
         for line in panel.lines:
             data.append(_line(line, QUIET if line.quiet else next(colours), mark, first=line.name not in shown))
             shown.add(line.name)
-        x, y = (axis(label) | ({"range": list(limits)} if limits else {}) for label, limits in (
-            (panel.x_label, panel.x_limits), (panel.y_label, panel.y_limits)))
-        layout[f"xaxis{mark}"] = x | {"anchor": f"y{mark}"}
-        layout[f"yaxis{mark}"] = y | {"domain": [max(top - height, 0.0), top], "anchor": f"x{mark}"}
+        for letter, label, limits, more in (
+                ("x", panel.x_label, panel.x_limits, {"anchor": f"y{mark}"}),
+                ("y", panel.y_label, panel.y_limits, {"anchor": f"x{mark}", "domain": [max(top - height, 0.0), top]})):
+            layout[f"{letter}axis{mark}"] = axis(label, **({"range": list(limits)} if limits else {}), **more)
         if k > 0 and not figure.panels[0].x_label and panel.x_label.startswith("time"):
             layout[f"xaxis{mark}"]["matches"] = "x"
         if panel.equal_scales:
             layout[f"yaxis{mark}"]["scaleanchor"] = f"x{mark}"
             layout["height"] = 620
-        layout["annotations"] += [written(m.text, m.x, m.y, xref=f"x{mark}", yref=f"y{mark}", yshift=12)
-                                  for m in panel.marks]
+        layout["annotations"] += [written(text, x, y, xref=f"x{mark}", yref=f"y{mark}", yshift=12)
+                                  for x, y, text in panel.marks]
     return {"data": data, "layout": layout}
 
 

@@ -15,7 +15,6 @@ from ..errors import UsageError, nearest
 from ..record import Note, Record
 from ..results import UNDECIDED, LoopReport, ScanResult, Verdict
 from . import figures
-from .console import WIDTH, screen
 from .figures import POINTS, Figure
 from .files import make_folder, replacing, write_parts
 from .json_report import json_parts
@@ -23,7 +22,7 @@ from .page import LoopPart, one_page, write_folder_of
 from .plant_figures import PlantRow, plant_figure
 from .safe import file_names
 from .tables import columns_of, csv_parts, write_parquet
-from .templates import sentence
+from .templates import WIDTH, screen, sentence
 from .words import MARKS, VERDICTS, by_size, excluded, moment, percent, size
 
 DRAWN = 40  # loops in the picture of the plant, and with figures of their own in a single file; a folder has no limit

@@ -1,27 +1,38 @@
-"""The templates of all reports, and the words they have in common: every public function of the modules of words."""
+"""The templates of all reports, the words they have in common, and reports for a terminal.
+
+What a report says on a terminal stands in templates/NAME.txt. A line of it is a paragraph, wrapped and indented as it
+begins, or as far as `hang`; `style("bold")` in front of a line or of a cell colours it; `table` makes a table of its
+lines, cells parted by |.
+"""
 
 from __future__ import annotations
 
+import io
+import re
+from collections.abc import Callable
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from .. import record
-from . import parameter_words, safe, words
+from . import safe, words
 
-if TYPE_CHECKING:
-    import jinja2
+WIDTH = 100
+_STYLED = re.compile(r"((?:.*\t)? *)(?:\x02(.*?)\x02)?(.*)")
 
 
 @cache
 def environment(kind: str) -> jinja2.Environment:
     """Return the environment of "html" or "txt" templates, in which foreign text is harmless wherever it is put.
 
-    Functions of words are both filters and functions of the templates; the sentences are functions. Those are templates
-    of the environment "words", which leaves everything as it is.
+    Functions of `words` and `safe` are both filters and functions of the templates; the sentences are functions. Those
+    are templates of the environment "words", which leaves everything as it is.
     """
-    import jinja2
-    from markupsafe import Markup
-
     def shown(value: Any) -> Any:
         # | parts the cells of a table on a terminal; terminal() lets nothing through that stands for it here
         return value if isinstance(value, Markup) else Markup(safe.terminal(value).replace("|", "\ue000"))
@@ -29,9 +40,8 @@ def environment(kind: str) -> jinja2.Environment:
     made = jinja2.Environment(
         loader=jinja2.PackageLoader("backlash_cli.reporter"), autoescape=kind != "words",
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-        finalize=shown if kind == "txt" else None,
-    )
-    for module in (words, parameter_words, safe, record):
+        finalize=shown if kind == "txt" else None)
+    for module in (words, safe, record):
         own = {name: value for name, value in vars(module).items() if name.isupper() or (
             callable(value) and value.__module__.startswith("backlash_cli"))}
         made.globals |= own
@@ -52,3 +62,51 @@ def lines(name: str, *about: Any) -> list[str]:
 def sentence(name: str, *about: Any) -> str:
     """Return them as one text, as they are: foreign names in it are made harmless where it is put."""
     return " ".join(" ".join(lines(name, *about)).split())
+
+
+def screen(template: str, *, colour: bool = False, width: int = WIDTH, **content: Any) -> str:
+    """Return a report, at most `width` columns wide, without trailing blanks; nothing in a text is taken for markup.
+
+    template: NAME.txt; content: the values it asks for.
+    """
+    out, tables = io.StringIO(), list[Table]()
+    console = Console(file=out, width=width, force_terminal=colour, highlight=False, markup=False, emoji=False,
+                      color_system="standard" if colour else None, legacy_windows=False)
+
+    def style(name: str) -> Markup:
+        return Markup(f"\x02{name}\x02" if name else "")
+
+    def table(columns: str, caller: Callable[[], str], most: int | None = None) -> Markup:
+        tables.append(_table(columns.split("|"), caller().splitlines(), most))
+        return Markup("\x00\n")
+
+    text = environment("txt").get_template(template).render(table=table, style=style, hang=Markup("\t"), **content)
+    for line in text.rstrip("\n").split("\n"):
+        if line == "\x00":
+            console.print(tables.pop(0))
+            continue
+        lead, styled = _styled(line)
+        for part in styled.wrap(console, width - len(lead)):
+            console.print(lead + part)
+            lead = Text(" " * len(lead))
+    return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
+
+
+def _styled(text: str) -> tuple[Text, Text]:
+    """What stands in front of a paragraph, and the paragraph."""
+    found = _STYLED.fullmatch(text.replace("\ue000", "|"))
+    assert found is not None
+    return Text(found[1].replace("\t", "")), Text(found[3], style=found[2] or "")
+
+
+def _table(columns: list[str], rows: list[str], most: int | None) -> Table:
+    """The last column is wrapped; > in front of a title: numbers, justified to the right. most: width of the first."""
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for place, title in enumerate(map(str.strip, columns)):
+        last = place == len(columns) - 1
+        table.add_column(title.removeprefix(">"), justify="right" if title.startswith(">") else "left",
+                         no_wrap=not last, overflow="fold" if last else "ellipsis", ratio=1 if last else None,
+                         max_width=None if place else most)
+    for row in rows:
+        table.add_row(*(_styled(cell.strip())[1] for cell in row.split("|")))
+    return table

@@ -1,11 +1,17 @@
-"""How verdicts, sizes, times, errors and effects are said to a person, the same in the terminal and on a page."""
+"""How verdicts, sizes, times, errors, effects and their parameters are said to a person, the same on a terminal and on
+a page."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
+from operator import itemgetter
+from string import Formatter
 
-from ..results import Candidate, Explanation, FittedEffect, LoopReport, Region, Step, Verdict
+from ..record import LoopSettings
+from ..results import Explanation, FittedEffect, FittedParameter, LoopReport, Region, Step, Verdict
 from .json_report import iso_time
 from .safe import terminal
 
@@ -22,6 +28,16 @@ _SAID = {
 VERDICTS, MARKS = ({verdict: said[k] for verdict, said in _SAID.items()} for k in (0, 1))
 _ORDER = {v: i for i, v in enumerate(VERDICTS)}
 WORSE = 1.15  # share of the error over share of the time, from which a region is worth a line
+SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
+A_DATE = 1e8  # epoch seconds (1973); a record that counts its seconds from zero stays below
+UNKNOWN = 1e4  # an interval this many times wider than its value says nothing
+FASTEST = 10.0  # spans per second: no valve is that fast, so that nothing limits it
+SWITCH = "0 or 1"  # unit of a parameter that is on or off
+_UNITS = {  # unit of a parameter -> factor to what is shown, and its words; {}: whose span
+    **dict.fromkeys(("span", "OP span", "PV span"), (100.0, " % of {} span")), "1/h": (100.0, " % per hour"),
+    "OP span/h": (100.0, " % of {} span per hour"), "1/s": (100.0, " % of {} span per second"),
+    "OP span per column unit": (100.0, " % of {} span per unit of the column"), "s": (1.0, " s"), "1": (1.0, ""),
+    "": (1.0, "")}
 
 
 def by_size(reports: Sequence[LoopReport]) -> list[LoopReport]:
@@ -122,8 +138,7 @@ def rung(step: Step) -> str:
 
 def gap_sizes(e: Explanation, pair: tuple[str, str]) -> list[float]:
     """The gap that each of these effects had where it was tried [span]."""
-    tried: list[FittedEffect | Candidate] = [*e.effects, *e.candidates]
-    return [p.value for x in tried if x.effect in pair for n, p in x.parameters.items()
+    return [p.value for x in (*e.effects, *e.candidates) if x.effect in pair for n, p in x.parameters.items()
             if n in ("d", "S") and isinstance(p.value, float)]
 
 
@@ -137,3 +152,143 @@ def effect_name(effect: str, e: Explanation) -> str:
 def fails(regions: Sequence[Region]) -> list[Region]:
     """The regions whose share of the error is clearly larger than their share of the time, worst first."""
     return [r for r in regions if r.expected is None or r.share >= WORSE * r.expected]
+
+def quantity(p: FittedParameter, stage: str, settings: LoopSettings, start: float | None = None, *,
+             brief: bool = False) -> str:
+    """A parameter with unit and interval, in engineering units too where the range is known; brief for a sentence.
+
+    start: epoch seconds from which the times of several events count.
+
+    >>> d = FittedParameter(0.0302, "span", (0.0295, 0.031))
+    >>> quantity(d, "valve", LoopSettings())
+    '3.02 % of OP span (95 %: 2.95 to 3.10 %)'
+    >>> quantity(d, "valve", LoopSettings(), brief=True)
+    '3.02 %'
+    """
+    if isinstance(p.value, tuple):
+        if p.unit == "s" and start is not None and start > A_DATE:
+            return clock_times([start + t for t in p.value])
+        said = (quantity(one, stage, settings, brief=brief) for one in _each(p)[:SHOWN_EVENTS])
+        return ", ".join(said) + _more(p.value)
+    if math.isinf(p.value):
+        return "none"
+    if p.unit == "1/s" and p.value > FASTEST:
+        return "no limit that shows"
+    if p.unit == SWITCH:
+        return "yes" if p.value else "no"
+    whose = "PV" if p.unit == "PV span" or (stage == "sensor" and not p.unit.startswith("OP")) else "OP"
+    scale, unit = _UNITS.get(p.unit, (1.0, f" {p.unit}"))
+    short = unit.replace(" of {} span", "")
+    low, high = (scale * end for end in p.ci95) if p.ci95 else (math.nan, math.nan)  # type: ignore[operator]
+    value, width = scale * p.value, high - low
+    shown = f"{value:.{_digits(value, math.nan if brief else width)}f}" if value else "0"
+    if brief:
+        return shown + short
+    shown += unit.replace("{}", whose)
+    if math.isfinite(width):
+        digits, wide = _digits(0.0, width), width > UNKNOWN * max(abs(value), 1e-9 * scale)
+        known = f"{low:.{digits}f} to {high:.{digits}f}{short.partition(' per ')[0]}"
+        shown += f" (95 %: {'not known from this record' if wide else known})"
+    zero, full = settings.pv_range if whose == "PV" else settings.op_range
+    if unit.endswith("span") and (zero, full) not in ((0.0, 1.0), (0.0, 100.0)):
+        shown += f", {p.value * (full - zero) + (zero if p.level else 0.0):.3g} in {whose} units"
+    return shown
+
+
+def _each(p: FittedParameter) -> list[FittedParameter]:
+    """The numbers of a parameter that holds several, one by one."""
+    assert isinstance(p.value, tuple)
+    return [replace(p, value=v, ci95=p.ci95 and p.ci95[i]) for i, v in enumerate(p.value)]  # type: ignore[arg-type]
+
+
+def clock_times(times: Sequence[float]) -> str:
+    """Moments of events, the day said once.
+
+    >>> clock_times([1773734400.0, 1773738000.5])
+    '2026-03-17 08:00:00, 09:00:00 UTC'
+    """
+    stamps = [(iso_time(float(round(time))) or "–").rstrip("Z").partition("T") for time in times[:SHOWN_EVENTS]]
+    said = (f"{day} {', '.join(clock for *_, clock in stamps)}" for day, stamps in groupby(stamps, itemgetter(0)))
+    return ", ".join(said) + _more(times) + " UTC"
+
+
+def _more(values: Sequence[float]) -> str:
+    return f" and {len(values) - SHOWN_EVENTS} more" if len(values) > SHOWN_EVENTS else ""
+
+
+def _digits(value: float, width: float) -> int:
+    """Decimals worth showing: one digit of the interval's half width, at least two of the value; else three."""
+    own = math.floor(math.log10(abs(value))) if value and math.isfinite(value) else 0
+    worth = 2 - own
+    if math.isfinite(width) and width > 0:
+        worth = max(-math.floor(math.log10(0.5 * width)), 1 - own if value else 0)
+    return min(max(worth, 0), 8)
+
+
+def plain_quantity(p: FittedParameter) -> str:
+    """A parameter of the process, without engineering units."""
+    return quantity(p, "process", LoopSettings())
+
+
+def numbers(effect: FittedEffect, settings: LoopSettings, start: float | None = None, *, brief: bool = False
+            ) -> dict[str, str]:
+    """What to show of an effect: parameter name -> value with unit and interval; the start of the record left out."""
+    shown = {"column": terminal(effect.column, 60)} if effect.column else {}
+    for name, p in effect.parameters.items():
+        off = p.unit == SWITCH and not p.value
+        if not p.nuisance and not off and not (isinstance(p.value, float) and math.isinf(p.value)):
+            shown[name] = quantity(p, effect.stage, settings, start, brief=brief)
+    return shown
+
+
+def said_numbers(effect: FittedEffect, settings: LoopSettings, start: float | None = None, *, brief: bool = False
+                 ) -> str:
+    """The same on one line."""
+    return ", ".join(f"{k} = {v}" for k, v in numbers(effect, settings, start, brief=brief).items())
+
+
+def events(effect: FittedEffect, settings: LoopSettings, start: float | None
+           ) -> tuple[list[str], list[tuple[str, ...]]] | None:
+    """An effect of several events as columns and rows, one event in a row; None for any other."""
+    lists = {n: p for n, p in effect.parameters.items() if isinstance(p.value, tuple) and not p.nuisance}
+    if len(lists) < 2 or len({len(_each(p)) for p in lists.values()}) != 1:
+        return None
+    # as several of one, for times of day
+    columns = [[quantity(replace(one, value=(one.value,), ci95=one.ci95 and (one.ci95,)),  # type: ignore[arg-type]
+                         effect.stage, settings, start) for one in _each(p)] for p in lists.values()]
+    return list(lists), list(zip(*columns, strict=True))
+
+
+def several(effect: FittedEffect, settings: LoopSettings) -> str:
+    """An effect of several events in few words: how many, and the largest; empty for any other.
+
+    >>> times, sizes = FittedParameter((60.0, 90.0), "s"), FittedParameter((0.02, -0.031), "OP span")
+    >>> several(FittedEffect("load_step", {"times": times, "sizes": sizes}), LoopSettings())
+    'at 2 times, up to -3.10 %'
+    """
+    lists = [p for p in effect.parameters.values() if isinstance(p.value, tuple) and not p.nuisance]
+    amounts = [one for p in lists if p.unit != "s" for one in _each(p)]
+    if len(lists) < 2 or not amounts:
+        return ""
+    largest = quantity(max(amounts, key=lambda one: abs(one.value)), effect.stage, settings,  # type: ignore[arg-type]
+                       brief=True)
+    return f"at {counted(len(amounts), 'time')}, {'up to' if len(amounts) != 1 else 'by'} {largest}"
+
+
+def meaning(effect: FittedEffect, settings: LoopSettings, start: float | None = None) -> str:
+    """The sentence that says what an effect means in this plant, its numbers filled in."""
+    values = {n: quantity(p, effect.stage, settings, start, brief=True) for n, p in effect.parameters.items()}
+    return fill(effect.meaning or effect.sentence, {**values, "column": terminal(effect.column, 60)})
+
+
+def fill(template: str, values: Mapping[str, str]) -> str:
+    """Put values into the {name} places of a sentence; of a name that is not known it says so.
+
+    >>> fill("The gap is {d}, {x}.", {"d": "3 %"})
+    'The gap is 3 %, none.'
+    """
+    try:
+        pieces = list(Formatter().parse(template))
+    except ValueError:
+        return template.replace("{", "").replace("}", "")
+    return "".join(text + ("" if name is None else values.get(name, "none")) for text, name, _, _ in pieces)

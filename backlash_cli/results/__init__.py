@@ -1,7 +1,21 @@
 """Frozen results: all that a reporter ever sees."""
 
-from .explain import Comparison, Explanation, PlantExplanation, Region, Rest, Series, Step
-from .fitted import Candidate, Fitness, FittedEffect, FittedParameter, Model, ModelEffect, gap_size
+from .explain import (
+    Candidate,
+    Comparison,
+    Explanation,
+    Fitness,
+    FittedEffect,
+    FittedParameter,
+    Judged,
+    Model,
+    ModelEffect,
+    PlantExplanation,
+    Region,
+    Rest,
+    Series,
+    Step,
+)
 from .scan import (
     NOTHING_SAID,
     UNDECIDED,
@@ -11,10 +25,12 @@ from .scan import (
     Estimate,
     Estimates,
     LoopReport,
+    PlantResult,
     ScanResult,
     Verdict,
 )
 
 __all__ = ["NOTHING_SAID", "UNDECIDED", "Candidate", "Cluster", "Comparison", "Compensator", "Confirmation",
-           "Estimate", "Estimates", "Explanation", "Fitness", "FittedEffect", "FittedParameter", "LoopReport", "Model",
-           "ModelEffect", "PlantExplanation", "Region", "Rest", "ScanResult", "Series", "Step", "Verdict", "gap_size"]
+           "Estimate", "Estimates", "Explanation", "Fitness", "FittedEffect", "FittedParameter", "Judged",
+           "LoopReport", "Model", "ModelEffect", "PlantExplanation", "PlantResult", "Region", "Rest", "ScanResult",
+           "Series", "Step", "Verdict"]

@@ -1,87 +1,64 @@
-"""What compensation would do to one loop: the same simulation with a range of gains, and the advice drawn from it."""
+"""What compensation would do to one loop: the same simulation with a range of gains, and the advice drawn from it.
+
+Signals are normalised, gains of the compensator and dead bands in spans of the output, times in seconds.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..record import FloatArray, Note
+from ..record import Note
+from .plan import Course
 
 
 @dataclass(frozen=True)
 class ProcessModel:
-    """The process that was simulated: gain [measurement span / output span], lags and dead time [s].
+    """The process that was simulated."""
 
-    source: "given" or "fitted". evidence: fall of -2 log likelihood that the fitted process brings, None if given.
-    profile: (dead band, evidence) pairs for smaller dead bands, the same process.
-    """
-
-    gain: float
+    gain: float  # [measurement span / output span]
     lags: tuple[float, ...]
     dead_time: float
     integrating: bool = False
-    source: str = "given"
-    evidence: float | None = None
-    profile: tuple[tuple[float, float], ...] = ()
+    source: str = "given"  # or "fitted"
+    evidence: float | None = None  # fall of -2 log likelihood that the fitted process brings
+    profile: tuple[tuple[float, float], ...] = ()  # (dead band, evidence) of smaller ones, the same process
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One compensator gain [span of output] and what the simulation gave.
-
-    iae: mean absolute error [span]. peak: largest error [span]. travel: way of the valve [span per hour].
-    output_travel: way of the controller output [span per hour]. reversals: of the valve, per hour. limit_cycle: the
-    loop goes on oscillating without noise or load.
-    """
+    """One compensator gain and what the simulation gave."""
 
     gain: float
-    iae: float
-    peak: float
-    travel: float
-    output_travel: float
-    reversals: float
-    limit_cycle: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Glimpse:
-    """A stretch of the simulation for the picture: time [s] and signals (samples,), normalised."""
-
-    gain: float
-    time: FloatArray
-    measurement: FloatArray
-    setpoint: FloatArray
-    output: FloatArray
-    valve: FloatArray
+    iae: float  # mean absolute error
+    peak: float  # largest error
+    travel: float  # way of the valve [span per hour]
+    output_travel: float  # way of the controller output [span per hour]
+    reversals: float  # of the valve, per hour
+    limit_cycle: bool  # goes on oscillating without noise or load
 
 
 @dataclass(frozen=True, eq=False)
 class CompensationStudy:
-    """Before and after for one loop; all signals normalised, times in seconds.
-
-    d: dead band, interval: its ends, d_source: "scan" or "given". output_noise: standard deviation of the fast
-    motion of the output. hysteresis: of the error's sign, simulated with every gain. load: typical load step.
-    trials: by gain, the first without compensator. rule_gain: what the rule allows before any simulation.
-    recommended: gain, None when refused. reason: why this gain, or why none. refusals: what speaks against.
-    """
+    """Before and after for one loop, and the advice."""
 
     loop: str
     settings: Mapping[str, float]
-    d: float
-    interval: tuple[float, float]
-    d_source: str
+    d: float  # dead band
+    interval: tuple[float, float]  # its ends
+    d_source: str  # "scan" or "given"
     process: ProcessModel
-    output_noise: float
-    hysteresis: float
-    load: float
-    trials: tuple[Trial, ...]
-    rule_gain: float
-    recommended: float | None
-    reason: str
-    refusals: tuple[Note, ...] = ()
+    output_noise: float  # standard deviation of the fast motion of the output
+    hysteresis: float  # of the error's sign, simulated with every gain
+    load: float  # typical load step
+    trials: tuple[Trial, ...]  # by gain, the first without compensator
+    rule_gain: float  # what the rule allows before any simulation
+    recommended: float | None  # gain, None when refused
+    reason: str  # why this gain, or why none
+    refusals: tuple[Note, ...] = ()  # what speaks against
     warnings: tuple[Note, ...] = ()
-    before: Glimpse | None = None
-    after: Glimpse | None = None
+    before: Course | None = None
+    after: Course | None = None  # with the recommended gain
 
     @property
     def base(self) -> Trial:

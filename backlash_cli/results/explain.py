@@ -1,110 +1,183 @@
 """What comparing a model with the measurements found, and which physical effects explain the difference.
 
-All errors are root mean squares of measured minus predicted PV, normalised (0.01 = 1 % of the measurement span).
+All errors are root mean squares of measured minus predicted PV, normalised (0.01 = 1 % of the measurement span); times
+are in seconds, those of day in epoch seconds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray, LoopSettings, Note
-from .fitted import Candidate, Fitness, FittedEffect, Interval, Model
+from .scan import PlantResult
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """One number of a model, or several of a kind (times and sizes of load steps)."""
+
+    value: float | tuple[float, ...]
+    unit: str = ""  # as in the effect: "span", "s", "1/s", "OP span", ...
+    ci95: Interval | tuple[Interval, ...] | None = None  # 95 %, one for each number; None when it was not fitted
+    meaning: str = ""
+    nuisance: bool = False  # says how the record began only
+    level: bool = False  # a place on the scale (a stop at 20 %), not an amount (a gap of 2 %)
+
+
+@dataclass(frozen=True)
+class FittedEffect:
+    """One effect with its numbers, as fitted together with the others."""
+
+    effect: str
+    parameters: Mapping[str, FittedParameter] = field(default_factory=dict)
+    column: str = ""  # measured column it uses
+    sentence: str = ""  # what the effect is
+    meaning: str = ""  # what it says about this plant, with {name} where a parameter belongs
+    stage: str = ""  # command, valve, process, load or sensor
+    notes: tuple[Note, ...] = ()  # where its size is small
+    # "clear", "likely", or "stand_in" where it lowers the error but something else may be the cause; "" not judged
+    confidence: str = ""
+
+    @property
+    def gap(self) -> float | None:
+        """Size of a gap that OP must cross in the valve [span], None for an effect that is no gap."""
+        sizes = [p.value for p in self.parameters.values() if p.unit == "span" and not p.nuisance and not p.level]
+        return sizes[0] if self.stage == "valve" and sizes and isinstance(sizes[0], float) else None
+
+
+@dataclass(frozen=True)
+class Candidate(FittedEffect):
+    """One effect tried at the first step: how far it alone lowers the error on samples the fit did not see."""
+
+    _: KW_ONLY
+    rmse_holdout: float
+    error_reduction: float  # share of the squared hold-out error of the baseline that goes, 0..1
+    evidence: float | None = None  # difference of the information criterion, positive in favour of the effect
+    verdict: str = ""  # "accepted", "not needed"
+    why: Note | None = None  # why not
+
+
+@dataclass(frozen=True)
+class ModelEffect:
+    """One effect in a model, with plain parameter values."""
+
+    effect: str
+    parameters: Mapping[str, float | tuple[float, ...]] = field(default_factory=dict)
+    column: str = ""
+    source: str = ""  # module:NAME of one from outside
+
+    @property
+    def reference(self) -> str:
+        """What finds the effect again."""
+        return self.source or self.effect
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model of one loop that can be kept: PV = Kp * lag(tau, effects(OP delayed by theta)) + offset."""
+
+    loop: str
+    Kp: float  # [PV span / OP span]
+    tau: float
+    offset: float = 0.0  # [PV span]
+    theta: float = 0.0
+    effects: tuple[ModelEffect, ...] = ()
+    start: float | None = None  # of the samples it was fitted to; times within effects count from there
+    end: float | None = None
+    interval: float | None = None  # between its samples
+    pv_range: Interval | None = None  # spans the normalised numbers belong to
+    op_range: Interval | None = None
+    rmse_holdout: float | None = None  # on the record it was fitted to
+    output: Interval | None = None  # where OP was then, all but 2 % of the time
+
+    def without(self, name: str) -> Model:
+        """Return the model without the effect called `name`."""
+        return replace(self, effects=tuple(e for e in self.effects if e.effect != name))
+
+
+@dataclass(frozen=True)
+class Fitness:
+    """How well a model fits one record: errors and the numbers of the first-order part (Kp, tau, theta, offset)."""
+
+    rmse: float
+    rmse_holdout: float
+    parameters: Mapping[str, FittedParameter] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One rung of the ladder: the model after `added` came in (None: the baseline), everything refitted together.
-
-    prediction: (samples,) PV predicted by this model on the time axis of the series, None where not kept.
-    chosen: "search" or "user" (--add, or part of the model file).
-    """
+    """One rung of the ladder: the model after `added` came in (None: the baseline), everything refitted together."""
 
     added: str | None
     rmse_holdout: float
     rmse: float | None = None
-    prediction: FloatArray | None = field(default=None, repr=False)
-    chosen: str = "search"
+    prediction: FloatArray | None = field(default=None, repr=False)  # PV (samples,) as in the series, if kept
+    chosen: str = "search"  # or "user": --add, or part of the model file
 
 
 @dataclass(frozen=True)
 class Region:
-    """A part of the record, and how badly the model does there.
+    """A part of the record, and how badly the model does there."""
 
-    region: short name ("after output reversals, upwards"). kind: group of regions that cut the record in one way, such
-    as "reversal", "setpoint", "output level", "direction", "limit", "frequency", "time", "load". rmse: error there.
-    share: of the squared error of the whole record. samples: in the region. expected: share of all usable samples, so
-    that share / expected > 1 says where the model is worse than on average. sentence: in words an engineer understands.
-    stretches: (first, last) pairs of epoch seconds, for shading; empty for a frequency band.
-    """
-
-    region: str
+    region: str  # short name: "after output reversals, upwards"
     rmse: float
-    share: float
+    share: float  # of the squared error of the whole record
     samples: int
-    kind: str = ""
-    expected: float | None = None
-    sentence: str = ""
-    stretches: tuple[Interval, ...] = ()
+    kind: str = ""  # of regions that cut the record in one way: "reversal", "setpoint", "frequency", "time", ...
+    expected: float | None = None  # share of all usable samples; below `share` where the model is worse than on average
+    sentence: str = ""  # in words an engineer understands
+    stretches: tuple[Interval, ...] = ()  # (first, last) times, for shading; none of a frequency band
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """What was measured and what the model says, on a grid without gaps; all (samples,), normalised, nan in holes.
-
-    time: epoch seconds. used: bool, where the sample counts. residual is measured minus predicted.
-    inside: named signals between OP and PV ("valve": stem position), for pictures.
-    """
+    """What was measured and what the model says, on a grid without gaps; all (samples,), normalised, nan in holes."""
 
     time: FloatArray
     setpoint: FloatArray
     output: FloatArray
     measured: FloatArray
     predicted: FloatArray
-    used: NDArray[np.bool_]
-    inside: Mapping[str, FloatArray] = field(default_factory=dict)
+    used: NDArray[np.bool_]  # where the sample counts
+    inside: Mapping[str, FloatArray] = field(default_factory=dict)  # between OP and PV; "valve": stem position
 
-    @property
-    def residual(self) -> FloatArray:
+    def residual(self, predicted: FloatArray) -> FloatArray:
         """Measured minus predicted PV (samples,), nan where the sample does not count."""
-        return np.where(self.used, self.measured - self.predicted, np.nan)
-
-    @property
-    def moved(self) -> dict[str, FloatArray]:
-        """The signals inside the model that differ from OP; without an effect on its way the stem follows OP."""
-        return {name: v for name, v in self.inside.items() if not np.allclose(v, self.output, rtol=0.0, atol=1e-9)}
+        return np.where(self.used, self.measured - predicted, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
-    """One model against one record: how far off it is, how far off it could be at best, and where it fails.
-
-    baseline: the plain first-order model fitted to the same record, to judge by. fitness: the model compared.
-    where: worst first. noise_floor: standard deviation of the measurement noise. unexplained: share of the squared
-    error above the noise floor that this model leaves, 1 for the baseline. fitted: False when the numbers of the
-    model file were kept and only offset and start were matched to the record. seen: share of the samples that the
-    model's numbers were fitted to: 1 for the record it was made from, 0 for another day. reasons: why a kept model does
-    no better here than the plain one fitted to this record, as far as that can be seen.
-    """
+class Judged:
+    """A model against one record: how far off it is, how far off it could be at best, and where it fails."""
 
     loop: str
-    baseline: Fitness
-    fitness: Fitness
-    noise_floor: float
-    where: tuple[Region, ...] = ()
-    effects: tuple[FittedEffect, ...] = ()
-    unexplained: float | None = None
-    series: Series | None = field(default=None, repr=False)
+    baseline: Fitness  # the plain first-order model fitted to the same record
+    noise_floor: float  # standard deviation of the measurement noise
+    _: KW_ONLY
+    where: tuple[Region, ...] = ()  # worst first
+    effects: tuple[FittedEffect, ...] = ()  # accepted, in the order they were accepted
+    unexplained: float | None = None  # share of the squared error above the noise floor that stays
+    reasons: tuple[Note, ...] = ()  # why nothing can be told, or why a kept model does no better than the plain one
     warnings: tuple[Note, ...] = ()
+    series: Series | None = field(default=None, repr=False)
     settings: LoopSettings = field(default_factory=LoopSettings)
     model: Model | None = None
-    fitted: bool = True
-    seen: float = 1.0
-    reasons: tuple[Note, ...] = ()
     details: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Comparison(Judged):
+    """One model against one record."""
+
+    fitness: Fitness
+    fitted: bool = True  # False: the model file's numbers were kept, only offset and start matched to the record
+    seen: float = 1.0  # share of the samples that the model's numbers were fitted to; 0 on another day
 
 
 @dataclass(frozen=True)
@@ -115,41 +188,20 @@ class Rest:
     goes_with: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """Which physical effects are missing in the first-order model of a loop, and how far the error falls with them.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Explanation(Judged):
+    """Which physical effects are missing in the first-order model of a loop, and how far the error falls with them."""
 
-    candidates: effects tried alone, best first. steps: the ladder, first the baseline. effects: accepted, in the order
-    they were accepted, numbers as fitted together. missing_effect: the first of them, None when nothing is missing.
-    where: of the final model, worst first; where_before: of the baseline. unexplained: share of the squared error
-    above the noise floor that no effect removed. look_alikes: (effect, other) pairs that the data cannot tell apart.
-    adequate: what is left is what noise and a wandering load would leave; rest: what it is. None where not judged.
-    margin: evidence of the first accepted effect over the runner-up, with the runner-up's name.
-    verdict: one plain sentence. reasons: why, for instance why nothing can be told.
-    """
-
-    loop: str
-    baseline: Fitness
-    noise_floor: float
-    candidates: tuple[Candidate, ...] = ()
-    steps: tuple[Step, ...] = ()
-    effects: tuple[FittedEffect, ...] = ()
-    missing_effect: str | None = None
-    where: tuple[Region, ...] = ()
-    where_before: tuple[Region, ...] = ()
-    unexplained: float | None = None
-    adequate: bool | None = None
+    candidates: tuple[Candidate, ...] = ()  # tried alone, best first
+    steps: tuple[Step, ...] = ()  # the ladder, first the baseline
+    missing_effect: str | None = None  # the first accepted, None when nothing is missing
+    where_before: tuple[Region, ...] = ()  # as `where`, of the baseline
+    adequate: bool | None = None  # what is left is what noise and a wandering load would leave; None: not judged
     rest: Rest | None = None
-    look_alikes: tuple[tuple[str, str], ...] = ()
-    margin: tuple[float, str] | None = None
-    verdict: str = ""
-    reasons: tuple[Note, ...] = ()
-    warnings: tuple[Note, ...] = ()
-    series: Series | None = field(default=None, repr=False)
-    settings: LoopSettings = field(default_factory=LoopSettings)
+    look_alikes: tuple[tuple[str, str], ...] = ()  # (effect, other) that the data cannot tell apart
+    margin: tuple[float, str] | None = None  # evidence of the first accepted effect over the runner-up, and its name
+    verdict: str = ""  # one plain sentence
     final: Fitness | None = None
-    model: Model | None = None
-    details: Mapping[str, object] = field(default_factory=dict)
 
     def light(self) -> Explanation:
         """Return the explanation without its series and predictions, for a summary of many loops."""
@@ -161,11 +213,7 @@ class Explanation:
         return self.steps[-1].rmse_holdout if self.steps else self.baseline.rmse_holdout
 
 
-@dataclass(frozen=True, eq=False)
-class PlantExplanation:
-    """A whole plant: the explanations in the order of the loops, what could not be explained, and the inputs."""
+class PlantExplanation(PlantResult):
+    """The explanations of a whole plant."""
 
     loops: tuple[Explanation, ...]
-    failures: tuple[Note, ...] = ()
-    inputs: tuple[str, ...] = ()
-    warnings: tuple[Note, ...] = ()

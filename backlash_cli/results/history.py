@@ -1,8 +1,11 @@
-"""What the history holds and what follows from it: nights, repairs, wear, and the order of repair."""
+"""What the history holds and what follows from it: nights, repairs, wear, and the order of repair.
+
+Times are UTC epoch seconds, dead bands in spans of the controller output, slopes in spans per day.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 
@@ -17,6 +20,13 @@ def day_of(time: float) -> date:
     return datetime.fromtimestamp(time, UTC).date()
 
 
+def missing_days(covered: Iterable[date]) -> list[str]:
+    """Return the days between the first and the last covered one that are not covered."""
+    known = {day.toordinal() for day in covered}
+    return [date.fromordinal(k).isoformat() for k in range(min(known, default=0), max(known, default=0))
+            if k not in known]
+
+
 def day_text(time: float) -> str | None:
     """Return the UTC calendar day of a time, None outside the calendar (a limit that is thousands of years away)."""
     try:
@@ -27,32 +37,27 @@ def day_text(time: float) -> str | None:
 
 @dataclass(frozen=True)
 class Night:
-    """One scanned export of one loop. Times in UTC epoch seconds, dead bands in output spans.
-
-    d, ci95: dead band and its interval, None where the verdict gives no size. source: "confirmation" (measurement
-    against output) or "cluster" (half periods). limit_of_detection: smallest dead band that this night could have
-    shown. travel: output travel per hour [spans/h]. digest: fingerprint of everything stored for this night.
-    """
+    """One scanned export of one loop."""
 
     loop: str
     start: float
     end: float
     verdict: Verdict
     confidence: float = 0.0
-    d: float | None = None
+    d: float | None = None  # None where the verdict gives no size
     ci95: tuple[float, float] | None = None
-    source: str = ""
-    limit_of_detection: float | None = None
+    source: str = ""  # of d: "confirmation" (measurement against output) or "cluster" (half periods)
+    limit_of_detection: float | None = None  # smallest dead band that this night could have shown
     samples: int = 0
     interval_s: float | None = None
     half_periods: int = 0
     detections: int = 0
-    travel: float | None = None
+    travel: float | None = None  # of the output [spans/h]
     settings: Mapping[str, object] = field(default_factory=dict)
     reasons: tuple[Note, ...] = ()
     warnings: tuple[Note, ...] = ()
     details: Mapping[str, object] = field(default_factory=dict)
-    digest: str = ""
+    digest: str = ""  # fingerprint of everything stored for this night
 
     @property
     def time(self) -> float:
@@ -77,25 +82,26 @@ class Night:
 
 @dataclass(frozen=True)
 class HalfPeriod(Estimate):
-    """One half period of the history; `joined` tells that it goes over the cut between two nights."""
+    """One half period of the history."""
 
     loop: str = ""
-    joined: bool = False
+    joined: bool = False  # goes over the cut between two nights
 
 
 @dataclass(frozen=True)
 class Repair:
-    """A repair of a valve; `found` where it was seen in the data instead of entered by a person."""
+    """A repair of a valve."""
 
     loop: str
     time: float
     note: str = ""
-    found: bool = False
+    found: bool = False  # seen in the data instead of entered by a person
     before: float | None = None
     after: float | None = None
 
     @property
     def date(self) -> date:
+        """UTC calendar day."""
         return day_of(self.time)
 
 
@@ -136,23 +142,18 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Segment:
-    """Wear between two repairs: nights, slope [span/day] and the fitted dead band at both ends.
+    """Wear between two repairs: its nights, the slope, and the fitted dead band at both ends."""
 
-    first, last: times of the first and last night. nights: with a size; below: below the limit of detection. slope:
-    mean over the last month (or all days, where there are fewer); slope_ci95: None with too few nights. level_ci95:
-    interval of the dead band at the last night. path: (epoch seconds, dead band, low, high) at every night.
-    """
-
-    first: float
+    first: float  # night
     last: float
-    nights: int
-    below: int = 0
-    slope: float | None = None
-    slope_ci95: tuple[float, float] | None = None
+    nights: int  # with a size
+    below: int = 0  # below the limit of detection
+    slope: float | None = None  # mean over the last month, or all days where there are fewer
+    slope_ci95: tuple[float, float] | None = None  # None with too few nights
     level_first: float = 0.0
-    level: float = 0.0
+    level: float = 0.0  # at the last night
     level_ci95: tuple[float, float] = (0.0, 0.0)
-    path: tuple[tuple[float, float, float, float], ...] = ()
+    path: tuple[tuple[float, float, float, float], ...] = ()  # (time, dead band, low, high) at every night
 
     @property
     def growing(self) -> bool:
@@ -162,23 +163,19 @@ class Segment:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """How a straight line and a trend that may bend foresaw the last nights, from the nights before alone.
+    """How a straight line and a trend that may bend foresaw the last nights, from the nights before alone."""
 
-    nights: so many were hidden; since: time of the first of them. line, local: median error of each [span]. bias:
-    median of nights less line [span], positive where the line is too low. line_holds: the line foresaw them as well.
-    """
-
-    nights: int
-    since: float
-    line: float
-    local: float
-    bias: float
-    line_holds: bool
+    nights: int  # so many were hidden
+    since: float  # time of the first of them
+    line: float  # median error of the straight line
+    local: float  # of the trend that may bend
+    bias: float  # median of nights less line, positive where the line is too low
+    line_holds: bool  # the line foresaw them as well
 
 
 @dataclass(frozen=True)
 class Limit:
-    """Largest dead band [span of output] that a class of loops may have, and who says so."""
+    """Largest dead band that a class of loops may have, and who says so."""
 
     value: float
     name: str
@@ -187,29 +184,21 @@ class Limit:
 
 @dataclass(frozen=True)
 class Wear:
-    """The wear of one loop: its segments, the repairs between them, and when the limit is reached.
-
-    limit_date: (value, early end, late end) in epoch seconds; None where there is no trend, or it does not reach the
-    limit. state: "growing", "no_trend", "too_few_nights" or "no_estimate". gaps: days whose scan gave no size, with the
-    code of the reason. missing: days between the first and the last night without any export. model: what the date
-    comes from, "line" (straight) or "local" (a trend that may bend), empty without a trend. held_out: the two compared,
-    None with too few nights. forecast: (epoch seconds, dead band, low, high) from the last night on, empty without a
-    date ahead.
-    """
+    """The wear of one loop: its segments, the repairs between them, and when the limit is reached."""
 
     loop: str
     nights: int
     limit: Limit
-    state: str
+    state: str  # "growing", "no_trend", "too_few_nights" or "no_estimate"
     message: str
     segments: tuple[Segment, ...] = ()
     repairs: tuple[Repair, ...] = ()
-    limit_date: tuple[float, float, float] | None = None
-    gaps: tuple[tuple[str, str], ...] = ()
-    missing: tuple[str, ...] = ()
-    model: str = ""
-    held_out: HeldOut | None = None
-    forecast: tuple[tuple[float, float, float, float], ...] = ()
+    limit_date: tuple[float, float, float] | None = None  # (value, early, late) where a trend reaches the limit
+    gaps: tuple[tuple[str, str], ...] = ()  # (day, code of the reason) where a scan gave no size
+    missing: tuple[str, ...] = ()  # days between the first and the last night without any export
+    model: str = ""  # what the date comes from: "line" (straight) or "local" (a trend that may bend), if any
+    held_out: HeldOut | None = None  # the two compared, None with too few nights
+    forecast: tuple[tuple[float, float, float, float], ...] = ()  # (time, dead band, low, high) to a date ahead
 
     @property
     def current(self) -> Segment | None:

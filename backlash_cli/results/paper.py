@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -9,72 +10,53 @@ from ..record import FloatArray
 
 
 @dataclass(frozen=True)
-class Published:
-    """One number of the paper with the tolerance within which ours must agree.
+class PaperRow:
+    """One number of the paper, with the tolerance within which ours must agree, and ours."""
 
-    key: name of our number. figure: the drawing it belongs to. unit: "s", "%", "count" or "yes/no" (1 is yes).
-    why: empty where we agree; else why we do not, and then `certified` is the number that we get instead (from the
-    describing function, a closed form or an independent simulation), within `certified_tolerance`.
-    """
-
-    key: str
-    figure: str
+    key: str  # name of our number
+    figure: str  # the drawing it belongs to
     quantity: str
-    unit: str
+    unit: str  # "s", "%", "count" or "yes/no" (1 is yes)
     value: float
     tolerance: float
+    # where we do not agree, why; and the number that we get instead (from the describing function, a closed form or an
+    # independent simulation), within its own tolerance
     why: str = ""
     certified: float | None = None
     certified_tolerance: float = 0.0
-
-
-@dataclass(frozen=True)
-class PaperRow:
-    """One line of the table: the published number and ours."""
-
-    published: Published
-    ours: float
+    ours: float = math.nan
 
     @property
     def difference(self) -> float:
         """Ours minus the paper's."""
-        return self.ours - self.published.value
+        return self.ours - self.value
 
     @property
     def agrees(self) -> bool:
         """True when ours lies within the row's tolerance of the paper's."""
-        return bool(abs(self.difference) <= self.published.tolerance * (1.0 + 1e-9))
+        return bool(abs(self.difference) <= self.tolerance * (1.0 + 1e-9))
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A curve: x and y (points,), its name, dash: "solid", "dash" or "dot"; quiet lines are drawn in grey."""
+    """A curve: x and y (points,)."""
 
     name: str
     x: FloatArray
     y: FloatArray
-    dash: str = "solid"
-    quiet: bool = False
-
-
-@dataclass(frozen=True)
-class Mark:
-    """A short text at a point of a panel."""
-
-    x: float
-    y: float
-    text: str
+    dash: str = "solid"  # "dash" or "dot"
+    quiet: bool = False  # drawn in grey
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One diagram; limits are the visible range of each axis, None: all."""
+    """One diagram."""
 
     lines: tuple[Line, ...]
     x_label: str
     y_label: str
-    marks: tuple[Mark, ...] = ()
-    x_limits: tuple[float, float] | None = None
+    marks: tuple[tuple[float, float, str], ...] = ()  # x, y and a short text there
+    x_limits: tuple[float, float] | None = None  # visible range, None: all
     y_limits: tuple[float, float] | None = None
     equal_scales: bool = False
 
@@ -91,8 +73,9 @@ class PaperFigure:
 
 @dataclass(frozen=True)
 class PaperReport:
-    """All rows and figures. lists: key of a figure -> the single estimates, paper's and ours, as text."""
+    """All rows and figures."""
 
     rows: tuple[PaperRow, ...]
     figures: tuple[PaperFigure, ...]
+    # key of a figure -> the single estimates, paper's and ours, as text
     lists: Mapping[str, tuple[str, str]] = field(default_factory=dict)

@@ -9,41 +9,33 @@ ENOUGH, WRONG = 0.8, 0.05  # chance from which on an option is said to decide; t
 
 @dataclass(frozen=True)
 class Course:
-    """One simulated course of a test, for the picture: time [s] from its start, PV and OP [spans]."""
+    """A stretch of a simulation, for the picture: time [s] and signals [spans], each (samples,)."""
 
     time: tuple[float, ...]
     setpoint: tuple[float, ...]
     measurement: tuple[float, ...]
     output: tuple[float, ...]
+    valve: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
 class PlanOption:
-    """One thing to do, and its chance to decide.
+    """One thing to do, and its chance to decide; None where nothing was simulated."""
 
-    kind: wait, setpoint_steps, manual_test or logging. duration_s: how long it takes. move: one step of SP or of OP
-    [span]. levels: of SP or OP one after the other, in moves from where it stood. hold_s: how long each is held.
-    op_move, pv_move: how far the test alone moves OP and PV [spans]: in nine of ten repeats not further.
-    power: share of repeats with a dead band of the target's size that the scan calls `backlash`. clears: share with a
-    healthy valve that it calls `no_backlash`. false_alarm: share with a healthy valve that it calls `backlash`, missed:
-    of worn valves that it clears. repeats: of each kind. All of these None where nothing was simulated. worn, healthy:
-    the courses to expect.
-    """
-
-    kind: str
+    kind: str  # wait, setpoint_steps, manual_test or logging
     text: str
     duration_s: float | None = None
-    move: float | None = None
-    levels: tuple[float, ...] = ()
-    hold_s: float | None = None
-    op_move: float | None = None
+    move: float | None = None  # one step of SP or of OP [span]
+    levels: tuple[float, ...] = ()  # of SP or OP one after the other, in moves from where it stood
+    hold_s: float | None = None  # how long each of them is held
+    op_move: float | None = None  # how far the test alone moves OP [span]: in nine of ten repeats not further
     pv_move: float | None = None
-    power: float | None = None
-    clears: float | None = None
-    false_alarm: float | None = None
-    missed: float | None = None
-    repeats: int = 0
-    worn: Course | None = None
+    power: float | None = None  # share of repeats with a dead band of the target's size that are called `backlash`
+    clears: float | None = None  # share with a healthy valve that are called `no_backlash`
+    false_alarm: float | None = None  # share with a healthy valve that are called `backlash`
+    missed: float | None = None  # share with a worn valve that are called `no_backlash`
+    repeats: int = 0  # of each kind
+    worn: Course | None = None  # what to expect
     healthy: Course | None = None
 
     @property
@@ -61,17 +53,13 @@ class PlanOption:
 
 @dataclass(frozen=True)
 class LoopPlan:
-    """The options of one loop, the least that decides first, then those that do not.
-
-    target: dead band that matters [span]. model: what was simulated, in words. pv_range, op_range: engineering values
-    of 0 and 1.
-    """
+    """The options of one loop, the least that decides first, then those that do not."""
 
     loop: str
     verdict: str
     reason: str
-    target: float
+    target: float  # dead band that matters [span]
     options: tuple[PlanOption, ...]
-    model: str = ""
+    model: str = ""  # what was simulated, in words
     pv_range: tuple[float, float] = (0.0, 1.0)
     op_range: tuple[float, float] = (0.0, 1.0)

@@ -1,4 +1,7 @@
-"""What a scan found: one LoopReport per loop, with every half period and the reasons behind the verdict."""
+"""What a scan found: one LoopReport per loop, with every half period and the reasons behind the verdict.
+
+Times are UTC epoch seconds, signals normalised: a dead band is in spans of the controller output (0.03 = 3 %).
+"""
 
 from __future__ import annotations
 
@@ -28,41 +31,37 @@ class Verdict(StrEnum):
 NOTHING_SAID = (Verdict.CANNOT_TELL, Verdict.INSUFFICIENT_DATA)
 UNDECIDED = (Verdict.SUSPECTED, Verdict.OSCILLATING, *NOTHING_SAID)  # a plan may tell
 
+
 @dataclass(frozen=True)
 class Estimate:
-    """One half period: the interval between two zero crossings of the control error.
-
-    start, end: UTC epoch seconds. dt_s: duration [s]. dy: mean |e| (12). e_max: largest |e|. d: estimate (15),
-    all normalised. direction: sign of e. accepted: passed every gate; why: code of the gate that refused it, else "ok".
-    """
+    """One half period: the interval between two zero crossings of the control error e."""
 
     start: float
     end: float
     dt_s: float
-    dy: float
-    e_max: float
-    d: float
-    direction: int
-    accepted: bool
-    why: str = "ok"
+    dy: float  # mean |e| (12)
+    e_max: float  # largest |e|
+    d: float  # estimate (15)
+    direction: int  # sign of e
+    accepted: bool  # passed every gate
+    why: str = "ok"  # else the code of the gate that refused it
 
 
 @dataclass(frozen=True, eq=False)
 class Estimates(Sequence[Estimate]):
     """The half periods of one loop as columns, (half_periods,) arrays: read like a tuple of Estimate.
 
-    A year of a plant has millions of half periods; as columns each takes some forty bytes. begin: seconds since
-    `origin` (UTC epoch seconds), and each `why` a position in `codes`; the rest as in Estimate.
+    A year of a plant has millions of half periods; as columns each takes some forty bytes.
     """
 
     origin: float
-    begin: FloatArray
+    begin: FloatArray  # seconds since `origin`
     dt_s: FloatArray
     dy: FloatArray
     e_max: FloatArray
     d: FloatArray
     direction: NDArray[np.int8]
-    why: NDArray[np.uint8]
+    why: NDArray[np.uint8]  # each a position in `codes`
     codes: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -70,13 +69,19 @@ class Estimates(Sequence[Estimate]):
 
     def __getitem__(self, at: int | slice) -> Any:
         if isinstance(at, slice):
-            return tuple(self[i] for i in range(*at.indices(len(self))))
-        begin, duration, code = float(self.begin[at]), float(self.dt_s[at]), self.codes[self.why[at]]
-        return Estimate(self.origin + begin, self.origin + (begin + duration), duration, float(self.dy[at]),
-                        float(self.e_max[at]), float(self.d[at]), int(self.direction[at]), code == "ok", code)
+            return tuple(self._rows(at))
+        place = range(len(self))[at]
+        return next(self._rows(slice(place, place + 1)))
 
     def __iter__(self) -> Iterator[Estimate]:
-        return (self[i] for i in range(len(self)))
+        return self._rows(slice(None))
+
+    def _rows(self, part: slice) -> Iterator[Estimate]:
+        columns = (self.begin, self.dt_s, self.dy, self.e_max, self.d, self.direction, self.why)
+        for row in zip(*(column[part].tolist() for column in columns), strict=True):
+            begin, dt_s, dy, e_max, d, direction, why = row
+            yield Estimate(self.origin + begin, self.origin + (begin + dt_s), dt_s, dy, e_max, d, direction,
+                           self.codes[why] == "ok", self.codes[why])
 
     def __eq__(self, other: object) -> bool:
         return tuple(self) == tuple(other) if isinstance(other, Sequence) else NotImplemented
@@ -86,36 +91,27 @@ class Estimates(Sequence[Estimate]):
 
 @dataclass(frozen=True)
 class Cluster:
-    """Where the accepted estimates gather: dead band d [span of output] with its interval.
-
-    spread: robust relative spread (interquartile range / d). n: estimates in it. share: of all accepted estimates.
-    limit_of_detection: smallest dead band [span] that this record could have shown, None if not known.
-    """
+    """Where the accepted estimates gather."""
 
     d: float
     ci95: tuple[float, float]
-    spread: float
-    n: int
-    share: float
-    limit_of_detection: float | None = None
+    spread: float  # interquartile range / d
+    n: int  # estimates in it
+    share: float  # of all accepted estimates
+    limit_of_detection: float | None = None  # smallest dead band that this record could have shown
 
 
 @dataclass(frozen=True)
 class Confirmation:
-    """Does PV follow OP, or OP through a dead band? Size d [span of output], its interval, and the evidence.
-
-    error_reduction: share of the prediction error variance that the dead band removes. delta_bic: difference of
-    the Bayesian information criterion, positive in favour of a dead band. details: further numbers by name.
-    profile: (d, evidence) pairs of the scan over d, for the picture.
-    """
+    """Does PV follow OP, or OP through a dead band of size d?"""
 
     d: float
     ci95: tuple[float, float]
-    error_reduction: float
-    delta_bic: float
+    error_reduction: float  # share of the prediction error variance that the dead band removes
+    delta_bic: float  # Bayesian information criterion, positive in favour of a dead band
     limit_of_detection: float | None = None
-    details: Mapping[str, float | str] = field(default_factory=dict)
-    profile: tuple[tuple[float, float], ...] = ()
+    details: Mapping[str, float | str] = field(default_factory=dict)  # further numbers by name
+    profile: tuple[tuple[float, float], ...] = ()  # (d, evidence) for each size that was tried
 
 
 @dataclass(frozen=True)
@@ -129,10 +125,7 @@ class Compensator:
 
 @dataclass(frozen=True)
 class LoopReport:
-    """All that is known about one loop after a scan; times are UTC epoch seconds, signals normalised.
-
-    carry: what the next night of this loop needs to go on without a cut (estimator/carry.py), packed.
-    """
+    """All that is known about one loop after a scan."""
 
     loop: str
     verdict: Verdict
@@ -155,6 +148,7 @@ class LoopReport:
     compensator: Compensator | None = None
     warnings: tuple[Note, ...] = ()
     details: Mapping[str, object] = field(default_factory=dict)
+    # what the next night needs to go on without a cut (estimator/carry.py), packed
     carry: bytes | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -165,10 +159,16 @@ class LoopReport:
 
 
 @dataclass(frozen=True)
-class ScanResult:
-    """A whole run: the reports of all loops, the inputs, and what could not be read."""
+class PlantResult:
+    """What was found of each loop of a plant, the inputs, and what could not be read or analysed."""
 
-    loops: tuple[LoopReport, ...]
+    loops: tuple[Any, ...]
     inputs: tuple[str, ...] = ()
     warnings: tuple[Note, ...] = ()
     failures: tuple[Note, ...] = ()
+
+
+class ScanResult(PlantResult):
+    """A whole scan."""
+
+    loops: tuple[LoopReport, ...]

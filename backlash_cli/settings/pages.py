@@ -11,8 +11,8 @@ from ..errors import MetadataError, nearest
 from ..toml_text import parsed
 from .schema import Metadata, check_keys, with_defaults
 
-_RANGE = re.compile(r"^\s*[\[(]?\s*(-?[\d.]+(?:[eE][+-]?\d+)?)\s*(?:\.\.\.?|,|;|:|\s|to|bis)\s*"
-                    r"(-?[\d.]+(?:[eE][+-]?\d+)?)\s*[\])]?\s*$")  # fmt: skip
+_NUMBER = r"(-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+_RANGE = re.compile(rf"^\s*[\[(]?\s*{_NUMBER}\s*(?:\.\.\.?|,|;|:|\s|to|bis)\s*{_NUMBER}\s*[\])]?\s*$")
 
 
 def parse_toml(text: str, where: str) -> Metadata:
@@ -20,10 +20,9 @@ def parse_toml(text: str, where: str) -> Metadata:
     document = parsed(text, where)
     for key in document:
         if key not in ("defaults", "loops"):
-            raise MetadataError(
-                f"unknown table or key {key!r} in the loops file", where=_line_of(text, where, key, None),
-                remedy=f"{nearest(key, ['defaults', 'loops'])} settings of a loop stand under [loops.NAME]",
-            )
+            remedy = f"{nearest(key, ['defaults', 'loops'])} settings of a loop stand under [loops.NAME]"
+            raise MetadataError(f"unknown table or key {key!r} in the loops file", remedy=remedy,
+                                where=_line_of(text, where, key, None))
     defaults, loops = document.get("defaults", {}), document.get("loops", {})
     inner = {f"loops.{name}": table for name, table in loops.items()} if isinstance(loops, dict) else {}
     for name, table in {**document, **inner}.items():
@@ -96,10 +95,5 @@ def _value(key: str, text: str, delimiter: str, where: str) -> Any:
         match = _RANGE.match(text)
         if match is None:
             raise MetadataError(f"{key} = {text!r} is not a range", where=where, remedy='write "0..900"')
-        try:
-            return [float(match[1]), float(match[2])]
-        except ValueError:
-            raise MetadataError(f"{key} = {text!r} is not a range", where=where, remedy='write "0..900"') from None
-    if key == "auto_modes":
-        return text.split()
-    return text
+        return [float(match[1]), float(match[2])]
+    return text.split() if key == "auto_modes" else text

@@ -16,9 +16,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import MetadataError
+from ..errors import MetadataError, nearest
 
 FORMS = ("ideal", "series", "parallel")
+RIVALS = (("K", "PB"), ("Ti", "Ki", "reset"), ("Td", "Kd"))  # keys that say the same
 SECONDS = {"ms": 1e-3, "msec": 1e-3, "millisecond": 1e-3, "s": 1.0, "sec": 1.0, "second": 1.0, "m": 60.0, "min": 60.0,
            "minute": 60.0, "h": 3600.0, "hr": 3600.0, "hour": 3600.0}
 _QUANTITY = re.compile(r"^\s*([+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
@@ -95,27 +96,18 @@ def to_ideal(values: Mapping[str, Any]) -> Tuning:
     """
     form = str(values.get("form", "ideal")).strip().lower()
     if form not in FORMS:
-        from ..errors import nearest
-
         raise MetadataError(f"form = {_shown(values['form'])} is not known", remedy=nearest(form, FORMS))
-    gain = _gain(values)
-    integral, is_gain = _integral(values)
-    derivative, derivative_is_gain = _derivative(values)
-    if form == "parallel":
-        integral, is_gain = (integral, True) if is_gain else (None if integral is None else 1.0 / integral, True)
-        derivative_is_gain = True
-        if gain is not None and gain < 0 and "Ki" not in values and integral is not None:
-            integral = -integral
-        if gain is not None and gain < 0 and "Kd" not in values:
-            derivative = -derivative
-    if gain is None and ((is_gain and integral is not None) or (derivative_is_gain and derivative)):
+    for rivals in RIVALS:
+        if len(given := [key for key in rivals if key in values]) > 1:
+            raise MetadataError(f"both {' and '.join(given)} are given", remedy="keep one of them")
+    gain, parallel = _gain(values), form == "parallel"
+    derivative = next((seconds(values[key], key) for key in ("Td", "Kd") if key in values), 0.0)
+    of_gain = "Ki" in values, derivative and "Kd" in values, parallel and ({"Ti", "reset"} & set(values) or derivative)
+    if gain is None and any(of_gain):
         raise MetadataError("Ki and Kd need the gain K (or PB)", remedy="add K, or give Ti and Td as times")
-    if is_gain and integral is not None:
-        integral = gain / integral if gain is not None else None
-        if integral is not None and integral <= 0:
-            raise MetadataError("Ki must have the same sign as K", remedy="check the signs of K and Ki")
-    if derivative_is_gain and derivative and gain is not None:
-        derivative = derivative / gain
+    size = abs(gain) if parallel and gain is not None else 1.0  # independent times have no sign
+    integral = _integral(values, gain, size)
+    derivative /= gain if gain is not None and "Kd" in values else size
     if derivative < 0:
         raise MetadataError("Td (or Kd/K) must not be negative", remedy="check the sign of the derivative setting")
     if form == "series" and derivative > 0:
@@ -126,36 +118,29 @@ def to_ideal(values: Mapping[str, Any]) -> Tuning:
 
 
 def _gain(values: Mapping[str, Any]) -> float | None:
-    if "K" in values and "PB" in values:
-        raise MetadataError("both K and PB are given", remedy="keep one of them: K = 100 / PB")
     if "PB" in values:
-        band = values["PB"]
-        if isinstance(band, str):
-            band = band.replace("%", "")
-        width = number(band, "PB")
+        width = number(str(values["PB"]).replace("%", ""), "PB")
         if width == 0:
             raise MetadataError("PB must not be zero", remedy="PB is the proportional band in %, K = 100 / PB")
         return 100.0 / width
-    if "K" not in values:
-        return None
-    gain = number(values["K"], "K")
+    gain = number(values["K"], "K") if "K" in values else None
     if gain == 0:
         raise MetadataError("K must not be zero", remedy="give the controller gain, or leave K out to identify it")
     return gain
 
 
-def _integral(values: Mapping[str, Any]) -> tuple[float | None, bool]:
-    given = [key for key in ("Ti", "Ki", "reset") if key in values]
-    if len(given) > 1:
-        raise MetadataError(f"both {' and '.join(given)} are given", remedy="keep one of them")
-    if not given:
-        return None, False
-    key = given[0]
-    if key == "Ki":
-        rate = per_second(values[key], key)
+def _integral(values: Mapping[str, Any], gain: float | None, size: float) -> float | None:
+    """Return Ti [s]. size: K without its sign where times are independent of it, else 1."""
+    if "Ki" in values:
+        rate = per_second(values["Ki"], "Ki")
         if rate == 0:
             raise MetadataError("Ki must not be zero", remedy="the method needs integral action")
-        return rate, True
+        if gain is not None and gain / rate <= 0:
+            raise MetadataError("Ki must have the same sign as K", remedy="check the signs of K and Ki")
+        return None if gain is None else gain / rate
+    key = next((key for key in ("Ti", "reset") if key in values), None)
+    if key is None:
+        return None
     if key == "reset" and not (isinstance(values[key], str) and re.search(r"[a-zA-Z]", values[key])):
         raise MetadataError(f"reset = {_shown(values[key])} needs its unit",
                             remedy='write reset = "2 /min" (repeats) or "30 s" (time)')
@@ -163,15 +148,7 @@ def _integral(values: Mapping[str, Any]) -> tuple[float | None, bool]:
     if time <= 0:
         raise MetadataError(f"{key} must be positive, not {_shown(values[key])}",
                             remedy="give the integral time in seconds, or leave it out to have it identified")
-    return time, False
-
-
-def _derivative(values: Mapping[str, Any]) -> tuple[float, bool]:
-    if "Td" in values and "Kd" in values:
-        raise MetadataError("both Td and Kd are given", remedy="keep one of them")
-    if "Kd" in values:
-        return seconds(values["Kd"], "Kd"), True
-    return (seconds(values["Td"], "Td") if "Td" in values else 0.0), False
+    return time * size
 
 
 def _unit(text: str, key: str) -> float:

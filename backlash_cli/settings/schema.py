@@ -10,7 +10,7 @@ from typing import Any
 
 from ..errors import MetadataError, nearest
 from ..record import LoopSettings, Note
-from .pid_forms import number, seconds, to_ideal
+from .pid_forms import RIVALS, number, seconds, to_ideal
 
 ROLE_KEYS = ("sp", "pv", "op", "mode")
 LOOP_KEYS = (  # limit_class: class of dead-band limit, for the wear report
@@ -67,8 +67,7 @@ class Metadata:
 
 def inherit(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the defaults that hold for a loop: not set by it, and not contradicted by another form of the same."""
-    rivals = ({"K", "PB"}, {"Ti", "Ki", "reset"}, {"Td", "Kd"})
-    taken = set(values).union(*(rival for rival in rivals if rival & set(values)))
+    taken = set(values).union(*(rivals for rivals in RIVALS if set(rivals) & set(values)))
     return {key: value for key, value in defaults.items() if key not in taken}
 
 
@@ -148,11 +147,11 @@ def settings_of(values: LoopValues | None) -> Settings:
     keys = ("Tf", "Kp", "theta", "pv_range", "op_range", "K", "PB", "Ti", "Ki", "reset", "Td", "Kd")
     source = {named.get(key, key): "default" if key in values.from_defaults else "metadata"
               for key in keys if key in given}
-    setpoint = given.get("sp")
+    setpoint, modes = given.get("sp"), given.get("auto_modes", ())
     loop = LoopSettings(K=tuning.K, Ti=tuning.Ti, Td=tuning.Td, Tf=times.get("Tf"), Kp=gain, theta=times.get("theta"),
                         source=source)
     return Settings(loop, _range(given, "pv_range"), _range(given, "op_range"), units == "engineering",
-                    _words(given.get("auto_modes", ())),
+                    tuple(map(str, modes if isinstance(modes, (list, tuple)) else [modes])),
                     number(setpoint, "sp") if isinstance(setpoint, (int, float)) else None, tuple(notes))
 
 
@@ -171,8 +170,3 @@ def _range(given: Any, key: str) -> tuple[float, float] | None:
     if high - low == float("inf"):
         raise MetadataError(f"{key} is too wide", remedy="give the span: [low, high]")
     return low, high
-
-
-def _words(value: Any) -> tuple[str, ...]:
-    items = value if isinstance(value, (list, tuple)) else [value]
-    return tuple(str(item) for item in items)

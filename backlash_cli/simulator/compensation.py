@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..record import FloatArray, Note, Record
-from ..results.compensation import CompensationStudy, Glimpse, ProcessModel, Trial
+from ..results.compensation import CompensationStudy, ProcessModel, Trial
+from ..results.plan import Course
 from .controller import Compensator, Controller, Scheme
 from .limit_cycle import limit_cycle
 from .loop import Trace, trace
@@ -115,7 +116,7 @@ def study(s: Study, loop: str, d_source: str, model: ProcessModel, warnings: tup
     trials = {gain: judge(run, s, gain) for gain, run in runs.items()}
     recommended, reason, refusals = choose(s, trials)
     listed = sorted({*shares, *([recommended, MARGIN * recommended] if recommended else [])})
-    before, after = (None if gain is None else glimpse(runs[gain], gain, 4.0 * spacing, 6.0 * spacing)
+    before, after = (None if gain is None else glimpse(runs[gain], 4.0 * spacing, 6.0 * spacing)
                      for gain in (0.0, recommended))
     return CompensationStudy(
         loop=loop,
@@ -191,9 +192,9 @@ def objections(base: Trial, trial: Trial, beyond: Trial) -> list[Note]:
     return notes
 
 
-def glimpse(run: Trace, gain: float, first: float, last: float) -> Glimpse:
+def glimpse(run: Trace, first: float, last: float) -> Course:
     """Return the stretch of a run that is drawn, from first to last [s]."""
     inside = np.flatnonzero((run.time >= first) & (run.time < last))
     pick = inside[:: max(1, len(inside) // 1500)]
-    return Glimpse(gain, run.time[pick] - first, run.process_output[pick], run.setpoint[pick], run.output[pick],
-                   run.valve[pick])
+    shown = (run.time - first, run.setpoint, run.process_output, run.output, run.valve)
+    return Course(*(tuple(values[pick].tolist()) for values in shown))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, Record
 from ..results import Estimate
-from ..results.paper import Line, Mark, Panel, PaperFigure, PaperReport, PaperRow, Published
+from ..results.paper import Line, Panel, PaperFigure, PaperReport, PaperRow
 from .controller import Compensator, Controller, Scheme
 from .limit_cycle import describing_function, limit_cycle
 from .loop import Trace, simulate, trace
@@ -51,7 +51,7 @@ Found = tuple[Numbers, list[PaperFigure]]
 
 PAGE = tomllib.loads((resources.files(__package__) / "published.toml").read_text(encoding="utf-8"))
 # every number of the paper with its tolerance
-PUBLISHED = tuple(Published(*row, **PAGE["differs"].get(row[0], {})) for row in PAGE["published"])
+PUBLISHED = tuple(PaperRow(*row, **PAGE["differs"].get(row[0], {})) for row in PAGE["published"])
 
 
 def reproduce(estimator: Estimator) -> PaperReport:
@@ -64,7 +64,7 @@ def reproduce(estimator: Estimator) -> PaperReport:
         values |= more
         figures += drawn
     order = list(PAGE["figures"])
-    return PaperReport(tuple(PaperRow(p, values[p.key]) for p in PUBLISHED),
+    return PaperReport(tuple(replace(row, ours=values[row.key]) for row in PUBLISHED),
                        tuple(sorted(figures, key=lambda f: order.index(f.key))),
                        {key: (PAGE["estimates"][key], ours) for key, ours in lists.items()})
 
@@ -77,7 +77,7 @@ def figure(key: str, *panels: Panel) -> PaperFigure:
 
 
 def diagrams(key: str, t: FloatArray, above: Mapping[str, FloatArray], below: Mapping[str, FloatArray],
-             marks: Sequence[Mark] = ()) -> PaperFigure:
+             marks: Sequence[tuple[float, float, str]] = ()) -> PaperFigure:
     """Return two diagrams of named curves over time (points,), the measured signals above and the output below."""
     above_lines, below_lines = (tuple(Line(name, t, y, "dot" if name in QUIET else "solid", quiet=name in QUIET)
                                       for name, y in curves.items()) for curves in (above, below))
@@ -97,7 +97,7 @@ def recording(key: str, record: Record, found: Sequence[Estimate]) -> PaperFigur
     assert record.output is not None
     thin = slice(None, None, max(1, len(record) // POINTS))
     top = float(np.max(record.measurement))
-    marks = [Mark(e.end - record.start, top, f"{100 * e.d:.1f}" if e.accepted else f"({100 * e.d:.1f})") for e in found]
+    marks = [(e.end - record.start, top, f"{100 * e.d:.1f}" if e.accepted else f"({100 * e.d:.1f})") for e in found]
     return diagrams(key, record.time[thin] - record.start,
                     {"setpoint": record.setpoint[thin], "y": record.measurement[thin]},
                     {"u": record.output[thin]}, marks)

@@ -16,7 +16,7 @@ from pathlib import Path
 from backlash_cli.history.store import History
 from tests.benchmarks.dask_folder import make
 
-TABLES = ("nights", "half_periods", "runs", "joins")
+TABLES = ("nights", "half_periods", "runs")
 
 
 def scan(folder: Path, name: str, jobs: int, *more: str) -> subprocess.Popen[bytes]:

@@ -53,7 +53,7 @@ def told(plant, history, *more):
 
 def content(history):
     with History(history) as store:
-        return [row for table in ("nights", "half_periods", "runs", "joins")
+        return [row for table in ("nights", "half_periods", "runs")
                 for row in map(tuple, store.db.execute(f"SELECT * FROM {table}"))]
 
 

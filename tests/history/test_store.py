@@ -159,7 +159,7 @@ def test_a_version_1_file_is_brought_up_to_date(tmp_path):
     fresh = tmp_path / "fresh.db"
     History(fresh, create=True).db.close()
     with sqlite3.connect(path) as old, sqlite3.connect(fresh) as new:
-        for table in ("nights", "half_periods", "joins", "runs", "repairs"):
+        for table in ("nights", "half_periods", "runs", "repairs"):
             columns = f"PRAGMA table_info({table})"
             assert old.execute(columns).fetchall() == new.execute(columns).fetchall()
         assert old.execute("PRAGMA user_version").fetchone()[0] == len(STEPS)

@@ -22,7 +22,7 @@ from backlash_cli.errors import BacklashError
 from backlash_cli.loaders import Plant, ReadOptions, clean, opening, read, scratch, signals, sniff
 from backlash_cli.loaders.join import failure
 from backlash_cli.loaders.plant import open_plant
-from backlash_cli.loaders.scratch import Room, ScratchFile, Store
+from backlash_cli.loaders.scratch import Room, Store
 from backlash_cli.record import SampleState
 from backlash_cli.scanning import ScanOptions
 from tests.small_plant import records, write_plant
@@ -362,9 +362,9 @@ def test_a_full_disk_is_one_message(monkeypatch):
     def full(*args, **kwargs):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(scratch.tempfile, "mkstemp", full)
+    monkeypatch.setattr(scratch.tempfile, "TemporaryFile", full)
     with pytest.raises(BacklashError, match="No space left"):
-        ScratchFile().append({"a": np.ones(3)})
+        Room(0).spilled(np.ones(3))
 
 
 @given(rows=st.lists(st.integers(0, 5), max_size=200), size=st.integers(1, 200), memory=st.sampled_from([0, 500]))
@@ -376,9 +376,9 @@ def test_a_store_gives_each_group_its_rows_in_order(rows, size, memory):
         store.add({"group": numbers[part], "x": np.arange(len(rows), dtype=float)[part]})
     for group in range(6):
         want = np.flatnonzero(numbers == group)
-        assert store.group_rows(group).sum() == len(want)
-        assert np.array_equal(store.read(["x"], group=group)["x"], want)
-        assert np.array_equal(store.read(["x"], 2, 5, group)["x"], want[2:5])
+        assert store.rows(group).sum() == len(want)
+        assert np.array_equal(store.read("x", group=group), want)
+        assert np.array_equal(store.read("x", 2, 5, group), want[2:5])
 
 
 def test_only_columns_of_wanted_loops_are_kept(tmp_path):

@@ -551,12 +551,6 @@ def test_columns_that_belong_to_no_loop_are_named(tmp_path):
     assert "did you mean" not in raised.value.remedy
 
 
-def test_a_long_gap_is_told_in_days():
-    from backlash_cli.loaders.grid import _length
-
-    assert [_length(s) for s in (45.0, 600.0, 7200.0, 5.2224e6)] == ["45 s", "10 min", "2 h", "60.4 days"]
-
-
 def test_a_time_pattern_is_heeded_where_stamps_look_like_iso(tmp_path):
     """Year, day, month: Arrow alone would take the third of January for the first of March."""
     stamps = [f"2026-{day:02d}-03 {hour:02d}:00:00" for day in (1, 2, 3) for hour in range(24)]

@@ -16,7 +16,7 @@ from backlash_cli.errors import MetadataError, UsageError
 from backlash_cli.model import explain
 from backlash_cli.model.search import Found, turned
 from backlash_cli.record import FloatArray, LoopSettings, record_from_arrays
-from backlash_cli.reporter.json_report import explanation
+from backlash_cli.reporter.json_report import judged
 
 from .loops import gap, loop, process, steps
 
@@ -108,7 +108,7 @@ def test_too_little_motion_is_said() -> None:
 
 
 def test_same_record_same_answer_and_no_infinite_number() -> None:
-    one, two = (explanation(explain(loop(d=0.03, load=0.001, samples=900))) for _ in range(2))
+    one, two = (judged(explain(loop(d=0.03, load=0.001, samples=900))) for _ in range(2))
     assert one == two
     assert all(math.isfinite(x) for x in numbers({k: v for k, v in one.items() if k != "details"}))
 

@@ -12,7 +12,7 @@ from backlash_cli.model import explain
 from backlash_cli.model.problem import problem_from_record
 from backlash_cli.model.reasons import marked, usual_move, with_reasons
 from backlash_cli.record import Note
-from backlash_cli.results import Candidate, FittedEffect, FittedParameter, gap_size
+from backlash_cli.results import Candidate, FittedEffect, FittedParameter
 
 from .loops import loop
 
@@ -22,7 +22,8 @@ SIBLINGS = {e.name: e.fitting.siblings for e in EFFECTS}
 def gap(d: float, *, reduction: float = 0.0, evidence: float = 5.0, name: str = "backlash") -> Candidate:
     key = "d" if name == "backlash" else "S"
     parameters = {key: FittedParameter(d, "span")}
-    return Candidate(name, 0.01, reduction, parameters, evidence=evidence, verdict="not needed", stage="valve")
+    return Candidate(name, parameters, stage="valve", rmse_holdout=0.01, error_reduction=reduction, evidence=evidence,
+                     verdict="not needed")
 
 
 def code(candidate: Candidate, *, accepted: tuple[str, ...] = (), alike: tuple[tuple[str, str], ...] = (),
@@ -49,9 +50,9 @@ def test_each_reason_has_its_case() -> None:
 
 
 def test_only_a_gap_of_the_valve_is_a_gap() -> None:
-    assert gap_size(gap(0.03)) == 0.03
-    stop = Candidate("saturation", 0.01, 0.0, {"low": FittedParameter(0.2, "span", level=True)}, stage="valve")
-    assert gap_size(stop) is None and gap_size(replace(gap(0.03), stage="sensor")) is None
+    assert gap(0.03).gap == 0.03
+    stop = FittedEffect("saturation", {"low": FittedParameter(0.2, "span", level=True)}, stage="valve")
+    assert stop.gap is None and replace(gap(0.03), stage="sensor").gap is None
 
 
 @pytest.mark.parametrize(("d", "gain", "codes"), [

@@ -88,10 +88,12 @@ def explanation(loop: str = "FIC101") -> Explanation:
     return Explanation(
         loop, BASELINE, 0.0075,
         candidates=(
-            Candidate("backlash", 0.0081, 0.936, found.parameters, evidence=512.0, verdict="accepted", stage="valve"),
-            Candidate("rate_limit", 0.03, 0.12, {"rate": FittedParameter(float("inf"), "1/s")}, evidence=4.0),
-            Candidate("measured_disturbance", 0.0319, 0.01,
-                      {"gain": FittedParameter(0.001, "OP span per column unit")}, "DV1"),
+            Candidate("backlash", found.parameters, stage="valve", rmse_holdout=0.0081, error_reduction=0.936,
+                      evidence=512.0, verdict="accepted"),
+            Candidate("rate_limit", {"rate": FittedParameter(float("inf"), "1/s")}, rmse_holdout=0.03,
+                      error_reduction=0.12, evidence=4.0),
+            Candidate("measured_disturbance", {"gain": FittedParameter(0.001, "OP span per column unit")}, "DV1",
+                      rmse_holdout=0.0319, error_reduction=0.01),
         ),
         steps=(Step(None, 0.032, 0.031, plain), Step("backlash", 0.0081, 0.008, true),
                Step("load_step", 0.008, 0.0079, true)),
@@ -112,9 +114,8 @@ def nothing(loop: str = "FIC102") -> Explanation:
 def comparison(loop: str = "FIC101", *, model: Model | None = MODEL) -> Comparison:
     _, _, plain, _ = signals()
     if model is None:
-        return Comparison(loop, BASELINE, BASELINE, 0.0075, regions(), series=series(plain), settings=SETTINGS,
-                          unexplained=1.0)
-    return Comparison(
-        loop, BASELINE, Fitness(0.0079, 0.0081), 0.0075, regions(), (backlash(),), 0.05, series(), (), SETTINGS,
-        replace(model, loop=loop), False, 0.0,
-    )
+        return Comparison(loop, BASELINE, 0.0075, fitness=BASELINE, where=regions(), series=series(plain),
+                          settings=SETTINGS, unexplained=1.0)
+    return Comparison(loop, BASELINE, 0.0075, fitness=Fitness(0.0079, 0.0081), where=regions(), effects=(backlash(),),
+                      unexplained=0.05, series=series(), settings=SETTINGS, model=replace(model, loop=loop),
+                      fitted=False, seen=0.0)

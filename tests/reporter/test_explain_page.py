@@ -13,8 +13,7 @@ from backlash_cli.errors import UsageError
 from backlash_cli.record import Note
 from backlash_cli.reporter import explain_figures as figures
 from backlash_cli.reporter.explain_figures import binned, causes, since_reversal, spectrum
-from backlash_cli.reporter.explain_report import compare_page, explain_page, write_picture
-from backlash_cli.reporter.explain_summary import COLUMNS, counts, to_csv, to_json, to_page, to_text
+from backlash_cli.reporter.explain_report import COLUMNS, counts, judged, summary, to_csv, write_picture
 from backlash_cli.reporter.files import write_text
 from backlash_cli.results import PlantExplanation
 from tests.reporter.chromium import Browser, settled
@@ -44,24 +43,26 @@ def test_bins_give_mean_and_rms_of_their_samples():
     x = np.arange(1000.0)
     residual = np.where(x < 500, 1.0, -3.0)
     residual[7] = np.nan
-    curve = binned("m", x, residual, np.ones(1000, bool), even=True, bins=2)
-    np.testing.assert_allclose(curve.mean, [1.0, -3.0])
-    np.testing.assert_allclose(curve.rms, [1.0, 3.0])
-    assert len(binned("m", np.zeros(100), np.zeros(100), np.ones(100, bool)).x) == 0
+    center, mean, rms = binned(x, residual, np.ones(1000, bool), even=True, bins=2)
+    np.testing.assert_allclose(center, [249.75, 749.5], rtol=2e-3)
+    np.testing.assert_allclose(mean, [1.0, -3.0])
+    np.testing.assert_allclose(rms, [1.0, 3.0])
+    assert len(binned(np.zeros(100), np.zeros(100), np.ones(100, bool))[0]) == 0
 
 
 def test_the_spectrum_shares_out_all_of_the_error():
     residual = 0.02 * np.sin(2 * np.pi * np.arange(4096) / 64) + 0.003 * np.random.default_rng(1).standard_normal(4096)
-    curve = spectrum("m", residual, 2.0)
-    assert np.sum(curve.rms**2) == pytest.approx(np.var(residual), rel=1e-3)
-    assert curve.x[np.argmax(curve.rms)] == pytest.approx(128.0, rel=0.15)
+    period, _, rms = spectrum(residual, 2.0)
+    assert np.sum(rms**2) == pytest.approx(np.var(residual), rel=1e-3)
+    assert period[np.argmax(rms)] == pytest.approx(128.0, rel=0.15)
 
 
 def test_play_shows_in_the_time_since_op_turned():
-    found = {c.title: c for c in causes(series(signals()[2]), {"m": series(signals()[2]).residual})}
+    found = {title: figure for title, _, figure in causes(series(), {"m": signals()[2]}, 0.004)}
     assert set(found) == {"Time since OP turned", "Level of OP", "Speed of OP", "Time of the record", "Period"}
-    up, down = found["Time since OP turned"].curves
-    assert up.mean[0] * down.mean[0] < 0 and abs(up.mean[0]) > 0.01
+    up, down = found["Time since OP turned"]["data"]
+    assert (up["name"], down["name"]) == ("m, OP turned up", "m, OP turned down")
+    assert up["y"][0] * down["y"][0] < 0 and abs(up["y"][0]) > 1.0  # per cent
 
 
 def test_all_signals_share_one_time_axis_and_regions_can_be_switched():
@@ -88,25 +89,25 @@ def test_every_step_has_its_button_and_its_lines():
 
 
 def test_pages_say_the_answer_in_words():
-    said = " ".join(text_of(explain_page(explanation())).split())
+    said = " ".join(text_of(judged(explanation()).page()).split())
     for words in ("Missing in the plain model", "has 6.02 % of play", "cannot tell them apart", "baseline 3.2 %",
                   "4 % stays unexplained", "After the output turned", "the record is short"):
         assert words in said, words
-    assert "Nothing is missing" in text_of(explain_page(nothing()))
-    assert "leaves 5 % unexplained" in text_of(compare_page(comparison()))
-    assert compare_page(replace(comparison(), series=None)) and explain_page(explanation().light())
+    assert "Nothing is missing" in text_of(judged(nothing()).page())
+    assert "leaves 5 % unexplained" in text_of(judged(comparison()).page())
+    assert judged(replace(comparison(), series=None)).page() and judged(explanation().light()).page()
 
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_foreign_names_do_not_run(name):
-    for page in (explain_page(explanation(name)), compare_page(comparison(name)), to_page(plant(name))):
+    for page in (judged(explanation(name)).page(), judged(comparison(name)).page(), summary(plant(name)).page()):
         assert "<script>alert" not in page and "<img" not in page
 
 
 def plant(*names: str) -> PlantExplanation:
     loops = tuple(explanation(name).light() for name in names)
     lost = Note("constant_signal", "TIC9: OP is constant", {"loop": "TIC9"})
-    return PlantExplanation((*loops, nothing().light()), (lost,), ("plant.csv",))
+    return PlantExplanation((*loops, nothing().light()), ("plant.csv",), failures=(lost,))
 
 
 def test_the_summary_counts_effects_and_names_what_failed():
@@ -115,17 +116,17 @@ def test_the_summary_counts_effects_and_names_what_failed():
     rows = list(csv.DictReader(io.StringIO(to_csv(found))))
     assert tuple(rows[0]) == COLUMNS and [r["loop"] for r in rows] == ["FIC1", "FIC2", "FIC102", "TIC9"]
     assert rows[0]["missing_effect"] == "backlash" and rows[3]["failure"] == "TIC9: OP is constant"
-    document = json.loads(to_json(found))
+    document = json.loads(summary(found).json())
     assert document["missing"]["backlash"] == 2 and len(document["loops"]) == 3
-    text = to_text(found)
+    text = summary(found).text()
     assert "backlash in 2" in text and "nothing in 1" in text and "TIC9: OP is constant" in text
-    assert "backlash in 2" in text_of(to_page(found))
+    assert "backlash in 2" in text_of(summary(found).page())
 
 
 def test_pages_open_without_errors_and_the_buttons_work(tmp_path):
     browser = Browser()
     try:
-        pages = {"e": explain_page(explanation()), "c": compare_page(comparison()), "s": to_page(plant("a"))}
+        pages = {"e": judged(explanation()).page(), "c": judged(comparison()).page(), "s": summary(plant("a")).page()}
         for name, text in pages.items():
             path = tmp_path / f"{name}.html"
             write_text(path, text)

@@ -6,17 +6,15 @@ import json
 from dataclasses import replace
 
 from backlash_cli.record import LoopSettings, Note
-from backlash_cli.reporter.explain_summary import (
+from backlash_cli.reporter.explain_report import (
     reason,
+    summary,
     tallies,
     to_csv,
-    to_json,
-    to_page,
-    to_text,
     valve_reason,
 )
-from backlash_cli.reporter.parameter_words import quantity
 from backlash_cli.reporter.templates import sentence
+from backlash_cli.reporter.words import quantity
 from backlash_cli.results import Candidate, FittedParameter, PlantExplanation
 from tests.reporter.explanations import backlash, explanation, nothing
 
@@ -25,7 +23,8 @@ STILL = Note("too_little_motion", "PV follows OP by only 1.2 times its noise")
 
 
 def tried(name, code, evidence, *, size=0.02):
-    found = Candidate(name, 0.03, 0.0, {"d": FittedParameter(size, "span")}, evidence=evidence, stage="valve")
+    found = Candidate(name, {"d": FittedParameter(size, "span")}, stage="valve", rmse_holdout=0.03, error_reduction=0.0,
+                      evidence=evidence)
     return replace(found, why=Note(code, f"because {code}"))
 
 
@@ -37,7 +36,7 @@ def plant():
                                                 tried("stiction", "below_resolution", -1.0)))
     still = replace(nothing("FIC3"), reasons=(STILL,), candidates=(tried("backlash", "too_little_motion", 1.0),))
     lost = Note("constant_signal", "FIC4: OP is constant", {"loop": "FIC4"})
-    return PlantExplanation((found, none, still), (lost,), ("plant.csv",))
+    return PlantExplanation((found, none, still), ("plant.csv",), failures=(lost,))
 
 
 def test_gaps_are_counted_together_and_each_alone():
@@ -56,17 +55,17 @@ def test_gaps_are_counted_together_and_each_alone():
 
 
 def test_all_forms_say_the_same():
-    text = " ".join(to_text(plant()).split())
+    text = " ".join(summary(plant()).text().split())
     assert "backlash or stiction 1 1 smaller than the recording shows" in text
     assert f"Found, but small: FIC1: {SMALL.message}" in text and "(small)" in text
-    assert max(map(len, to_text(plant()).splitlines())) <= 100
-    told = json.loads(to_json(plant()))["effects"][0]
+    assert max(map(len, summary(plant()).text().splitlines())) <= 100
+    told = json.loads(summary(plant()).json())["effects"][0]
     assert told["accepted"] == 1 and told["of"] == 4 and told["small"] == ["FIC1"] and told["not_accepted"]
     one, two, three, four = csv.DictReader(io.StringIO(to_csv(plant())))
     assert one["gap_small"] == SMALL.message and one["no_gap"] == ""
     assert two["no_gap"] == "below_resolution" and two["no_gap_because"] == "because below_resolution"
     assert three["no_gap"] == "too_little_motion" and four["failure"] == "FIC4: OP is constant"
-    page = to_page(plant())
+    page = summary(plant()).page()
     assert "Why found, why not" in page and "smaller than the recording shows" in page
 
 

@@ -8,11 +8,9 @@ import pytest
 
 from backlash_cli.effects import EFFECTS
 from backlash_cli.record import LoopSettings
-from backlash_cli.reporter.explain_report import comparison_text, explanation_text
-from backlash_cli.reporter.json_report import model_json as to_json
-from backlash_cli.reporter.parameter_words import fill, meaning, quantity
+from backlash_cli.reporter.explain_report import judged
 from backlash_cli.reporter.templates import sentence
-from backlash_cli.reporter.words import error_size, share
+from backlash_cli.reporter.words import error_size, fill, meaning, quantity, share
 from backlash_cli.results import FittedEffect, FittedParameter, Rest, Step
 from tests.reporter.explanations import SETTINGS, comparison, explanation, nothing
 from tests.reporter.reports import HOSTILE
@@ -62,7 +60,7 @@ def test_small_words():
 
 
 def test_explanation_gives_answer_meaning_look_alikes_and_the_rest():
-    text = explanation_text(explanation())
+    text = judged(explanation()).text()
     order = ["baseline 3.2 % -> + backlash 0.81 %", "Missing in the plain model: backlash or stiction and load step",
              "also holds on samples", "What it means", "backlash: d = 6.02 % of OP span (95 %: 5.94 to 6.11 %)",
              "has 6.02 % of play", "cannot tell them apart", "Each effect tried alone", "4 % stays unexplained",
@@ -73,7 +71,7 @@ def test_explanation_gives_answer_meaning_look_alikes_and_the_rest():
 
 
 def test_nothing_missing_is_said_plainly():
-    text = explanation_text(nothing())
+    text = judged(nothing()).text()
     assert "The error is 4.3 times the noise, though" in " ".join(text.split())
     assert "Nothing is missing" in text and "What it means" not in text
 
@@ -81,28 +79,28 @@ def test_nothing_missing_is_said_plainly():
 def test_the_users_own_choice_is_not_called_missing():
     e = explanation()
     steps = (e.steps[0], replace(e.steps[1], chosen="user"), e.steps[2])
-    text = " ".join(explanation_text(replace(e, steps=steps)).split())
+    text = " ".join(judged(replace(e, steps=steps)).text().split())
     assert "With your own choice, backlash, the error on unseen samples goes from 3.2 % to 0.81 %." in text
     assert "Missing in the model: load step." in text
-    text = explanation_text(replace(e, steps=steps[:2]))
+    text = judged(replace(e, steps=steps[:2])).text()
     assert "Missing" not in text
 
 
 def test_a_model_that_does_worse_than_the_plain_one_does_not_hold():
     c = comparison()
-    assert "does not hold" in comparison_text(replace(c, fitness=replace(c.fitness, rmse_holdout=0.05)))
-    assert "hold here" not in comparison_text(comparison(model=None))
+    assert "does not hold" in judged(replace(c, fitness=replace(c.fitness, rmse_holdout=0.05))).text()
+    assert "hold here" not in judged(comparison(model=None)).text()
 
 
 def test_comparison_with_and_without_a_model():
-    text = comparison_text(comparison())
+    text = judged(comparison()).text()
     said = "hold-out error was 0.8 %; on this one, of which it has seen nothing, it is 0.81 %. The model holds here"
     assert said in " ".join(text.split())
-    own = " ".join(comparison_text(replace(comparison(), seen=1.0)).split())
+    own = " ".join(judged(replace(comparison(), seen=1.0)).text().split())
     assert "This is the record that the model was fitted to" in own
-    assert "fitted to 40 % of this record" in " ".join(comparison_text(replace(comparison(), seen=0.4)).split())
+    assert "fitted to 40 % of this record" in " ".join(judged(replace(comparison(), seen=0.4)).text().split())
     assert re.search(r"this model +0.79 % +0.81 % +with backlash", text) and "leaves 5 % unexplained" in text
-    plain = comparison_text(comparison(model=None))
+    plain = judged(comparison(model=None)).text()
     assert "this is the model compared" in plain and "this model  " not in plain
 
 
@@ -110,14 +108,14 @@ def test_comparison_with_and_without_a_model():
 @pytest.mark.parametrize("name", HOSTILE)
 def test_foreign_names_stay_on_their_line_and_within_100_columns(make, name):
     found = make(name)
-    text = (comparison_text if make is comparison else explanation_text)(found, verbose=True, width=250)
+    text = judged(found).text(verbose=True)
     assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\ud800-\udfff]", text)
     assert all(len(line) <= 100 for line in text.splitlines())
-    assert json.loads(to_json(found))["loop"] == name.encode("utf-8", "backslashreplace").decode()
+    assert json.loads(judged(found).json())["loop"] == name.encode("utf-8", "backslashreplace").decode()
 
 
 def test_json_has_the_fields_of_the_contract_and_no_nan():
-    text = to_json(explanation())
+    text = judged(explanation()).json()
     found = json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} in strict JSON"))
     assert set(found) >= {"loop", "baseline", "noise_floor", "candidates", "steps", "effects", "missing_effect",
                           "where", "unexplained", "warnings"}
@@ -133,12 +131,12 @@ def test_json_has_the_fields_of_the_contract_and_no_nan():
 
 
 def test_json_of_nothing_and_of_a_comparison():
-    found = json.loads(to_json(nothing()))
+    found = json.loads(judged(nothing()).json())
     assert found["missing_effect"] is None and found["effects"] == [] and len(found["steps"]) == 1
-    compared = json.loads(to_json(comparison()))
+    compared = json.loads(judged(comparison()).json())
     assert compared["candidates"] == [] and compared["missing_effect"] is None
     assert [s["added"] for s in compared["steps"]] == [None, "backlash"]
-    assert json.loads(to_json(replace(comparison(), series=None)))["samples"] is None
+    assert json.loads(judged(replace(comparison(), series=None)).json())["samples"] is None
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: e.name)
@@ -152,7 +150,7 @@ def test_no_sentence_keeps_an_unfilled_place_whatever_is_missing(effect):
         assert "{" not in said and "}" not in said and said.strip()
     e = explanation()
     bare = replace(e, effects=tuple(replace(f, parameters={}) for f in e.effects), margin=None, unexplained=None)
-    assert "{" not in explanation_text(bare, verbose=True)
+    assert "{" not in judged(bare).text(verbose=True)
 
 
 def test_the_answer_says_how_sure_it_is_and_what_is_left():
@@ -161,7 +159,7 @@ def test_the_answer_says_how_sure_it_is_and_what_is_left():
 
     def told(confidence, **more):
         sure = replace(e, effects=(replace(first, confidence=confidence), *others), **more)
-        return " ".join(explanation_text(sure).split()), sentence("verdict", sure)
+        return " ".join(judged(sure).text().split()), sentence("verdict", sure)
 
     text, said = told("clear", look_alikes=(), adequate=True, rest=Rest(1.2))
     assert said.startswith("Missing in the plain model: backlash") and "conditional" not in text
@@ -173,11 +171,11 @@ def test_the_answer_says_how_sure_it_is_and_what_is_left():
     assert "acts like backlash, but may be something else: sensor hysteresis would look the same" in said
     assert "5 times the noise and more than noise and load: it goes with time" in said
     assert "the numbers are conditional" in text
-    document = json.loads(to_json(replace(e, adequate=False, rest=rest)))
+    document = json.loads(judged(replace(e, adequate=False, rest=rest)).json())
     assert document["adequate"] is False and document["rest"]["times_noise"] == 5.0 and document["rest"]["goes_with"]
 
 
 def test_backlash_or_stiction_comes_with_the_band_and_what_would_tell():
-    text = " ".join(explanation_text(replace(explanation(), look_alikes=(("backlash", "stiction"),))).split())
+    text = " ".join(judged(replace(explanation(), look_alikes=(("backlash", "stiction"),))).text().split())
     assert "backlash or stiction" in text and "the output must travel 6 % of its span" in text
     assert "A slow ramp of the output by hand" in text

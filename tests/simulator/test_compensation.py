@@ -11,7 +11,7 @@ from backlash_cli.compensate import compensate, contradiction, density_of, gain_
 from backlash_cli.errors import LoopError, MetadataError, UsageError
 from backlash_cli.model.problem import noise_floor
 from backlash_cli.record import record_from_arrays
-from backlash_cli.reporter.compensation import ADVICE, compensation_page, to_json, to_text
+from backlash_cli.reporter.advice import ADVICE, compensation
 from backlash_cli.results.compensation import ProcessModel
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, trace, use
 from backlash_cli.simulator.compensation import (
@@ -199,7 +199,7 @@ def test_refusals(changes, code):
     assert found.recommended is None
     assert found.after is None
     assert found.refusals[0].code == code
-    assert "no compensator" in to_text(found)
+    assert "no compensator" in compensation(found).text()
 
 
 def test_objections_name_travel_and_lack_of_improvement():
@@ -270,18 +270,18 @@ def test_a_dead_band_that_is_not_there_is_refused():
 
 
 def test_outputs(advice):
-    text = to_text(advice)
+    text = compensation(advice).text()
     assert max(map(len, text.splitlines())) <= 100
     assert ADVICE[:30] in text
-    document = json.loads(to_json(advice))
+    document = json.loads(compensation(advice).json())
     assert document["recommended"]["gain"] == advice.recommended
     assert len(document["trials"]) == len(advice.trials)
-    html = compensation_page(advice)
+    html = compensation(advice).page()
     assert "advice to a person" in html
 
 
 def test_names_from_the_plant_cannot_become_markup(advice):
-    assert "<script>alert" not in compensation_page(replace(advice, loop="<script>alert(1)</script>"))
+    assert "<script>alert" not in compensation(replace(advice, loop="<script>alert(1)</script>")).page()
 
 
 # what a person writes
