@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from .errors import MetadataError, UsageError
 from .record import Note, Record
 from .results import LoopReport, Model, ScanResult, Verdict
+from .toml_text import read_page
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -79,14 +80,8 @@ def load_model(path: str | PathLike[str]) -> Model:
     """
     from .model.model_file import parse_model
 
-    try:
-        text = Path(path).read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        what = "no such model file" if isinstance(error, FileNotFoundError) else f"cannot read: {error.strerror}"
-        raise MetadataError(what, where=str(path), remedy="backlash explain ... --save-model FILE writes one") from None
-    except UnicodeDecodeError:
-        raise MetadataError("not UTF-8 text", where=str(path), remedy="is this a model file?") from None
-    return parse_model(text, str(path))
+    remedy = "give a model file; backlash explain ... --save-model FILE writes one"
+    return parse_model(read_page(path, "the model", remedy), str(path))
 
 
 def save_model(model: Model, path: str | PathLike[str]) -> None:

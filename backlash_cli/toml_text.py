@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
+from pathlib import Path
 from typing import Any
 
 from .errors import MetadataError
+
+
+def read_page(path: str | os.PathLike[str], what: str, remedy: str) -> str:
+    """Return the text of a page. Raises MetadataError with `what` it is and the `remedy`."""
+    try:
+        return Path(path).read_text("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise MetadataError(f"cannot read {what}: {getattr(error, 'strerror', None) or 'not UTF-8 text'}",
+                            where=str(path), remedy=remedy) from None
 
 
 def parsed(text: str, where: str, wrong: str = "invalid TOML syntax") -> dict[str, Any]:

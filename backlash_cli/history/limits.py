@@ -13,8 +13,8 @@ import msgspec
 
 from ..errors import MetadataError, nearest
 from ..results.history import Limit
-from ..toml_text import parsed
-from .pages import Page, checked, read_page
+from ..toml_text import parsed, read_page
+from .pages import Page, checked
 
 
 class _Profile(Page, frozen=True):

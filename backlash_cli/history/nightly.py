@@ -18,8 +18,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from ..errors import BacklashError, MetadataError, nearest
-from ..toml_text import parsed
-from .pages import Page, checked, read_page
+from ..toml_text import parsed, read_page
+from .pages import Page, checked
 
 READING = ("time_format", "timezone", "interpolation", "delimiter", "decimal", "encoding", "layout", "columns",
            "header_row", "only_loops", "good_quality", "auto_modes")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
@@ -18,15 +17,6 @@ _WORDS = {"bool": "true or false", "str": "a text in quotes", "array": "a list",
 
 class Page(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A table of a page; a key that it does not have is refused."""
-
-
-def read_page(path: str | Path, what: str, remedy: str) -> str:
-    """Return the text of a page. Raises MetadataError with `what` it is and the `remedy`."""
-    try:
-        return Path(path).read_text("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise MetadataError(f"cannot read {what}: {getattr(error, 'strerror', None) or 'not UTF-8 text'}",
-                            where=str(path), remedy=remedy) from None
 
 
 def checked(values: Any, kind: type[T], where: str, *, words: Mapping[str, str] | None = None, remedy: str = "",

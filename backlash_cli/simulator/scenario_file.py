@@ -26,7 +26,7 @@ from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from ..errors import MetadataError, UsageError, nearest
-from ..toml_text import parsed
+from ..toml_text import parsed, read_page
 from .process import Process
 from .scenario import Applied, Recorder, Scenario, Signal, use
 
@@ -39,15 +39,9 @@ _PROCESS_NAMES = {
 }
 
 
-def read_toml(path: Path) -> Mapping[str, Any]:
-    """Read a TOML file. Raises MetadataError with place and remedy."""
-    try:
-        return parsed(path.read_text(encoding="utf-8"), str(path), NOT_TOML)
-    except UnicodeDecodeError as error:
-        raise MetadataError("not a text file", where=str(path), remedy="give a TOML file") from error
-    except OSError as error:
-        remedy = "check the path; backlash simulate example-2 --show prints a scenario to start from"
-        raise MetadataError(f"cannot be read: {error.strerror or error}", where=str(path), remedy=remedy) from error
+def _read(path: str) -> Mapping[str, Any]:
+    remedy = "give a TOML file; backlash simulate example-2 --show prints a scenario to start from"
+    return parsed(read_page(path, "the file", remedy), path, NOT_TOML)
 
 
 def parse_scenarios(text: str, where: str = "scenario") -> tuple[Scenario, ...]:
@@ -179,7 +173,7 @@ def scenario_text(name: str) -> str:
 def load_scenarios(name_or_path: str) -> tuple[Scenario, ...]:
     """Return the loops of a named scenario or of a user's own TOML file."""
     if name_or_path.endswith(".toml") or Path(name_or_path).is_file():
-        return _scenarios(read_toml(Path(name_or_path)), name_or_path)
+        return _scenarios(_read(name_or_path), name_or_path)
     return parse_scenarios(scenario_text(name_or_path), where=name_or_path)
 
 
@@ -207,7 +201,7 @@ def parse_process(text: str) -> Process:
     Process(gain=1.3, lags=(20.0, 3.0), dead_time=2.0, integrating=False, numerator=(1.0,), denominator=(1.0,))
     """
     if text.endswith(".toml"):
-        table = read_toml(Path(text))
+        table = _read(text)
         return build(Process, table.get("process", table), text)
     given: dict[str, float] = {}
     for part in filter(None, (p.strip() for p in text.replace(";", ",").split(","))):

@@ -73,7 +73,7 @@ def test_a_wrong_model_file_names_line_and_remedy(loop, tmp_path, capfd, text, s
 
 
 def test_missing_model_file_and_wrong_picture(loop, tmp_path, capfd):
-    assert "no such model file" in run(capfd, "compare", loop, "--model", tmp_path / "x.toml").err
+    assert "cannot read the model: No such file" in run(capfd, "compare", loop, "--model", tmp_path / "x.toml").err
     done = run(capfd, "compare", loop, "--picture", tmp_path / "x.gif")
     assert done.status == 2 and "a picture is .png or .svg" in done.err
 
