@@ -11,6 +11,7 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,9 @@ from numpy.typing import NDArray
 from ..record import FloatArray, Record
 from ..results import Estimate
 from ..results.paper import Line, Panel, PaperFigure, PaperReport, PaperRow
-from .controller import Compensator, Controller, Scheme
+from .controller import Compensator, Scheme
 from .limit_cycle import describing_function, limit_cycle
 from .loop import Trace, simulate, trace
-from .process import Process
 from .scenario import Manual, Scenario, use
 from .scenario_file import load_scenarios, with_dead_band, with_seed
 
@@ -76,11 +76,12 @@ def figure(key: str, *panels: Panel) -> PaperFigure:
     return PaperFigure(key, title, panels, text.format(window=WINDOW, **counts))
 
 
-def diagrams(key: str, t: FloatArray, above: Mapping[str, FloatArray], below: Mapping[str, FloatArray],
+def diagrams(key: str, time: FloatArray, pick: Any, above: Mapping[str, FloatArray], below: Mapping[str, FloatArray],
              marks: Sequence[tuple[float, float, str]] = ()) -> PaperFigure:
-    """Return two diagrams of named curves over time (points,), the measured signals above and the output below."""
-    above_lines, below_lines = (tuple(Line(name, t, y, "dot" if name in QUIET else "solid", quiet=name in QUIET)
-                                      for name, y in curves.items()) for curves in (above, below))
+    """Return two diagrams of named curves (samples,) over time, where picked: measured signals above, output below."""
+    above_lines, below_lines = (tuple(Line(name, time[pick], y[pick], "dot" if name in QUIET else "solid",
+                                           quiet=name in QUIET) for name, y in curves.items())
+                                for curves in (above, below))
     return figure(key, Panel(above_lines, "", "flow" if "flow" in above else "y", tuple(marks)),
                   Panel(below_lines, "time [s]", "u"))
 
@@ -88,24 +89,19 @@ def diagrams(key: str, t: FloatArray, above: Mapping[str, FloatArray], below: Ma
 def trend(key: str, run: Trace) -> PaperFigure:
     """Return the two diagrams of a simulation: y and setpoint, u and valve position."""
     thin = slice(None, None, max(1, len(run.setpoint) // POINTS))
-    return diagrams(key, run.time[thin], {"setpoint": run.setpoint[thin], "y": run.measurement[thin]},
-                    {"valve": run.valve[thin], "u": run.output[thin]})
+    return diagrams(key, run.time, thin, {"setpoint": run.setpoint, "y": run.measurement},
+                    {"valve": run.valve, "u": run.output})
 
 
-def recording(key: str, record: Record, found: Sequence[Estimate]) -> PaperFigure:
-    """Return a record with its estimates [%] written where they were made; refused ones in brackets."""
+def recording(key: str, record: Record, found: Sequence[Estimate], lists: dict[str, str]) -> PaperFigure:
+    """Return a record with its estimates [%] written where they were made, refused ones in brackets; accepted ones
+    go into lists, as the paper prints them."""
     assert record.output is not None
-    thin = slice(None, None, max(1, len(record) // POINTS))
+    lists[key] = " ".join(f"{100 * e.d:.1f}" for e in found if e.accepted)
     top = float(np.max(record.measurement))
     marks = [(e.end - record.start, top, f"{100 * e.d:.1f}" if e.accepted else f"({100 * e.d:.1f})") for e in found]
-    return diagrams(key, record.time[thin] - record.start,
-                    {"setpoint": record.setpoint[thin], "y": record.measurement[thin]},
-                    {"u": record.output[thin]}, marks)
-
-
-def listed(found: Sequence[Estimate]) -> str:
-    """Return accepted estimates in % as the paper prints them."""
-    return " ".join(f"{100 * e.d:.1f}" for e in found if e.accepted)
+    return diagrams(key, record.time - record.start, slice(None, None, max(1, len(record) // POINTS)),
+                    {"setpoint": record.setpoint, "y": record.measurement}, {"u": record.output}, marks)
 
 
 def within(run: Trace, window: tuple[float, float]) -> NDArray[np.bool_]:
@@ -113,10 +109,9 @@ def within(run: Trace, window: tuple[float, float]) -> NDArray[np.bool_]:
     return (run.time >= window[0]) & (run.time < window[1])
 
 
-def example_1(d: float = D, compensator: Compensator | None = None) -> Scenario:
+def example_1(d: float = D) -> Scenario:
     """Return Example 1: integrating process, setpoint step at 0 s, load step at 100 s."""
-    s = with_dead_band(load_scenarios("example-1"), d)[0]
-    return s if compensator is None else replace(s, compensator=compensator)
+    return with_dead_band(load_scenarios("example-1"), d)[0]
 
 
 def cycle_of(run: Trace, window: tuple[float, float] = SETTLED) -> tuple[float, float]:
@@ -142,7 +137,7 @@ def integrating_process() -> Found:
     cycles = [cycle_of(run) for run in runs]
     period, amplitude = cycles[SIZES.index(D)]
     shares = [a / d for (_, a), d in zip(cycles, SIZES, strict=True)]
-    compensated = trace(example_1(D, Compensator(D, Scheme.FILTERED_OUTPUT)))
+    compensated = trace(replace(s, compensator=Compensator(D, Scheme.FILTERED_OUTPUT)))
     ideal, left = (absolute_error(run, AFTER_LOAD) for run in (trace(example_1(0.0)), compensated))
     values = {"fig3_integrating": float(predicted is not None),
               "fig3_stable": float(limit_cycle(stable.controller, stable.process, D) is not None),
@@ -157,19 +152,13 @@ def integrating_process() -> Found:
 def nyquist(integrating: Scenario, stable: Scenario) -> PaperFigure:
     """Return Fig. 3: negative inverse of the describing function and both open loops."""
     curve = -1.0 / describing_function(np.linspace(0.0, 1.99, 400))
-    lines = [Line("-1/N, backlash", curve.real, curve.imag)]
+    lines, omega = [Line("-1/N, backlash", curve.real, curve.imag)], np.logspace(-1.5, 1.5, 600)
     for name, s, dash in (("integrating process", integrating, "dash"), ("stable process", stable, "dot")):
-        lines.append(Line(name, *open_loop(s.controller, s.process), dash))
-    panel = Panel(tuple(lines), "real part", "imaginary part", x_limits=(-3.0, 1.0), y_limits=(-3.0, 1.0),
-                  equal_scales=True)
-    return figure("fig3", panel)
-
-
-def open_loop(controller: Controller, process: Process) -> tuple[FloatArray, FloatArray]:
-    """Return the Nyquist curve of controller and process, real and imaginary part (points,)."""
-    value = controller.response(omega := np.logspace(-1.5, 1.5, 600)) * process.response(omega)
-    near = np.abs(value) < 8.0
-    return value.real[near], value.imag[near]
+        loop = s.controller.response(omega) * s.process.response(omega)
+        near = loop[np.abs(loop) < 8.0]
+        lines.append(Line(name, near.real, near.imag, dash))
+    return figure("fig3", Panel(tuple(lines), "real part", "imaginary part", x_limits=(-3.0, 1.0),
+                                y_limits=(-3.0, 1.0), equal_scales=True))
 
 
 def scaling(runs: Sequence[Trace]) -> PaperFigure:
@@ -193,10 +182,11 @@ def example_2(d: float = 0.05, *, load: float = 0.2, gain: float = 0.0, seed: in
 
 def stable_process() -> Found:
     """Return our numbers of Example 2, Fig. 6 and Example 4, and their figures."""
-    rise = {load: rises(load) for load in LOADS}
+    after = {load: np.array([mean_errors(d, load, 0.0) for d in GRID]) for load in LOADS}
+    rise = {load: 100.0 * (found / found[0] - 1.0) for load, found in after.items()}  # of IAE and peak [%], by d
     at = GRID.index
     plain, full, less = (trace(example_2(gain=gain)) for gain in (0.0, 0.05, GAIN))
-    left = 100.0 * (mean_errors(0.05, 0.2, GAIN)[0] / mean_errors(0.0, 0.2, 0.0)[0] - 1.0)
+    left = 100.0 * (mean_errors(0.05, 0.2, GAIN)[0] / after[0.2][0, 0] - 1.0)
     still = trace(example_2(noise=False))
     cycles = np.ptp(still.valve[within(still, (150.0, 200.0))]) / 2.0 > 0.2 * 0.05
     travel = [float(np.sum(np.abs(np.diff(run.valve[within(run, QUIET_SPELL)])))) for run in (plain, full, less)]
@@ -213,12 +203,6 @@ def mean_errors(d: float, load: float, gain: float) -> FloatArray:
     runs = [trace(replace(example_2(d, load=load, gain=gain, seed=k), duration=WINDOW[1])) for k in range(LOAD_DRAWS)]
     peaks = [np.max(np.abs(run.setpoint - run.process_output)[run.time >= WINDOW[0]]) for run in runs]
     return np.mean([[absolute_error(run, WINDOW), peak] for run, peak in zip(runs, peaks, strict=True)], axis=0)
-
-
-def rises(load: float) -> FloatArray:
-    """Return the rise of IAE and of the peak error [%] over the dead bands of the grid, (dead_bands, 2)."""
-    found = np.array([mean_errors(d, load, 0.0) for d in GRID])
-    return 100.0 * (found / found[0] - 1.0)
 
 
 def figure_6(rise: Mapping[float, FloatArray], left: float) -> PaperFigure:
@@ -238,9 +222,8 @@ def detections(estimator: Estimator, lists: dict[str, str]) -> Found:
     values: Numbers = {}
     run = trace(example_2(0.05, seed=SEED))
     near = np.flatnonzero(within(run, (35.0, 65.0)))[::5]
-    figures = [diagrams("fig10", run.time[near],
-                        {"setpoint": run.setpoint[near], "y filtered": (run.setpoint - run.error)[near]},
-                        {"valve": run.valve[near], "u": run.output[near]})]
+    figures = [diagrams("fig10", run.time, near, {"setpoint": run.setpoint, "y filtered": run.setpoint - run.error},
+                        {"valve": run.valve, "u": run.output})]
     below: list[bool] = []
     for key, d in DETECTED.items():
         records = [simulate(example_2(d, seed=SEED + k)) for k in range(DRAWS)]
@@ -249,8 +232,7 @@ def detections(estimator: Estimator, lists: dict[str, str]) -> Found:
         below += [e.d < d for found in drawn for e in found]
         values[f"{key}_median"] = 100.0 * float(np.mean(medians)) if medians else float("nan")
         values[f"{key}_count"] = float(len(drawn[0]))
-        lists[key] = listed(drawn[0])
-        figures.append(recording(key, records[0], drawn[0]))
+        figures.append(recording(key, records[0], drawn[0], lists))
     return {**values, "mostly_below": float(np.mean(below) > 0.5)}, figures
 
 
@@ -275,13 +257,10 @@ def industrial(estimator: Estimator, lists: dict[str, str]) -> Found:
               "fig19_median": 100.0 * float(np.median(calm)), "fig19_count": len(calm) / INDUSTRIAL_DRAWS,
               "fig19_lower": float(np.median(calm) < np.median(accepted))}
     run = manual_test(fixed)
-    thin = slice(None, None, 5)
-    figures = [diagrams("fig17", run.time[thin], {"flow": run.measurement[thin]},
-                        {"valve": run.valve[thin], "u": run.output[thin]})]
+    figures = [diagrams("fig17", run.time, slice(None, None, 5), {"flow": run.measurement},
+                        {"valve": run.valve, "u": run.output})]
     for key, s in (("fig18", swinging), ("fig19", fixed)):
-        found = list(estimator(record := simulate(s)))
-        lists[key] = listed(found)
-        figures.append(recording(key, record, found))
+        figures.append(recording(key, record := simulate(s), estimator(record), lists))
     return {**values, "fig17_d": 100.0 * read_manual_test(run)}, figures
 
 
