@@ -12,7 +12,7 @@ Quantization: transmitter or recorder rounds to a step, or repeats the old value
 Exception compression: the recorder keeps the old value until the signal has moved by more than a deviation.
 
 The step holds the last value that was kept. A historian that draws straight lines between kept values instead is
-`simulator.recorder.draw_lines`, which needs the next kept value and therefore the whole record.
+`simulator.scenario.draw_lines`, which needs the next kept value and therefore the whole record.
 
 >>> p = EXCEPTION_COMPRESSION.pack(deviation=0.01)
 >>> EXCEPTION_COMPRESSION.apply([0.5, 0.505, 0.511, 0.515, 0.5], p, interval=1.0).tolist()
