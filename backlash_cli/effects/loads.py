@@ -88,11 +88,11 @@ LOAD_STEP = Effect(
 
 
 def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    now = state[0] * state[1]
+    hours = state[0] * (state[1] / 3600.0)
+    place = state[0] * ((p.size - 1) * state[1] / p[1]) if p[1] > 0.0 else 0.0
     state[0] += 1.0
     if p[0] != 0.0:
-        value += p[0] * now / 3600.0
-    place = now * (p.size - 1) / p[1] if p[1] > 0.0 else 0.0
+        value += p[0] * hours
     piece = int(place)
     share = place - piece
     bends = p.size - 2

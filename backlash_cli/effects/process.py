@@ -155,7 +155,7 @@ SECOND_LAG = Effect(
 
 
 def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    hours = state[0] * state[1] / 3600.0
+    hours = state[0] * (state[1] / 3600.0)
     state[0] += 1.0
     if p[0] == 0.0:
         return value
