@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -101,7 +101,7 @@ class Compensator:
         """Numbers for the kernel, in its order."""
         filter_time = self.filter_time or 0.0
         if self.filter_time is None and self.scheme is Scheme.FILTERED_OUTPUT:
-            filter_time = controller.Td / 5.0 if controller.Td > 0.0 else controller.Ti / 10.0
+            filter_time = replace(controller, Tf=None).filter_time
         return np.array([self.scheme if self.gain > 0.0 else Scheme.NONE, 0.5 * self.gain,
                          self.hysteresis if self.scheme is Scheme.ERROR else 0.0, *lag_pair(filter_time, sample_time)])
 
