@@ -11,8 +11,7 @@ sample; a step counts from the first sample at or after its time.
 
 Load drift: something slow, such as fouling or weather, pushes the process further and further.
 
->>> p = LOAD_DRIFT.pack(slope=0.36)
->>> LOAD_DRIFT.apply([0.0, 0.0, 0.0], p, interval=100.0).round(3).tolist()
+>>> LOAD_DRIFT.apply([0.0, 0.0, 0.0], LOAD_DRIFT.pack(slope=0.36), interval=100.0).round(3).tolist()
 [0.0, 0.01, 0.02]
 
 A drift need not be straight: `bends` are what it lies off the straight line at equally spaced times within `length`.
