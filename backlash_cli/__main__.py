@@ -42,12 +42,10 @@ class Commands(click.Group):
 
 
 @click.group(
-    cls=Commands,
-    commands=[scan, plan, check, compare, explain, effects, simulate, compensate, paper, history, trend, report,
-              nightly],
+    cls=Commands, epilog="Example: backlash scan sample_data/plant.csv",
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="Example: backlash scan sample_data/plant.csv",
-)
+    commands=[scan, plan, check, compare, explain, effects, simulate, compensate, paper, history, trend, report,
+              nightly])
 @click.version_option(__version__, prog_name="backlash")
 def cli() -> None:
     """Find play (dead band) in control valves from historian exports."""
@@ -56,7 +54,7 @@ def cli() -> None:
 STOPS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 PATIENCE = 8.0  # seconds that an orderly end may take after a stop
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO)  # without a file's name: standard output, whose disk is full or gone
-NOT_WRITTEN = "standard output: cannot write: {} -> write to another place"
+NOT_WRITTEN = "error: standard output: cannot write: {} -> write to another place"
 
 
 def main() -> None:
@@ -77,51 +75,38 @@ def main() -> None:
 
 
 def _guarded(arguments: list[str]) -> int:
+    code, words = 2, ""
     try:
         code = _run(arguments)
-        return code if _flushed() else 2
     except BacklashError as error:
-        _flushed(aloud=False)
-        say(f"error: {error}")
+        words = f"error: {error}"
     except click.ClickException as error:
         error.show()
     except KeyboardInterrupt as stop:
-        say("; ".join(["stopped", *getattr(stop, "__notes__", []), "nothing was left half written"]))
-        return 128 + (_asked_to_end[0] if _asked_to_end else signal.SIGINT)
+        words = "; ".join(["stopped", *getattr(stop, "__notes__", []), "nothing was left half written"])
+        code = 128 + (_asked_to_end[0] if _asked_to_end else signal.SIGINT)
     except BrokenPipeError:
-        _give_up_output()  # the reader of our output has gone (`| head`): say nothing
-        return 0
+        code = 0  # the reader of our output has gone (`| head`): say nothing
     except MemoryError:
-        say("error: not enough memory -> give fewer files, or fewer loops with --loop")
+        words = "error: not enough memory -> give fewer files, or fewer loops with --loop"
     except Exception as error:
         if isinstance(error, OSError) and error.filename is None and error.errno in FULL:
-            _flushed(aloud=False)
-            say(f"error: {NOT_WRITTEN.format(error.strerror)}")
-            return 2
-        if os.environ.get("BACKLASH_DEBUG"):
+            words = NOT_WRITTEN.format(error.strerror)
+        elif os.environ.get("BACKLASH_DEBUG"):
             raise
-        say(f"error: unexpected {type(error).__name__}: {error} -> this is a fault of backlash; "
-            "BACKLASH_DEBUG=1 shows where it happened")
-    return 2
-
-
-def _flushed(*, aloud: bool = True) -> bool:
-    """Flush what is left for standard output; where it cannot be written, say so and keep it from the exit of Python,
-    which would print its own complaint and change the exit status."""
+        else:
+            words = (f"error: unexpected {type(error).__name__}: {error} -> this is a fault of backlash; "
+                     "BACKLASH_DEBUG=1 shows where it happened")
     try:
         sys.stdout.flush()
-    except BrokenPipeError:
-        _give_up_output()
     except OSError as error:
-        _give_up_output()
-        if aloud:
-            say(f"error: {NOT_WRITTEN.format(error.strerror)}")
-        return False
-    return True
-
-
-def _give_up_output() -> None:
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # keep it from the exit of Python, which would print its own complaint and change the exit status
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError) and not words:
+            code, words = 2, NOT_WRITTEN.format(error.strerror)
+    if words:
+        say(words)
+    return code
 
 
 def _run(arguments: list[str]) -> int:

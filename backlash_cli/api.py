@@ -36,26 +36,24 @@ def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOpti
     from .engines.local import analyse  # what a scan needs takes a second to load, which models of a loop do without
     from .loaders.plant import OpenPlant
 
-    warnings: tuple[Note, ...] = getattr(plant, "warnings", ())
-    failures: tuple[Note, ...] = getattr(plant, "failures", ())
-    inputs: tuple[str, ...] = getattr(plant, "inputs", ())
+    told: Any = [getattr(plant, name, ()) for name in ("warnings", "failures", "inputs")]
+    warnings, failures, inputs = told
     loops: Any = plant.recipes if isinstance(plant, OpenPlant) else plant
     loops = (loops,) if isinstance(loops, Record) else tuple(loops)
     reports, lost = [], []
     for report in analyse(loops, options, jobs=jobs, keep=keep, client=client):
         if isinstance(report, Note):
             lost.append(report)
-            report = _refused(report)
         else:
             reports.append(report)
         if progress is not None:
-            progress(report)
+            progress(_refused(report) if isinstance(report, Note) else report)
     if isinstance(plant, OpenPlant):
         failures += plant.all_lost(lost, read=len(reports))
     known = {report.loop for report in reports}
-    refused = [_refused(note) for note in failures if _loop(note) and _loop(note) not in known]
-    others = tuple(note for note in failures if not _loop(note) or _loop(note) in known)
-    return ScanResult((*reports, *refused), inputs, warnings, others)
+    own = [note for note in failures if note.values.get("loop") and note.values["loop"] not in known]
+    others = tuple(note for note in failures if note not in own)
+    return ScanResult((*reports, *map(_refused, own)), inputs, warnings, others)
 
 
 def scan_files(inputs: str | PathLike[str] | Sequence[str | PathLike[str]], *,
@@ -101,10 +99,5 @@ def save_model(model: Model, path: str | PathLike[str]) -> None:
     write_text(path, model_text(model))
 
 
-def _loop(note: Note) -> str:
-    """The loop that a loader's failure is about, empty if it is about a file."""
-    return str(note.values.get("loop", ""))
-
-
 def _refused(note: Note) -> LoopReport:
-    return LoopReport(_loop(note), Verdict.ERROR, (note,))
+    return LoopReport(str(note.values.get("loop", "")), Verdict.ERROR, (note,))

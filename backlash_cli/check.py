@@ -1,26 +1,22 @@
-"""Before any verdict: is the record of each loop good enough, and do its settings agree with the data?
-
-    check_loop(record) -> LoopCheck          check(plant) -> PlantResult of them
-"""
+"""Before any verdict: is the record of each loop good enough, and do its settings agree with the data?"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .errors import BacklashError
 from .estimator.diagnosis import WORDS, Diagnosis, diagnose
-from .estimator.identify import at_mean, identify, with_constant_setpoint
+from .estimator.identify import Identification, at_mean, identify, with_constant_setpoint
 from .estimator.quality import Quality, data_quality
 from .estimator.settings_check import check_settings
 from .record import LoopSettings, Note, Record
 from .results import PlantResult
 
-if TYPE_CHECKING:
-    from .estimator.identify import Identification
+# after these the given Ti is no measure for the sampling
+_OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settings_contradicted")
 
 
 @dataclass(frozen=True)
@@ -88,10 +84,6 @@ def check_loop(record: Record) -> LoopCheck:
     first, last = record.time[[0, -1]].tolist() if len(record) else (None, None)
     return LoopCheck(record.loop, first, last, settings, data_quality(record, Ti), identified, unidentified, notes,
                      diagnosis if diagnosis.kind != "none" else None, record.notes)
-
-
-# After these the given Ti is no measure for the sampling.
-_OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settings_contradicted")
 
 
 def check(plant: Iterable[Record], progress: Callable[[], None] | None = None) -> PlantResult:

@@ -44,11 +44,11 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
             raise LoopError(f"the record fits better without any dead band than with {100 * d:.2f} %",
                             where=record.loop, code="no_dead_band",
                             remedy="take a later record, or test the valve: there is nothing to compensate here")
-        warnings = (*warnings, Note("smaller_dead_band", f"the record fits a dead band of {100 * smaller[1]:.2f} % "
-                                    f"clearly better than {100 * d:.2f} %; the smaller one is used"))
+        note = Note("smaller_dead_band", f"the record fits a dead band of {100 * smaller[1]:.2f} % clearly better than "
+                    f"{100 * d:.2f} %; the smaller one is used")
         d, interval = smaller[1], (min(smaller[0], interval[0]), smaller[1])
         model, more = model_of(known, controller, d, None)
-        warnings = (*warnings, *more)
+        warnings = (*warnings, note, *more)
     if d_source == "scan" and report.verdict is Verdict.SUSPECTED:
         warnings = (*warnings, Note("suspected", "the scan only suspects backlash; confirm it by a valve test first"))
     simulated = process or Process.of(model)
@@ -58,11 +58,9 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
     density = density_of(record, controller)
     filtered, arrived = (gain * float(np.sqrt(density)) for gain in noise_gains(controller))
     share, why = gain_share(interval[0], derivative=controller.Td > 0.0, output_noise=arrived)
-    return study(
-        Study(controller, simulated, d, interval, density, typical_load(record, d), HYSTERESIS * filtered,
-              share * interval[0], why, seed),
-        record.loop, d_source, model, warnings,
-    )
+    known_loop = Study(controller, simulated, d, interval, density, typical_load(record, d), HYSTERESIS * filtered,
+                       share * interval[0], why, seed)
+    return study(known_loop, record.loop, d_source, model, warnings)
 
 
 def density_of(record: Record, controller: Controller) -> float:

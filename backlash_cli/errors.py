@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 class BacklashError(Exception):
     """Something the user can mend: `what` went wrong, `where` (file, line, column, loop), and the `remedy`.
@@ -13,11 +15,7 @@ class BacklashError(Exception):
 
     def __init__(self, what: str, *, where: str = "", remedy: str = "", code: str | None = None) -> None:
         super().__init__(what)
-        self.what = what
-        self.where = where
-        self.remedy = remedy
-        if code is not None:
-            self.code = code
+        self.what, self.where, self.remedy, self.code = what, where, remedy, code or self.code
 
     def __str__(self) -> str:
         text = f"{self.where}: {self.what}" if self.where else self.what
@@ -48,7 +46,7 @@ class UsageError(BacklashError):
     code = "wrong_use"
 
 
-def nearest(name: str, known: object, *, limit: int = 3) -> str:
+def nearest(name: str, known: Iterable[object]) -> str:
     """Return a phrase with the known names closest to `name`, for the remedy of an error.
 
     >>> nearest("Tii", ["K", "Ti", "Td"])
@@ -56,9 +54,9 @@ def nearest(name: str, known: object, *, limit: int = 3) -> str:
     """
     from difflib import get_close_matches
 
-    names = [str(k) for k in known]  # type: ignore[attr-defined]
+    names = [str(k) for k in known]
     lower = {n.lower(): n for n in names}
-    hits = [lower[h] for h in get_close_matches(name.lower(), list(lower), n=limit, cutoff=0.5)]
+    hits = [lower[h] for h in get_close_matches(name.lower(), list(lower), cutoff=0.5)]
     if hits:
         return f"did you mean {', '.join(hits)}?"
     shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")

@@ -4,8 +4,7 @@ Rate limit: the position runs to the command with at most `rate` spans per secon
 output sample is the mean position over the sample interval, which keeps a slow process behind it exact to second order
 in interval / lag.
 
->>> p = RATE_LIMIT.pack(rate=0.1)
->>> RATE_LIMIT.apply([0.0, 0.25, 0.25, 0.25, 0.25], p, interval=1.0).round(4).tolist()
+>>> RATE_LIMIT.apply([0.0, 0.25, 0.25, 0.25, 0.25], RATE_LIMIT.pack(rate=0.1), interval=1.0).round(4).tolist()
 [0.0, 0.05, 0.15, 0.2375, 0.25]
 
 Unequal speed: the actuator opens at one speed and closes at another, as a spring return or a blocked vent makes it.

@@ -3,8 +3,7 @@
 The stem stays where it is while the command moves inside the gap d, then follows it half a gap behind:
 x = u - d/2 while it is pushed up, x = u + d/2 while it is pulled down (Fig. 2 of the source).
 
->>> p = EFFECT.pack(d=0.2)
->>> EFFECT.apply([0.5, 0.7, 0.9, 0.8, 0.6, 0.4], p, interval=1.0).round(2).tolist()
+>>> EFFECT.apply([0.5, 0.7, 0.9, 0.8, 0.6, 0.4], EFFECT.pack(d=0.2), interval=1.0).round(2).tolist()
 [0.5, 0.6, 0.8, 0.8, 0.7, 0.5]
 
 Sensor hysteresis is the same in a transmitter: the shown value rests while the true one moves inside the width w, then

@@ -2,14 +2,12 @@
 
 Saturation: the valve meets a stop before the end of the output's range.
 
->>> p = SATURATION.pack(low=0.2)
->>> SATURATION.apply([0.1, 0.3, 0.15, 0.9], p, interval=1.0).tolist()
+>>> SATURATION.apply([0.1, 0.3, 0.15, 0.9], SATURATION.pack(low=0.2), interval=1.0).tolist()
 [0.2, 0.3, 0.2, 0.9]
 >>> SATURATION.apply([0.1, 0.9], SATURATION.pack(low=0.2, high=0.8), interval=1.0).tolist()
 [0.2, 0.8]
 
 Valve characteristic: the flow through the valve is not proportional to its travel.
-
 flow = (exp(c x) - 1) / (exp(c) - 1) maps travel 0..1 to flow 0..1. The slope grows or falls by exp(c) over the
 travel: c > 0 is equal percentage with rangeability R = exp(c), c < 0 is quick opening, c = 0 is linear. In series
 with a pipe the flow becomes q / sqrt(a + (1 - a) q^2), a the share of the pressure drop over the open valve.
@@ -21,10 +19,9 @@ with a pipe the flow becomes q / sqrt(a + (1 - a) q^2), a the share of the press
 >>> VALVE_CHARACTERISTIC.apply([0.0, 0.5, 1.0], p, interval=1.0).round(3).tolist()
 [0.0, 0.818, 1.0]
 
-Curved sensor: PV is not proportional to what is measured, for example a flow whose root was never taken.
-
-shown = x + c x (1 - x) for a true value x within its span: c > 0 is steep at the low end, as a root is (sqrt(x) is
-about c = 0.9 above a tenth of the span), c < 0 at the high end, as a square is.
+Curved sensor: PV is not proportional to what is measured, for example a flow whose root was never taken. Shown is
+x + c x (1 - x) for a true value x within its span: c > 0 is steep at the low end, as a root is (sqrt(x) is about
+c = 0.9 above a tenth of the span), c < 0 at the high end, as a square is.
 
 >>> SENSOR_CURVE.apply([0.0, 0.25, 0.5, 1.0], SENSOR_CURVE.pack(curvature=0.8), interval=1.0).round(3).tolist()
 [0.0, 0.4, 0.7, 1.0]

@@ -11,8 +11,7 @@ sample; a step counts from the first sample at or after its time.
 
 Load drift: something slow, such as fouling or weather, pushes the process further and further.
 
->>> p = LOAD_DRIFT.pack(slope=0.36)
->>> LOAD_DRIFT.apply([0.0, 0.0, 0.0], p, interval=100.0).round(3).tolist()
+>>> LOAD_DRIFT.apply([0.0, 0.0, 0.0], LOAD_DRIFT.pack(slope=0.36), interval=100.0).round(3).tolist()
 [0.0, 0.01, 0.02]
 
 A drift need not be straight: `bends` are what it lies off the straight line at equally spaced times within `length`.
@@ -87,15 +86,9 @@ LOAD_STEP = Effect(
         "opened or changed over at that time."))
 
 
-def drift_start(p: FloatArray, interval: float, first: float) -> FloatArray:
-    """State: [sample number, interval in hours, pieces of the bent line per sample]."""
-    pieces = (p.size - 1) * interval / p[1] if p[1] > 0.0 else 0.0
-    return np.array([0.0, interval / 3600.0, pieces])
-
-
 def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    hours = state[0] * state[1]
-    place = state[0] * state[2]
+    hours = state[0] * (state[1] / 3600.0)
+    place = state[0] * ((p.size - 1) * state[1] / p[1]) if p[1] > 0.0 else 0.0
     state[0] += 1.0
     if p[0] != 0.0:
         value += p[0] * hours
@@ -126,7 +119,7 @@ LOAD_DRIFT = Effect(
     (Parameter("slope", "OP span/h", "mean drift of the load", 0.0, -1e3, 1e3, (-0.02, 0.02)),
      Parameter("length", "s", "length of the record", 0.0, 0.0, 1e12, nuisance=True),
      Parameter("bends", "OP span", "lies off the straight line by", 0.0, -10.0, 10.0, many=True, nuisance=True)),
-    drift_start, drift_step,
+    clock, drift_step,
     fitting=Fitting(
         linear=("slope", "bends"), fixed=("length",), plausible=drift_plausible,
         propose=lambda clues: [{"slope": 0.0, "length": clues.duration, "bends": (0.0,) * n} for n in (0, 1, 3, 5, 8)],

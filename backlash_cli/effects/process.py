@@ -2,30 +2,23 @@
 
 The measurement of a scan is taken before the output of the same scan acts, so x[k+1] depends on u[k] and older.
 
-Dead time: the process answers only after the material has travelled, for example along a pipe.
+Dead time: the process answers only after the material has travelled, for example along a pipe. With theta = (n + f)
+samples, any theta >= 0, the delayed, held signal changes inside the sample interval; the output sample is its mean over
+the interval, (1 - f) u[k-n] + f u[k-n-1].
 
-Any theta >= 0. With theta = (n + f) samples the delayed, held signal changes inside the sample interval; the output
-sample is its mean over the interval, (1 - f) u[k-n] + f u[k-n-1].
-
->>> p = DEAD_TIME.pack(theta=1.25)
->>> DEAD_TIME.apply([0.0, 1.0, 1.0, 1.0, 0.0], p, interval=1.0).tolist()
+>>> DEAD_TIME.apply([0.0, 1.0, 1.0, 1.0, 0.0], DEAD_TIME.pack(theta=1.25), interval=1.0).tolist()
 [0.0, 0.0, 0.75, 1.0, 1.0]
 
-Second lag: a further first-order lag in series, for example a thermowell, an actuator or a filter.
+Second lag: a further first-order lag in series, for example a thermowell or a filter: dx/dt = (u - x) / tau2
+with u held over the sample. The output sample is the mean of x over it, so that a lag behind it sees the right area.
 
-dx/dt = (u - x) / tau2 with u held over the sample. The output sample is the mean of x over the interval, so that a
-lag behind it sees the right area.
-
->>> p = SECOND_LAG.pack(tau2=2.0)
->>> SECOND_LAG.apply([0.0, 1.0, 1.0, 1.0], p, interval=1.0).round(4).tolist()
+>>> SECOND_LAG.apply([0.0, 1.0, 1.0, 1.0], SECOND_LAG.pack(tau2=2.0), interval=1.0).round(4).tolist()
 [0.0, 0.2131, 0.5227, 0.7105]
 
-Drifting gain: the same move of the valve does more and more, or less and less, as with fouling or a catalyst.
+Drifting gain: the same move of the valve does more and more, or less and less, as with fouling or a catalyst. The
+signal's distance from `pivot` grows by `growth` per hour, counted from the first sample.
 
-The signal's distance from `pivot` grows by `growth` per hour, counted from the first sample.
-
->>> p = GAIN_DRIFT.pack(growth=0.5, pivot=0.4)
->>> GAIN_DRIFT.apply([0.5, 0.5, 0.4], p, interval=3600.0).round(3).tolist()
+>>> GAIN_DRIFT.apply([0.5, 0.5, 0.4], GAIN_DRIFT.pack(growth=0.5, pivot=0.4), interval=3600.0).round(3).tolist()
 [0.5, 0.55, 0.4]
 """
 
@@ -155,7 +148,7 @@ SECOND_LAG = Effect(
 
 
 def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    hours = state[0] * state[1] / 3600.0
+    hours = state[0] * (state[1] / 3600.0)
     state[0] += 1.0
     if p[0] == 0.0:
         return value

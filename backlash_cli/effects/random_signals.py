@@ -1,6 +1,4 @@
-"""Random signals with a limited bandwidth: measurement noise and random load.
-
-Random signal with a limited bandwidth, exact for any sample interval; shared by measurement noise and random load.
+"""Random signals with a limited bandwidth, exact for any sample interval: measurement noise and random load.
 
 dx = -b x dt + b sqrt(S) dW has corner frequency b [rad/s], variance S b / 2 and two-sided density S [span^2 s] at low
 frequency. A sample is the mean of x over its interval, so what a slower process sees does not depend on the interval;
@@ -8,7 +6,6 @@ b = inf is white noise, whose mean over h has variance S / h. Given x at the sta
 end value are jointly normal with closed-form moments (Gillespie, Phys. Rev. E 54 (1996) 2084).
 
 Measurement noise: the transmitter's random error, given by density and bandwidth.
-
 A standard deviation alone says nothing without the time over which the noise holds: white noise of standard
 deviation s held over h seconds has density s^2 h, and it is the density that a filter or a controller feels.
 
@@ -70,7 +67,6 @@ MEASUREMENT_NOISE = Effect(
      Parameter("bandwidth", "rad/s", "corner frequency, inf is white", np.inf, 1e-9, np.inf)),
     lambda p, interval, first: coloured_start(p[0], p[1], interval), coloured_step,
     draws=2, fitted=False)
-
 
 RANDOM_LOAD = Effect(
     "random_load", Stage.LOAD,

@@ -12,7 +12,7 @@ Quantization: transmitter or recorder rounds to a step, or repeats the old value
 Exception compression: the recorder keeps the old value until the signal has moved by more than a deviation.
 
 The step holds the last value that was kept. A historian that draws straight lines between kept values instead is
-`simulator.recorder.draw_lines`, which needs the next kept value and therefore the whole record.
+`simulator.scenario.draw_lines`, which needs the next kept value and therefore the whole record.
 
 >>> p = EXCEPTION_COMPRESSION.pack(deviation=0.01)
 >>> EXCEPTION_COMPRESSION.apply([0.5, 0.505, 0.511, 0.515, 0.5], p, interval=1.0).tolist()
@@ -24,7 +24,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..record import FloatArray
-from .fitting import Clues, Fitting, Values
+from .fitting import Clues, Fitting
 from .shape import Effect, Parameter, Stage
 
 # share of samples that repeat the one before, above which rounding counts: with white noise of standard deviation s
@@ -39,10 +39,10 @@ def nothing_kept(p: FloatArray, interval: float, first: float) -> FloatArray:
     return np.array([np.inf])
 
 
-def rounding_step(state: FloatArray, value: float, p: FloatArray) -> float:
+def recorded_step(state: FloatArray, value: float, p: FloatArray) -> float:
     if p[0] == 0.0:
         return value
-    if p[1] == 0.0:
+    if p.size == 2 and p[1] == 0.0:
         return float(np.rint(value / p[0])) * p[0]
     if abs(value - state[0]) > p[0]:
         state[0] = value
@@ -50,16 +50,10 @@ def rounding_step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 
 def bounds(measurement: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the lowest and highest true value of each recorded sample; a sample that was just kept is exact."""
-    if p[1] == 0.0:
+    """Return the lowest and highest true value of each recorded sample; one that was just kept is exact."""
+    if p.size == 2 and p[1] == 0.0:
         return measurement - 0.5 * p[0], measurement + 0.5 * p[0]
-    return held_bounds(measurement, p)
-
-
-def held_bounds(measurement: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the bounds of samples that repeat the value kept last, which is exact; p[0]: the deviation."""
-    kept = np.concatenate([[True], np.diff(measurement) != 0.0])
-    reach = np.where(kept, 0.0, p[0])
+    reach = np.where(np.diff(measurement, prepend=np.nan) != 0.0, 0.0, p[0])
     return measurement - reach, measurement + reach
 
 
@@ -86,36 +80,19 @@ def recorded_steps(clues: Clues) -> tuple[float, str]:
     return float(np.quantile(moved, 0.1)), "held"
 
 
-def rounding_starts(clues: Clues) -> list[Values]:
-    """Return the step that the repeated values of the measurement show; none when values hardly repeat."""
-    step, how = recorded_steps(clues)
-    return [{"step": step, "hold": float(how == "held")}] if how in ("rounded", "held") else []
-
-
 QUANTIZATION = Effect(
     "quantization", Stage.SENSOR,
     "Coarse recording: values are rounded to a step, so small changes are lost.",
     "Mid-tread quantizer, e.g. Widrow and Kollar, Quantization Noise (2008); exception reports of historians",
     (Parameter("step", "span", "smallest recorded change", 0.0, 0.0, 1.0, (0.001, 0.005, 0.02)),
      Parameter("hold", "0 or 1", "1: repeats until it moved by a step", 0.0, 0.0, 1.0, choices=(0.0, 1.0))),
-    nothing_kept, rounding_step,
+    nothing_kept, recorded_step,
     fitting=Fitting(
-        propose=rounding_starts, fixed=("step", "hold"), bounds=bounds,
+        fixed=("step", "hold"), bounds=bounds,
+        propose=lambda clues: [{"step": step, "hold": float(how == "held")} for step, how in [recorded_steps(clues)]
+                               if how in ("rounded", "held")],
         meaning="PV is recorded in steps of {step}: what is smaller cannot be seen. Check the transmitter's resolution "
         "and the historian's exception and compression settings."))
-
-
-def exception_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    if p[0] == 0.0 or abs(value - state[0]) > p[0]:
-        state[0] = value
-        return value
-    return state[0]
-
-
-def exception_starts(clues: Clues) -> list[Values]:
-    """Return the deviation that the reports show: none of them is smaller."""
-    deviation, how = recorded_steps(clues)
-    return [{"deviation": deviation}] if how == "reported" else []
 
 
 EXCEPTION_COMPRESSION = Effect(
@@ -123,8 +100,9 @@ EXCEPTION_COMPRESSION = Effect(
     "Exception reporting: the recorder repeats the old value until the signal has moved far enough.",
     "Exception test of plant historians: report when the change exceeds a deviation",
     (Parameter("deviation", "span", "change below which nothing is recorded", 0.0, 0.0, 1.0),),
-    nothing_kept, exception_step,
+    nothing_kept, recorded_step,
     fitting=Fitting(
-        propose=exception_starts, fixed=("deviation",), bounds=held_bounds,
+        fixed=("deviation",), bounds=bounds,
+        propose=lambda clues: [{"deviation": step} for step, how in [recorded_steps(clues)] if how == "reported"],
         meaning="PV is recorded only when it has moved by {deviation}: what is smaller cannot be seen. Set the "
         "historian's exception deviation to a fraction of the noise, or store every sample for a day."))

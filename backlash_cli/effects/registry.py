@@ -48,9 +48,8 @@ def _from_module(name: str) -> Effect:
     try:
         module = importlib.import_module(module_name)
     except Exception as error:
-        raise MetadataError(
-            f"cannot load effect '{name}': {error}", remedy="check the module's name and that it can be imported here"
-        ) from error
+        raise MetadataError(f"cannot load effect '{name}': {error}",
+                            remedy="check the module's name and that it can be imported here") from error
     effect = getattr(module, attribute or "EFFECT", None)
     if not isinstance(effect, Effect):
         names = [k for k, v in vars(module).items() if isinstance(v, Effect)]
@@ -67,18 +66,20 @@ def _try(effect: Effect, name: str) -> None:
     """
     signal = np.linspace(0.3, 0.7, TRIAL)
     series = np.zeros(TRIAL if effect.column else effect.draws * (TRIAL + 1))
-    started = {q.name: [q.start[0]] if q.many else q.start[0] for q in effect.parameters if q.start}
-    remedy = "mend its start and step; docs/own-effect.md shows a complete effect"
-    for values in ({}, started if not any(q.many for q in effect.parameters) else {}):
+    started = {q.name: q.start[0] for q in effect.parameters if q.start}
+    for values in ({}, {} if any(q.many for q in effect.parameters) else started):
+        wrong = ""
         try:
             p = effect.pack(values)
             state = effect.begin(p, 1.0, 0.3, series)
             with np.errstate(all="ignore"):
                 out = np.array([effect.step(state, value, p) for value in signal.tolist()], dtype=np.float64)
+            if out.shape != signal.shape or not np.all(np.isfinite(out)):
+                wrong = "gives no numbers on a trial signal"
+            elif not values and not effect.draws and not np.allclose(out, signal, rtol=0.0, atol=1e-9):
+                wrong = "changes the signal at its neutral values"
         except Exception as error:
-            what = f"effect '{name}' fails on a trial signal: {type(error).__name__}: {error}"
-            raise MetadataError(what, remedy=remedy) from error
-        if out.shape != signal.shape or not np.all(np.isfinite(out)):
-            raise MetadataError(f"effect '{name}' gives no numbers on a trial signal", remedy=remedy)
-        if not values and not effect.draws and not np.allclose(out, signal, rtol=0.0, atol=1e-9):
-            raise MetadataError(f"effect '{name}' changes the signal at its neutral values", remedy=remedy)
+            wrong = f"fails on a trial signal: {type(error).__name__}: {error}"
+        if wrong:
+            raise MetadataError(f"effect '{name}' {wrong}",
+                                remedy="mend its start and step; docs/own-effect.md shows a complete effect")

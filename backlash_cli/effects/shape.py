@@ -2,10 +2,10 @@
 
 An effect is a `step` for one sample and an EFFECT record that describes it. `step(state, value, p)` takes the
 effect's state (1-D float64 array, changed in place), one input sample and the parameters (1-D float64 array in the
-order of EFFECT.parameters) and returns one output sample. It is plain Python within numba's subset, so that the
-same lines run one sample at a time in the closed loop and compiled over whole arrays when a model is fitted. A step
-that numba cannot compile runs as plain Python: slower, same result. Compiled steps share one machine signature and
-reach the kernels as function pointers, so that a kernel is compiled once, not once per combination of effects.
+order of EFFECT.parameters) and returns one output sample. It is plain Python within numba's subset (beyond it: slower,
+same result), so that the same lines run one sample at a time in the closed loop and compiled over whole arrays when a
+model is fitted. Compiled steps share one machine signature and reach the kernels as function pointers, so that a kernel
+is compiled once, not once per combination of effects.
 
 `start(p, interval, first)` makes the state before the first sample: `interval` seconds between samples, `first` the
 signal that stood at the effect's input for a long time before. A signal is held between samples (zero-order hold);
@@ -17,6 +17,7 @@ At its neutral values an effect returns its input bit for bit, so models nest an
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import lru_cache
@@ -91,16 +92,15 @@ class Effect:
         Raises MetadataError for an unknown name, a value outside its bounds, or lists of different length.
         """
         given = {**(values or {}), **more}
-        known = {q.name for q in self.parameters}
-        for name in given:
-            if name not in known:
-                raise MetadataError(f"{self.name} has no parameter '{name}'", remedy=nearest(name, known))
+        known = [q.name for q in self.parameters]
+        for name in [name for name in given if name not in known]:
+            raise MetadataError(f"{self.name} has no parameter '{name}'", remedy=nearest(name, known))
         parts = [self._values(q, given.get(q.name)) for q in self.parameters]
         lengths = {len(part) for part, q in zip(parts, self.parameters, strict=True) if q.many}
         if len(lengths) > 1:
             names = " and ".join(q.name for q in self.parameters if q.many)
             raise MetadataError(f"{self.name}: {names} differ in length", remedy="give one value of each per event")
-        return np.concatenate(parts) if parts else np.empty(0)
+        return np.concatenate([np.empty(0), *parts])
 
     def _values(self, q: Parameter, given: object) -> FloatArray:
         if given is None:
@@ -122,12 +122,10 @@ class Effect:
         """Parameter array at which the effect returns its input bit for bit."""
         return self.pack()
 
-    def begin(
-        self, p: FloatArray, interval: float, first: float, series: Sequence[float] | FloatArray = ()
-    ) -> FloatArray:
+    def begin(self, p: FloatArray, interval: float, first: float, series: Sequence[float] | FloatArray = ()
+              ) -> FloatArray:
         """Return the state before the first sample; `series` are the column's samples or the random numbers."""
-        head = np.asarray(self.start(p, interval, first), dtype=np.float64)
-        return np.concatenate([head, np.asarray(series, dtype=np.float64)])
+        return np.concatenate([self.start(p, interval, first), series], dtype=np.float64)
 
     def run(self, state: FloatArray, values: object, p: FloatArray) -> FloatArray:
         """Send (samples,) through the effect from `state`, which is changed in place; returns (samples,)."""
@@ -141,15 +139,8 @@ class Effect:
         run_steps(machine, state, array, p, out)
         return out
 
-    def apply(
-        self,
-        values: object,
-        p: FloatArray,
-        interval: float,
-        *,
-        first: float | None = None,
-        series: Sequence[float] | FloatArray = (),
-    ) -> FloatArray:
+    def apply(self, values: object, p: FloatArray, interval: float, *, first: float | None = None,
+              series: Sequence[float] | FloatArray = ()) -> FloatArray:
         """Return (samples,) after the effect; equal to `step` run over the samples one by one.
 
         values: (samples,) normalised signal. first: signal before the record, default its first sample.
@@ -168,17 +159,10 @@ def compiled(step: Callable[..., float]) -> Any | None:
 
     from ..kernels import STEP_SIGNATURE
 
-    if not hasattr(step, "__code__"):
-        return None
     # without numba's reference counts a step runs four times as fast; a step that makes arrays cannot do without
-    for cache, counts in ((True, False), (True, True), (False, False), (False, True)):
-        options: dict[str, Any] = {"cache": cache, "_nrt": counts}
-        try:
-            return numba.njit(STEP_SIGNATURE, **options)(step)
-        except NumbaError:
-            if counts:
-                return None
-        except RuntimeError:
-            # numba finds no folder for its cache when the step was typed at the prompt
-            continue
+    options: list[dict[str, Any]] = [{"cache": cache, "_nrt": counts} for cache in (True, False)
+                                     for counts in (False, True)]
+    for option in options if hasattr(step, "__code__") else ():
+        with suppress(NumbaError, RuntimeError):  # numba finds no folder for its cache for a step typed at the prompt
+            return numba.njit(STEP_SIGNATURE, **option)(step)
     return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -38,9 +38,8 @@ class Controller:
         for name, least in (("Ti", 1e-12), ("Td", 0.0), ("Tf", 0.0), ("tracking_time", 1e-12)):
             value = getattr(self, name)
             if value is not None and not least <= value < np.inf:
-                raise MetadataError(
-                    f"{name} = {value:g} is not possible", where="controller", remedy=f"{name} is a time in seconds"
-                )
+                raise MetadataError(f"{name} = {value:g} is not possible", where="controller",
+                                    remedy=f"{name} is a time in seconds")
         if self.Td > 0.0 and self.Tf == 0.0:
             raise MetadataError("a derivative part needs a filter", where="controller", remedy="leave Tf out: Td/5")
         if not self.low < self.high:
@@ -51,13 +50,6 @@ class Controller:
         """Tf [s] of (3): as given, else Td/5 or Ti/10."""
         return LoopSettings(K=self.K, Ti=self.Ti, Td=self.Td, Tf=self.Tf).filter_time or 0.0
 
-    @property
-    def windup_time(self) -> float:
-        """Time [s] over which the integral part follows a limited output."""
-        if self.tracking_time is not None:
-            return self.tracking_time
-        return float(np.sqrt(self.Ti * self.Td)) if self.Td > 0.0 else self.Ti
-
     def response(self, omega: object) -> ComplexArray:
         """C(i omega) from measurement to minus the output: K (1 + 1/(s Ti) + s Td) / (1 + s Tf)^2."""
         s = 1j * np.asarray(omega, dtype=np.float64)
@@ -66,11 +58,10 @@ class Controller:
 
     def packed(self, sample_time: float) -> FloatArray:
         """Numbers for the kernel, in its order."""
-        a, b = lag_pair(self.filter_time, sample_time)
-        integral = self.K * sample_time / self.Ti
-        windup = min(sample_time / self.windup_time, 1.0)
+        windup_time = self.tracking_time or (np.sqrt(self.Ti * self.Td) if self.Td > 0.0 else self.Ti)
         derivative = self.K * self.Td / self.filter_time if self.Td > 0.0 else 0.0
-        return np.array([self.K, integral, derivative, self.b, self.c, self.low, self.high, windup, a, b])
+        return np.array([self.K, self.K * sample_time / self.Ti, derivative, self.b, self.c, self.low, self.high,
+                         min(sample_time / windup_time, 1.0), *lag_pair(self.filter_time, sample_time)])
 
 
 class Scheme(IntEnum):
@@ -110,16 +101,12 @@ class Compensator:
         """Numbers for the kernel, in its order."""
         filter_time = self.filter_time or 0.0
         if self.filter_time is None and self.scheme is Scheme.FILTERED_OUTPUT:
-            filter_time = controller.Td / 5.0 if controller.Td > 0.0 else controller.Ti / 10.0
-        a, b = lag_pair(filter_time, sample_time)
-        scheme = self.scheme if self.gain > 0.0 else Scheme.NONE
-        hysteresis = self.hysteresis if self.scheme is Scheme.ERROR else 0.0
-        return np.array([float(scheme), 0.5 * self.gain, hysteresis, a, b])
+            filter_time = replace(controller, Tf=None).filter_time
+        return np.array([self.scheme if self.gain > 0.0 else Scheme.NONE, 0.5 * self.gain,
+                         self.hysteresis if self.scheme is Scheme.ERROR else 0.0, *lag_pair(filter_time, sample_time)])
 
 
 def lag_pair(filter_time: float, sample_time: float) -> tuple[float, float]:
     """Return (a, h/T a): x1 and x2 of 1/(1 + s T)^2 for a held input go to a x1 + ..., a x2 + (h/T) a x1 + ... ."""
-    if filter_time <= 0.0:
-        return 0.0, 0.0
-    ratio = sample_time / filter_time
+    ratio = sample_time / filter_time if filter_time > 0.0 else 1e3
     return float(np.exp(-ratio)), float(ratio * np.exp(-ratio))

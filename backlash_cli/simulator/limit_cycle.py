@@ -29,15 +29,9 @@ def describing_function(ratio: object) -> ComplexArray:
     r = np.asarray(ratio, dtype=np.float64)
     if np.any(r < 0.0) or np.any(r > 2.0):
         raise UsageError("d/a must lie in 0..2", remedy="the amplitude must be at least half the dead band")
-    rest = 1.0 - r
-    square = r * (2.0 - r)
+    rest, square = 1.0 - r, r * (2.0 - r)
     real = 0.5 * np.pi + np.arcsin(rest) + rest * np.sqrt(square)
     return np.asarray((real - 1j * square) / np.pi, dtype=np.complex128)
-
-
-def negative_inverse(ratio: object) -> ComplexArray:
-    """Return -1/N(d/a), the curve that the loop's Nyquist plot must cross for a limit cycle (Fig. 3)."""
-    return -1.0 / describing_function(ratio)
 
 
 @dataclass(frozen=True)
@@ -59,59 +53,49 @@ def limit_cycle(controller: Controller, process: Process, d: float) -> LimitCycl
     Stable in the sense of Loeb: a slightly larger oscillation dies down, a smaller one grows. A loop that is unstable
     without any dead band is outside this question.
     """
-    if d <= 0.0:
-        return None
-    solutions = [s for s in _crossings(controller, process) if _stable(controller, process, *s)]
-    if not solutions:
-        return None
-    # of several stable cycles the largest is the one a disturbance ends in
-    omega, ratio = min(solutions, key=lambda s: s[1])
-    amplitude = d / ratio
-    gain = abs(describing_function(ratio) * process.response(omega))
-    return LimitCycle(2.0 * np.pi / omega, amplitude, float(amplitude * gain))
-
-
-def _crossings(controller: Controller, process: Process) -> list[tuple[float, float]]:
-    """All (w, d/a) with C P N = -1: along w, d/a follows from the phase of N and the size decides."""
     from scipy.optimize import brentq
-
-    def loop_at(omega: object) -> ComplexArray:
-        return controller.response(omega) * process.response(omega)
 
     # the phase of N falls steadily from 0 to -pi/2 while the sine gets smaller, so it can be read backwards
     phases = -np.angle(describing_function(RATIOS))
 
+    def open_loop(omega: object) -> ComplexArray:
+        return controller.response(omega) * process.response(omega)
+
     def ratio_at(log_omega: FloatArray | float) -> FloatArray:
-        return np.interp(np.angle(-loop_at(np.exp(log_omega))), phases, RATIOS, left=np.nan, right=np.nan)
+        return np.interp(np.angle(-open_loop(np.exp(log_omega))), phases, RATIOS, left=np.nan, right=np.nan)
 
     def excess(log_omega: FloatArray | float) -> FloatArray:
         ratio = ratio_at(log_omega)
         gain = np.abs(describing_function(np.nan_to_num(ratio)))
-        return np.where(np.isfinite(ratio), np.log(np.abs(loop_at(np.exp(log_omega))) * gain), np.nan)
+        return np.where(np.isfinite(ratio), np.log(np.abs(open_loop(np.exp(log_omega))) * gain), np.nan)
 
+    def stable(omega: float, ratio: float) -> bool:
+        # a larger amplitude, a smaller d/a, shifts the loop's pole to the left: Re(-(dN/da / N) (L / (dL/ds))) < 0
+        h = 1e-6
+        slope = np.diff(describing_function(ratio * np.array([1.0 + h, 1.0 - h])))[0] / describing_function(ratio)
+        down, at, up = open_loop(omega * np.array([1.0 - h, 1.0, 1.0 + h]))
+        return bool((-slope * at / ((up - down) / (omega * 1j))).real < 0.0)
+
+    # along w, d/a follows from the phase of N and the size decides
     grid = _frequencies(controller, process)
     values = excess(grid)
     spans = np.flatnonzero(values[:-1] * values[1:] < 0.0)
-    roots = [float(brentq(lambda w: float(excess(w)), grid[k], grid[k + 1], xtol=1e-12)) for k in spans]
-    return [(float(np.exp(root)), float(ratio_at(root))) for root in roots]
+    roots = [float(brentq(lambda w: float(excess(w)), grid[k], grid[k + 1], xtol=1e-12)) for k in spans
+             if d > 0.0]
+    cycles = [(float(ratio_at(root)), float(np.exp(root))) for root in roots]
+    cycles = [(ratio, omega) for ratio, omega in cycles if stable(omega, ratio)]
+    if not cycles:
+        return None
+    # of several stable cycles the largest is the one a disturbance ends in
+    ratio, omega = min(cycles)
+    gain = abs(describing_function(ratio) * process.response(omega))
+    return LimitCycle(2.0 * np.pi / omega, d / ratio, float(d / ratio * gain))
 
 
 def _frequencies(controller: Controller, process: Process) -> FloatArray:
     """Logarithms of frequencies [rad/s] that span all time constants of the loop, (frequencies,)."""
-    times = [controller.Ti, controller.Td, controller.filter_time, process.dead_time, *process.lags]
     with np.errstate(divide="ignore"):
-        roots = 1.0 / np.abs(np.roots(process.denominator)) if len(process.denominator) > 1 else []
-    used = [t for t in (*times, *roots) if 0.0 < t < np.inf]
+        roots = 1.0 / np.abs(np.roots(process.denominator))
+    times = [controller.Ti, controller.Td, controller.filter_time, process.dead_time, *process.lags, *roots]
+    used = [t for t in times if 0.0 < t < np.inf]
     return np.linspace(np.log(1e-3 / max(used)), np.log(1e2 / min(used)), 1500)
-
-
-def _stable(controller: Controller, process: Process, omega: float, ratio: float) -> bool:
-    """A larger amplitude must shift the loop's pole to the left: Re(-(dN/da / N) (L / (dL/ds))) < 0."""
-    h = 1e-6
-    # a larger amplitude means a smaller d/a
-    smaller, larger = (describing_function(ratio * (1.0 + k)) for k in (h, -h))
-    slope = (larger - smaller) / (2.0 * h)
-    at, up, down = (controller.response(w) * process.response(w) for w in (omega, omega * (1.0 + h), omega * (1.0 - h)))
-    d_loop = (up - down) / (2.0 * h * omega) / 1j
-    shift = -(slope / describing_function(ratio)) * at / d_loop
-    return bool(shift.real < 0.0)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..effects.shape import Stage
 from ..errors import LoopError, MetadataError, nearest
 from ..record import FloatArray, Record, SampleState
-from .scenario import Applied, Scenario, Signal, every, recorded
+from .scenario import Applied, Scenario, Signal, draw_lines, every
 
 UNSTABLE_SPANS = 10.0  # the measurement of a loop that works stays within a few spans
 AT_LIMIT = 1e-9  # an output this close to its limit is at its limit
@@ -111,8 +111,11 @@ def export(run: Trace) -> Record:
     limited = (output <= s.controller.low + AT_LIMIT) | (output >= s.controller.high - AT_LIMIT)
     state = np.where(limited, SampleState.SATURATED, SampleState.GOOD).astype(np.uint8)
     state[run.by_hand[pick]] = SampleState.MANUAL
-    signals = {"SP": run.setpoint[pick], "PV": run.measurement[pick], "OP": output}
-    signals = recorded({k: v.copy() for k, v in signals.items()}, s.recorder, s.record_seconds)
+    signals = {"SP": run.setpoint[pick].copy(), "PV": run.measurement[pick].copy(), "OP": output.copy()}
+    for recorder in s.recorder:
+        for name in recorder.signals:
+            kept = recorder.applied.effect.apply(signals[name], recorder.applied.p, s.record_seconds)
+            signals[name] = draw_lines(signals[name], kept) if recorder.lines else kept
     return Record(loop=s.name, start=s.start, interval=s.record_seconds, index=np.arange(output.size, dtype=np.int64),
                   setpoint=signals["SP"], measurement=signals["PV"], output=signals["OP"], state=state,
                   settings=s.settings, disturbances={name: values[pick].copy() for name, values in run.columns.items()})

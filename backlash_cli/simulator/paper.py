@@ -11,6 +11,7 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +19,12 @@ from numpy.typing import NDArray
 from ..record import FloatArray, Record
 from ..results import Estimate
 from ..results.paper import Line, Panel, PaperFigure, PaperReport, PaperRow
-from .controller import Compensator, Controller, Scheme
-from .limit_cycle import limit_cycle, negative_inverse
+from .controller import Compensator, Scheme
+from .limit_cycle import describing_function, limit_cycle
 from .loop import Trace, simulate, trace
-from .process import Process
 from .scenario import Manual, Scenario, use
 from .scenario_file import load_scenarios, with_dead_band, with_seed
 
-ORDER = ("fig3", "scaling", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9", "fig10", "kp", "fig12", "fig13", "fig14",
-         "fig15", "fig17", "fig18", "fig19")
 POINTS = 1500  # of a drawn curve
 QUIET = ("setpoint", "valve")  # curves drawn in grey
 D, SIZES = 0.05, (0.01, 0.02, 0.05, 0.1)
@@ -51,11 +49,9 @@ Numbers = dict[str, float]
 Found = tuple[Numbers, list[PaperFigure]]
 
 
-def published() -> tuple[tuple[PaperRow, ...], Mapping[str, str]]:
-    """Return every number of the paper with its tolerance, and the single estimates that its figures print."""
-    text = (resources.files(__package__) / "published.toml").read_text(encoding="utf-8")
-    page = tomllib.loads(text)
-    return tuple(PaperRow(*row, **page["differs"].get(row[0], {})) for row in page["published"]), page["estimates"]
+PAGE = tomllib.loads((resources.files(__package__) / "published.toml").read_text(encoding="utf-8"))
+# every number of the paper with its tolerance
+PUBLISHED = tuple(PaperRow(*row, **PAGE["differs"].get(row[0], {})) for row in PAGE["published"])
 
 
 def reproduce(estimator: Estimator) -> PaperReport:
@@ -67,45 +63,45 @@ def reproduce(estimator: Estimator) -> PaperReport:
                         industrial(estimator, lists)):
         values |= more
         figures += drawn
-    rows, printed = published()
-    return PaperReport(tuple(replace(row, ours=values[row.key]) for row in rows),
-                       tuple(sorted(figures, key=lambda f: ORDER.index(f.key))),
-                       {key: (printed[key], ours) for key, ours in lists.items()})
+    order = list(PAGE["figures"])
+    return PaperReport(tuple(replace(row, ours=values[row.key]) for row in PUBLISHED),
+                       tuple(sorted(figures, key=lambda f: order.index(f.key))),
+                       {key: (PAGE["estimates"][key], ours) for key, ours in lists.items()})
 
 
-def diagrams(key: str, title: str, t: FloatArray, above: Mapping[str, FloatArray], below: Mapping[str, FloatArray],
-             text: str, marks: Sequence[tuple[float, float, str]] = ()) -> PaperFigure:
-    """Return two diagrams of named curves over time (points,), the measured signals above and the output below."""
-    def panel(curves: Mapping[str, FloatArray], x_label: str, y_label: str, *marks: tuple[float, float, str]) -> Panel:
-        lines = tuple(Line(name, t, values, "dot" if name in QUIET else "solid", quiet=name in QUIET)
-                      for name, values in curves.items())
-        return Panel(lines, x_label, y_label, marks)
-
-    return PaperFigure(key, title, (panel(above, "", "flow" if "flow" in above else "y", *marks),
-                                    panel(below, "time [s]", "u")), text)
+def figure(key: str, *panels: Panel) -> PaperFigure:
+    """Return the panels under the figure's own title and words."""
+    title, text = PAGE["figures"][key]
+    counts = {"load_draws": LOAD_DRAWS, "draws": DRAWS, "industrial_draws": INDUSTRIAL_DRAWS}
+    return PaperFigure(key, title, panels, text.format(window=WINDOW, **counts))
 
 
-def trend(key: str, title: str, run: Trace, text: str) -> PaperFigure:
+def diagrams(key: str, time: FloatArray, pick: Any, above: Mapping[str, FloatArray], below: Mapping[str, FloatArray],
+             marks: Sequence[tuple[float, float, str]] = ()) -> PaperFigure:
+    """Return two diagrams of named curves (samples,) over time, where picked: measured signals above, output below."""
+    above_lines, below_lines = (tuple(Line(name, time[pick], y[pick], "dot" if name in QUIET else "solid",
+                                           quiet=name in QUIET) for name, y in curves.items())
+                                for curves in (above, below))
+    return figure(key, Panel(above_lines, "", "flow" if "flow" in above else "y", tuple(marks)),
+                  Panel(below_lines, "time [s]", "u"))
+
+
+def trend(key: str, run: Trace) -> PaperFigure:
     """Return the two diagrams of a simulation: y and setpoint, u and valve position."""
     thin = slice(None, None, max(1, len(run.setpoint) // POINTS))
-    return diagrams(key, title, run.time[thin], {"setpoint": run.setpoint[thin], "y": run.measurement[thin]},
-                    {"valve": run.valve[thin], "u": run.output[thin]}, text)
+    return diagrams(key, run.time, thin, {"setpoint": run.setpoint, "y": run.measurement},
+                    {"valve": run.valve, "u": run.output})
 
 
-def recording(key: str, title: str, record: Record, found: Sequence[Estimate], text: str) -> PaperFigure:
-    """Return a record with its estimates [%] written where they were made; refused ones in brackets."""
+def recording(key: str, record: Record, found: Sequence[Estimate], lists: dict[str, str]) -> PaperFigure:
+    """Return a record with its estimates [%] written where they were made, refused ones in brackets; accepted ones
+    go into lists, as the paper prints them."""
     assert record.output is not None
-    thin = slice(None, None, max(1, len(record) // POINTS))
+    lists[key] = " ".join(f"{100 * e.d:.1f}" for e in found if e.accepted)
     top = float(np.max(record.measurement))
     marks = [(e.end - record.start, top, f"{100 * e.d:.1f}" if e.accepted else f"({100 * e.d:.1f})") for e in found]
-    return diagrams(key, title, record.time[thin] - record.start,
-                    {"setpoint": record.setpoint[thin], "y": record.measurement[thin]},
-                    {"u": record.output[thin]}, text, marks)
-
-
-def listed(found: Sequence[Estimate]) -> str:
-    """Return accepted estimates in % as the paper prints them."""
-    return " ".join(f"{100 * e.d:.1f}" for e in found if e.accepted)
+    return diagrams(key, record.time - record.start, slice(None, None, max(1, len(record) // POINTS)),
+                    {"setpoint": record.setpoint, "y": record.measurement}, {"u": record.output}, marks)
 
 
 def within(run: Trace, window: tuple[float, float]) -> NDArray[np.bool_]:
@@ -113,10 +109,9 @@ def within(run: Trace, window: tuple[float, float]) -> NDArray[np.bool_]:
     return (run.time >= window[0]) & (run.time < window[1])
 
 
-def example_1(d: float = D, compensator: Compensator | None = None) -> Scenario:
+def example_1(d: float = D) -> Scenario:
     """Return Example 1: integrating process, setpoint step at 0 s, load step at 100 s."""
-    s = with_dead_band(load_scenarios("example-1"), d)[0]
-    return s if compensator is None else replace(s, compensator=compensator)
+    return with_dead_band(load_scenarios("example-1"), d)[0]
 
 
 def cycle_of(run: Trace, window: tuple[float, float] = SETTLED) -> tuple[float, float]:
@@ -142,7 +137,7 @@ def integrating_process() -> Found:
     cycles = [cycle_of(run) for run in runs]
     period, amplitude = cycles[SIZES.index(D)]
     shares = [a / d for (_, a), d in zip(cycles, SIZES, strict=True)]
-    compensated = trace(example_1(D, Compensator(D, Scheme.FILTERED_OUTPUT)))
+    compensated = trace(replace(s, compensator=Compensator(D, Scheme.FILTERED_OUTPUT)))
     ideal, left = (absolute_error(run, AFTER_LOAD) for run in (trace(example_1(0.0)), compensated))
     values = {"fig3_integrating": float(predicted is not None),
               "fig3_stable": float(limit_cycle(stable.controller, stable.process, D) is not None),
@@ -151,33 +146,19 @@ def integrating_process() -> Found:
               "ex1_predicted_period": predicted.period, "ex1_predicted_u": 100.0 * predicted.amplitude_u,
               "ex1_predicted_y": 100.0 * predicted.amplitude_y, "ex1_period": period, "ex1_y": 100.0 * amplitude,
               "ex3_iae": 100.0 * (left / ideal - 1.0)}
-    return values, [
-        nyquist(s, stable),
-        scaling(runs),
-        trend("fig4", "Fig. 4: Example 1, integrating process with 5 % of dead band", runs[SIZES.index(D)],
-              "The loop oscillates for ever, before and after the load step."),
-        trend("fig7", "Fig. 7: Example 3, the same loop with compensator (8), gain 5 %", compensated,
-              "Without noise a gain equal to the dead band takes the oscillation away."),
-    ]
+    return values, [nyquist(s, stable), scaling(runs), trend("fig4", runs[SIZES.index(D)]), trend("fig7", compensated)]
 
 
 def nyquist(integrating: Scenario, stable: Scenario) -> PaperFigure:
     """Return Fig. 3: negative inverse of the describing function and both open loops."""
-    curve = negative_inverse(np.linspace(0.0, 1.99, 400))
-    lines = [Line("-1/N, backlash", curve.real, curve.imag)]
+    curve = -1.0 / describing_function(np.linspace(0.0, 1.99, 400))
+    lines, omega = [Line("-1/N, backlash", curve.real, curve.imag)], np.logspace(-1.5, 1.5, 600)
     for name, s, dash in (("integrating process", integrating, "dash"), ("stable process", stable, "dot")):
-        lines.append(Line(name, *open_loop(s.controller, s.process), dash))
-    panel = Panel(tuple(lines), "real part", "imaginary part", x_limits=(-3.0, 1.0), y_limits=(-3.0, 1.0),
-                  equal_scales=True)
-    return PaperFigure("fig3", "Fig. 3: limit cycle or not", (panel,), "Where the curve of the open loop crosses "
-                       "that of the backlash, the loop oscillates by itself.")
-
-
-def open_loop(controller: Controller, process: Process) -> tuple[FloatArray, FloatArray]:
-    """Return the Nyquist curve of controller and process, real and imaginary part (points,)."""
-    value = controller.response(omega := np.logspace(-1.5, 1.5, 600)) * process.response(omega)
-    near = np.abs(value) < 8.0
-    return value.real[near], value.imag[near]
+        loop = s.controller.response(omega) * s.process.response(omega)
+        near = loop[np.abs(loop) < 8.0]
+        lines.append(Line(name, near.real, near.imag, dash))
+    return figure("fig3", Panel(tuple(lines), "real part", "imaginary part", x_limits=(-3.0, 1.0),
+                                y_limits=(-3.0, 1.0), equal_scales=True))
 
 
 def scaling(runs: Sequence[Trace]) -> PaperFigure:
@@ -188,9 +169,7 @@ def scaling(runs: Sequence[Trace]) -> PaperFigure:
         first = int(np.argmax((run.time[:-1] >= SETTLED[0]) & (y[:-1] < 0.0) & (y[1:] >= 0.0)))
         part = slice(first, first + 2400, 10)
         lines.append(Line(f"d = {100 * d:g} %", run.time[part] - run.time[first], y[part] / d))
-    return PaperFigure("scaling", "Section 2: the size of the dead band sets the amplitude, not the period",
-                       (Panel(tuple(lines), "time since a crossing of the setpoint [s]", "(y - setpoint) / d"),),
-                       "Divided by its dead band, every oscillation is the same curve.")
+    return figure("scaling", Panel(tuple(lines), "time since a crossing of the setpoint [s]", "(y - setpoint) / d"))
 
 
 def example_2(d: float = 0.05, *, load: float = 0.2, gain: float = 0.0, seed: int = 1, noise: bool = True) -> Scenario:
@@ -203,10 +182,11 @@ def example_2(d: float = 0.05, *, load: float = 0.2, gain: float = 0.0, seed: in
 
 def stable_process() -> Found:
     """Return our numbers of Example 2, Fig. 6 and Example 4, and their figures."""
-    rise = {load: rises(load) for load in LOADS}
+    after = {load: np.array([mean_errors(d, load, 0.0) for d in GRID]) for load in LOADS}
+    rise = {load: 100.0 * (found / found[0] - 1.0) for load, found in after.items()}  # of IAE and peak [%], by d
     at = GRID.index
     plain, full, less = (trace(example_2(gain=gain)) for gain in (0.0, 0.05, GAIN))
-    left = 100.0 * (mean_errors(0.05, 0.2, GAIN)[0] / mean_errors(0.0, 0.2, 0.0)[0] - 1.0)
+    left = 100.0 * (mean_errors(0.05, 0.2, GAIN)[0] / after[0.2][0, 0] - 1.0)
     still = trace(example_2(noise=False))
     cycles = np.ptp(still.valve[within(still, (150.0, 200.0))]) / 2.0 > 0.2 * 0.05
     travel = [float(np.sum(np.abs(np.diff(run.valve[within(run, QUIET_SPELL)])))) for run in (plain, full, less)]
@@ -215,15 +195,7 @@ def stable_process() -> Found:
               "sec1_iae": float(rise[0.2][at(0.1), 0]), "sec1_peak": float(rise[0.2][at(0.1), 1]),
               "ex4_full": float(travel[1] > OSCILLATES * travel[0]),
               "ex4_less": float(travel[2] > OSCILLATES * travel[0]), "ex4_iae": left}
-    return values, [
-        trend("fig5", "Fig. 5: Example 2, stable process with 5 % of dead band", plain,
-              "No limit cycle, but the error stays on one side for long and never settles."),
-        figure_6(rise, left),
-        trend("fig8", "Fig. 8: Example 4, compensator (9) with gain 0.05 = d", full,
-              "The gain is too high: noise makes the valve move at every change of sign."),
-        trend("fig9", "Fig. 9: Example 4, compensator (9) with gain 0.04", less,
-              "u jumps, but mostly inside the gap, so the valve hardly notices."),
-    ]
+    return values, [trend("fig5", plain), figure_6(rise, left), trend("fig8", full), trend("fig9", less)]
 
 
 def mean_errors(d: float, load: float, gain: float) -> FloatArray:
@@ -231,12 +203,6 @@ def mean_errors(d: float, load: float, gain: float) -> FloatArray:
     runs = [trace(replace(example_2(d, load=load, gain=gain, seed=k), duration=WINDOW[1])) for k in range(LOAD_DRAWS)]
     peaks = [np.max(np.abs(run.setpoint - run.process_output)[run.time >= WINDOW[0]]) for run in runs]
     return np.mean([[absolute_error(run, WINDOW), peak] for run, peak in zip(runs, peaks, strict=True)], axis=0)
-
-
-def rises(load: float) -> FloatArray:
-    """Return the rise of IAE and of the peak error [%] over the dead bands of the grid, (dead_bands, 2)."""
-    found = np.array([mean_errors(d, load, 0.0) for d in GRID])
-    return 100.0 * (found / found[0] - 1.0)
 
 
 def figure_6(rise: Mapping[float, FloatArray], left: float) -> PaperFigure:
@@ -248,8 +214,7 @@ def figure_6(rise: Mapping[float, FloatArray], left: float) -> PaperFigure:
         if k == 0:
             lines.append(Line("load 20 %, compensated with 0.04", np.array([5.0]), np.array([left]), "dot"))
         panels.append(Panel(tuple(lines), "dead band d [%]", label))
-    return PaperFigure("fig6", "Fig. 6: what dead band costs at load disturbances", tuple(panels),
-                       f"Mean of {LOAD_DRAWS} noise draws; error summed from {WINDOW[0]:g} to {WINDOW[1]:g} s.")
+    return figure("fig6", *panels)
 
 
 def detections(estimator: Estimator, lists: dict[str, str]) -> Found:
@@ -257,10 +222,8 @@ def detections(estimator: Estimator, lists: dict[str, str]) -> Found:
     values: Numbers = {}
     run = trace(example_2(0.05, seed=SEED))
     near = np.flatnonzero(within(run, (35.0, 65.0)))[::5]
-    figures = [diagrams("fig10", "Fig. 10: what the estimator uses", run.time[near],
-                        {"setpoint": run.setpoint[near], "y filtered": (run.setpoint - run.error)[near]},
-                        {"valve": run.valve[near], "u": run.output[near]},
-                        "While u crosses the gap the valve rests and the error stays on one side.")]
+    figures = [diagrams("fig10", run.time, near, {"setpoint": run.setpoint, "y filtered": run.setpoint - run.error},
+                        {"valve": run.valve, "u": run.output})]
     below: list[bool] = []
     for key, d in DETECTED.items():
         records = [simulate(example_2(d, seed=SEED + k)) for k in range(DRAWS)]
@@ -269,9 +232,7 @@ def detections(estimator: Estimator, lists: dict[str, str]) -> Found:
         below += [e.d < d for found in drawn for e in found]
         values[f"{key}_median"] = 100.0 * float(np.mean(medians)) if medians else float("nan")
         values[f"{key}_count"] = float(len(drawn[0]))
-        lists[key] = listed(drawn[0])
-        figures.append(recording(key, f"Fig. {key[3:]}: the estimator at work, d = {100 * d:g} %", records[0], drawn[0],
-                                 f"Estimates [%] where they were made. The median below is the mean of {DRAWS} draws."))
+        figures.append(recording(key, records[0], drawn[0], lists))
     return {**values, "mostly_below": float(np.mean(below) > 0.5)}, figures
 
 
@@ -281,9 +242,7 @@ def default_gain() -> Found:
     error = 100.0 * ((5.0 - 1.0 / (0.5 * DEFAULT_KP)) / (5.0 - 1.0 / (0.5 * true)) - 1.0)
     at_ends = np.interp([1.0, 3.4], true, error)
     panel = Panel((Line("error of d", true, error),), "true Kp", "error of d [%]")
-    figure = PaperFigure("kp", "Section 4: how far a wrong process gain moves the estimate", (panel,),
-                         "Worst case of (17): half periods of 5 Ti and a controller gain of 0.5 / Kp.")
-    return {"kp_low": float(at_ends[0]), "kp_high": float(at_ends[1])}, [figure]
+    return {"kp_low": float(at_ends[0]), "kp_high": float(at_ends[1])}, [figure("kp", panel)]
 
 
 def industrial(estimator: Estimator, lists: dict[str, str]) -> Found:
@@ -298,16 +257,10 @@ def industrial(estimator: Estimator, lists: dict[str, str]) -> Found:
               "fig19_median": 100.0 * float(np.median(calm)), "fig19_count": len(calm) / INDUSTRIAL_DRAWS,
               "fig19_lower": float(np.median(calm) < np.median(accepted))}
     run = manual_test(fixed)
-    thin = slice(None, None, 5)
-    figures = [diagrams("fig17", "Fig. 17: manual test of the valve", run.time[thin], {"flow": run.measurement[thin]},
-                        {"valve": run.valve[thin], "u": run.output[thin]},
-                        "The flow falls only after the output has come back through the gap.")]
-    note = f"In brackets: refused by the gate e_max < 2 dy. Numbers: {INDUSTRIAL_DRAWS} draws of noise and load."
-    for key, s, words in (("fig18", swinging, "an external, swinging setpoint"), ("fig19", fixed, "a fixed setpoint")):
-        record = simulate(s)
-        found = list(estimator(record))
-        lists[key] = listed(found)
-        figures.append(recording(key, f"Fig. {key[3:]}: pulp flow with {words}", record, found, note))
+    figures = [diagrams("fig17", run.time, slice(None, None, 5), {"flow": run.measurement},
+                        {"valve": run.valve, "u": run.output})]
+    for key, s in (("fig18", swinging), ("fig19", fixed)):
+        figures.append(recording(key, record := simulate(s), estimator(record), lists))
     return {**values, "fig17_d": 100.0 * read_manual_test(run)}, figures
 
 

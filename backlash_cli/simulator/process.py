@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,7 +32,12 @@ class Process:
 
     def __post_init__(self) -> None:
         for name in ("lags", "numerator", "denominator"):
-            object.__setattr__(self, name, _numbers(name, getattr(self, name)))
+            try:
+                object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
+            except (TypeError, ValueError):
+                raise MetadataError(f"{name} = {getattr(self, name)!r} is not a list of numbers") from None
+        if not np.isfinite([*self.lags, *self.numerator, *self.denominator]).all():
+            raise MetadataError("lags, numerator or denominator hold a value that is not finite")
         if not np.isfinite(self.gain) or self.gain == 0.0:
             raise MetadataError(f"process gain {self.gain:g} is not possible", remedy="give a gain other than 0")
         if any(lag <= 0.0 for lag in self.lags):
@@ -110,13 +114,3 @@ class Process:
             a = np.block([[a, np.zeros((len(a), len(next_a)))], [next_b @ c, next_a]])
             b, c, d = np.vstack([b, next_b @ d]), np.hstack([next_d @ c, next_c]), next_d @ d
         return a, b * scale, c * self.gain
-
-
-def _numbers(name: str, values: Sequence[float]) -> tuple[float, ...]:
-    try:
-        numbers = tuple(float(v) for v in values)
-    except (TypeError, ValueError):
-        raise MetadataError(f"{name} = {values!r} is not a list of numbers") from None
-    if not all(np.isfinite(numbers)):
-        raise MetadataError(f"{name} has a value that is not finite")
-    return numbers

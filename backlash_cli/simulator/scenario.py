@@ -51,18 +51,6 @@ class Recorder:
     lines: bool = False
 
 
-def recorded(signals: Mapping[str, FloatArray], recorders: tuple[Recorder, ...], interval: float
-             ) -> dict[str, FloatArray]:
-    """Send the recorded signals, name -> (samples,), through the recorders in order."""
-    result = dict(signals)
-    for recorder in recorders:
-        for name in recorder.signals:
-            original = result[name]
-            kept = recorder.applied.effect.apply(original, recorder.applied.p, interval)
-            result[name] = draw_lines(original, kept) if recorder.lines else kept
-    return result
-
-
 def draw_lines(original: FloatArray, held: FloatArray) -> FloatArray:
     """Join the samples that were reported by straight lines, as a historian interpolates.
 

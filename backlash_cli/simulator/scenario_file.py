@@ -55,10 +55,8 @@ def _scenarios(document: Mapping[str, Any], where: str) -> tuple[Scenario, ...]:
     _known(common, SIMULATION, f"{where}: [simulation]")
     if not _table(loops, f"{where}: [loops]"):
         raise MetadataError("there is no loop", where=where, remedy="add a table [loops.NAME]")
-    return tuple(
-        _loop(str(name), {**common, **_table(entry, f"{where}: [loops.{name}]")}, f"{where}: [loops.{name}]", place)
-        for place, (name, entry) in enumerate(loops.items())
-    )
+    return tuple(_loop(str(name), common, entry, f"{where}: [loops.{name}]", place)
+                 for place, (name, entry) in enumerate(loops.items()))
 
 
 def loop_seed(seed: int, place: int) -> int:
@@ -66,7 +64,8 @@ def loop_seed(seed: int, place: int) -> int:
     return seed * 100_000 + place
 
 
-def _loop(name: str, entry: Mapping[str, Any], where: str, place: int) -> Scenario:
+def _loop(name: str, common: Mapping[str, Any], entry: object, where: str, place: int) -> Scenario:
+    entry = {**common, **_table(entry, where)}
     seed = loop_seed(_value(int, entry.get("seed", 0), f"{where} seed"), place)
     start = entry.get("start", 0.0)
     if isinstance(start, str):
@@ -165,8 +164,8 @@ def scenario_names() -> tuple[str, ...]:
 def scenario_text(name: str) -> str:
     """Return the TOML text of a named scenario, to be copied and changed. Raises UsageError for an unknown name."""
     if name not in scenario_names():
-        remedy = nearest(name, scenario_names()) + " (or give the path of a TOML file)"
-        raise UsageError(f"no scenario '{name}'", remedy=remedy)
+        raise UsageError(f"no scenario '{name}'",
+                         remedy=f"{nearest(name, scenario_names())} (or give the path of a TOML file)")
     return (resources.files(__package__) / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
 
 
@@ -179,17 +178,14 @@ def load_scenarios(name_or_path: str) -> tuple[Scenario, ...]:
 
 def with_dead_band(scenarios: Iterable[Scenario], d: float | None) -> tuple[Scenario, ...]:
     """Return the loops with dead band d [span] in their valves; None leaves them as they are."""
-    if d is None:
-        return tuple(scenarios)
     gap = use("backlash", d=d)
-    return tuple(replace(s, effects=(gap, *(a for a in s.effects if a.effect is not gap.effect))) for s in scenarios)
+    return tuple(s if d is None else replace(s, effects=(gap, *(a for a in s.effects if a.effect is not gap.effect)))
+                 for s in scenarios)
 
 
 def with_seed(scenarios: Iterable[Scenario], seed: int | None) -> tuple[Scenario, ...]:
     """Return the loops with other random numbers; None leaves them as they are."""
-    if seed is None:
-        return tuple(scenarios)
-    return tuple(replace(s, seed=loop_seed(seed, place)) for place, s in enumerate(scenarios))
+    return tuple(s if seed is None else replace(s, seed=loop_seed(seed, k)) for k, s in enumerate(scenarios))
 
 
 def parse_process(text: str) -> Process:
@@ -206,14 +202,16 @@ def parse_process(text: str) -> Process:
     given: dict[str, float] = {}
     for part in filter(None, (p.strip() for p in text.replace(";", ",").split(","))):
         name, _, value = (x.strip().lower() for x in part.partition("="))
-        if name not in _PROCESS_NAMES or name in given:
-            what = f"{name} is given twice" if name in given else f"'{part}' is not understood"
-            raise MetadataError(what, where="--process", remedy=f"{nearest(name, ['K', 'T', 'T2', 'L'])} {PROCESS}")
         try:
-            given[name] = float(value.removesuffix("s"))
+            number = float(value.removesuffix("s"))
         except ValueError:
-            raise MetadataError(f"{part} is not a number", where="--process", remedy=PROCESS) from None
-    if not (lags := tuple(v for name, v in given.items() if _PROCESS_NAMES[name] == "lag")):
-        raise MetadataError("no lag is given", where="--process", remedy=PROCESS)
+            number = float("nan")
+        if name not in _PROCESS_NAMES or name in given or number != number:
+            remedy = f"{nearest(name, ['K', 'T', 'T2', 'L'])} {PROCESS}"
+            raise MetadataError(f"'{part}' is not understood", where="--process", remedy=remedy)
+        given[name] = number
     named = {_PROCESS_NAMES[name]: value for name, value in given.items()}
+    if "lag" not in named:
+        raise MetadataError("no lag is given", where="--process", remedy=PROCESS)
+    lags = tuple(value for name, value in given.items() if _PROCESS_NAMES[name] == "lag")
     return Process(named.get("gain", 1.0), lags, named.get("dead_time", 0.0))

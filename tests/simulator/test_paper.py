@@ -11,16 +11,15 @@ from backlash_cli.estimator.haegglund import published_estimates
 from backlash_cli.reporter.paper import paper
 from backlash_cli.simulator import simulate
 from backlash_cli.simulator.paper import (
+    PAGE,
+    PUBLISHED,
     absolute_error,
     cycle_of,
     default_gain,
     example_1,
     example_2,
-    published,
     reproduce,
 )
-
-PUBLISHED, ESTIMATES = published()
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +40,7 @@ def test_row(report, number):
 def test_every_row_belongs_to_a_figure(report):
     drawn = {figure.key for figure in report.figures}
     assert {p.figure for p in PUBLISHED} <= drawn
-    assert set(report.lists) == set(ESTIMATES)
+    assert set(report.lists) == set(PAGE["estimates"])
 
 
 @pytest.mark.parametrize(("d", "median"), [(0.01, 0.5), (0.03, 2.6), (0.05, 4.7), (0.1, 10.0)])
