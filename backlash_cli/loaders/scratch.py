@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import IO, Any
+from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,10 +59,12 @@ class Room:
         """Append a column to the scratch file, which other processes of this machine can read. Raises BacklashError
         without room."""
         try:
-            if self._file is None:
-                unnamed = os.path.exists(f"/proc/{os.getpid()}/fd")
-                made = tempfile.TemporaryFile if unnamed else tempfile.NamedTemporaryFile
-                self._file = made("w+b", buffering=0, prefix="backlash-")
+            if self._file is None and os.path.exists(f"/proc/{os.getpid()}/fd"):
+                self._file = tempfile.TemporaryFile("w+b", buffering=0, prefix="backlash-")  # noqa: SIM115
+            elif self._file is None:
+                self._file = tempfile.NamedTemporaryFile("w+b", buffering=0, prefix="backlash-",  # noqa: SIM115
+                                                         delete=False)
+                finalize(self, _remove, self._file)
             place, view = self._file.seek(0, os.SEEK_END), memoryview(column).cast("B")
             while view:
                 view = view[self._file.write(view) :]
@@ -75,6 +78,11 @@ class Room:
 
     def __getstate__(self) -> dict[str, Any]:
         return {"left": self.left, "_file": None}
+
+
+def _remove(file: IO[bytes]) -> None:
+    file.close()
+    os.unlink(file.name)
 
 
 class Store:

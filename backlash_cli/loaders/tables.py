@@ -5,6 +5,7 @@ Text is read in blocks, Parquet in batches of rows or a column when a loop asks;
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -364,18 +365,12 @@ def _one_clock(store: Store, column: str, tags: int) -> tuple[list[tuple[int, in
         back += (first - 1 + known[fell]).tolist()
         before, first = int(micros[known[-1]]) if len(known) else before, first + len(micros)
         counts += np.bincount(group[group >= 0], minlength=tags)
-    if not 0 < len(back) <= FEW:
-        return [], []
-    times, values = [], []
-    for piece in store.pieces:
-        rows = np.flatnonzero(piece["group"][:] == int(np.argmax(counts)))
-        times.append(piece["t0"][:][rows])
-        values.append(piece[column][:][rows])
-    try:
-        notes = ordered(np.concatenate(times), np.concatenate(values)).notes
-    except BacklashError:
-        return [], []
-    clock = [note for note in notes if note.code in CLOCK_CODES]
-    if len(clock) != len(back):
-        return [], []
-    return [(row, round(float(note.values["seconds"]) * 1e6)) for row, note in zip(back, clock, strict=True)], clock
+    clock: list[Note] = []
+    if 0 < len(back) <= FEW:
+        usual = int(np.argmax(counts))
+        times, values = (np.concatenate([piece[name][:][piece["group"][:] == usual] for piece in store.pieces])
+                         for name in ("t0", column))
+        with contextlib.suppress(BacklashError):
+            clock = [note for note in ordered(times, values).notes if note.code in CLOCK_CODES]
+    clock = clock if len(clock) == len(back) else []
+    return [(row, round(float(note.values["seconds"]) * 1e6)) for row, note in zip(back, clock, strict=False)], clock

@@ -336,6 +336,20 @@ def test_what_does_not_fit_goes_to_one_file_that_leaves_nothing_behind(tmp_path)
     assert len(os.listdir("/proc/self/fd")) == before
 
 
+def test_where_a_file_needs_a_name_it_is_gone_with_the_plant(tmp_path, monkeypatch):
+    monkeypatch.setattr(scratch.os.path, "exists", lambda path: False)
+    monkeypatch.setattr(scratch.tempfile, "tempdir", str(tmp_path))
+    (tmp_path / "plant").mkdir()
+    want = read(write_plant(tmp_path / "plant"))
+    opened = open_plant(tmp_path / "plant", room=Room(0))
+    assert len(list(tmp_path.glob("backlash-*"))) == 1
+    for recipe in pickle.loads(pickle.dumps(opened.recipes)):
+        assert np.array_equal(recipe.record().measurement, want[recipe.loop].measurement)
+    del opened, recipe
+    gc.collect()
+    assert not list(tmp_path.glob("backlash-*"))
+
+
 def test_what_is_in_memory_can_be_sent_to_another_process(tmp_path):
     recipes = open_plant(write_plant(tmp_path)).recipes
     want = [recipe.record().measurement.copy() for recipe in recipes]
