@@ -19,8 +19,8 @@ from .figures import Figure
 from .safe import picture
 from .words import error_size, fails, plain_name, rung
 
-PREDICTED = fig.EVIDENCE
-STEP_COLOURS = (fig.QUIET, fig.EVIDENCE, fig.GREEN, "#7a5bc7", "#b8578f", "#5a6b00")
+PREDICTED, RESIDUAL = fig.EVIDENCE, "#7a5bc7"  # of a single model; the regions shaded are red first
+STEP_COLOURS = (fig.QUIET, fig.EVIDENCE, fig.GREEN, RESIDUAL, "#b8578f", "#5a6b00")
 SHADES = ("#d1345b2e", "#c777002e", "#2a9d5c2e", "#7a5bc72e", "#0b8a9e2e", "#8d99a538")
 POINTS = 4000  # per line: a page of five steps stays below 3 MB
 DIGITS = 5  # of the span: residuals are small beside it
@@ -53,10 +53,10 @@ def overlay(series: Series, models: Mapping[str, FloatArray], settings: LoopSett
                               fig.STEM, yaxis="y3", dash="dash"))
     always, rests, reach = len(lines), [series.residual(prediction) for prediction in models.values()], 0.0
     for place, ((name, prediction), rest) in enumerate(zip(models.items(), rests, strict=True)):
-        colour = STEP_COLOURS[place % len(STEP_COLOURS)] if last else PREDICTED
+        colour, left = (STEP_COLOURS[place % len(STEP_COLOURS)],) * 2 if last else (PREDICTED, RESIDUAL)
         look: Figure = {"visible": place in (0, last), "legendgroup": name}
         lines += [line(prediction, (low, high), name, colour, **look),  # a difference has the scale of PV, not its zero
-                  line(rest, (0.0, high - low), f"residual, {name}", colour, yaxis="y2", showlegend=False, **look)]
+                  line(rest, (0.0, high - low), f"residual, {name}", left, yaxis="y2", showlegend=False, **look)]
         if np.isfinite(rest).any():
             reach = max(reach, (high - low) * float(np.nanquantile(np.abs(rest), USUAL)))
     shaded = [r for r in (fails(regions) or regions) if r.stretches][:SHADED]
