@@ -8,9 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.record import LoopSettings, SampleState
+from backlash_cli import scanning
+from backlash_cli.estimator.identify import identify, with_constant_setpoint
+from backlash_cli.record import LoopSettings, Note, SampleState
 from backlash_cli.results import Verdict
 from backlash_cli.scanning import LoopScanner, ScanOptions, scan
+from tests.benchmarks.random_loops import draw
 from tests.estimator.closed_loop import slow_loop
 
 RECORD = slow_loop()
@@ -100,3 +103,34 @@ def test_an_empty_record_is_insufficient():
     report = scan(RECORD.slice(0, 0))
     assert report.samples == 0 and report.start is None
     assert report.verdict is Verdict.INSUFFICIENT_DATA
+
+
+@pytest.mark.parametrize("size", [1, 977, 2500, 10_000])
+def test_of_a_long_record_the_last_samples_are_kept_and_all_of_them_counted(monkeypatch, size):
+    """Settings that are not given are read as soon as so many were taken; half periods are those of all samples."""
+    monkeypatch.setattr(scanning, "MOST", 4000)
+    blocks = [RECORD.slice(k, k + size) for k in range(0, len(RECORD), size)]
+    bare = [replace(block, settings=LoopSettings()) for block in blocks]
+    report = scanning.scan_blocks(bare, ScanOptions(carry=True))
+    found = identify(RECORD.slice(0, 4000))
+    assert not isinstance(found, Note) and float(f"{found.K.value:.6g}") == report.settings.K
+    assert (report.samples, report.end) == (len(RECORD), RECORD.time[-1]) and report.carry is None
+    assert report.confirmation is not None and report.confirmation.details["left_out"] == len(RECORD) - 4000
+    monkeypatch.undo()
+    whole = scan(replace(RECORD, settings=report.settings), ScanOptions(confirm=False))
+    assert (whole.half_periods, whole.detections) == (report.half_periods, report.detections)
+    assert [e.d for e in whole.estimates] == pytest.approx([e.d for e in report.estimates], rel=1e-6)
+
+
+def test_a_setpoint_that_is_assumed_early_holds_for_what_follows(monkeypatch):
+    record = draw(4, "steps", 0.04).record
+    bare = replace(record, setpoint=np.full(len(record), np.nan), settings=LoopSettings(),
+                   notes=(Note("no_setpoint", "none"),))
+    monkeypatch.setattr(scanning, "MOST", len(record) - 2000)
+    report = scanning.scan_blocks([bare.slice(k, k + 700) for k in range(0, len(bare), 700)])
+    codes = [note.code for note in report.warnings]
+    assert codes.count("assumed_setpoint") == 1 and "no_setpoint" not in codes
+    monkeypatch.undo()
+    level = with_constant_setpoint(bare.slice(0, len(bare) - 2000)).setpoint[0]
+    held = scan(replace(bare, setpoint=np.full(len(bare), level), settings=report.settings))
+    assert held.half_periods == report.half_periods > 0

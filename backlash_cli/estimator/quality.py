@@ -112,13 +112,11 @@ def quality_of(survey: Survey, record: Record, Ti: float | None = None) -> Quali
 
 def _turns(index: IntArray, outputs: FloatArray, op: Storage, interval: float, Ti: float | None) -> float:
     """Reversals per hour of the output, averaged over Ti / MANY, by more than what noise and rounding make."""
-    size = max(round(Ti / MANY / interval), 1) if Ti else 1
-    group = index // size
+    group = index // (max(round(Ti / MANY / interval), 1) if Ti else 1)
     starts = np.flatnonzero(np.diff(group, prepend=-1))
-    means = np.add.reduceat(outputs, starts) / np.diff(np.append(starts, len(group)))
-    noise = fast_noise(group[starts], means)
-    hours = len(index) * interval / 3600.0
-    return reversals(means, max(3.0 * noise, 1.5 * op.step, 1e-4)) / hours
+    means = np.add.reduceat(outputs, starts) / np.diff(starts, append=len(group))
+    smallest = max(3.0 * fast_noise(group[starts], means), 1.5 * op.step, 1e-4)
+    return reversals(means, smallest) / (len(index) * interval / 3600.0)
 
 
 def quality_notes(q: Quality) -> tuple[Note, ...]:

@@ -70,13 +70,8 @@ def _fits(gaps: FloatArray, steps: FloatArray) -> NDArray[np.bool_]:
 
 def fast_noise(index: IntArray, values: FloatArray) -> float:
     """Return the standard deviation of white noise on a slow signal: 1.4826 MAD of second differences / sqrt 6."""
-    bent = _bends(values)[index[2:] - index[:-2] == 2]
+    bent = np.abs(np.diff(values, 2))[index[2:] - index[:-2] == 2]
     return 1.4826 * float(np.median(bent)) / 6.0**0.5 if len(bent) else 0.0
-
-
-def _bends(values: FloatArray) -> FloatArray:
-    """Sizes of the second differences, one less at either end."""
-    return np.asarray(np.abs(values[2:] - 2.0 * values[1:-1] + values[:-2]))
 
 
 def reversals(values: FloatArray, threshold: float) -> int:
@@ -113,9 +108,7 @@ def stored_as(index: IntArray, values: FloatArray) -> Storage:
         if step == 0.0 and held > 0.4:
             return Storage("held", held, run, 0.0, step, noise)
     linear, run, deviation = _straight_runs(index, values, step, span)
-    if linear > LINEAR:
-        return Storage("linear", linear, run, deviation, step, noise)
-    return plain
+    return Storage("linear", linear, run, deviation, step, noise) if linear > LINEAR else plain
 
 
 def _straight_runs(index: IntArray, values: FloatArray, step: float, span: float) -> tuple[float, float, float]:
@@ -124,7 +117,7 @@ def _straight_runs(index: IntArray, values: FloatArray, step: float, span: float
     A rounded ramp is straight to a step as well; interpolation shows by kinks far larger than that between the lines.
     """
     tolerance = max(1.05 * step, EXACT * span)
-    joined, bends = index[2:] - index[:-2] == 2, _bends(values)
+    joined, bends = index[2:] - index[:-2] == 2, np.abs(np.diff(values, 2))
     straight = joined & (bends <= tolerance) & (values[2:] != values[:-2])
     if np.count_nonzero(straight) <= LINEAR * len(values):  # so few in most signals that no line need be looked for
         return 0.0, 1.0, 0.0

@@ -4,21 +4,9 @@
     check_quickly(record, settings) -> the same; one fit instead of a search where that leaves no doubt
 
 The comparison rests on K/Ti, which a record settles to a few per cent; K and Ti apart are used to tell the mix-ups
-from each other. Codes, each with `values` "factor" (K/Ti as given over as identified), "K" and "Ti" (as identified,
-in the units of the record), and "severity" ("warn": up to 1.5, "contradict": beyond, the size of a dead band is
-wrong by that factor):
-
-    settings_ti_minutes          Ti is given in minutes (or seconds were taken for minutes)
-    settings_ti_repeats          the reset rate is given where the reset time belongs
-    settings_proportional_band   the proportional band in per cent is given where the gain belongs
-    settings_engineering_gain    the gain is in engineering units, not per span
-    settings_form                Ti is that of the parallel form (1/Ki), not K/Ki
-    settings_action_sign         the sign of K is the other one
-    settings_disagree            K/Ti is off by 15 to 50 % and no mix-up explains it
-    settings_contradicted        K/Ti is off by more, and no mix-up explains it
-    settings_gain                K/Ti agrees, but K and Ti are both off by the same factor
-    settings_derivative          the derivative time is another one
-    settings_unchecked           the record does not allow the check (why: `values["why"]`)
+from each other. The codes are explained in docs/settings.md; each has `values` "factor" (K/Ti as given over as
+identified), "K" and "Ti" (as identified, in the units of the record), and "severity" ("warn": up to 1.5, "contradict":
+beyond, the size of a dead band is wrong by that factor).
 """
 
 from __future__ import annotations
