@@ -80,8 +80,8 @@ def load_model(path: str | PathLike[str]) -> Model:
     """
     from .model.model_file import parse_model
 
-    remedy = "give a model file; backlash explain ... --save-model FILE writes one"
-    return parse_model(read_page(path, "the model", remedy), str(path))
+    remedy = "backlash explain ... --save-model FILE writes one"
+    return parse_model(read_page(path, "the model file", remedy), str(path))
 
 
 def save_model(model: Model, path: str | PathLike[str]) -> None:

@@ -24,7 +24,7 @@ _OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settin
 class LoopCheck:
     """What was found about one loop's data and settings. start, end: UTC epoch seconds; signals normalised.
 
-    identified: settings read from the data, or a Note that says why they cannot be. settings_notes: disagreements.
+    identified: settings read from the data; unidentified: why they cannot be. settings_notes: disagreements.
     diagnosis: what an oscillation looks like, None where there is none. notes: what the loader found or assumed.
     failure: why the loop could not be checked at all; quality and identified are None then.
     """
@@ -34,7 +34,8 @@ class LoopCheck:
     end: float | None = None
     settings: LoopSettings = field(default_factory=LoopSettings)
     quality: Quality | None = None
-    identified: Identification | Note | None = None
+    identified: Identification | None = None
+    unidentified: Note | None = None
     settings_notes: tuple[Note, ...] = ()
     diagnosis: Diagnosis | None = None
     notes: tuple[Note, ...] = ()
@@ -58,8 +59,8 @@ class LoopCheck:
         for note in quality:
             if note.values.get("effect") == "blocks":
                 return "blocks", f"no verdict possible: {note.message}"
-        if isinstance(self.identified, Note) and not (self.settings.K and self.settings.Ti):
-            return "blocks", f"no verdict possible: K and Ti are not given, and {self.identified.message}"
+        if self.unidentified is not None and not (self.settings.K and self.settings.Ti):
+            return "blocks", f"no verdict possible: K and Ti are not given, and {self.unidentified.message}"
         for note in self.settings_notes:
             if note.values.get("severity") == "contradict":
                 return "limits", f"the size of a dead band would be wrong: {note.message}"
@@ -75,13 +76,14 @@ class LoopCheck:
 def check_loop(record: Record) -> LoopCheck:
     """Judge one loop's data and compare its settings with those that the data show."""
     record = with_constant_setpoint(record)
-    identified, settings = identify(record), record.settings
-    Ti, notes = settings.Ti, check_settings(settings, identified)
-    if not isinstance(identified, Note) and (Ti is None or any(n.code in _OF_TI for n in notes)):
+    found, settings = identify(record), record.settings
+    identified, unidentified = (None, found) if isinstance(found, Note) else (found, None)
+    Ti, notes = settings.Ti, check_settings(settings, found)
+    if identified is not None and (Ti is None or any(n.code in _OF_TI for n in notes)):
         Ti = identified.Ti.value
     diagnosis = diagnose(record if np.isfinite(record.setpoint).any() else at_mean(record) or record)
     first, last = record.time[[0, -1]].tolist() if len(record) else (None, None)
-    return LoopCheck(record.loop, first, last, settings, data_quality(record, Ti), identified, notes,
+    return LoopCheck(record.loop, first, last, settings, data_quality(record, Ti), identified, unidentified, notes,
                      diagnosis if diagnosis.kind != "none" else None, record.notes)
 
 

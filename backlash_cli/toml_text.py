@@ -2,31 +2,105 @@
 
 from __future__ import annotations
 
-import os
 import re
 import tomllib
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from .errors import MetadataError
+import msgspec
+
+from .errors import MetadataError, nearest
+
+T = TypeVar("T")
+_WORDS = {"bool": "true or false", "str": "a text in quotes", "array": "a list", "object": "a table",
+          "float": "a positive number", "int": "a positive whole number"}
 
 
-def read_page(path: str | os.PathLike[str], what: str, remedy: str) -> str:
+class Page(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of a page; a key that it does not have is refused."""
+
+
+def read_page(path: str | PathLike[str], what: str, remedy: str) -> str:
     """Return the text of a page. Raises MetadataError with `what` it is and the `remedy`."""
     try:
         return Path(path).read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise MetadataError(f"cannot read {what}: {getattr(error, 'strerror', None) or 'not UTF-8 text'}",
+        raise MetadataError(f"{what} cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}",
                             where=str(path), remedy=remedy) from None
 
 
-def parsed(text: str, where: str, wrong: str = "invalid TOML syntax") -> dict[str, Any]:
-    """Return TOML text as plain values. Raises MetadataError naming the line; wrong: how its message begins."""
+def parsed(text: str, where: str) -> dict[str, Any]:
+    """Return TOML text as plain values. Raises MetadataError naming the line."""
     try:
         return tomllib.loads(text.removeprefix("\ufeff"))
     except tomllib.TOMLDecodeError as error:
         line = re.search(r"\(at line (\d+)", str(error))
-        raise MetadataError(f"{wrong}: {error}", where=f"{where}, line {line[1]}" if line else where,
+        raise MetadataError(f"not valid TOML: {error}", where=f"{where}, line {line[1]}" if line else where,
                             remedy="mend that line (text in quotes, every bracket closed, every key once)") from None
     except (RecursionError, ValueError, OverflowError):
-        raise MetadataError("invalid TOML: nested too deeply or a number too long", where=where) from None
+        raise MetadataError("not valid TOML: nested too deeply or a number too long", where=where) from None
+
+
+def line_of(text: str, where: str, *way: str | int) -> str:
+    """Name file and line where what the way leads to begins; the file alone where no line does.
+
+    way: names of tables, the number of an entry where there are several, a key.
+    """
+    here: list[str | int] = []
+    entries: Counter[str] = Counter()
+    for number, line in enumerate(text.splitlines(), 1):
+        head = re.match(r"\s*(\[+)([^]]*)\]", line)
+        key = head or re.match(r"()\s*((?:[\w-]+|\"[^\"]*\"|'[^']*'|\s*\.\s*)+)\s*=", line)
+        if key is None:
+            continue
+        names: list[str | int] = [name.strip("\"'") for name in re.findall(r"[\w-]+|\"[^\"]*\"|'[^']*'", key[2])]
+        if head:
+            here = names
+            if head[1] == "[[":
+                here = [*names, entries[head[2]]]
+                entries[head[2]] += 1
+        if way and [*here, *names * (not head)][: len(way)] == list(way):
+            return f"{where}, line {number}"
+    return where
+
+
+def checked(values: Any, kind: type[T], where: str, text: str = "", *way: str | int,
+            words: Mapping[str, str] | None = None, remedy: str = "", hook: Callable[[type, Any], Any] | None = None
+            ) -> T:
+    """Return plain values as a `kind` of Page.
+
+    text, way: of the whole page, and to these values in it. words: what keys must be, where their type does not say it
+    all. hook: makes values of types that msgspec does not know. Raises MetadataError naming the line, the key, and what
+    it must be; remedy: what else it says of what is missing or not known.
+    """
+    try:
+        return msgspec.convert(values, kind, dec_hook=hook)
+    except msgspec.ValidationError as error:
+        said, _, place = str(error).partition(" - at `$")
+        keys: Sequence[str | int] = [int(key) if key.isdigit() else key for key in re.findall(r"\w+", place)]
+        quoted, known = re.findall("`([^`]+)`", said), _keys(kind)
+        if "unknown field" in said:
+            raise MetadataError(f"unknown key {quoted[0]!r}", where=line_of(text, where, *way, *keys, quoted[0]),
+                                remedy=f"{nearest(quoted[0], known)} {remedy}".rstrip()) from None
+        if "missing" in said:
+            add = f"add [{quoted[0]}]" if known[quoted[0]] else f"add {quoted[0]} = ..."
+            raise MetadataError(f"{quoted[0]} is missing", where=line_of(text, where, *way, *keys),
+                                remedy=f"{add} {remedy}".rstrip()) from None
+        for key in keys:
+            values = values[key]
+        wanted = " or ".join(_WORDS[kind] for kind in quoted[0].split(" | ") if kind in _WORDS) if quoted else said
+        name = [str(key) for key in ("this", *way, *keys) if not isinstance(key, int)][-1]
+        raise MetadataError(f"{name} = {values!r} is not possible", where=line_of(text, where, *way, *keys),
+                            remedy=(words or {}).get(name, f"give {wanted}")) from None
+
+
+def _keys(kind: Any) -> dict[str, bool]:
+    """Return the keys of a page and of the tables in it; True for a table."""
+    known: dict[str, bool] = {}
+    for field in msgspec.structs.fields(kind):
+        table = isinstance(field.type, type) and issubclass(field.type, Page)
+        known |= {field.encode_name: table, **(_keys(field.type) if table else {})}
+    return {key: table for key, table in known.items() if key.isidentifier()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -21,7 +22,7 @@ from .terminal import progress, put, say_failures, several
 @options.output()
 @options.verbose("List every finding and number of every loop.")
 @options.export(options.ONLY_LOOPS, *options.SELECTION)
-def check(export: Export, form: str | None, output: Path | None, verbose: bool) -> int:
+def check(form: str | None, output: Path | None, verbose: bool, **given: Any) -> int:
     """Check data quality and controller settings before trusting a verdict.
 
     For every loop: sampling against Ti, gaps, compression by the historian, rounding, manual time, motion; K, Ti and
@@ -33,7 +34,7 @@ def check(export: Export, form: str | None, output: Path | None, verbose: bool) 
     from ..check import check as check_plant
     from ..reporter.check_table import checked
 
-    plant = export.read(compiles=False)
+    plant = Export.of(given).read(compiles=False)
     with progress("checking", len(plant), stopped="loops were checked; no report was written") as step:
         result = check_plant(plant, step)
     form = form or ("json" if output is not None and output.suffix.lower() == ".json" else "table")

@@ -49,12 +49,13 @@ def nightly(config: Path, check: bool) -> int:
     but some export or loop could not be analysed.
     """
     from ..history.nightly import read_config
+    from ..results.history import missing_days
 
     settings = read_config(config)
     if check:
         found = _exports(settings)
         lines = [f"{e.name}: {', '.join(terminal(path.name) for path in e.files)}" for e in found]
-        emit("\n".join([*lines, *(f"{day}: missing" for day in _missing(found))]) + "\n")
+        emit("\n".join([*lines, *(f"{day}: missing" for day in missing_days(e.date for e in found if e.date))]) + "\n")
         return 0
     with open_log(settings.log.file, settings.log.format) as log:
         summary, status = run(settings, log)
@@ -105,6 +106,7 @@ def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
     from ..reporter.files import write_text
     from ..reporter.history_report import trend, write_report
     from ..reporter.scan_report import met, parse_rules
+    from ..results.history import missing_days
 
     limits = read_profile(config.limits, config.loops)
     rules = parse_rules((rule for rule in config.fail_on if rule != PULL), f"{config.path}, fail_on")
@@ -126,7 +128,7 @@ def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
                 log("report", path=str(report))
             if numbers is not None:
                 write_text(numbers, trend(plant.wears, plant.places).json())
-    names["missing"] = _missing(found)
+    names["missing"] = missing_days(e.date for e in found if e.date)
     for day in names["missing"]:
         log("missing", "warning", night=day)
     hits = met(rules, newest.loops) if newest else []
@@ -145,12 +147,6 @@ def _exports(config: NightlyConfig) -> list[DatedExport]:
         raise InputError("no export fits the patterns", where=f"{config.path}, inputs",
                          remedy=f"check them: {', '.join(config.inputs)}")
     return found
-
-
-def _missing(found: Sequence[DatedExport]) -> list[str]:
-    from ..results.history import missing_days
-
-    return missing_days(e.date for e in found if e.date is not None)
 
 
 def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: History, log: Log
@@ -194,7 +190,7 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
             except BacklashError as error:
                 lost(str(error))
                 continue
-            outcome = store.add_all([undated(scan)], export=(key, fingerprint))
+            outcome = store.add(undated(scan), export=(key, fingerprint))
         if job.taken_over:
             log("resumed", night=export.name, loops=job.taken_over)
         late = newest is not None and export.date is not None and export.date < newest
@@ -206,7 +202,7 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
         for note in scan.failures:
             log("not analysed", "warning", night=export.name, reason=note.message)
         if config.outputs.scan is not None:
-            _write_scan(config.outputs.scan, config.outputs.keep, export.name, scan, job.records, log)
+            _write_scan(config.outputs.scan, config.outputs.keep, export.name, scan, job.plant, log)
     return names, counts, scan
 
 
@@ -245,5 +241,5 @@ def _summary(config: NightlyConfig, names: Mapping[str, Sequence[str]], counts: 
     return terminal("; ".join(parts))
 
 
-def _names(names: Sequence[str], most: int = 5) -> str:
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+def _names(names: Sequence[str]) -> str:
+    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")

@@ -30,6 +30,14 @@ class Export:
     loops: Path | None
     reading: ReadOptions
 
+    @classmethod
+    def of(cls, given: dict[str, Any]) -> Export:
+        """Return what the options added by `export` were given."""
+        from ..loaders import ReadOptions
+
+        reading = {name: given[name] for name in ReadOptions.__dataclass_fields__ if name in given}
+        return cls(given["inputs"], given["loops"], ReadOptions(**reading))
+
     def read(self, *, compiles: bool = True, **changes: Any) -> Plant:
         """Read the whole plant. compiles: whether what follows does. changes: of the options on how to read."""
         from ..loaders import read
@@ -47,6 +55,11 @@ class Workers:
     engine: str
     scheduler: str | None
     jobs: int | None
+
+    @classmethod
+    def of(cls, given: dict[str, Any]) -> Workers:
+        """Return what the options of ENGINE, and --jobs where it is there, were given."""
+        return cls(given["engine"], given["scheduler"], given.get("jobs"))
 
     @contextlib.contextmanager
     def client(self) -> Iterator[Client | None]:
@@ -94,6 +107,11 @@ def dead_band(text: str | None, where: str = "--dead-band") -> float | None:
     if found > 0.5:
         raise UsageError(f"{text} is not possible", where=where, remedy=f"at most 0.5; {remedy}")
     return found
+
+
+def together(*options: Option) -> Option:
+    """Several options as one."""
+    return lambda command: functools.reduce(lambda made, option: option(made), reversed(options), command)
 
 
 class Place(click.ParamType):
@@ -166,7 +184,7 @@ SELECTION = (
                  "time. The report names them."),
     click.option("--sample-seed", metavar="N", type=int, default=0, help="Another number draws another sample."),
 )
-_ENGINE = (
+ENGINE = together(
     click.option("--engine", metavar="local|dask", type=click.Choice(["local", "dask"]), default="local",
                  help="Where the work is done: processes of this machine (default), or the workers of a Dask cluster; "
                  "without --scheduler a cluster of --jobs processes on this machine."),
@@ -175,39 +193,7 @@ _ENGINE = (
 )
 
 
-def together(*options: Option) -> Option:
-    """Several options as one."""
-    return lambda command: functools.reduce(lambda made, option: option(made), reversed(options), command)
-
-
-def _packed(name: str, taken: Callable[[dict[str, Any]], Any], *options: Option) -> Option:
-    """Add options; the command receives as `name` what `taken` makes of them. It takes them out of all the values."""
-    def add(command: Callable[..., Any]) -> Callable[..., Any]:
-        @functools.wraps(command)
-        def with_packed(**values: Any) -> Any:
-            made = taken(values)
-            return command(**{name: made}, **values)
-
-        return together(*options)(with_packed)
-
-    return add
-
-
 def export(*more: Option, required: bool = True) -> Option:
-    """Add INPUT, `more` options on which loops, and those on how to read; the command gets an Export as `export`."""
-    def taken(values: dict[str, Any]) -> Export:
-        from ..loaders import ReadOptions
-
-        chosen = {name: values.pop(name) for name in ReadOptions.__dataclass_fields__ if name in values}
-        return Export(values.pop("inputs"), values.pop("loops"), ReadOptions(**chosen))
-
+    """Add INPUT, `more` options on which loops, and those on how to read: all that `Export.of` takes."""
     argument = click.argument("inputs", metavar="INPUT...", nargs=-1, required=required, type=Place())
-    return _packed("export", taken, argument, *more, *_READING)
-
-
-def engine(*more: Option) -> Option:
-    """Add --engine and --scheduler, and --jobs where it is given; the command receives Workers as `workers`."""
-    def taken(values: dict[str, Any]) -> Workers:
-        return Workers(values.pop("engine"), values.pop("scheduler"), values.pop("jobs", None))
-
-    return _packed("workers", taken, *more, *_ENGINE)
+    return together(argument, *more, *_READING)

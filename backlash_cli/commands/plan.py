@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -39,8 +39,8 @@ FORMATS = {".json": "json", ".csv": "csv", ".html": "html", ".htm": "html"}
 @options.JOBS
 @click.option("--no-cache", is_flag=True, help="Make the plans anew, also where the same were made before.")
 @options.export(options.ONLY_LOOPS)
-def plan(export: Export, target: str | None, max_pv_move: str, max_op_move: str, form: str | None,
-         output: Path | None, repeats: int, seed: int, jobs: int | None, no_cache: bool) -> int:
+def plan(target: str | None, max_pv_move: str, max_op_move: str, form: str | None, output: Path | None, repeats: int,
+         seed: int, jobs: int | None, no_cache: bool, **given: Any) -> int:
     """Work out the least that would decide each undecided loop, by simulating the loop with a worn and a healthy valve.
 
     Candidates are waiting, setpoint steps in automatic, steps of the output in manual, and better logging; each comes
@@ -55,7 +55,7 @@ def plan(export: Export, target: str | None, max_pv_move: str, max_op_move: str,
     moves = _move(max_pv_move, "--max-pv-move"), _move(max_op_move, "--max-op-move")
     wanted = PlanOptions(options.dead_band(target, "--target"), *moves, repeats, seed)
     form = form or FORMATS.get(output.suffix.lower() if output else "", "text")
-    plant = export.read()
+    plant = Export.of(given).read()
     plans: list[LoopPlan] = []
     failures = [note.message for note in plant.failures]
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "backlash" / "plans"

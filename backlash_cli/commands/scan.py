@@ -6,11 +6,11 @@ import contextlib
 import gc
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from ..history.unfinished import Unfinished
     from ..loaders.plant import OpenPlant
     from ..loaders.sources import Remote
-    from ..record import Record
     from ..results import ScanResult
     from ..scanning import ScanOptions
 
@@ -62,11 +61,11 @@ _STAMP = re.compile(  # a date, perhaps with a time, at the end of a file's name
 @options.verbose("List every reason and warning of every loop.")
 @click.option("--quiet", "-q", is_flag=True,
               help="Say only what went wrong: no progress, and no table unless --format asks for it.")
-@options.engine(options.JOBS)
+@options.JOBS
+@options.ENGINE
 @options.export(options.ONLY_LOOPS, *options.SELECTION, required=False)
-def scan(export: Export, demo: bool, form: str | None, output: Path | None, table: str, plot: Path | None,
-         history: Path | None, resume: bool, fail_on: tuple[str, ...], no_confirm: bool, verbose: bool, quiet: bool,
-         workers: Workers) -> int:
+def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Path | None, history: Path | None,
+         resume: bool, fail_on: tuple[str, ...], no_confirm: bool, verbose: bool, quiet: bool, **given: Any) -> int:
     """Find dead band in every loop of an export and say how much, how sure, and what to do.
 
     INPUT is one or more CSV or Parquet files, or folders of them; together they are one plant.
@@ -77,6 +76,7 @@ def scan(export: Export, demo: bool, form: str | None, output: Path | None, tabl
     from ..reporter.scan_report import check_delivery, draw, met, parse_rules
     from ..scanning import ScanOptions
 
+    export, workers = Export.of(given), Workers.of(given)
     if demo == bool(export.inputs):
         raise UsageError("--demo and an export do not fit together" if demo else "nothing to scan: no INPUT",
                          remedy="name an export, a file or folder, or give --demo alone to see what comes out")
@@ -95,8 +95,8 @@ def scan(export: Export, demo: bool, form: str | None, output: Path | None, tabl
         if not (quiet and form is None):
             _deliver(result, job, form or "table", output, table, verbose=verbose)
         if plot is not None:
-            with progress("drawing", len(job.records), shown=job.shown) as step:
-                count = draw(result, job.records, plot, step)
+            with progress("drawing", len(job.plant), shown=job.shown) as step:
+                count = draw(result, job.plant, plot, step)
             if job.shown:
                 say(f"{several(count, 'picture')} written to {plot}")
     wrong = [note.message for note in result.failures]
@@ -131,12 +131,11 @@ def sample_plant(export: Export, *, shown: bool) -> Iterator[Export]:
 def _deliver(result: ScanResult, job: Job, form: str, output: Path | None, table: str, *, verbose: bool) -> None:
     from ..reporter.scan_report import render, write
 
-    records = job.records if form == "html" else {}
     if output is None:
-        emit("".join(render(result, records, form, table, verbose=verbose, colour=sys.stdout.isatty())))
+        emit("".join(render(result, job.plant, form, table, verbose=verbose, colour=sys.stdout.isatty())))
         return
     with progress("writing", None, shown=job.shown) as step:
-        write(result, records, form, output, table, verbose=verbose, step=step)
+        write(result, job.plant, form, output, table, verbose=verbose, step=step)
     if job.shown:
         say(f"{several(len(result.loops), 'loop')} scanned, {form} written to {output}")
 
@@ -144,7 +143,7 @@ def _deliver(result: ScanResult, job: Job, form: str, output: Path | None, table
 @dataclass
 class Job:
     """One scan. client: of the cluster, None for this machine. shown: with progress on a terminal. keep: what is
-    finished, for a history; taken_over: so many loops of it. files: of each loop, where its measurement stands."""
+    finished, for a history; taken_over: so many loops of it."""
 
     export: Export
     options: ScanOptions
@@ -153,16 +152,11 @@ class Job:
     shown: bool = True
     keep: Unfinished | None = None
     taken_over: int = 0
-    files: dict[str, set[str]] = field(default_factory=dict)
 
     @cached_property
     def plant(self) -> OpenPlant:
-        return self._open(self.export.inputs)
-
-    @property
-    def records(self) -> Mapping[str, Record]:
         """The loops by name, each read again when it is asked for: pictures need the samples."""
-        return self.plant
+        return self._open(self.export.inputs)
 
     def scan(self, inputs: Sequence[Path | Remote] | None = None) -> ScanResult:
         """Return the result of all inputs, or of these."""
@@ -170,8 +164,6 @@ class Job:
 
         gc.freeze()  # the program itself holds no garbage: looking it through took a tenth of a scan
         plant = self.plant if inputs is None else self._open(inputs)
-        if inputs is None:
-            self.files = {r.loop: {item.axis.where for item in r.series.roles.get("pv", ())} for r in plant.recipes}
         if inputs is None and self.keep is not None:
             self.taken_over = sum(recipe.key in self.keep.known for recipe in plant.recipes)
             if self.keep.resumed and self.shown:
@@ -215,7 +207,7 @@ def remember(result: ScanResult, history: Path, job: Job) -> None:
     from ..history.store import History
 
     with History(history, create=True, say=say) as store:
-        outcome = store.add_all([undated(part) for part in _one_by_one(result, job) or [result]])
+        outcome = store.add(*(undated(part) for part in _one_by_one(result, job) or [result]))
     if outcome.revised and any(r.start is not None and r.start < YEAR for r in result.loops):
         say("the export has no calendar date, and so replaced the night that was there: nights are told apart by their "
             "times")
@@ -231,7 +223,7 @@ def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
     long = [r.loop for r in result.loops if r.start is not None and r.end is not None and r.end - r.start > LONG]
     if not long:
         return []
-    if max(map(len, job.files.values()), default=0) < 2:
+    if all(len({item.axis.where for item in r.series.roles.get("pv", ())}) < 2 for r in job.plant.recipes):
         say(f"{', '.join(long[:3])}: the export covers more than a day and enters the history as one night; "
             "scan single days to see wear")
         return []

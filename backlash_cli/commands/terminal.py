@@ -47,7 +47,7 @@ def put(path: Path | None, text: str, what: str = "") -> None:
         say(f"{what} written to {path}")
 
 
-def deliver(report: Report, json_file: Path | None, html: Path | None, *, verbose: bool = False) -> None:
+def deliver(report: Report, json_file: Path | None, html: Path | None, *, verbose: bool = False) -> int:
     """Write numbers and page where they were asked for, and show the text unless the numbers go to standard output."""
     if json_file is not None:
         put(json_file, report.json(), "numbers")
@@ -55,6 +55,7 @@ def deliver(report: Report, json_file: Path | None, html: Path | None, *, verbos
         put(html, report.page(), "page")
     if str(json_file) != "-":
         put(None, report.text(verbose=verbose, colour=sys.stdout.isatty()))
+    return 0
 
 
 def say(text: str) -> None:

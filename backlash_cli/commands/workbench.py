@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -42,8 +42,8 @@ picture_option = options.path("--picture", help="Draw one still picture, .png or
 @picture_option
 @options.verbose("List every region of the record.")
 @options.export()
-def compare(export: Export, loop: str | None, model_file: Path | None, other_loop: bool, json_file: Path | None,
-            html: Path | None, picture: Path | None, verbose: bool) -> int:
+def compare(loop: str | None, model_file: Path | None, other_loop: bool, json_file: Path | None, html: Path | None,
+            picture: Path | None, verbose: bool, **given: Any) -> int:
     """Predict PV from the measured OP, compare it with the measured PV, and say where the model fails.
 
     INPUT is one or more CSV or Parquet files, or folders of them; they must hold the controller output (OP). The
@@ -52,13 +52,13 @@ def compare(export: Export, loop: str | None, model_file: Path | None, other_loo
     from ..model import compare as compare_with
     from ..reporter.explain_report import judged, write_picture
 
+    export = Export.of(given)
     check_places(export, picture, json_file, html)
     found = compare_with(*record_and_model(export, loop, model_file, other_loop=other_loop))
     if picture is not None:
         write_picture(found, picture)
         say(f"picture written to {picture}")
-    deliver(judged(found), json_file, html, verbose=verbose)
-    return 0
+    return deliver(judged(found), json_file, html, verbose=verbose)
 
 
 @click.command(short_help="Find the physical effects that are missing in a loop's model.",
@@ -83,11 +83,12 @@ def compare(export: Export, loop: str | None, model_file: Path | None, other_loo
                 "loop. Default: a table on the terminal.", "FILE|DIR")
 @picture_option
 @options.verbose("List every candidate with its numbers, and every region.")
-@options.engine(options.JOBS)
+@options.JOBS
+@options.ENGINE
 @options.export(*options.SELECTION)
-def explain(export: Export, loop: str | None, add: tuple[str, ...], outside: tuple[str, ...], model_file: Path | None,
+def explain(loop: str | None, add: tuple[str, ...], outside: tuple[str, ...], model_file: Path | None,
             other_loop: bool, save_model: Path | None, json_file: Path | None, html: Path | None, picture: Path | None,
-            every: bool, output: Path | None, verbose: bool, workers: Workers) -> int:
+            every: bool, output: Path | None, verbose: bool, **values: Any) -> int:
     """Find the physical effects that are missing in a loop's model, add them, and watch the error fall.
 
     Starts from gain, one lag and offset; tries every effect at its place in the loop; keeps one only when it also
@@ -100,6 +101,7 @@ def explain(export: Export, loop: str | None, add: tuple[str, ...], outside: tup
     from ..model import explain as explain_record
     from ..reporter.explain_report import judged, write_picture
 
+    export, workers = Export.of(values), Workers.of(values)
     engine = None if workers.engine == "local" else workers.engine
     of_one = {"--loop": loop, "--add": add, "--model": model_file, "--save-model": save_model, "--json": json_file,
               "--html": html, "--picture": picture}
@@ -124,8 +126,7 @@ def explain(export: Export, loop: str | None, add: tuple[str, ...], outside: tup
     if picture is not None:
         write_picture(found, picture)
         say(f"picture written to {picture}")
-    deliver(judged(found), json_file, html, verbose=verbose)
-    return 0
+    return deliver(judged(found), json_file, html, verbose=verbose)
 
 
 def check_places(export: Export, picture: Path | None, *outputs: Path | None) -> None:

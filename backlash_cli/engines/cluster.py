@@ -59,25 +59,29 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
     # Dask logs every death of a worker with its trace; what matters is said in our words
     for name in ("distributed", "tornado", "asyncio", "bokeh"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    if scheduler is not None:
-        client = _client_of(scheduler)
-        try:
+    with contextlib.ExitStack() as stack:
+        cluster, wanted = None, 1
+        if scheduler is not None:
+            client = _client_of(scheduler)
+            stack.callback(client.close, timeout=5)
             _check_workers(client, scheduler, say)
-            with _watched(client, None, 1, say):
-                yield client
-        finally:
-            client.close(timeout=5)
-        return
-    jobs = jobs or cores()
-    with dask.config.set(_LOCAL):
-        try:
-            cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=None,
-                                   silence_logs=logging.CRITICAL)
-        except Exception as error:
-            raise BacklashError(f"no local cluster could be started: {type(error).__name__}: {error}",
-                                where="--engine dask", remedy="leave --engine dask out", code="no_cluster") from error
-        with contextlib.closing(cluster), Client(cluster) as client, _watched(client, cluster, jobs, say):
-            yield client
+        else:
+            wanted = jobs or cores()
+            stack.enter_context(dask.config.set(_LOCAL))
+            try:
+                cluster = LocalCluster(n_workers=wanted, threads_per_worker=1, processes=True, dashboard_address=None,
+                                       silence_logs=logging.CRITICAL)
+            except Exception as error:
+                raise BacklashError(f"no local cluster could be started: {_said(error)}", where="--engine dask",
+                                    remedy="leave --engine dask out", code="no_cluster") from error
+            stack.callback(cluster.close)
+            client = stack.enter_context(Client(cluster))
+        ended = threading.Event()
+        guard = threading.Thread(target=watch, args=(client, cluster, wanted, say, ended), daemon=True)
+        guard.start()
+        stack.callback(guard.join, 5)
+        stack.callback(ended.set)
+        yield client
 
 
 def _client_of(scheduler: str) -> Client:
@@ -89,10 +93,9 @@ def _client_of(scheduler: str) -> Client:
         raise UsageError(f"this is no address of a scheduler: {error}", where=f"--scheduler {scheduler}",
                          remedy="for example --scheduler tcp://host:8786") from None
     except Exception as error:
-        said = str(error).strip().split("\n")[0][:200] or type(error).__name__
-        raise BacklashError(f"no scheduler answers: {said}", where=f"--scheduler {scheduler}", code="no_scheduler",
-                            remedy="check address and network; `dask scheduler` prints its address when it starts"
-                            ) from None
+        raise BacklashError(f"no scheduler answers: {_said(error)}", where=f"--scheduler {scheduler}",
+                            remedy="check address and network; `dask scheduler` prints its address when it starts",
+                            code="no_scheduler") from None
 
 
 def _check_workers(client: Client, scheduler: str, say: Callable[[str], None]) -> None:
@@ -113,8 +116,7 @@ def _check_workers(client: Client, scheduler: str, say: Callable[[str], None]) -
         if isinstance(version, OSError):
             continue  # this one is just going
         if isinstance(version, BaseException):
-            said = str(version).strip().split("\n")[0][:200]
-            raise BacklashError(f"worker {worker} cannot run backlash: {type(version).__name__}: {said}", where=where,
+            raise BacklashError(f"worker {worker} cannot run backlash: {_said(version)}", where=where,
                                 code="wrong_worker", remedy=f"install backlash {__version__} there")
         if version != __version__:
             raise BacklashError(f"worker {worker} has backlash {version}, this is {__version__}", where=where,
@@ -129,19 +131,6 @@ def cores() -> int:
 def version_here() -> str:
     """The version of backlash, as a worker sees it."""
     return __version__
-
-
-@contextlib.contextmanager
-def _watched(client: Client, cluster: Any, wanted: int, say: Callable[[str], None]) -> Iterator[None]:
-    """Look after the workers while the block runs."""
-    ended = threading.Event()
-    guard = threading.Thread(target=watch, args=(client, cluster, wanted, say, ended), daemon=True)
-    guard.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        guard.join(5)
 
 
 def watch(client: Any, cluster: Any, wanted: int, say: Callable[[str], None], ended: threading.Event,
@@ -215,5 +204,8 @@ def _outcome(client: Client, future: Future) -> Any:
 def _reason(error: Exception) -> Note:
     if type(error).__name__ == "KilledWorker":
         return Note("process_died", "its worker was killed every time, perhaps for lack of memory")
-    said = str(error).strip().split("\n")[0][:200]
-    return Note("internal_error", f"its worker failed: {type(error).__name__}: {said}")
+    return Note("internal_error", f"its worker failed: {_said(error)}")
+
+
+def _said(error: BaseException) -> str:
+    return f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0][:200]}"

@@ -16,7 +16,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from ..errors import BacklashError
 from ..history.unfinished import Unfinished
@@ -71,21 +71,22 @@ def _analysed(loops: list[Loop], options: ScanOptions, jobs: int | None, keep: U
     if count == 1 and client is None:
         yield from analyse_group(loops, options, keep)
         return
-    deal: Any = partial(in_processes, count=count)
-    alone: Any = partial(in_processes, count=1)
     work = partial(_listed, options=options, keep=keep if client is None else None)
-    if client is not None:
-        deal, alone = (partial(on_cluster, client, ahead=most, pack=_packed) for most in (2 * count, 1))
+
+    def dealt(groups: list[tuple[Loop, ...]], count: int) -> Iterator[list[Found]]:
+        if client is None:
+            return in_processes(groups, work, lost, count)
+        return on_cluster(client, groups, work, lost, 2 * count - 1, _packed)
 
     def lost(group: tuple[Loop, ...], reason: Note) -> list[Found]:
         """A process died over some loops: each is tried by itself, so that only the one to blame is lost."""
         if len(group) == 1:
             return [failed(group[0], reason)]
-        return [one for found in alone([(loop,) for loop in group], work, lost) for one in found]
+        return [one for found in dealt([(loop,) for loop in group], 1) for one in found]
 
     size = max(1, min(PER_TASK, len(loops) // (4 * count)))
     groups = [tuple(loops[i : i + size]) for i in range(0, len(loops), size)]
-    for group, found in zip(groups, deal(groups, work, lost), strict=True):
+    for group, found in zip(groups, dealt(groups, count), strict=True):
         for loop, one in zip(group, found, strict=True):
             if keep is not None and client is not None and isinstance(loop, Recipe) and isinstance(one, LoopReport):
                 keep.add(loop.key, one)
@@ -97,7 +98,7 @@ def _packed(group: tuple[Loop, ...]) -> tuple[Loop, ...]:
     return tuple(loop.packed() if isinstance(loop, Recipe) else loop for loop in group)
 
 
-def _listed(group: Sequence[Loop], options: ScanOptions, keep: Unfinished | None = None) -> list[Found]:
+def _listed(group: Sequence[Loop], options: ScanOptions, keep: Unfinished | None) -> list[Found]:
     return list(analyse_group(group, options, keep))
 
 
@@ -105,39 +106,38 @@ def analyse_group(group: Sequence[Loop], options: ScanOptions, keep: Unfinished 
     """Read and analyse some loops, one after the other; a note says why one could not be read."""
     joiner = next((Joiner(loop.options.good_quality) for loop in group if isinstance(loop, Recipe)), None)
     for loop in group:
-        yield analyse_loop(loop, options) if isinstance(loop, Record) else _analyse_recipe(loop, options, joiner, keep)
+        try:
+            long = loop if isinstance(loop, Recipe) and loop.is_long() else None
+            record = loop if isinstance(loop, Record) else next(long.chunks()) if long else loop.record(joiner)
+        except BacklashError as error:
+            yield failure(error, loop=loop.loop)
+            continue
+        except Exception as error:  # one loop's failure must not cost the others their report
+            yield failed(loop, Note("internal_error", f"reading failed: {type(error).__name__}: {error}"))
+            continue
+        report = analyse_loop(record, options, long)
+        if keep is not None and isinstance(loop, Recipe):
+            keep.add(loop.key, report)
+        yield report
 
 
-def _analyse_recipe(recipe: Recipe, options: ScanOptions, joiner: Joiner | None, keep: Unfinished | None) -> Found:
-    try:
-        long = recipe.is_long()
-        record = next(recipe.chunks()) if long else recipe.record(joiner)
-    except BacklashError as error:
-        return failure(error, loop=recipe.loop)
-    except Exception as error:  # one loop's failure must not cost the others their report
-        return failed(recipe, Note("internal_error", f"reading failed: {type(error).__name__}: {error}"))
-    if long:
-        report = _guarded(lambda: scan_blocks(lambda: chain.from_iterable(map(pieces, recipe.chunks())), options),
-                          record)
-    else:
-        report = analyse_loop(record, options)
-    if keep is not None:
-        keep.add(recipe.key, report)
-    return report
+def analyse_loop(record: Record, options: ScanOptions, long: Recipe | None = None) -> LoopReport:
+    """Return the report of one loop, or of a `long` one read in chunks; whatever goes wrong in it is its reason."""
+    def work() -> LoopReport:
+        return scan(record, options) if long is None else scan_blocks(
+            lambda: chain.from_iterable(map(pieces, long.chunks())), options)
+
+    return _guarded(work, partial(failed, record), "the analysis failed")
 
 
-def analyse_loop(record: Record, options: ScanOptions) -> LoopReport:
-    """Return the report of one loop; whatever goes wrong in it becomes its reason."""
-    return _guarded(lambda: scan(record, options), record)
-
-
-def _guarded(work: Callable[[], LoopReport], record: Record) -> LoopReport:
+def _guarded(work: Callable[[], Result], lost: Callable[[Note], Item], words: str) -> Result | Item:
+    """Return what `work` does, or what `lost` makes of the reason why not: one failure must not cost the others."""
     try:
         return work()
     except BacklashError as error:
-        return failed(record, Note(error.code, str(error)))
-    except Exception as error:  # one loop's failure must not cost the others their report
-        return failed(record, Note("internal_error", f"the analysis failed: {type(error).__name__}: {error}"))
+        return lost(Note(error.code, str(error)))
+    except Exception as error:
+        return lost(Note("internal_error", f"{words}: {type(error).__name__}: {error}"))
 
 
 def failed(loop: Loop, reason: Note) -> LoopReport:
@@ -166,17 +166,12 @@ def answers(records: Sequence[Record], work: Callable[[Record], Result], *, jobs
 
 
 def _answer(record: Record, work: Callable[[Record], Result]) -> Result | Note:
-    try:
-        return work(record)
-    except BacklashError as error:
-        where = "" if error.where.startswith(record.loop) else f"{record.loop}: "
-        return Note(error.code, f"{where}{error}", {"loop": record.loop})
-    except Exception as error:  # one loop's failure must not cost the others their answer
-        return _no_answer(record, Note("internal_error", f"failed: {type(error).__name__}: {error}"))
+    return _guarded(lambda: work(record), partial(_no_answer, record), "failed")
 
 
 def _no_answer(record: Record, reason: Note) -> Note:
-    return Note(reason.code, f"{record.loop}: {reason.message}", {**reason.values, "loop": record.loop})
+    said = reason.message if reason.message.startswith(record.loop) else f"{record.loop}: {reason.message}"
+    return Note(reason.code, said, {**reason.values, "loop": record.loop})
 
 
 def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Callable[[Item, Note], Result], count: int
@@ -197,16 +192,14 @@ def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Ca
                 for coming in items[position + len(waiting) : position + ahead]:
                     waiting.append(pool.submit(work, coming))
                 result = waiting.pop(0).result()
-            except BrokenProcessPool:
-                # A process died (killed, out of memory). Nobody knows over which item: try this one alone.
-                with ProcessPoolExecutor(1, mp_context=context, initializer=_begin) as single:
-                    try:
-                        result = single.submit(work, item).result()
-                    except BrokenProcessPool:
-                        result = lost(item, Note("process_died", "its process was killed, perhaps for lack of memory"))
+            except BrokenProcessPool:  # nobody knows over which item a process died: this one is tried alone
                 pool.shutdown(wait=False)
                 pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
                 waiting.clear()
+                if count > 1:
+                    (result,) = in_processes([item], work, lost, 1)
+                else:
+                    result = lost(item, Note("process_died", "its process was killed, perhaps for lack of memory"))
             yield result
     finally:
         pool.shutdown(wait=False, cancel_futures=True)

@@ -13,8 +13,7 @@ import msgspec
 
 from ..errors import MetadataError, nearest
 from ..results.history import Limit
-from ..toml_text import parsed, read_page
-from .pages import Page, checked
+from ..toml_text import Page, checked, line_of, parsed, read_page
 
 
 class _Profile(Page, frozen=True):
@@ -37,8 +36,8 @@ class _Assign(_OfClass, frozen=True):
     loops: str | Annotated[list[str], msgspec.Meta(min_length=1)]
 
 
-_WORDS = {"": "a table with a number `limit`", "limit": "a number of per cent between 0 and 100",
-          "loops": "a name, a pattern, or a list of them"}
+_WORDS = {"limit": "give a number of per cent between 0 and 100, for example limit = 3.0",
+          "loops": 'give a name, a pattern, or a list of them, for example loops = ["FIC1*"]'}
 
 
 @dataclass(frozen=True)
@@ -87,28 +86,26 @@ def read_limits(path: str | Path | None = None) -> Limits:
 
 def parse_limits(text: str, where: str) -> Limits:
     """Read a limits profile from TOML text; limits in per cent of the output span."""
-    page = checked(parsed(text, where), _Profile, where, remedy="see the profile that comes with the tool")
-    classes = {name: _limit(entry, name, f"{where}, [classes.{name}]") for name, entry in page.classes.items()}
+    def limit(entry: Any, *way: str) -> Limit:
+        found = checked(entry, _Entry, where, text, *way, words=_WORDS)
+        return Limit(found.limit / 100.0, way[-1], found.source)
+
+    page = checked(parsed(text, where), _Profile, where, text)
+    classes = {name: limit(entry, "classes", name) for name, entry in page.classes.items()}
     if not classes:
         raise MetadataError("no class of limits", where=where, remedy="add [classes.NAME] with limit = 3.0")
     limits = Limits(classes, next(iter(classes)) if page.default is None else page.default)
-    limits.known(limits.default, f"{where}, default")
+    limits.known(limits.default, line_of(text, where, "default"))
     assign = []
-    for number, entry in enumerate(page.assign, 1):
-        place = f"{where}, [[assign]] number {number}"
-        one = checked(entry, _Assign, place, words=_WORDS, remedy='for example loops = ["FIC1*"] and class = "fine"')
-        patterns = [one.loops] if isinstance(one.loops, str) else one.loops
-        assign += [(pattern, limits.known(one.name, place)) for pattern in patterns]
+    for number, entry in enumerate(page.assign):
+        one = checked(entry, _Assign, where, text, "assign", number, words=_WORDS)
+        name = limits.known(one.name, line_of(text, where, "assign", number, "class"))
+        assign += [(pattern, name) for pattern in ([one.loops] if isinstance(one.loops, str) else one.loops)]
     loops = {}
     for name, entry in page.loops.items():
-        place = f"{where}, [loops.{name}]"
         if isinstance(entry, dict) and "class" in entry:
-            loops[name] = classes[limits.known(checked(entry, _OfClass, place, remedy="see the classes").name, place)]
+            one_class = checked(entry, _OfClass, where, text, "loops", name).name
+            loops[name] = classes[limits.known(one_class, line_of(text, where, "loops", name, "class"))]
         else:
-            loops[name] = _limit(entry, name, place)
+            loops[name] = limit(entry, "loops", name)
     return replace(limits, assign=tuple(assign), loops=loops)
-
-
-def _limit(entry: Any, name: str, where: str) -> Limit:
-    found = checked(entry, _Entry, where, words=_WORDS, remedy="for example limit = 3.0")
-    return Limit(found.limit / 100.0, name, found.source)

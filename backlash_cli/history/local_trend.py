@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from math import factorial, inf
 from typing import NamedTuple
 
@@ -307,7 +308,8 @@ def _shocks_of(nights: Nights) -> Shocks:
         apart += np.log(APART / WIDE)
         step += np.log(STEPS * np.median(nights.error) / (JUMP * np.median(nights.size)))
         apart[[*shocks.apart, *(k for stepped, k in refused if not stepped)]] = -1.0
-        step[[k for k in range(n) if (True, k) in refused or not _room(k, n, shocks.steps)]] = -1.0
+        room = {k for a, b in pairwise([0, *shocks.steps, n]) for k in range(a + LEAST // 2, b - LEAST + 1)}
+        step[[k for k in range(n) if (True, k) in refused or k not in room]] = -1.0
         if max(apart.max(), step.max()) <= 0.0:
             break
         if stepped := bool(step.max() >= apart.max()):
@@ -339,9 +341,3 @@ def _place(size: FloatArray, k: int, allowed: list[int]) -> int:
 def _best(nights: Nights, shocks: Shocks) -> float:
     """Return how well trends that bend, but do not jump, explain the nights."""
     return max(Fit(nights, w, shocks).evidence + float(np.log(BELIEF[w])) for w in BELIEF if w.order) + shocks.belief()
-
-
-def _room(k: int, n: int, steps: tuple[int, ...]) -> bool:
-    """Whether there are enough nights on both sides of a step before night k."""
-    before, after = max((s for s in steps if s <= k), default=0), min((s for s in steps if s > k), default=n)
-    return k - before >= LEAST // 2 and after - k >= LEAST

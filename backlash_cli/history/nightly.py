@@ -18,15 +18,13 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from ..errors import BacklashError, MetadataError, nearest
-from ..toml_text import parsed, read_page
-from .pages import Page, checked
+from ..toml_text import Page, checked, line_of, parsed, read_page
 
 READING = ("time_format", "timezone", "interpolation", "delimiter", "decimal", "encoding", "layout", "columns",
            "header_row", "only_loops", "good_quality", "auto_modes")
 SCAN_SUFFIXES = (".html", ".json", ".csv", ".parquet")
 _DATE = re.compile(r"\{date(?::([^{}]*))?\}")
-_TOKENS = {"%Y": r"\d{4}", "%y": r"\d{2}", "%m": r"\d{2}", "%d": r"\d{2}", "%j": r"\d{3}", "%H": r"\d{2}",
-           "%M": r"\d{2}", "%S": r"\d{2}", "%b": r"[A-Za-z]{3}", "%%": "%"}
+CODES = "YymdjHMSb%"  # of a date, as in strftime; each is written in as many characters every day
 Count = Annotated[int, msgspec.Meta(gt=0, lt=1_000_000)]
 
 
@@ -76,26 +74,26 @@ def read_config(path: str | Path) -> NightlyConfig:
 
     Raises MetadataError naming the file, the key, and the remedy.
     """
-    path = Path(path)
-    example = "docs/nightly.md shows an example"
+    path, example = Path(path), "docs/nightly.md shows an example"
 
     def beside(kind: type, value: Any) -> Path:
         if not isinstance(value, str):
             raise TypeError("Expected `str`")
         return path.parent / value
 
-    page = checked(parsed(read_page(path, "the configuration", f"check the path; {example}"), str(path)), NightlyConfig,
-                   str(path), remedy=example, hook=beside, words={"format": "one of: text, json",
-                                                                  "inputs": "a text or a list of texts"})
+    text, where = read_page(path, "the configuration", f"check the path; {example}"), str(path)
+    page = checked(parsed(text, where), NightlyConfig, where, text, remedy=example, hook=beside,
+                   words={"format": "give one of: text, json", "inputs": "give a text in quotes or a list of them"})
     for key in page.reading:
         if key not in READING:
-            raise MetadataError(f"unknown key {key!r}", where=f"{path}, reading.{key}", remedy=nearest(key, READING))
-    scan = page.outputs.scan
+            raise MetadataError(f"unknown key {key!r}", where=line_of(text, where, "reading", key),
+                                remedy=nearest(key, READING))
+    scan, line = page.outputs.scan, line_of(text, where, "outputs", "scan")
     if scan is not None and "{date" not in scan:
-        raise MetadataError("the name of a night's report needs its date", where=f"{path}, outputs.scan",
+        raise MetadataError("the name of a night's report needs its date", where=line,
                             remedy='for example scan = "scans/{date}.html"')
     if scan is not None and Path(scan).suffix.lower() not in SCAN_SUFFIXES:
-        raise MetadataError(f"no report with the ending {Path(scan).suffix!r}", where=f"{path}, outputs.scan",
+        raise MetadataError(f"no report with the ending {Path(scan).suffix!r}", where=line,
                             remedy=f"one of: {', '.join(SCAN_SUFFIXES)}")
     inputs, fail_on = ((value,) if isinstance(value, str) else value for value in (page.inputs, page.fail_on))
     return msgspec.structs.replace(
@@ -129,11 +127,10 @@ def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: 
     """
     found = sorted({match for pattern in patterns for match in matches(pattern)}, key=lambda match: match[0])
     days = sorted({day for _, day in found if day is not None})
-    out = [DatedExport(day.isoformat(), tuple(path for path, other in found if other == day), day) for day in days
-           if (days[-1] - day).days <= look_back]
+    dated = [DatedExport(day.isoformat(), tuple(path for path, other in found if other == day), day) for day in days
+             if (days[-1] - day).days <= look_back]
     files = tuple(path for path, day in found if day is None)
-    groups = [files] if together and files else [(f,) for f in files]
-    return out + [DatedExport(group[0].name, group) for group in groups]
+    return dated + [DatedExport(g[0].name, g) for g in ([files] if together and files else [(f,) for f in files])]
 
 
 def matches(pattern: str) -> list[tuple[Path, date | None]]:
@@ -141,9 +138,13 @@ def matches(pattern: str) -> list[tuple[Path, date | None]]:
     wild, expression, formats = "", "", []
     for i, piece in enumerate(_DATE.split(pattern)):  # text and date formats by turns
         if i % 2:
-            formats.append(piece or "%Y-%m-%d")
-            wild += re.sub("[^/]+", "*", formats[-1])
-            expression += f"({_format_expression(formats[-1], pattern)})"
+            form = piece or "%Y-%m-%d"
+            if strange := re.search(f"%([^{CODES}]|$)", form):
+                raise MetadataError(f"{strange[0]!r} is not known in a date", where=pattern,
+                                    remedy=f"use {', '.join('%' + code for code in CODES[:-1])}")
+            formats.append(form)
+            wild += re.sub("[^/]+", "*", form)
+            expression += f"(.{{{len(date(2026, 12, 31).strftime(form))}}})"
         else:
             wild += piece.replace("[", "[[]")
             expression += re.escape(piece).replace(r"\*\*/", "(?:.*/)?").replace(r"\*", "[^/]*").replace(r"\?", "[^/]")
@@ -170,15 +171,6 @@ def expand(pattern: str, name: str) -> str:
     return _DATE.sub(fill, pattern)
 
 
-def _format_expression(form: str, pattern: str) -> str:
-    tokens = re.findall(r"%.|[^%]+|%", form)
-    for token in tokens:
-        if token.startswith("%") and token not in _TOKENS:
-            raise MetadataError(f"{token!r} is not known in a date", where=pattern,
-                                remedy=f"use {', '.join(t for t in _TOKENS if t != '%%')}")
-    return "".join(_TOKENS.get(token, re.escape(token)) for token in tokens)
-
-
 @contextlib.contextmanager
 def lock(path: Path) -> Iterator[str]:
     """Hold the lock file at `path`; gives a remark on a stale lock that was taken over, else an empty text.
@@ -188,19 +180,18 @@ def lock(path: Path) -> Iterator[str]:
     BacklashError when another run works.
     """
     try:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        file = open(path, "a+b", buffering=0)  # noqa: SIM115
     except OSError as error:
         raise BacklashError(f"cannot make the lock file: {error.strerror}", where=str(path), code="lock",
                             remedy="check the folder, or set `lock` in the configuration") from None
-    with open(handle, "r+b", buffering=0) as file:
-        taken = _hold(handle)
+    with file:
+        taken = _hold(file.fileno())
         file.seek(0)
         before = file.read(200).decode("utf-8", "replace").strip()
         if not taken:
             raise BacklashError(f"another nightly job is working ({before or 'unknown'})", where=str(path),
                                 code="busy", remedy="wait for it; the next run does what this one did not")
         file.truncate(0)
-        file.seek(0)
         file.write(f"process {os.getpid()} on {socket.gethostname()}\n".encode())
         try:
             yield f"the last job ({before}) was stopped before its end; its lock is taken over" if before else ""

@@ -35,12 +35,9 @@ class History(Database):
     def __enter__(self) -> History:
         return self
 
-    def add(self, result: ScanResult) -> Outcome:
-        """Store a scan; nights that are known with the same content stay untouched."""
-        return self.add_all([result])
-
-    def add_all(self, results: Sequence[ScanResult], *, export: tuple[str, str] | None = None) -> Outcome:
-        """Store several scans at once: all of them are in the file afterwards, or none.
+    def add(self, *results: ScanResult, export: tuple[str, str] | None = None) -> Outcome:
+        """Store scans at once: all of them are in the file afterwards, or none; nights that are known with the same
+        content stay untouched.
 
         export: name and fingerprint of the export they come from, for the nightly job to know it again.
         """
@@ -57,29 +54,24 @@ class History(Database):
                     rows.append(row)
                     known = self.rows("SELECT digest FROM nights WHERE loop = ? AND start = ? AND end = ?",
                                       row["loop"], row["start"], row["end"])
-                    same = bool(known) and known[0]["digest"] == row["digest"]
-                    done["unchanged" if same else "revised" if known else "new"].append(
-                        (row["loop"], day_of(0.5 * (row["start"] + row["end"])).isoformat()))
-                    if not same:
-                        self._write(row, report)
+                    what = "new" if not known else "revised" if known[0]["digest"] != row["digest"] else "unchanged"
+                    done[what].append((row["loop"], day_of(0.5 * (row["start"] + row["end"])).isoformat()))
+                    if what != "unchanged":
+                        self.db.execute("DELETE FROM half_periods WHERE (loop, night_start, night_end) = "
+                                        "(:loop, :start, :end)", row)
+                        self.insert("nights", [{**row, "carry": report.carry}])
+                        self.insert("half_periods", [half_period_row(row, e) for e in report.estimates], "IGNORE")
                 if rows:
-                    self._write_run(rows, result)
+                    nights = sorted((r["loop"], r["start"], r["end"]) for r in rows)
+                    inputs = as_json(sorted({Path(name).name for name in result.inputs}))
+                    self.insert("runs", [{
+                        "digest": _digest(f"[{as_json(nights)},{inputs}]"), "first": min(n[1] for n in nights),
+                        "last": max(n[2] for n in nights), "loops": len({n[0] for n in nights}),
+                        "nights": len(nights), "inputs": inputs, "failures": _notes(result.failures),
+                        "tool": __version__}])
             if export is not None:
                 self.insert("exports", [dict(zip(("name", "fingerprint"), export, strict=True))])
         return Outcome(**{name: tuple(nights) for name, nights in done.items()}, untimed=tuple(untimed))
-
-    def _write(self, row: dict[str, Any], report: LoopReport) -> None:
-        self.db.execute("DELETE FROM half_periods WHERE (loop, night_start, night_end) = (:loop, :start, :end)", row)
-        self.insert("nights", [{**row, "carry": report.carry}])
-        self.insert("half_periods", [half_period_row(row, e) for e in report.estimates], "IGNORE")
-
-    def _write_run(self, rows: list[dict[str, Any]], result: ScanResult) -> None:
-        inputs = sorted({Path(name).name for name in result.inputs})
-        nights = sorted((r["loop"], r["start"], r["end"]) for r in rows)
-        self.insert("runs", [{
-            "digest": _digest(as_json([nights, inputs])), "first": min(n[1] for n in nights),
-            "last": max(n[2] for n in nights), "loops": len({n[0] for n in nights}), "nights": len(nights),
-            "inputs": as_json(inputs), "failures": _notes(result.failures), "tool": __version__}])
 
     def export_fingerprint(self, name: str) -> str | None:
         """Return the fingerprint with which an export was scanned last, None when it never was."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 import base64
 import contextlib
 import hashlib
-import os
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -41,15 +40,12 @@ class Unfinished:
         self.path = history.with_name(f"{history.name}.unfinished-{name}")
         self.known: dict[str, LoopReport] = {}
         self.resumed = resume
-        self._handle: int | None = None
         if not history.parent.is_dir():
             raise BacklashError("the folder of the history does not exist", where=str(history.parent),
                                 code="no_history", remedy="make the folder first")
         try:
-            if not resume:
-                self.path.write_bytes(b"")
-            self._open()
-            with open(self.path, "rb") as file:
+            with open(self.path, "a+b" if resume else "w+b") as file:
+                file.seek(0)
                 for line in file:
                     checksum, _, text = line.rstrip(b"\n").partition(b" ")
                     key, _, report = text.partition(b" ")
@@ -75,35 +71,23 @@ class Unfinished:
         with contextlib.suppress(OSError, TypeError, ValueError, OverflowError):
             text = key.encode() + b" " + to_text(report)
             line = b"\n" + _checksum(text) + b" " + text + b"\n"
-            handle = self._open()
-            while line:
-                line = line[os.write(handle, line) :]
+            with open(self.path, "ab", buffering=0) as file:
+                while line:
+                    line = line[file.write(line) :]
 
     def remove(self) -> None:
         """The scan has ended well: nothing is left to go on with."""
-        self.close()
         with contextlib.suppress(OSError):
             self.path.unlink()
 
     def close(self) -> None:
-        """Close the file; it stays where it holds anything."""
-        if self._handle is not None:
-            if not os.fstat(self._handle).st_size:
-                self.path.unlink(missing_ok=True)
-            os.close(self._handle)
-            self._handle = None
-
-    def _open(self) -> int:
-        if self._handle is None:
-            self._handle = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
-        return self._handle
+        """The scan has ended: the file stays where it holds anything."""
+        with contextlib.suppress(OSError):
+            if not self.path.stat().st_size:
+                self.path.unlink()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"path": self.path, "known": {}, "resumed": self.resumed, "_handle": None}
-
-    def __del__(self) -> None:
-        with contextlib.suppress(AttributeError, OSError):
-            self.close()
+        return {"path": self.path, "known": {}, "resumed": self.resumed}
 
 
 def to_text(report: LoopReport) -> bytes:

@@ -33,11 +33,8 @@ LONGEST_FILL = 60  # samples, however slow the controller
 
 @dataclass(frozen=True)
 class Recipe:
-    """All that makes the record of one loop; its samples are read when it is made.
-
-    It can be sent to another process of this machine. key: by which a finished report of the loop is known again, where
-    such are kept.
-    """
+    """All that makes the record of one loop; its samples are read when it is made. It can be sent to another process of
+    this machine. key: by which a finished report of the loop is known again, where such are kept."""
 
     loop: str
     series: LoopSeries
@@ -55,10 +52,8 @@ class Recipe:
         return self.rows > CHUNK and all(_one_after_the_other(_in_turn(items)) for items in self.series.roles.values())
 
     def chunks(self) -> Iterator[Record]:
-        """Yield the record of a long loop in chunks; the notes of the last one are those of the whole.
-
-        Raises BacklashError when the loop cannot be read.
-        """
+        """Yield the record of a long loop in chunks; the notes of the last one are those of the whole. Raises
+        BacklashError when the loop cannot be read."""
         making, axes = _Making(self, Joiner(self.options.good_quality)), _in_turn(self.series.roles["pv"])
         begins = [int(axis.read(row, row + 1)[0]) for axis in axes for row in range(0, len(axis), CHUNK)]
         ends = [*begins[1:], (axes[-1].last() or 0) + 1]
@@ -67,10 +62,8 @@ class Recipe:
             yield record if end == ends[-1] else replace(record, notes=())
 
     def keyed(self, marks: Mapping[str, str], common: tuple[object, ...]) -> Recipe:
-        """Return the recipe with its key; without one where a file cannot be known again.
-
-        marks: what changes when the content of a file does, by its name. common: what else a report depends on.
-        """
+        """Return the recipe with its key; without one where a file cannot be known again. marks: what changes when the
+        content of a file does, by its name. common: what else a report depends on."""
         items = [(role, item) for role, items in sorted(self.series.roles.items()) for item in items]
         if not all(marks.get(item.axis.where) for _, item in items):
             return self
@@ -125,10 +118,8 @@ class _Making:
     notes: list[Note] = field(default_factory=list)
 
     def record(self, loop: LoopSeries, begin: int = NAT, end: int | None = None) -> Record:
-        """Make the record of the whole loop, or of the chunk between two stamps from rows around it.
-
-        Raises LoopError when it has no measurement, no times or no usable scale.
-        """
+        """Make the record of the whole loop, or of the chunk between two stamps from rows around it. Raises LoopError
+        when it has no measurement, no times or no usable scale."""
         refuse_missing(loop)
         settings, first_chunk = settings_of(self.recipe.values), self.grid is None
         if end is not None:
@@ -235,8 +226,8 @@ class _Making:
         notes = [note for _, more in found for note in more]
         if not items:
             return None, notes
-        signal = Signal(self.joiner.times(*(item.axis for item in items)), np.concatenate([auto for auto, _ in found]),
-                        None)
+        states = np.concatenate([auto for auto, _ in found])
+        signal = Signal(self.joiner.times(*(item.axis for item in items)), states, np.zeros(len(states), bool))
         if not np.isfinite(signal.values).any() and "mode" not in self.carried:
             return None, [*notes, Note("mode_empty", "the MODE column is empty; the loop is taken to be in automatic")]
         values = self._carried_on(signal, "mode", grid)
@@ -291,22 +282,20 @@ class _Making:
 
 def _where_recorded(pv: Signal) -> Signal:
     """The rows of the measurement: blank cells in many places mean that it was recorded less often."""
-    blank = np.isnan(pv.values) if pv.bad is None else np.isnan(pv.values) & ~pv.bad
+    blank = np.isnan(pv.values) & ~pv.bad
     count = int(blank.sum())
     if 0 < count < len(blank):
         edges = int(np.count_nonzero(blank[1:] & ~blank[:-1] & (pv.times.micros[1:] != NAT)))
         if edges > SPARSE_SHARE * (len(blank) - count) or count > 0.9 * len(blank):
             rows = np.flatnonzero(~blank)
-            bad = None if pv.bad is None else pv.bad[rows]
-            return replace(pv, times=Times(pv.times.micros[rows], pv.times.notes), values=pv.values[rows], bad=bad)
+            return replace(pv, times=Times(pv.times.micros[rows], pv.times.notes), values=pv.values[rows],
+                           bad=pv.bad[rows])
     return pv
 
 
 def fill_limit(Ti: float | None, interval: float) -> int:
     """Longest hole in samples that is filled: half the integral time, the time constant of the estimator's own filter.
-
-    The shortest half period it uses lasts 5 Ti, ten times that. MAX_HOLE samples when Ti is not known.
-    """
+    The shortest half period it uses lasts 5 Ti, ten times that. MAX_HOLE samples when Ti is not known."""
     return MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / interval)))
 
 
@@ -314,9 +303,8 @@ def _records(signal: Signal) -> tuple[IntArray, FloatArray]:
     """Return (stamps, values) of all records in time order, nan in bad ones; blank cells are no records."""
     order = signal.times.order(signal.values)
     rows = slice(None) if order.rows is None else order.rows
-    values, bad = signal.values[rows], None if signal.bad is None else signal.bad[rows]
-    values = np.where(np.isfinite(values), values, np.nan)
-    record = ~np.isnan(values) if bad is None else ~np.isnan(values) | bad
+    values = np.where(np.isfinite(signal.values[rows]), signal.values[rows], np.nan)
+    record = ~np.isnan(values) | signal.bad[rows]
     return (order.stamps, values) if record.all() else (order.stamps[record], values[record])
 
 
@@ -390,9 +378,7 @@ def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray]) -> 
         raise LoopError(
             f"K is given but {names} is not, and the values are not within 0..1: K has no meaning without its span",
             remedy=f'add {names} = [low, high] to loops.toml, or units = "engineering" if K is in output units per '
-            "measurement unit",
-            code="missing_range",
-        )
+            "measurement unit", code="missing_range")
     for name, low, high in guessed:
         notes.append(Note(f"guessed_{name}", f"{name} is not given: scaled by {low:g}..{high:g}, a guess from the data",
                           {"low": low, "high": high}))
@@ -411,10 +397,8 @@ def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:
 
 
 def _bounds(values: FloatArray) -> tuple[float, float]:
-    """Lowest and highest value, without the outermost thousandth and without spikes far from all others.
-
-    values: finite.
-    """
+    """Lowest and highest value, without the outermost thousandth and without spikes far from all others. values:
+    finite."""
     if not len(values):
         return 0.0, 1.0
     ends = float(values.min()), float(values.max())

@@ -31,10 +31,8 @@ _NONE: IntArray = np.zeros(0, np.int64)
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """values: (distinct,) distances of stamps in microseconds, ascending; counts: how often each occurs.
-
-    first: stamp at the beginning. before_longest: the stamp before the first of the longest distances.
-    """
+    """values: (distinct,) distances of stamps in microseconds, ascending; counts: how often each occurs. first: stamp
+    at the beginning. before_longest: the stamp before the first of the longest distances."""
 
     values: IntArray
     counts: IntArray
@@ -109,62 +107,51 @@ class Grid:
         """Return the grid with its points among stamps. before: a stamp and its grid number, to go on from."""
         stamps, rows = order.stamps, order.rows
         if self.kind != "regular":
-            index = self._points(stamps)
-            return replace(self, index=index, recorded=self._recorded(stamps, self.start + self.step * index))
+            return self._between(stamps)
+        stamp, number = before or (int(stamps[0]) - self.step, -1)
         if before is not None:
-            begin = int(np.searchsorted(stamps, before[0], side="right"))
+            begin = int(np.searchsorted(stamps, stamp, side="right"))
             rows = np.arange(begin, len(stamps)) if rows is None else rows[begin:]
             stamps = stamps[begin:]
-        index, places = self._rows(stamps, *(before or (stamps[0] - self.step, -1)))
-        if len(places) > len(stamps):
-            rows = places if rows is None else np.where(places >= 0, rows[places], -1)
-        return replace(self, index=index, rows=rows)
-
-    def _rows(self, stamps: IntArray, stamp: int, number: int) -> tuple[IntArray, IntArray]:
-        """Return (index, rows) of a regular grid: the grid number of each sample, and its row, -1 for an absent one.
-
-        stamp, number: stamp and grid number of the row before the first.
-        """
         advance = np.maximum(1, np.rint(np.diff(stamps, prepend=stamp) / self.step).astype(np.int64))
         holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
-        own = np.arange(len(stamps))
-        absent = np.repeat(own, np.where(holes, advance - 1, 0))  # the row after each absent one
-        return number + np.cumsum(np.insert(np.where(holes, 1, advance), absent, 1)), np.insert(own, absent, -1)
+        if holes.any():
+            own = np.arange(len(stamps))
+            absent = np.repeat(own, np.where(holes, advance - 1, 0))  # the row after each absent one
+            advance = np.insert(np.where(holes, 1, advance), absent, 1)
+            rows = np.insert(own if rows is None else rows, absent, -1)
+        return replace(self, index=number + np.cumsum(advance), rows=rows)
 
-    def _points(self, stamps: IntArray) -> IntArray:
-        """Return the grid numbers between the first and last stamp of every stretch without a gap."""
+    def _between(self, stamps: IntArray) -> Grid:
+        """The grid with the points between the first and last stamp of every stretch without a gap."""
         last = (stamps - self.start) // self.step
         first = -((self.start - stamps) // self.step)  # rounded up: no point before the first stamp of a stretch
         goes_on = np.flatnonzero(np.diff(stamps) <= self.gap) + 1
         first[goes_on] = last[goes_on - 1] + 1
         counts = np.maximum(last - first + 1, 0)
-        return np.arange(int(counts.sum())) + np.repeat(first - (np.cumsum(counts) - counts), counts)
-
-    def _recorded(self, stamps: IntArray, times: IntArray) -> NDArray[np.bool_]:
-        """(times,) True where a row stands at (or, with jitter, next to) a grid point."""
+        index = np.arange(int(counts.sum())) + np.repeat(first - (np.cumsum(counts) - counts), counts)
+        times = self.start + self.step * index
         after = np.searchsorted(stamps, times, side="right").clip(1, len(stamps) - 1)
-        if self.kind == "jitter":
-            return stamps[after] - stamps[after - 1] <= 1.75 * self.step
-        return np.minimum(np.abs(stamps[after] - times), np.abs(stamps[after - 1] - times)) <= self.step // 2
+        recorded = stamps[after] - stamps[after - 1] <= 1.75 * self.step if self.kind == "jitter" else np.minimum(
+            np.abs(stamps[after] - times), np.abs(stamps[after - 1] - times)) <= self.step // 2
+        return replace(self, index=index, recorded=recorded)
 
     def said(self, share: float) -> list[Note]:
         """Return what is to be said of the grid. share: of its points that are recorded."""
         found: list[Note] = []
-        steps, step = self.steps, self.step
-        apart = steps.values / step
+        steps, every = self.steps, self.interval
+        apart = steps.values / self.step
         if self.kind == "jitter":
             near = steps.values <= self.gap
             spread = round(steps.mean(near, (apart - steps.mean(near, apart)) ** 2) ** 0.5, 9)
-            found.append(Note(
-                "resampled", f"time stamps vary around {step / SECOND:g} s (standard deviation {100 * spread:.0f} %); "
-                f"values are interpolated to every {step / SECOND:g} s",
-                {"interval_s": step / SECOND, "jitter": spread}))
+            text = (f"time stamps vary around {every:g} s (standard deviation {100 * spread:.0f} %); values are "
+                    f"interpolated to every {every:g} s")
+            found.append(Note("resampled", text, {"interval_s": every, "jitter": spread}))
         elif self.kind == "compressed":
-            found.append(Note(
-                "compressed", f"samples are irregular, as after exception or swinging-door compression: "
-                f"{100 * share:.0f} % of the grid of {step / SECOND:g} s was recorded, "
-                f"up to {self.gap / SECOND:g} s are bridged", {"interval_s": step / SECOND, "recorded_share": share,
-                            "median_spacing_s": self.usual / SECOND}))
+            text = (f"samples are irregular, as after exception or swinging-door compression: {100 * share:.0f} % of "
+                    f"the grid of {every:g} s was recorded, up to {self.gap / SECOND:g} s are bridged")
+            found.append(Note("compressed", text, {"interval_s": every, "recorded_share": share,
+                                                   "median_spacing_s": self.usual / SECOND}))
         advance = np.maximum(1, np.rint(apart))
         gaps = int(steps.counts[advance > ABSENT_ROWS + 1 if self.kind == "regular" else steps.values > self.gap].sum())
         if gaps:
@@ -195,12 +182,12 @@ class Times:
     _order: Ordered | None = field(default=None, init=False)
     _grid: Grid | None = field(default=None, init=False)
 
-    def order(self, probe: FloatArray | None = None) -> Ordered:
+    def order(self, probe: FloatArray) -> Ordered:
         """Return the stamps in time order; `probe` is a measured signal of these rows, used the first time."""
         self._order = self._order or ordered(self.micros, probe, self.parts, self.line)
         return self._order
 
-    def grid(self, probe: FloatArray | None = None) -> Grid:
+    def grid(self, probe: FloatArray) -> Grid:
         """Return the uniform grid of these stamps. Raises LoopError when there is none."""
         self._grid = self._grid or make_grid(self.order(probe))
         return self._grid
@@ -250,10 +237,8 @@ def _nice(step: float) -> int:
 
 
 def linear(times: IntArray, known: IntArray, heights: FloatArray, limit: float) -> FloatArray:
-    """Values on straight lines between good records; nan where these are more than `limit` microseconds apart.
-
-    times: (samples,) where values are wanted. known, heights: (records,) stamps and values of the good records.
-    """
+    """Values on straight lines between good records; nan where these are more than `limit` microseconds apart. times:
+    (samples,) where values are wanted. known, heights: (records,) stamps and values of the good records."""
     if len(known) < 2:
         return np.full(len(times), np.nan)
     zero = known[0]

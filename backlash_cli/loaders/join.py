@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,41 +49,32 @@ class LoopSeries:
 @dataclass(frozen=True, eq=False)
 class Signal:
     """One signal over all files. values: (rows,) nan where blank or bad; bad: (rows,) True where something stood
-    that is no good measurement, None if nowhere. faults: what stood there, counted, by what is wrong and by tag."""
+    that is no good measurement. faults: what stood there, counted, by what is wrong and by tag."""
 
     times: Times
     values: FloatArray
-    bad: NDArray[np.bool_] | None
+    bad: NDArray[np.bool_]
     notes: tuple[Note, ...] = ()
     faults: Faults = field(default_factory=dict)
 
 
-def by_loop(found: Iterable[Any], metadata: Metadata) -> dict[str, LoopSeries]:
-    """Assign every series to a loop; tags named in the metadata go where it says.
-
-    found: Series, or anything else with tag, loop, role and signal.
-    """
-    series = list(found)
+def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSeries]:
+    """Assign every series to a loop; tags named in the metadata go where it says."""
     explicit, asked = explicit_tags(metadata)
     loops: dict[str, LoopSeries] = {}
-    seen: set[tuple[str, str]] = set()
     renamed = renamed_loops(dict.fromkeys(item.loop for item in series if item.loop), metadata)
     for item in series:
-        owners = explicit.get(item.tag.strip().lower(), ()) if explicit else ()
+        owners = explicit.get(item.tag.strip().lower(), ())
         for loop, role in owners:
             loops.setdefault(loop, LoopSeries(loop)).roles.setdefault(role, []).append(item)
-            seen.add((loop, role))
-        if not item.loop or owners:
-            continue
         name = renamed.get(item.loop, item.loop)
-        if item.role and item.role in asked.get(name, {}):
-            continue  # the metadata name another tag for this signal
-        own = loops.setdefault(name, LoopSeries(name))
-        (own.roles if item.role else own.extra).setdefault(item.role or item.signal, []).append(item)
+        # unless the metadata name another tag for this signal
+        if item.loop and not owners and not (item.role and item.role in asked.get(name, {})):
+            own = loops.setdefault(name, LoopSeries(name))
+            (own.roles if item.role else own.extra).setdefault(item.role or item.signal, []).append(item)
     for loop, tags in asked.items():
-        for role, tag in tags.items():
-            if (loop, role) not in seen:
-                loops.setdefault(loop, LoopSeries(loop)).missing_tags[role] = tag
+        own = loops.setdefault(loop, LoopSeries(loop))
+        own.missing_tags |= {role: tag for role, tag in tags.items() if role not in own.roles}
     return {name: own for name, own in loops.items() if own.roles}
 
 
@@ -103,11 +93,9 @@ def explicit_tags(metadata: Metadata) -> tuple[dict[str, list[tuple[str, str]]],
 
 def renamed_loops(known: Iterable[str], metadata: Metadata) -> dict[str, str]:
     """Loops of the data that the metadata know by another spelling or by a whole part of the name, one by one."""
-    if not metadata.loops:
-        return {}
-    found = {name: metadata.match(name) or metadata.part_of(name) for name in known if name not in metadata.loops}
+    present = set(known) if metadata.loops else set()
+    found = {name: metadata.match(name) or metadata.part_of(name) for name in present - metadata.loops.keys()}
     counts = Counter(found.values())
-    present = set(known)
     return {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
 
 
@@ -132,15 +120,12 @@ class Joiner:
         parts = [self._part(item) for item in chosen]
         if len(parts) == 1:
             return replace(parts[0], notes=(*parts[0].notes, *notes))
-        bad = None
-        if any(part.bad is not None for part in parts):
-            bad = np.concatenate([np.zeros(len(p.values), bool) if p.bad is None else p.bad for p in parts])
         faults: Faults = {}
         for part in parts:
             add_faults(faults, part.faults)
         said = {(note.code, note.message): note for part in parts for note in part.notes}
-        return Signal(self.times(*(item.axis for item in chosen)), np.concatenate([part.values for part in parts]), bad,
-                      (*said.values(), *notes), faults)
+        return Signal(self.times(*(item.axis for item in chosen)), np.concatenate([part.values for part in parts]),
+                      np.concatenate([part.bad for part in parts]), (*said.values(), *notes), faults)
 
     def _part(self, item: Series) -> Signal:
         cells, good = item.cells(), None
@@ -148,7 +133,7 @@ class Joiner:
         notes: list[Note] = []
         times = self.times(item.axis)
         own = slice(None) if self.only is None else slice(*np.searchsorted(times.micros, self.only).tolist())
-        faults: Faults = {("not_numbers", item.tag): Counter() if bad is None else cells.words(bad, own)}
+        faults: Faults = {("not_numbers", item.tag): cells.words(bad, own)}
         if (marks := item.marks()) is not None:
             known = {} if self.only is None else self._marks.setdefault((item.axis.where, item.tag), {})
             good, notes = good_samples(marks, self.good_quality, item.quality_name, known)
@@ -157,7 +142,7 @@ class Joiner:
             faults[code, item.tag] = Counter()
             if wrong is not None:
                 faults[code, item.tag][code] = int(np.count_nonzero(wrong[own]))
-                bad, values = wrong if bad is None else bad | wrong, np.where(wrong, np.nan, values)
+                bad, values = bad | wrong, np.where(wrong, np.nan, values)
         return Signal(times, values, bad, tuple(notes), faults)
 
 
@@ -192,9 +177,7 @@ FAR = 8.0  # usual moves from one sample to the next that a zero must lie outsid
 
 def lone_zeros(values: FloatArray) -> NDArray[np.bool_] | None:
     """(rows,) True where up to LONE samples are exactly 0 and lie far outside all others; None where there are none.
-
-    Far: FAR times the largest usual move between samples (99.9 %), and a fifth of the distance that all others span.
-    """
+    Far: FAR times the largest usual move between samples (99.9 %), and a fifth of the distance that all others span."""
     zero = values == 0.0
     if not zero.any() or zero.all():
         return None

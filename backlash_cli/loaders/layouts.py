@@ -165,10 +165,8 @@ def _recognise(head: Head) -> str:
 
 
 def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[int]]:
-    """Return the column of the stamps, or those of date and time of day, and all columns that hold times.
-
-    Raises InputError when there is none.
-    """
+    """Return the column of the stamps, or those of date and time of day, and all columns that hold times. Raises
+    InputError when there is none."""
     columns = head.times
     if not columns:
         raise InputError("no time column found", where=head.where, remedy="name the column of time stamps 'timestamp', "
@@ -183,9 +181,7 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
 
 def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
     """Return the columns that name the tag of each row: one with whole tags, or loop and signal apart; () if none.
-
-    texts: the text columns beside the stamps. What stands in a column counts more than its header.
-    """
+    texts: the text columns beside the stamps. What stands in a column counts more than its header."""
     heads = {i: head.words(i) for i in texts}
 
     def mostly(test: Callable[[str], bool]) -> list[int]:

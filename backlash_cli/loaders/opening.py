@@ -50,8 +50,6 @@ def kind_of(path: Path | Remote) -> str:
             raise InputError("not a regular file", where=str(path), remedy="save the export as a file first")
         with open_place(path) as file:
             magic = file.read(16)
-    except FileNotFoundError:
-        raise InputError("no such file", where=str(path), remedy="check the name and the folder") from None
     except OSError as error:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
     if not magic:
@@ -62,9 +60,8 @@ def kind_of(path: Path | Remote) -> str:
 def _kind(magic: bytes, path: Path | Remote) -> str:
     if magic.startswith(b"PK\x03\x04") and path.name.lower().endswith((".xlsx", ".xlsm")):
         return "workbook"
-    for mark, (what, remedy) in _FOREIGN.items():
-        if magic.startswith(mark):
-            raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
+    for what, remedy in (said for mark, said in _FOREIGN.items() if magic.startswith(mark)):
+        raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
     return "parquet" if magic.startswith(b"PAR1") else "text"
 
 
@@ -171,13 +168,11 @@ def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
 
 def _whole_lines(text: bytearray) -> int:
     """Length of the lines that end in a text; a quoted cell may hold line ends."""
-    end, quotes = b"\n" if b"\n" in text else b"\r", text.count(b'"')
-    cut = last = text.rfind(end)
-    for _ in range(200):
-        if cut < 0 or (quotes - text.count(b'"', cut)) % 2 == 0:
-            return cut + 1
-        cut = text.rfind(end, 0, cut)
-    return last + 1  # quotes that never end are taken as they are
+    end = b"\n" if b"\n" in text else b"\r"
+    last = text.rfind(end)
+    begin = text.rfind(b'"', 0, last) if text.count(b'"', 0, last) % 2 else -1
+    # quotes that never end are taken as they are
+    return (text.rfind(end, 0, begin) if begin >= 0 and text.count(end, begin, last) < 200 else last) + 1
 
 
 def _without_annotations(blocks: Iterable[bytearray]) -> Iterator[bytearray]:
@@ -229,10 +224,8 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
 
 
 def sheets(path: Path | Remote) -> list[tuple[str, bytes]]:
-    """Return (name, text as CSV) of the sheets of a workbook that hold more than a few cells.
-
-    Raises InputError where it cannot be read.
-    """
+    """Return (name, text as CSV) of the sheets of a workbook that hold more than a few cells. Raises InputError where
+    it cannot be read."""
     try:
         from python_calamine import CalamineWorkbook
     except ImportError:

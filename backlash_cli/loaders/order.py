@@ -28,7 +28,7 @@ class Ordered:
     notes: tuple[Note, ...] = ()
 
 
-def ordered(micros: IntArray, probe: FloatArray | None = None, parts: tuple[int, ...] = (), line: int = 0) -> Ordered:
+def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), line: int = 0) -> Ordered:
     """Bring stamps into strictly increasing order.
 
     probe: (rows,) one measured signal of these rows; it tells repeated rows from rows of another time.
@@ -60,19 +60,19 @@ def ordered(micros: IntArray, probe: FloatArray | None = None, parts: tuple[int,
         raise LoopError(f"all {len(stamps)} rows carry the same time stamp {utc_text(stamps[0])}", code="constant_time",
                         remedy="export with full time stamps (the time does not advance)")
     back = np.flatnonzero(np.diff(stamps) < 0)
-    values = None if probe is None else probe[rows]
+    values = probe[rows]
     if len(back):
         shifted = _clock_set_back(stamps, back, rows, values, parts, notes)
         if shifted is not None:
             stamps = shifted
         else:
             turn = np.argsort(stamps, kind="stable")
-            stamps, rows, values = stamps[turn], rows[turn], None if values is None else values[turn]
+            stamps, rows, values = stamps[turn], rows[turn], values[turn]
             text = f"rows were not in time order ({len(back)} steps backwards); they were sorted"
             notes.append(Note("unsorted", text, {"steps": float(len(back))}))
     repeats = np.flatnonzero(np.diff(stamps) == 0)
     if len(repeats):
-        others = values is None or _differ(values[repeats], values[repeats + 1], values).mean() > 0.5
+        others = _differ(values[repeats], values[repeats + 1], values).mean() > 0.5
         spread = _spread_evenly(stamps) if others else None
         if spread is not None:
             notes.append(Note("coarse_stamps", "several rows share each time stamp; they were spread evenly over the "
@@ -87,7 +87,7 @@ def _counted(code: str, count: int, text: str, **more: float) -> Note:
     return Note(code, f"{count} {text}", {"rows": float(count), **more})
 
 
-def _clock_set_back(stamps: IntArray, back: IntArray, rows: IntArray, values: FloatArray | None, parts: tuple[int, ...],
+def _clock_set_back(stamps: IntArray, back: IntArray, rows: IntArray, values: FloatArray, parts: tuple[int, ...],
                     notes: list[Note]) -> IntArray | None:
     """A clock that was set back while recording: few steps back, and other values for the same stamps.
 
@@ -105,8 +105,7 @@ def _clock_set_back(stamps: IntArray, back: IntArray, rows: IntArray, values: Fl
     sunday = len(back) == 1 and (day + 3) % 7 == 6 and clock <= 4 * HOUR and bool(hour[0]) and 2 * step < HOUR
     turn = np.argsort(stamps, kind="stable")
     same = np.flatnonzero(np.diff(stamps[turn]) == 0)
-    if not sunday and (values is None or not len(same)
-                       or _differ(values[turn[same]], values[turn[same + 1]], values).mean() < 0.5):
+    if not sunday and not (len(same) and _differ(values[turn[same]], values[turn[same + 1]], values).mean() >= 0.5):
         return None
     lost[hour] = HOUR
     out = stamps + np.cumsum(np.bincount(back + 1, lost, len(stamps))).astype(np.int64)
@@ -146,20 +145,17 @@ def _spread_evenly(stamps: IntArray) -> IntArray | None:
     return stamps + (rank * width) // np.repeat(share, counts)
 
 
-def _without_repeats(stamps: IntArray, rows: IntArray, values: FloatArray | None, repeats: IntArray, notes: list[Note]
+def _without_repeats(stamps: IntArray, rows: IntArray, values: FloatArray, repeats: IntArray, notes: list[Note]
                      ) -> tuple[IntArray, IntArray]:
     """Keep of rows with one stamp the first, or the first that holds a value."""
-    conflicts, blank = 0, np.zeros(len(stamps), bool)
-    if values is not None:
-        conflicts = int(_differ(values[repeats], values[repeats + 1], values).sum())
-        blank = ~np.isfinite(values)
+    conflicts = int(_differ(values[repeats], values[repeats + 1], values).sum())
     more = f", {conflicts} of them with another value" if conflicts else ""
     text = f"rows repeat the time stamp of another row{more}; the first of each is kept"
     notes.append(_counted("duplicate_times", len(repeats), text, conflicts=float(conflicts)))
     if conflicts > 0.5 * len(stamps):
         raise LoopError("most rows repeat a time stamp with another value: the times do not tell the rows apart",
                         code="constant_time", remedy="export with finer time stamps")
-    kept = np.lexsort((blank, stamps))[np.diff(stamps, prepend=stamps[0] - 1) != 0]
+    kept = np.lexsort((~np.isfinite(values), stamps))[np.diff(stamps, prepend=stamps[0] - 1) != 0]
     return stamps[kept], rows[kept]
 
 

@@ -106,13 +106,9 @@ class OpenPlant(Mapping[str, Record]):
     def _by_name(self) -> dict[str, Recipe]:
         return {recipe.loop: recipe for recipe in self.recipes}
 
-    @cached_property
-    def _joiner(self) -> Joiner:
-        return Joiner(self.recipes[0].options.good_quality)
-
     def __getitem__(self, loop: str) -> Record:
         try:
-            return self._by_name[loop].record(self._joiner)
+            return self._by_name[loop].record()
         except BacklashError as error:
             raise KeyError(str(error)) from None
 
@@ -126,10 +122,8 @@ class OpenPlant(Mapping[str, Record]):
         return len(self.recipes)
 
     def all_lost(self, more: Sequence[Note], *, read: int) -> tuple[Note, ...]:
-        """Return the loops that could not be read, with those found out when they were read, by name.
-
-        read: how many could. Raises LoopError when none could.
-        """
+        """Return the loops that could not be read, with those found out when they were read, by name. read: how many
+        could. Raises LoopError when none could."""
         lost = tuple(sorted([*self.lost, *more], key=lambda note: str(note.values["loop"])))
         if lost and not read:
             first = lost[0]
@@ -241,22 +235,18 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
     return Recipe(name, series, metadata.fallback() if values is None else values, options, notes)
 
 
-def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[list[Named]], set[int]]:
-    """Return what says of named columns which a loop may use that the options do not rule out.
-
-    Which loops are drawn for a sample is known only when all files are open.
-    """
-    if not (options.only_loops or options.loops_matching):
-        return lambda found: {one.column for one in found}
-    owners = explicit_tags(metadata)[0]
+def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Named], bool]:
+    """Return what says whether a loop that the options do not rule out may use a signal. Which loops are drawn for a
+    sample is known only when all files are open."""
+    owners, only, matching = explicit_tags(metadata)[0], options.only_loops, options.loops_matching
 
     @cache
     def wanted(loop: str) -> bool:
         names = [loop] if loop in metadata.loops else [loop, metadata.match(loop), metadata.part_of(loop)]
-        return any(_fits(name, options.only_loops, options.loops_matching) for name in names if name)
+        return any(_fits(name, only, matching) for name in names if name)
 
-    return lambda found: {one.column for one in found if wanted(one.loop) or any(
-        wanted(loop) for loop, _ in owners.get(one.tag.strip().lower(), ()))}
+    return lambda one: not (only or matching) or wanted(one.loop) or any(
+        wanted(loop) for loop, _ in owners.get(one.tag.strip().lower(), ()))
 
 
 def _fits(name: str, only: Sequence[str], matching: Sequence[str] = ()) -> bool:
@@ -296,10 +286,8 @@ def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[st
 
 
 def draw(names: Sequence[str], count: int, seed: int = 0) -> list[str]:
-    """Return `count` of the names, in order: those whose hash with the seed is smallest.
-
-    So a plant that grows by a few loops keeps nearly the same sample, and every night looks at the same loops.
-    """
+    """Return `count` of the names, in order: those whose hash with the seed is smallest. So a plant that grows by a few
+    loops keeps nearly the same sample, and every night looks at the same loops."""
     return sorted(sorted(names, key=lambda name: hashlib.sha256(
         f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest())[:count])
 

@@ -51,11 +51,11 @@ class Cells:
     def is_text(self) -> bool:
         return len(self._used[0]) > 0
 
-    def numbers(self) -> tuple[FloatArray, NDArray[np.bool_] | None]:
+    def numbers(self) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return (values, bad): the cells as numbers, nan where there is none, and True where something stands that is
-        no good number (a digital state, inf), None if nowhere; a blank cell is not bad."""
+        no good number (a digital state, inf); a blank cell is not bad."""
         if not self.is_text:
-            return self.values, None
+            return self.values, np.zeros(len(self.values), bool)
         used, rows, which = self._used
         values, bad, units = self.lexicon.parsed
         wrong = bad[used] | foreign_units([units[i] for i in used], np.bincount(which, minlength=len(used)))
@@ -63,7 +63,7 @@ class Cells:
         out[rows] = np.where(wrong, np.nan, values[used])[which]
         flags = np.isinf(self.values)
         flags[rows] = wrong[which]
-        return out, flags if flags.any() else None
+        return out, flags
 
     def words(self, rows: NDArray[np.bool_], within: slice) -> Counter[str]:
         """Count the texts in rows that are True, of some rows in a row."""

@@ -50,10 +50,8 @@ class Dialect:
 
 
 def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> Dialect:
-    """Find how a text is written from its first lines.
-
-    Raises InputError when there is no header line, no data, or nothing that looks like columns.
-    """
+    """Find how a text is written from its first lines. Raises InputError when there is no header line, no data, or
+    nothing that looks like columns."""
     lines = lines_of(text)
     end = lines[HEAD_LINES][1] if len(lines) > HEAD_LINES else len(text)
     declared = re.match(r"^sep=(.)$", lines[0][2].strip()) if lines else None
@@ -81,10 +79,8 @@ def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> D
 
 
 def _delimiter(lines: list[str], first: list[str]) -> str:
-    """The delimiter that cuts the lines into equally many cells which look like times, numbers and words.
-
-    first: the first lines; a line of as many names among them speaks for a delimiter.
-    """
+    """The delimiter that cuts the lines into equally many cells which look like times, numbers and words. first: the
+    first lines; a line of as many names among them speaks for a delimiter."""
     best, chosen = 0.0, ","
     for candidate in DELIMITERS:
         rows = [split_line(line, candidate) for line in lines[-24:]]
@@ -110,10 +106,8 @@ def _column_kinds(rows: list[list[str]], width: int) -> tuple[str, ...]:
 
 
 def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tuple[str, ...], header: int) -> int | None:
-    """The first row of data below the header that is followed by another.
-
-    Such rows have stamps where the last rows have them, or numbers in half of their number columns.
-    """
+    """The first row of data below the header that is followed by another. Such rows have stamps where the last rows
+    have them, or numbers in half of their number columns."""
     times = [i for i, k in enumerate(kinds) if k in ("time", "clock")]
     wanted = times or [i for i, k in enumerate(kinds) if k == "number"][:50]
 

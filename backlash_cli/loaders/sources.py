@@ -58,31 +58,21 @@ def open_place(path: Path | Remote) -> BinaryIO:
     return path.open_bytes() if isinstance(path, Remote) else open(path, "rb", buffering=0)
 
 
-@dataclass(frozen=True, order=True)
-class Remote(PathLike[str]):
-    """A file or folder behind an address; every failure is an InputError that says what to do.
-
-    Credentials come from where the drivers look for them (environment, ~/.aws, ~/.config/fsspec ...), never from here.
-    """
-
-    url: str
-
-    def __fspath__(self) -> str:
-        return self.url
-
-    __str__ = __fspath__
+class Remote(str):
+    """A file or folder behind an address; every failure is an InputError that says what to do. Credentials come from
+    where the drivers look for them (environment, ~/.aws, ~/.config/fsspec ...), never from here."""
 
     def __reduce__(self) -> tuple[type[Remote], tuple[str]]:
-        return Remote, (self.url,)
+        return Remote, (str(self),)
 
     @property
     def scheme(self) -> str:
-        return self.url.rpartition("::")[2].partition("://")[0].lower()
+        return self.rpartition("::")[2].partition("://")[0].lower()
 
     @property
     def _parts(self) -> tuple[str, PurePosixPath]:
         """What stands before the path, and the path without what follows a question mark on the web."""
-        head, slashes, key = self.url.partition("://")
+        head, slashes, key = self.partition("://")
         return head + slashes, PurePosixPath(key.partition("?")[0] if self.scheme in ("http", "https") else key)
 
     @property
@@ -102,8 +92,6 @@ class Remote(PathLike[str]):
         """Return the address itself."""
         return self
 
-    resolve = absolute
-
     def is_dir(self) -> bool:
         """Say whether this is a folder. Raises InputError where that cannot be known."""
         return self._info["type"] == "directory"
@@ -115,7 +103,7 @@ class Remote(PathLike[str]):
     def stat(self) -> os.stat_result:
         """Return kind and size (and times as zero). Raises FileNotFoundError when nothing is there."""
         if self._info["type"] == "nothing":
-            raise FileNotFoundError(self.url)
+            raise FileNotFoundError(self)
         kind = stat.S_IFDIR if self.is_dir() else stat.S_IFREG
         return os.stat_result((kind | 0o444, 0, 0, 1, 0, 0, int(self._info.get("size") or 0), 0, 0, 0))
 
@@ -127,26 +115,24 @@ class Remote(PathLike[str]):
     def open_bytes(self) -> BinaryIO:
         """Open the object for reading; it is fetched in blocks, only where it is read."""
         with self._in_words():
-            system, path = self._system
-            opened: Any = system.open(path, "rb", block_size=BLOCK)
+            opened: Any = self._system[0].open(self._system[1], "rb", block_size=BLOCK)
             return opened
 
     def files_below(self) -> list[tuple[str, ...]]:
         """Return the files in and below a folder as (folder, ..., name)."""
         with self._in_words():
             system, path = self._system
-            root = len(path.rstrip("/"))
-            return [tuple(name[root:].strip("/").split("/")) for name in system.find(path)]
+            return [tuple(name[len(path.rstrip("/")) :].strip("/").split("/")) for name in system.find(path)]
 
     @cached_property
     def _system(self) -> tuple[Any, str]:
+        try:
+            from fsspec.core import url_to_fs
+        except ImportError:
+            raise InputError(f"reading {self.scheme}:// needs fsspec", where=self,
+                             remedy=f"pip install '{_DRIVERS.get(self.scheme, 'backlash[remote]')}'") from None
         with self._in_words():
-            try:
-                from fsspec.core import url_to_fs
-            except ImportError:
-                raise InputError(f"reading {self.scheme}:// needs fsspec", where=self.url,
-                                 remedy=f"pip install '{_DRIVERS.get(self.scheme, 'backlash[remote]')}'") from None
-            return url_to_fs(self.url)
+            return url_to_fs(self)
 
     @cached_property
     def _info(self) -> dict[str, Any]:
@@ -162,7 +148,7 @@ class Remote(PathLike[str]):
                     raise reason from None
                 return {"type": "nothing"}
             if self.scheme in ("http", "https"):
-                found["type"] = "directory" if self.url.partition("?")[0].endswith("/") else "file"
+                found["type"] = "directory" if self.partition("?")[0].endswith("/") else "file"
             return found
 
     @contextlib.contextmanager
@@ -189,7 +175,7 @@ class Remote(PathLike[str]):
 
                 what = f"no storage is called {self.scheme}://"
                 remedy = nearest(self.scheme, [*_DRIVERS, *available_protocols()])
-            raise InputError(what, where=self.url, remedy=remedy) from None
+            raise InputError(what, where=self, remedy=remedy) from None
 
 
 @dataclass(frozen=True)
@@ -268,9 +254,8 @@ def _below(folder: Path | Remote) -> list[Source]:
 def is_export(name: str) -> bool:
     """Say whether a file name has the ending of an export and is no sidecar."""
     found = _FILE.fullmatch(name)
-    if found is None or found["kind"] is None or name.startswith((".", "_", "~$")):
-        return False
-    return found["kind"].lower() != ".csv" or not f".{found['stem']}".lower().endswith(".loops")
+    return bool(found and found["kind"]) and not name.startswith((".", "_", "~$")) and not re.search(
+        r"(?:^|\.)loops\.csv(?:\.\w+)?$", name, re.IGNORECASE)
 
 
 def stem_of(path: Path | Remote) -> str:
@@ -280,10 +265,8 @@ def stem_of(path: Path | Remote) -> str:
 
 
 def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source]) -> list[Path | Remote]:
-    """Return the metadata files that belong to the inputs: NAME.loops.toml next to it, else loops.toml in the folder.
-
-    A CSV table (NAME.loops.csv, loops.csv) is found the same way when there is no TOML.
-    """
+    """Return the metadata files that belong to the inputs: NAME.loops.toml next to it, else loops.toml in the folder. A
+    CSV table (NAME.loops.csv, loops.csv) is found the same way when there is no TOML."""
     @cache
     def first(folder: Path | Remote, *names: str, beside: frozenset[str] | None = None) -> Path | Remote | None:
         """The first of these files in a folder; asked of its listing where there is one, which costs nothing."""
@@ -305,10 +288,8 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
 
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:
-    """Read one metadata file: TOML with [defaults] and [loops.NAME], or a CSV table with a column `loop`.
-
-    Raises MetadataError naming file, line and key, with the nearest known ones.
-    """
+    """Read one metadata file: TOML with [defaults] and [loops.NAME], or a CSV table with a column `loop`. Raises
+    MetadataError naming file, line and key, with the nearest known ones."""
     path = place(path)
     try:
         if path.stat().st_size > SIZE_LIMIT:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray, Note, SampleState
-from .numbers import parse_words
 from .signals import Cells
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
@@ -42,16 +41,12 @@ def quality_words(words: list[str]) -> bool:
 
 
 def _numbers_or_words(cells: Cells, *, all_texts: bool) -> tuple[FloatArray | None, IntArray, list[str]]:
-    """Return (numbers, codes, words): the cells as numbers, None where their texts are something else.
-
-    All texts have to be numbers, or only those that are not digital states.
-    """
-    if not cells.is_text:
-        return cells.values, np.zeros(0, np.int64), []
-    codes, words = cells.texts()
-    values, bad, _ = parse_words(words)
-    numbers = (np.isfinite(values) if all_texts else np.isfinite(values) | bad).all() and not bad.all()
-    return np.append(values, np.nan)[codes] if numbers else None, codes, words
+    """Return (numbers, codes, words): the cells as numbers, None where their texts are something else. All texts have
+    to be numbers, or only some of them."""
+    numbers, bad = cells.numbers()
+    if not cells.is_text or (np.isfinite(numbers).any() and not (all_texts and bad.any())):
+        return numbers, np.zeros(0, np.int64), []
+    return None, *cells.texts()
 
 
 def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, float] | None = None
@@ -99,9 +94,7 @@ def _good_numbers(values: FloatArray, further: tuple[str, ...], name: str, seen:
 
 def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[Note]]:
     """Return (rows,) 1 where the controller was in automatic (or cascade), 0 where not, nan where not recorded.
-
-    Numbers: 0 manual and 1, 2, 3 automatic or cascade; powers of two from 16 on as in Foundation Fieldbus.
-    """
+    Numbers: 0 manual and 1, 2, 3 automatic or cascade; powers of two from 16 on as in Foundation Fieldbus."""
     extra = {word.strip().lower() for word in further}
     numbers, codes, words = _numbers_or_words(cells, all_texts=False)
     if numbers is not None:
@@ -148,10 +141,8 @@ def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
 
 
 def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Fill holes (nan) of at most `longest` samples on a straight line between their neighbours.
-
-    Holes at the ends and next to a gap (a jump of `index`) stay. Returns (values, filled).
-    """
+    """Fill holes (nan) of at most `longest` samples on a straight line between their neighbours. Holes at the ends and
+    next to a gap (a jump of `index`) stay. Returns (values, filled)."""
     starts, ends = runs(~np.isfinite(values))
     inner = (starts > 0) & (ends < len(values)) & (ends - starts <= longest)
     starts, ends = starts[inner], ends[inner]

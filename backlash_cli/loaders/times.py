@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from datetime import datetime, timedelta
 from typing import NamedTuple
 from zoneinfo import ZoneInfo
@@ -204,7 +203,10 @@ class StampReader:
         self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
         self._unit = ""  # of stamps that are numbers
         self._of_day: tuple[int, int] | None = None  # last time of day without a date, and days since the first
-        self._clock: WallClock | None = None
+        self._zone: ZoneInfo | None = None  # where the clocks stand that show the stamps
+        self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
+        self._last: int | None = None  # stamp of the last row, and whether it lay in such an hour
+        self._within = False
 
     def take(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
         """Return the stamps of the next rows, to be given to what `finish` returns."""
@@ -248,7 +250,7 @@ class StampReader:
                 "mixed_zones", "some time stamps carry an offset and some do not; the others count as UTC"))
         counted = self._unit.startswith("epoch") or not self.absolute or self._of_day is not None
         if self.options.timezone and not counted and (self._bare or not self._zoned):
-            self._clock = WallClock(self.options.timezone)
+            self._zone = ZoneInfo(self.options.timezone)
 
         def resolved(stamps: IntArray) -> IntArray:
             is_open = _is_open(stamps)
@@ -256,14 +258,38 @@ class StampReader:
                 numbers, clock = _unpacked(stamps[is_open])
                 stamps = stamps.copy()
                 stamps[is_open] = _at(days_of(*_readings(numbers)[order or ""]), clock)
-            return stamps if self._clock is None else self._clock.utc(stamps)
+            return stamps if self._zone is None else self._utc(stamps, self._zone)
 
         return resolved
 
     @property
     def all_notes(self) -> tuple[Note, ...]:
         """What is to be said of all stamps, when they were resolved."""
-        return (*self.notes, *(self._clock.notes if self._clock is not None else ()))
+        if not self._doubled:
+            return tuple(self.notes)
+        return (*self.notes, Note("dst_repeated_hour", f"{self._doubled} rows lie in the hour that occurs twice in "
+                                  f"{self.options.timezone}; they are taken in file order"))
+
+    def _utc(self, micros: IntArray, zone: ZoneInfo) -> IntArray:
+        """The next rows in UTC; after the clock went back (a step of more than half an hour in the doubled hour) the
+        second offset holds."""
+        known = np.flatnonzero(micros != NAT)
+        if not len(known):
+            return micros
+        local = micros[known]
+        hours, inverse = np.unique(local // HOUR, return_inverse=True)
+        first, second = (np.array([_offset(zone, hour, fold) for hour in hours.tolist()], np.int64)[inverse]
+                         for fold in (0, 1))
+        doubled = first != second
+        back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
+        count = self._back + np.cumsum(back)
+        begins = doubled & ~np.concatenate([[self._within], doubled[:-1]])
+        since = count - np.maximum.accumulate(np.where(begins, count - back, 0))
+        self._doubled += int(np.count_nonzero(doubled))
+        self._last, self._within, self._back = int(local[-1]), bool(doubled[-1]), int(since[-1])
+        out = micros.copy()
+        out[known] = local - np.where(doubled & (since > 0), second, first)
+        return out
 
     def _seen(self, micros: IntArray, zoned: NDArray[np.bool_]) -> None:
         """Note whether there are stamps, and whether they carry offsets."""
@@ -295,28 +321,36 @@ class StampReader:
             return np.full(len(codes), NAT)
         self._shown = self._shown or next((word for word in words if word.strip()), "")[:40]
         if "%" in (self.options.time_format or ""):
-            micros = _by_pattern(words, self.options.time_format or "")
+            import pandas as pd
+
+            text, pattern = pd.Series(words, dtype="str").str.strip(), self.options.time_format
+            try:
+                found = pd.to_datetime(text, format=pattern, errors="coerce", utc=True)
+            except (ValueError, TypeError, OverflowError) as error:
+                raise InputError(f"bad --time-format {pattern!r}: {error}",
+                                 remedy="for example '%d/%m/%Y %H:%M:%S'") from None
+            micros = found.to_numpy(dtype="datetime64[us]").astype(np.int64)
             self._seen(micros, np.zeros(len(words), bool))
             return np.append(micros, NAT)[codes]
         if self._unit:
             return self._numbers(np.append(plain_numbers(words), np.nan)[codes])
-        found = read_dates(words)
-        if found.of_day and (self._of_day is not None or not self._known):
-            return self._past_midnight(np.append(found.micros, NAT)[codes])
-        if not self._known and not np.any(found.micros != NAT):
+        dates = read_dates(words)
+        if dates.of_day and (self._of_day is not None or not self._known):
+            return self._past_midnight(np.append(dates.micros, NAT)[codes])
+        if not self._known and not np.any(dates.micros != NAT):
             for decimal in (".", ","):
                 values = np.append(plain_numbers(words, decimal), np.nan)[codes]
                 if np.isfinite(values).mean() > 0.5:
                     return self._numbers(values)
-        self._shown_open = self._shown_open or found.shown
-        numbers, clocks = _unpacked(found.micros[_is_open(found.micros)])
-        dates, begins, counts = np.unique(numbers, return_index=True, return_counts=True)
+        self._shown_open = self._shown_open or dates.shown
+        numbers, clocks = _unpacked(dates.micros[_is_open(dates.micros)])
+        days, begins, counts = np.unique(numbers, return_index=True, return_counts=True)
         ends = len(numbers) - 1 - np.unique(numbers[::-1], return_index=True)[1]
         for k in np.argsort(begins).tolist():  # in the order in which they stand in the file
-            seen = self._open.setdefault(int(dates[k]), [int(clocks[begins[k]]), 0, 0])
+            seen = self._open.setdefault(int(days[k]), [int(clocks[begins[k]]), 0, 0])
             seen[1:] = int(clocks[ends[k]]), seen[2] + int(counts[k])
-        self._seen(found.micros, found.zoned)
-        return np.append(found.micros, NAT)[codes]
+        self._seen(dates.micros, dates.zoned)
+        return np.append(dates.micros, NAT)[codes]
 
     def _date_order(self) -> str:
         """Which of day, month and year comes first, from all open dates. Raises InputError when it may be either."""
@@ -386,20 +420,9 @@ class StampReader:
 
 def is_midnight(column: pa.ChunkedArray, name: str, options: ReadOptions, where: str) -> bool:
     """Say whether the stamps of a column are dates without a time of day. Raises InputError."""
-    reader = StampReader([name], replace(options, timezone=None), where)
-    packed = reader.take([column])
-    micros = reader.finish()(packed)
-    return not np.any(micros[micros != NAT] % DAY)
-
-
-def _by_pattern(words: list[str], pattern: str) -> IntArray:
-    import pandas as pd
-
-    try:
-        stamps = pd.to_datetime(pd.Series(words, dtype="str").str.strip(), format=pattern, errors="coerce", utc=True)
-    except (ValueError, TypeError, OverflowError) as error:
-        raise InputError(f"bad --time-format {pattern!r}: {error}", remedy="for example '%d/%m/%Y %H:%M:%S'") from None
-    return stamps.to_numpy(dtype="datetime64[us]").astype(np.int64)
+    stamps = StampReader([name], options, where).take([column])
+    stamps = stamps[stamps != NAT]
+    return not np.any(np.where(_is_open(stamps), _unpacked(stamps)[1], stamps) % DAY)
 
 
 def _unit_of(known: FloatArray, name: str) -> str:
@@ -426,52 +449,9 @@ def micros_of(column: pa.ChunkedArray | pa.Array) -> IntArray:
     return np.where(np.abs(micros) < LIMIT, micros, NAT)
 
 
-class WallClock:
-    """Stamps as the clocks of a zone show them to UTC, some rows of a file after the other."""
-
-    def __init__(self, zone: str) -> None:
-        self.zone = zone
-        self._info = ZoneInfo(zone)
-        self._rows = 0  # in the hour that occurs twice
-        self._last: int | None = None
-        self._within = False  # the last row lay in such an hour
-        self._back = 0  # steps back since the rows came to lie there
-
-    def utc(self, micros: IntArray) -> IntArray:
-        """Return the next rows in UTC, (rows,); unreadable ones stay unreadable."""
-        known = np.flatnonzero(micros != NAT)
-        if not len(known):
-            return micros
-        local = micros[known]
-        hours, inverse = np.unique(local // HOUR, return_inverse=True)
-        first, second = (np.array([_offset(self._info, hour, fold) for hour in hours.tolist()], np.int64)[inverse]
-                         for fold in (0, 1))
-        out = micros.copy()
-        out[known] = local - np.where(self._gone_back(local, first != second), second, first)
-        return out
-
-    def _gone_back(self, local: IntArray, doubled: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """After the clock went back (a step of more than half an hour in the doubled hour) the second offset holds."""
-        back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
-        count = self._back + np.cumsum(back)
-        begins = doubled & ~np.concatenate([[self._within], doubled[:-1]])
-        since = count - np.maximum.accumulate(np.where(begins, count - back, 0))
-        self._rows += int(np.count_nonzero(doubled))
-        self._last, self._within, self._back = int(local[-1]), bool(doubled[-1]), int(since[-1])
-        return doubled & (since > 0)
-
-    @property
-    def notes(self) -> tuple[Note, ...]:
-        """What is to be said of the rows so far."""
-        if not self._rows:
-            return ()
-        text = f"{self._rows} rows lie in the hour that occurs twice in {self.zone}; they are taken in file order"
-        return (Note("dst_repeated_hour", text),)
-
-
-def _offset(info: ZoneInfo, hour: int, fold: int) -> int:
+def _offset(zone: ZoneInfo, hour: int, fold: int) -> int:
     try:
-        moment = (datetime(1970, 1, 1) + timedelta(hours=hour)).replace(tzinfo=info, fold=fold)
+        moment = (datetime(1970, 1, 1) + timedelta(hours=hour)).replace(tzinfo=zone, fold=fold)
         return int((moment.utcoffset() or timedelta()).total_seconds() * SECOND)
     except (OverflowError, ValueError):
         return 0

@@ -7,7 +7,7 @@ of one more column. For a step at every possible sample this takes one backward 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -31,8 +31,8 @@ SLOW_FOR_RECORD, QUICK = 100.0, (150.0, 500.0)
 SWEEP = 17
 # trials whose numbers differ by less than this share are one
 SAME = 0.01
-# starts of each kind that are looked at in all places of the stem, and those that look around from the best
-KEEP_JUMPY, KEEP_WANDERING = 12, 6
+# starts of each kind of an effect with many valleys from which random trials go out, and how many
+KEEP_JUMPY, WANDERINGS = 4, 120
 # gain in deviance of a look-alike below which an effect with many valleys is not searched for
 WORTH_A_LOOK = 6.0
 # a start that is still this much worse than the model without the effect is not refined further
@@ -159,70 +159,38 @@ def candidate(
     problem, known, valleys = judge.problem, known or {}, jumpy(effect)
     values = {name: next(part.values for part in fitted.shape.parts if part.effect.name == name)
               for name, fitted in known.items()}
+    # a noise that hides little as well: with hardly any load, the fit must follow PV at all periods
+    ground, noises = base.shape, [base.noise, *([replace(base.noise, ratio=LOOSE)] if base.noise.ratio > LOOSE else [])]
     if valleys:
         # a look-alike with smooth slopes shows cheaply where to look, and whether to look at all
         likes = [known[name] for name in effect.fitting.siblings if name in known]
-        like = min(likes, key=lambda f: f.deviance, default=None)
-        if like is not None and base.deviance - like.deviance < WORTH_A_LOOK and not must:
+        like = min(likes, key=lambda f: f.deviance, default=base)
+        if likes and base.deviance - like.deviance < WORTH_A_LOOK and not must:
             return None
-        near = like or base
-        grounds = [(replace(base.shape, lag=near.shape.lag, delay=near.shape.delay), near.noise)]
-    else:
-        # a noise that hides little as well: with hardly any load, the fit must follow PV at all periods
-        grounds = [(base.shape, base.noise)]
-        if base.noise.ratio > LOOSE:
-            grounds.append((base.shape, replace(base.noise, ratio=LOOSE)))
+        ground, noises = replace(ground, lag=like.shape.lag, delay=like.shape.delay), [like.noise]
     trials: list[Fit] = []
     random = np.random.default_rng(problem.seed)
-    for ground, noise in grounds:
+    for noise in noises:
         solver = Solver(problem, noise)
         entering = predict(problem, ground, solver.solve(ground)[0]) if effect.stage == Stage.SENSOR else None
         parts = starts(effect, Clue(solver, ground, values, entering), problem.columns)
-        found = scan(solver, ground, parts, KEEP_JUMPY if valleys else 1)
-        if valleys:
-            found = [sweep(solver, shape) for shape in found]
-            costs = [solver.rss(shape) for shape in found]
-            found = [found[i] for i in cheapest([kind(shape) for shape in found], costs, KEEP_WANDERING)]
-        for shape in found:
+        for shape in scan(solver, ground, parts, KEEP_JUMPY if valleys else 1):
+            if valleys:
+                shape = wander(solver, sweep(solver, shape), random, WANDERINGS)
             # loads are solved for: only the process has to move a little with them
-            rounds = 1 if effect.fitting.linear else 3
-            shape = wander(solver, shape, random, 40) if valleys else descend(solver, shape, rounds=rounds)
+            lower = descend(solver, shape, rounds=1 if effect.fitting.linear else 3)
+            shape = lower if plausible(lower) else shape
             trials.append(finished(problem, shape, refit_noise(solver, shape, base.noise)))
-    return best_of(judge, trials, random, valleys, judge.score(base))
-
-
-def best_of(
-    judge: Judge, trials: list[Fit], random: np.random.Generator, valleys: bool, before: float
-) -> Fit | None:
-    """Return the likeliest fit of the most promising trials, each searched and fitted to the end."""
-    problem = judge.problem
     trials.sort(key=judge.score)
-    hopeful = [trial for trial in trials if plausible(problem, trial)]
-    if hopeful and not valleys and judge.score(hopeful[0]) > before + HOPELESS:
+    hopeful = [trial for trial in trials if believed(problem, trial)]
+    if hopeful and not valleys and judge.score(hopeful[0]) > judge.score(base) + HOPELESS:
         return hopeful[0]
-    last = hopeful or trials
-    if valleys:
-        # the best two of each kind; the trials come best first
-        last = [last[i] for i in cheapest([kind(trial.shape) for trial in last], range(len(last)), 2)]
-        last = sorted((around(problem, trial, random) for trial in last), key=judge.score)[:2]
-    else:
-        last = last[: 1 if len(last) > 1 and same_place(last[0], last[1]) else 2]
+    last = (hopeful or trials)[:2]
+    last = last[:1] if last and same_place(last[0], last[-1]) else last
     found = [fit(problem, trial.shape, trial.noise) for trial in last]
     # slopes may end where the effect is another; how well it does where it is itself must be known all the same
-    told = [fitted for fitted in found if plausible(problem, fitted)]
-    told = told or [trial for trial in last if valleys and plausible(problem, trial)]
+    told = [fitted for fitted in found if believed(problem, fitted)] or (hopeful if valleys else [])
     return min(told, key=judge.score, default=None)
-
-
-def around(problem: Problem, trial: Fit, random: np.random.Generator) -> Fit:
-    """Return the best fit found around a trial of an effect with many valleys, with its own noise."""
-    solver = Solver(problem, trial.noise)
-    shape = wander(solver, trial.shape, random, 120)
-    lower = descend(solver, shape, rounds=3)
-    shape = lower if itself(lower) else shape
-    noise = refit_noise(solver, shape, trial.noise)
-    solver = Solver(problem, noise)
-    return finished(problem, wander(solver, sweep(solver, shape, 5 * SWEEP), random, 60, scale=0.2), noise)
 
 
 def same_place(one: Fit, other: Fit) -> bool:
@@ -234,23 +202,15 @@ def same_place(one: Fit, other: Fit) -> bool:
     return bool(np.allclose(here, there, rtol=SAME, atol=1e-9))
 
 
-def kind(shape: Shape) -> tuple[object, ...]:
-    """Return the kind of the last effect with many valleys in a shape."""
-    return kind_of([part for part in shape.parts if jumpy(part.effect)][-1])
+def plausible(shape: Shape, values: Sequence[Values] = (), travel: Callable[[float], float] = lambda _: np.inf
+              ) -> bool:
+    """True when every effect of a shape calls its values plausible, or `values`, those solved for included."""
+    both = zip(shape.parts, values or [part.values for part in shape.parts], strict=True)
+    return all(part.effect.fitting.plausible is None or part.effect.fitting.plausible(v, travel) for part, v in both)
 
 
-def cheapest(kinds: Sequence[object], costs: Sequence[float], keep: int) -> list[int]:
-    """Return the places of the `keep` lowest costs of each kind, kind after kind."""
-    found: dict[object, list[int]] = {}
-    for place in np.argsort(costs, kind="stable").tolist():
-        found.setdefault(kinds[place], []).append(place)
-    return [place for places in found.values() for place in places[:keep]]
-
-
-def plausible(problem: Problem, found: Fit) -> bool:
-    """True when every effect of a fit has values that it calls plausible."""
-    if not any(part.effect.fitting.plausible for part in found.shape.parts):
-        return True
+def believed(problem: Problem, found: Fit) -> bool:
+    """True when a fit is plausible for what OP did about each event."""
     reach = max(int(ANSWERED * max(found.shape.lag, problem.settings.Ti or 0.0) / problem.interval), 60)
 
     def travel(time: float) -> float:
@@ -258,14 +218,7 @@ def plausible(problem: Problem, found: Fit) -> bool:
         moved = float(np.ptp(problem.output[max(at - reach // 10, 0) : at + reach]))
         return moved if moved > 1e-6 else np.inf
 
-    both = zip(found.shape.parts, linear_values(problem, found), strict=True)
-    return all(part.effect.fitting.plausible is None or part.effect.fitting.plausible(v, travel) for part, v in both)
-
-
-def itself(shape: Shape) -> bool:
-    """True when the effects with many valleys in a shape have values that they call plausible."""
-    return all(part.effect.fitting.plausible is None or part.effect.fitting.plausible(part.values, lambda _: np.inf)
-               for part in shape.parts if jumpy(part.effect))  # fmt: skip
+    return plausible(found.shape, linear_values(problem, found), travel)
 
 
 def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Shape]:
@@ -279,30 +232,33 @@ def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Sha
     trials = [[replace(shape, lag=lag).with_part(part) for part in parts] for lag in lags]
     costs = [cost for same in trials for cost in solver.rss_of_many(same)]
     flat = [trial for same in trials for trial in same]
-    return [flat[i] for i in cheapest([kind_of(part) for part in parts] * len(lags), costs, keep)]
+    found: dict[object, list[Shape]] = {}
+    for place in np.argsort(costs, kind="stable").tolist():
+        found.setdefault(kind_of(parts[place % len(parts)]), []).append(flat[place])
+    return [shape for shapes in found.values() for shape in shapes[:keep]]
 
 
-def sweep(solver: Solver, shape: Shape, count: int = SWEEP) -> Shape:
+def sweep(solver: Solver, shape: Shape) -> Shape:
     """Return the best shape over the whole range of each number that says how the record began."""
     for f in free_numbers(solver.problem, shape):
         if f.nuisance and np.isfinite(f.high - f.low):
-            trials = [shape, *(put(shape, [f], np.array([x])) for x in np.linspace(f.low, f.high, count))]
+            trials = [shape, *(put(shape, [f], np.array([x])) for x in np.linspace(f.low, f.high, SWEEP))]
             shape = trials[int(np.argmin(solver.rss_of_many(trials)))]
     return shape
 
 
-def wander(solver: Solver, shape: Shape, random: np.random.Generator, trials: int, scale: float = 1.0) -> Shape:
+def wander(solver: Solver, shape: Shape, random: np.random.Generator, trials: int) -> Shape:
     """Return the best of many random trials around a shape, with a reach that grows on success and shrinks else."""
     free = free_numbers(solver.problem, shape)
     numbers = get(shape, free)
     own = np.array([f.place >= 0 and jumpy(shape.parts[f.place].effect) for f in free])
     both = zip(free, numbers, strict=True)
     reach = np.array([0.3 if f.nuisance else 0.08 * max(abs(x), 4.0 * f.step) for f, x in both])
-    best = solver.rss(shape)
+    best, scale = solver.rss(shape), 1.0
     for _ in range(trials):
         pick = random.random(len(free)) < np.where(own, 0.6, 0.15)
         trial = put(shape, free, numbers + scale * reach * random.standard_normal(len(free)) * pick)
-        rss = solver.rss(trial) if itself(trial) else np.inf
+        rss = solver.rss(trial) if plausible(trial) else np.inf
         if rss < best:
             best, shape, numbers = rss, trial, get(trial, free)
             scale = min(scale * 1.5, 2.0)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray, Note, Record
-from ..results import Comparison, Fitness, FittedEffect, FittedParameter, Model, Region, Series
+from ..results import Comparison, Fitness, FittedEffect, FittedParameter, Model, Series
 from .fit import BENT_ROUNDS, predicted_by, with_load
 from .holdout import better, folds
 from .intervals import process_parameters
@@ -18,7 +18,6 @@ from .recorder import distance
 from .saved_model import apart, coefficients_of, in_ranges_of, kept_model, loads_left_out, parts_of, shape_of
 from .search import baseline
 
-Mask = NDArray[np.bool_]
 # a setpoint that stays within this range [span] does not move
 STEADY = 1e-3
 
@@ -32,54 +31,49 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
     Raises LoopError when there is nothing to compare (no OP, constant signals, too few samples).
     """
     record = record if model is None else in_ranges_of(record, model)
-    problem, start = problem_from_record(record), float(record.time[0])
+    problem = problem_from_record(record)
     plain = better(problem, baseline(problem))
-    base = Fitness(plain.rmse, plain.rmse_holdout, process_parameters(problem, plain.fit))
+    base = fitness = Fitness(plain.rmse, plain.rmse_holdout, process_parameters(problem, plain.fit))
+    parts: tuple[Part, ...] = () if model is None else parts_of(model, problem)
+    recorders, reasons = tuple(p for p in parts if p.is_recorder), tuple[Note, ...]()
     if model is None:
-        predicted = predicted_by(problem, plain.fit)
-        where = where_it_fails(record, problem, distance(problem, (), predicted), plain.fit.shape)
-        return Comparison(
-            record.loop, base, problem.floor, fitness=base, where=where, unexplained=1.0,
-            series=series_of(record, problem, predicted, plain.fit.shape), warnings=notes(problem, record),
-            settings=record.settings, model=kept_model(record, problem, plain.fit, (), plain.rmse_holdout),
-        )  # fmt: skip
-    parts = parts_of(model, problem, start)
-    problem = nearer(problem, model, shape_of(model, parts))
-    recorders = tuple(p for p in parts if p.is_recorder)
-    other_day, known = apart(model, problem, start), seen_by(model, problem, start)
-    shape, predicted = matched(problem, model, shape_of(model, parts), other_day)
-    predicted = with_load(problem, predicted, None)
-    error = distance(problem, recorders, predicted)
-    rmse = float(np.sqrt(np.mean(error[problem.used] ** 2)))
-    holdout = error_unseen(problem, model, shape, recorders, known, other_day)
-    if holdout is None:
-        # numbers fitted to these very samples: what the file says, unless numbers were changed for the worse since
-        holdout = max(rmse, model.rmse_holdout or 0.0)
-    reasons = () if not np.any(problem.used & ~known) else why_not(
-        problem, model, shape, recorders, plain, holdout,
-        lambda less, of: error_unseen(problem, less, of, recorders, known, other_day),
-    )  # fmt: skip
-    units = {"Kp": "1", "tau": "s", "theta": "s", "offset": "PV span"}
-    numbers = {name: FittedParameter(getattr(model, name), unit) for name, unit in units.items()}
+        known = np.ones(problem.samples, dtype=bool)
+        shape, predicted = plain.fit.shape, predicted_by(problem, plain.fit)
+        kept = kept_model(record, problem, plain.fit, (), plain.rmse_holdout)
+    else:
+        problem, kept = nearer(problem, model, shape_of(model, parts)), model
+        known = seen_by(model, problem)
+        shape, predicted = matched(problem, model, shape_of(model, parts))
+        predicted = with_load(problem, predicted, None)
+        rmse = float(np.sqrt(np.mean(distance(problem, recorders, predicted)[problem.used] ** 2)))
+        holdout = error_unseen(problem, model, shape, recorders, known)
+        if holdout is None:
+            # numbers fitted to these very samples: what the file says, unless numbers were changed for the worse since
+            holdout = max(rmse, model.rmse_holdout or 0.0)
+        if np.any(problem.used & ~known):
+            reasons = why_not(problem, model, shape, recorders, plain, holdout,
+                              lambda less, of: error_unseen(problem, less, of, recorders, known))
+        units = {"Kp": "1", "tau": "s", "theta": "s", "offset": "PV span"}
+        fitness = Fitness(rmse, holdout, {n: FittedParameter(getattr(model, n), unit) for n, unit in units.items()})
     return Comparison(
-        record.loop, base, problem.floor, fitness=Fitness(rmse, holdout, numbers), fitted=False,
-        seen=float(np.mean(known[problem.used])), where=where_it_fails(record, problem, error, shape),
-        effects=tuple(as_given(p) for p in parts), unexplained=unexplained(holdout, base.rmse_holdout, problem.floor),
-        reasons=reasons, warnings=notes(problem, record, model), series=series_of(record, problem, predicted, shape),
-        settings=record.settings, model=model,
-    )  # fmt: skip
+        record.loop, base, problem.floor, fitness=fitness, fitted=model is None,
+        seen=float(np.mean(known[problem.used])),
+        where=regions(problem, distance(problem, recorders, predicted), shape), effects=tuple(map(as_given, parts)),
+        unexplained=unexplained(fitness.rmse_holdout, base.rmse_holdout, problem.floor), reasons=reasons,
+        warnings=notes(problem, record, model), series=series_of(problem, predicted, shape), settings=record.settings,
+        model=kept)
 
 
-def seen_by(model: Model, problem: Problem, start: float) -> Mask:
+def seen_by(model: Model, problem: Problem) -> NDArray[np.bool_]:
     """Return which grid points lie in the record that the model was fitted to, (samples,); none when it is not told."""
+    time, slack = problem.time, 0.5 * problem.interval
     if model.start is None or model.end is None:
         return np.zeros(problem.samples, dtype=bool)
-    time = start + problem.interval * np.arange(problem.samples)
-    return (time >= model.start - 0.5 * problem.interval) & (time <= model.end + 0.5 * problem.interval)
+    return (time >= model.start - slack) & (time <= model.end + slack)
 
 
 def error_unseen(
-    problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], known: Mask, other_day: bool = False
+    problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], known: NDArray[np.bool_]
 ) -> float | None:
     """Return the error of a kept model on samples that neither its fit nor the matching of offset and start saw.
 
@@ -89,8 +83,7 @@ def error_unseen(
         return None
     squares, count = 0.0, 0
     for left_out in folds(problem, problem.settings.Ti or model.tau):
-        predicted = matched(problem.masked(~left_out), model, shape, other_day)[1]
-        predicted = with_load(problem, predicted, None)
+        predicted = with_load(problem, matched(problem.masked(~left_out), model, shape)[1], None)
         error = distance(problem, recorders, predicted)[left_out & problem.used & ~known]
         squares, count = squares + float(error @ error), count + error.size
     return float(np.sqrt(squares / count)) if count else None
@@ -105,12 +98,10 @@ def nearer(problem: Problem, model: Model, shape: Shape) -> Problem:
     return between if errors[1] < errors[0] else problem
 
 
-def matched(
-    problem: Problem, model: Model, shape: Shape, other_day: bool = False
-) -> tuple[Shape, FloatArray]:
+def matched(problem: Problem, model: Model, shape: Shape) -> tuple[Shape, FloatArray]:
     """Return the shape with the stem placed as this record begins, and PV predicted with offset and start matched.
 
-    other_day: the phase of a swing from outside is matched, too.
+    On another day the phase of a swing from outside is matched, too.
     """
 
     def predict(s: Shape) -> tuple[FloatArray, float]:
@@ -136,7 +127,7 @@ def matched(
         for q in part.effect.parameters:
             if q.nuisance and not q.many and not part.is_linear and np.isfinite([q.low, q.high]).all():
                 shape = best(place, q.name, np.linspace(q.low, q.high, 9))
-        if other_day and part.effect.fitting.phase:
+        if part.effect.fitting.phase and apart(model, problem):
             # the period of a swing is not known well enough to tell its phase a day later
             name, turn = part.effect.fitting.phase, np.linspace(-np.pi, np.pi, 16, endpoint=False)
             shape = best(place, name, turn)
@@ -155,27 +146,20 @@ def as_given(part: Part) -> FittedEffect:
 def unexplained(rmse: float, base: float, floor: float) -> float:
     """Return the share of the squared error above the noise floor that a model leaves of the baseline's."""
     above = base**2 - floor**2
-    return float(np.clip((rmse**2 - floor**2) / above, 0.0, 1.0)) if above > 0.0 else 0.0
+    return float(np.clip((rmse**2 - floor**2) / above, 0.0, 1.0)) if above > 0.0 else float(rmse >= base)
 
 
-def where_it_fails(record: Record, problem: Problem, error: FloatArray, shape: Shape) -> tuple[Region, ...]:
-    """Return the regions of a record with their share of the error."""
-    return regions(problem, np.where(problem.used, error, 0.0), shape.lag, shape.delay, float(record.time[0]))
-
-
-def series_of(record: Record, problem: Problem, predicted: FloatArray, shape: Shape) -> Series:
+def series_of(problem: Problem, predicted: FloatArray, shape: Shape) -> Series:
     """Return measured and predicted PV on the grid, with the stem position for pictures."""
-    time = record.time[0] + problem.interval * np.arange(problem.samples)
-    return Series(
-        time, problem.setpoint, problem.output, problem.recorded, predicted, problem.used.copy(),
-        {"valve": moved_output(problem, [p for p in shape.parts if p.effect.stage in ("command", "valve")])},
-    )  # fmt: skip
+    valve = moved_output(problem, [p for p in shape.parts if p.effect.stage in ("command", "valve")])
+    return Series(problem.time, problem.setpoint, problem.output, problem.recorded, predicted, problem.used.copy(),
+                  {"valve": valve})
 
 
 def notes(problem: Problem, record: Record, model: Model | None = None) -> tuple[Note, ...]:
     """Return what a reader should know about the record before believing a model of it."""
     out = [note for note in record.notes if note.code.startswith("guessed_")]
-    out += () if model is None else loads_left_out(model, problem, float(record.time[0]))
+    out += () if model is None else loads_left_out(model, problem)
     missing = 1.0 - float(np.mean(problem.used))
     if missing > 0.1:
         out.append(Note("many_gaps", f"{100 * missing:.0f} % of the record is missing or bad", {"share": missing}))
@@ -184,11 +168,9 @@ def notes(problem: Problem, record: Record, model: Model | None = None) -> tuple
         steady = float(np.ptp(problem.setpoint[problem.used])) < STEADY
         why = (f"OP answers mostly to the load: setpoint and operator move {100 * problem.driven:.0f} % of it" if steady
                else f"only {100 * problem.driven:.0f} % of what OP does is a plain answer to the setpoint")
-        out.append(Note(
-            "load_driven" if steady else "predicted_ahead",
-            f"{why}. PV is predicted {seconds:g} s ahead, from OP and from what PV did until then; most of that error "
-            "is load that no model can know", {"driven": problem.driven, "ahead_s": seconds},
-        ))  # fmt: skip
+        out.append(Note("load_driven" if steady else "predicted_ahead", f"{why}. PV is predicted {seconds:g} s ahead, "
+                        "from OP and from what PV did until then; most of that error is load that no model can know",
+                        {"driven": problem.driven, "ahead_s": seconds}))
     if problem.holes:
         out.append(Note("output_holes", f"OP is missing in {len(problem.holes)} places; its mean there is fitted", {}))
     return tuple(out)

@@ -3,32 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from ..effects import Effect, Stage
 from ..effects.registry import all_effects, load_effect
 from ..errors import UsageError
-from ..record import Note, Record
+from ..record import Record
 from ..results import Candidate, Explanation, Fitness, Model, Rest, Step
 from . import recorder
 from .candidates import candidate
-from .compare import notes, series_of, unexplained, where_it_fails
-from .fit import Fit, fit, linear_values, predicted_by
+from .compare import notes, series_of, unexplained
+from .fit import Fit, fit, predicted_by
 from .holdout import Tested, better, least_squares, tested
-from .intervals import fitted_effects, moved_to, process_parameters
-from .pipeline import Part, moved_process
+from .intervals import fitted_effects, process_parameters
+from .locate import regions
+from .pipeline import Part
 from .problem import Problem, finer, problem_from_record
-from .reasons import marked, with_reasons
-from .recorder import distance, only_reports, rounded
+from .reasons import marked, too_little, with_reasons
 from .saved_model import in_ranges_of, kept_model, parts_of, shape_of
 from .score import ENOUGH, judge_for
 from .search import WEAK, Found, baseline, families, search
 
-# PV must move by this many times its noise before anything can be said about how it follows OP
-LEAST_MOTION = 3.0
+STILL = ("PV follows OP by only {:.1f} times its noise: too little motion to tell what is missing. Choose a period "
+         "with setpoint moves.")
 # the error on unseen samples without an effect that is clear is at least this many times larger
 LITTLE_LOWER = 1.03
 
@@ -61,11 +62,10 @@ def explain(
     # recorded, unless PV says clearly that the valve got what OP was before it was rounded
     if between is not None and (of_valve := valve_effects(best.found.final)):
         other = looked(record, between, model, known, chosen)
-        if of_valve == valve_effects(other.found.final) and other.score < best.score - ENOUGH:
+        scores = [one.found.judge.score(one.found.final) for one in (best, other)]
+        if of_valve == valve_effects(other.found.final) and scores[1] < scores[0] - ENOUGH:
             best = other
-    # a valve that sticks hides how PV follows OP, so motion is asked for only when nothing was found
-    reason = None if best.found.final.shape.parts else too_little(best.seen, best.base)
-    return assemble(record, best, reason, model)
+    return assemble(record, best, model)
 
 
 def valve_effects(fitted: Fit) -> list[str]:
@@ -73,24 +73,14 @@ def valve_effects(fitted: Fit) -> list[str]:
     return families([p for p in fitted.shape.parts if p.effect.stage == Stage.VALVE])
 
 
-@dataclass(frozen=True, eq=False)
-class Looked:
-    """What a search came to on one reading of the record.
-
-    problem: as recorded, seen: as a fit sees it. base: the plain model. held: recorders. by_user: names the user gave.
-    """
+class Looked(NamedTuple):
+    """What a search came to on one reading of the record: the plain model, recorders, and names that the user gave."""
 
     problem: Problem
-    seen: Problem
     base: Fit
     found: Found
     held: tuple[Part, ...]
     by_user: Sequence[str]
-
-    @property
-    def score(self) -> float:
-        """Score of the final model, smaller is better."""
-        return self.found.judge.score(self.found.final)
 
 
 def looked(
@@ -98,7 +88,7 @@ def looked(
 ) -> Looked:
     """Return what a search comes to on one reading of the record."""
     base = baseline(problem)
-    given = parts_of(model, problem, float(record.time[0])) if model is not None else ()
+    given = parts_of(model, problem) if model is not None else ()
     shown = recorder.recorders(problem, base, [e for e in known.values() if not chosen or e in chosen])
     held = tuple([p for p in given if p.is_recorder] or shown)
     problem = replace(problem, floor=recorder.recorded_floor(problem, held, base))
@@ -113,10 +103,10 @@ def looked(
             if effect.fitting.bounds is None and effect.name not in start.shape.names:
                 start = candidate(judge, start, effect, must=True) or start
                 by_user.append(effect.name)
-    tries = [e for e in known.values() if not (e.fitting.seldom and only_reports(problem, held))]
+    tries = [e for e in known.values() if not (e.fitting.seldom and recorder.only_reports(problem, held))]
     found = search(seen, () if chosen else tries, start)
     found = replace(found, final=recorder.through_rounding(seen, held, found.final))
-    return Looked(problem, seen, base, found, held, by_user)
+    return Looked(problem, base, found, held, by_user)
 
 
 def as_effect(effect: Effect | str) -> Effect:
@@ -124,65 +114,46 @@ def as_effect(effect: Effect | str) -> Effect:
     return load_effect(effect) if isinstance(effect, str) else effect
 
 
-def too_little(problem: Problem, base: Fit) -> Note | None:
-    """Return why nothing can be told about a loop that hardly moves, None when it moves enough."""
-    moved = base.gain * moved_process(problem, base.shape)[problem.used]
-    motion = float(np.std(moved)) / problem.floor
-    if motion >= LEAST_MOTION:
-        return None
-    return Note("too_little_motion", f"PV follows OP by only {motion:.1f} times its noise: too little motion to tell "
-                "what is missing. Choose a period with setpoint moves.", {"motion": motion})
-
-
-def assemble(record: Record, best: Looked, reason: Note | None, model: Model | None) -> Explanation:
+def assemble(record: Record, best: Looked, model: Model | None) -> Explanation:
     """Put together all that is reported about a search."""
-    problem, seen, base, found, held, by_user = best.problem, best.seen, best.base, best.found, best.held, best.by_user
-    plain = better(problem, base)
+    problem, base, found, held, by_user = best
+    seen, gain, only_reports = found.judge.problem, found.final.gain, recorder.only_reports(problem, held)
+    # a valve that sticks hides how PV follows OP, so motion is asked for only when nothing was found
+    reasons = () if found.final.shape.parts else tuple(too_little(seen, base.shape, base.gain, STILL))
+    reason = reasons[0] if reasons else None
     order = [n for n in by_user if n in found.final.shape.names]
     order += sorted((n for n in found.final.shape.names if n not in order), key=lambda n: -found.gain(n))
     ladder = rungs(problem, seen, base, found.final, held, order)
-    fitted = {e.effect: e for e in fitted_effects(seen, found.final, held, careful=not rounded(seen, held))}
-    if ladder and ladder[-1][1].fit.shape is not found.final.shape:
-        # the smallest error may be that of another plant, where OP answers to loads: its numbers must agree
-        name, likelier = ladder[-1][0], tested(problem, found.final, held)
-        values = zip(found.final.shape.names, linear_values(seen, ladder[-1][1].fit), strict=True)
-        moved = [moved_to(fitted[name], own) for name, own in values]
-        if all(allowed for _, allowed in moved) or likelier.rmse_holdout > plain.rmse_holdout:
-            fitted.update({effect.effect: effect for effect, _ in moved})
-        else:
-            ladder[-1] = (name, likelier)
+    plain, last = ladder[0][1], ladder[-1][1]
     steps = [Step(name, t.rmse_holdout, t.rmse, predicted_by(problem, t.fit), "user" if name in by_user else "search")
-             for name, t in ((None, plain), *ladder)]
-    last = ladder[-1][1] if ladder else plain
+             for name, t in ladder]
+    fitted = {e.effect: e for e in fitted_effects(seen, last.fit, held, careful=not recorder.rounded(seen, held))}
     names = [*(p.effect.name for p in held), *order]
     alikes = (*((p.effect.name, other) for p in held for other in p.effect.fitting.siblings), *found.alike())
-    sure = {**{p.effect.name: "clear" for p in held}, **confidence(
-        found, by_user, steps, alikes, only_reports(problem, held))}
+    sure = {p.effect.name: "clear" for p in held} | confidence(found, by_user, steps, alikes, only_reports)
     siblings = {part.effect.name: part.effect.fitting.siblings for part in found.final.shape.parts}
-    gain = found.final.gain
     candidates = with_reasons(problem, gain, tried(seen, found, plain, names), names, alikes, siblings, reason, ENOUGH)
-    before = distance(problem, (), predicted_by(problem, plain.fit))
-    error = distance(problem, held, predicted_by(problem, last.fit))
-    where = where_it_fails(record, problem, error, last.fit.shape)
+    before = recorder.distance(problem, (), predicted_by(problem, plain.fit))
+    error = recorder.distance(problem, held, predicted_by(problem, last.fit))
     return Explanation(
         loop=record.loop,
         baseline=Fitness(plain.rmse, plain.rmse_holdout, process_parameters(seen, plain.fit)),
         noise_floor=problem.floor,
         candidates=candidates,
         steps=tuple(steps),
-        effects=marked(problem, gain, (replace(fitted[n], confidence=sure[n]) for n in names)),
+        effects=tuple(marked(problem, gain, replace(fitted[n], confidence=sure[n])) for n in names),
         adequate=found.adequate,
         rest=Rest(last.rmse_holdout / problem.floor, found.left.goes_with),
         missing_effect=names[0] if names else None,
-        where=where,
-        where_before=where_it_fails(record, problem, before, plain.fit.shape),
+        where=regions(problem, error, last.fit.shape),
+        where_before=regions(problem, before, plain.fit.shape),
         unexplained=unexplained(last.rmse_holdout, plain.rmse_holdout, problem.floor),
         look_alikes=alikes,
         margin=margin(found),
         verdict=reason.message if reason else "",
-        reasons=(reason,) if reason else (),
+        reasons=reasons,
         warnings=notes(problem, record, model),
-        series=series_of(record, problem, predicted_by(problem, last.fit), last.fit.shape),
+        series=series_of(problem, predicted_by(problem, last.fit), last.fit.shape),
         settings=record.settings,
         final=Fitness(last.rmse, last.rmse_holdout, process_parameters(seen, last.fit)),
         model=kept_model(record, seen, last.fit, held, last.rmse_holdout),
@@ -196,9 +167,10 @@ def assemble(record: Record, best: Looked, reason: Note | None, model: Model | N
 
 def rungs(
     problem: Problem, seen: Problem, base: Fit, final: Fit, held: tuple[Part, ...], order: Sequence[str]
-) -> list[tuple[str, Tested]]:
-    """Return the model after each addition with its errors: recorder first, then the effects in `order`."""
-    out = [(part.effect.name, better(problem, base, held)) for part in held]
+) -> list[tuple[str | None, Tested]]:
+    """Return the models of the ladder with their errors: the plain one, then recorders, then effects in `order`."""
+    out: list[tuple[str | None, Tested]] = [(None, better(problem, base))]
+    out += [(part.effect.name, better(problem, base, held)) for part in held]
     for count, name in enumerate(order, 1):
         shape = replace(final.shape, parts=tuple(p for p in final.shape.parts if p.effect.name in order[:count]))
         step = final if count == len(order) else fit(seen, shape, final.noise, rounds=2)

@@ -43,6 +43,11 @@ class Free:
     step: float
     nuisance: bool = False
 
+    @property
+    def key(self) -> tuple[int, str, int]:
+        """What tells the number from another."""
+        return self.place, self.name, self.item
+
 
 def free_numbers(problem: Problem, shape: Shape) -> list[Free]:
     """Return the searched numbers of a shape; a parameter at infinity takes no part."""
@@ -95,6 +100,8 @@ def put(shape: Shape, free: list[Free], numbers: FloatArray) -> Shape:
 
 # moved outputs held in memory at once
 BATCH = 16
+# gain in deviance below which the searched numbers stand
+CLOSE = 0.05
 # steps to the linear numbers behind a transmitter that is not linear
 BENT_ROUNDS, COLD_ROUNDS, BENT_ENOUGH = 6, 25, 1e-4
 
@@ -244,18 +251,15 @@ class Solver:
         return c, rss, self._y - c[0] * x - self._others @ c[1:]
 
 
-def descend(
-    solver: Solver, shape: Shape, *, rounds: int = 8, tolerance: float = 0.05, hold: Free | None = None
-) -> Shape:
-    """Refine the searched numbers until the deviance gains less than `tolerance`; hold: a number that stays."""
-    held = None if hold is None else (hold.place, hold.name, hold.item)
+def descend(solver: Solver, shape: Shape, *, rounds: int = 8, hold: Free | None = None) -> Shape:
+    """Refine the searched numbers until the deviance gains next to nothing; hold: a number that stays."""
 
     def local(shape: Shape) -> tuple[FloatArray, FloatArray, Callable[[FloatArray], Shape]]:
-        free = [f for f in free_numbers(solver.problem, shape) if (f.place, f.name, f.item) != held]
+        free = [f for f in free_numbers(solver.problem, shape) if hold is None or f.key != hold.key]
         numbers = get(shape, free)
         return *curvature(solver, shape, free), lambda move: put(shape, free, numbers + move)
 
-    return downhill(shape, solver.rss, local, solver.white.samples, rounds, tolerance)
+    return downhill(shape, solver.rss, local, solver.white.samples, rounds, CLOSE)
 
 
 def curvature(solver: Solver, shape: Shape, free: list[Free]) -> tuple[FloatArray, FloatArray]:

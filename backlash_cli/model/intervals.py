@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..effects import Effect, Parameter, Stage
-from ..effects.fitting import Values
 from ..record import FloatArray
 from ..results import FittedEffect, FittedParameter
 from .fit import Fit, Free, Solver, descend, free_numbers, get, linear_values, put, slopes
@@ -37,8 +36,8 @@ class Known:
     wider: float = 1.0
 
 
-def covariance(problem: Problem, fitted: Fit) -> tuple[dict[Key, Known], FloatArray]:
-    """Return each searched number with its deviation, and the covariance of the coefficients (columns, columns).
+def deviations(problem: Problem, fitted: Fit) -> tuple[dict[Key, Known], FloatArray]:
+    """Return each searched number with its deviation, and the deviations of the coefficients (columns,).
 
     Two covariances are taken, and of each number the larger deviation: that of a whitened rest which is white, and
     that of the sums of slope times rest over stretches, which holds for a rest of any colour (White 1980; Newey and
@@ -58,13 +57,8 @@ def covariance(problem: Problem, fitted: Fit) -> tuple[dict[Key, Known], FloatAr
     coloured = H @ (sums.T @ sums) @ H * len(edges) / max(len(edges) - X.shape[1], 1)
     sd = np.sqrt(np.maximum(np.diag(white), 1e-300))
     wider = np.sqrt(np.maximum(np.diag(coloured) / sd**2, 1.0)) if len(edges) > 2 * X.shape[1] else np.ones(len(sd))
-    values = get(fitted.shape, free)
-    m = len(free)
-    known = {
-        (f.place, f.name, f.item): Known(float(values[i]), float(sd[i] * wider[i]), float(wider[i]))
-        for i, f in enumerate(free)
-    }
-    return known, (white * np.outer(wider, wider))[m:, m:]
+    rows = zip(free, get(fitted.shape, free).tolist(), (sd * wider).tolist(), wider.tolist(), strict=False)
+    return {f.key: Known(*numbers) for f, *numbers in rows}, (sd * wider)[len(free) :]
 
 
 def _inverse(G: FloatArray) -> FloatArray:
@@ -85,10 +79,9 @@ def profile(problem: Problem, fitted: Fit, known: Mapping[Key, Known]) -> dict[K
     lowest = solver.white.deviance(solver.rss(fitted.shape))
     out: dict[Key, tuple[float, float]] = {}
     for f in free_numbers(problem, fitted.shape):
-        number = known[f.place, f.name, f.item]
-        if f.place >= 0 and not f.nuisance and len(out) < MOST_PROFILES and np.isfinite(number.deviation):
-            low, high = (_end(solver, fitted, f, number, side, lowest) for side in (-1.0, 1.0))
-            out[f.place, f.name, f.item] = low, high
+        if f.place >= 0 and not f.nuisance and len(out) < MOST_PROFILES and np.isfinite(known[f.key].deviation):
+            low, high = (_end(solver, fitted, f, known[f.key], side, lowest) for side in (-1.0, 1.0))
+            out[f.key] = low, high
     return out
 
 
@@ -144,68 +137,45 @@ def fitted_effects(
 
     careful: intervals from the profile of the likelihood instead of its slopes.
     """
-    known, C = covariance(problem, fitted)
-    profiles = profile(problem, fitted, known) if careful else {}
-    variances = iter(np.diag(C)[3 + len(problem.holes) :] / fitted.gain**2)
+    known, solved = deviations(problem, fitted)
+    ends = profile(problem, fitted, known) if careful else {}
+    wide = {key: NORMAL_95 * number.deviation for key, number in known.items()}
+    others = iter((NORMAL_95 * solved[3 + len(problem.holes) :] / abs(fitted.gain)).tolist())
+    parts, values = (*fitted.shape.parts, *recorders), linear_values(problem, fitted)
+    for place, part in enumerate(fitted.shape.parts):
+        for name in part.effect.fitting.linear:
+            for item in range(len(as_tuple(values[place][name]))):
+                own = [next(others) for _ in range(2 if part.effect.fitting.phase else 1)]
+                wide[place, name, item] = float(np.sqrt(np.mean(np.square(own))))
     out = []
-    for place, (part, values) in enumerate(zip(fitted.shape.parts, linear_values(problem, fitted), strict=True)):
-        fitting = part.effect.fitting
-        deviations = {key[1:]: number.deviation for key, number in known.items() if key[0] == place}
-        for name in fitting.linear:
-            for item in range(len(as_tuple(values[name]))):
-                own = [next(variances) for _ in range(2 if fitting.phase else 1)]
-                deviations[name, item] = float(np.sqrt(np.mean(own)))
-        ends = {(name, item): (low, high) for (at, name, item), (low, high) in profiles.items() if at == place}
-        out.append(_effect(problem, part, values, deviations, ends))
-    return [*out, *(_effect(problem, part, part.values, {}, {}) for part in recorders)]
-
-
-def _effect(
-    problem: Problem, part: Part, values: Values, deviations: Mapping[tuple[str, int], float],
-    ends: Mapping[tuple[str, int], tuple[float, float]],
-) -> FittedEffect:
-    e, parameters = part.effect, {}
-    for q in e.parameters:
-        if q.name not in values or (q.nuisance and q.many and not values[q.name]):
-            continue
-        numbers, intervals = as_tuple(values[q.name]), []
-        for i, v in enumerate(numbers):
-            wide = NORMAL_95 * deviations.get((q.name, i), np.nan)
-            intervals.append(widened(problem, e, q, v, ends.get((q.name, i), (v - wide, v + wide))))
-        ci = None if None in intervals or not intervals else tuple(intervals) if q.many else intervals[0]
-        level = e.stage == Stage.VALVE and q.unit == "span" and not np.isfinite(q.neutral)
-        parameters[q.name] = FittedParameter(numbers if q.many else numbers[0], q.unit, ci,  # type: ignore[arg-type]
-                                             q.meaning, q.nuisance, level)
-    return FittedEffect(e.name, parameters, part.column, e.sentence, e.fitting.meaning, str(e.stage))
-
-
-def moved_to(found: FittedEffect, values: Values) -> tuple[FittedEffect, bool]:
-    """Return an effect with the values of another fit of the same model, and whether its intervals allow them.
-
-    A number that its interval excludes has no interval then.
-    """
-    out, allowed = {}, True
-    for name, p in found.parameters.items():
-        value = values.get(name, p.value)
-        if p.ci95 is not None and not p.nuisance:
-            low, high = np.reshape(p.ci95, (-1, 2)).T
-            if np.any(np.array(as_tuple(value)) < low) or np.any(np.array(as_tuple(value)) > high):
-                allowed, p = False, replace(p, ci95=None)
-        out[name] = replace(p, value=value)
-    return replace(found, parameters=out), allowed
+    for place, part in enumerate(parts):
+        e, found = part.effect, values[place] if place < len(values) else part.values
+        parameters = {}
+        for q in e.parameters:
+            if q.name not in found or (q.nuisance and q.many and not found[q.name]):
+                continue
+            numbers, intervals = as_tuple(found[q.name]), []
+            for item, v in enumerate(numbers):
+                off = wide.get((place, q.name, item), np.nan)
+                intervals.append(widened(problem, e, q, v, ends.get((place, q.name, item), (v - off, v + off))))
+            ci = None if None in intervals or not intervals else tuple(intervals) if q.many else intervals[0]
+            level = e.stage == Stage.VALVE and q.unit == "span" and not np.isfinite(q.neutral)
+            parameters[q.name] = FittedParameter(
+                numbers if q.many else numbers[0], q.unit, ci, q.meaning, q.nuisance, level)  # type: ignore[arg-type]
+        out.append(FittedEffect(e.name, parameters, part.column, e.sentence, e.fitting.meaning, str(e.stage)))
+    return out
 
 
 def process_parameters(problem: Problem, fitted: Fit) -> dict[str, FittedParameter]:
     """Return Kp, tau, theta (where it is part of the model) and offset with their intervals."""
-    known, C = covariance(problem, fitted)
-    sd = np.sqrt(np.maximum(np.diag(C), 0.0)).tolist()
+    known, sd = deviations(problem, fitted)
     lag, delay, offset = known[-1, "lag", 0], known.get((-1, "delay", 0)), float(fitted.coefficients[1])
     # a gain that is 1 % off turns PV about its mean, which moves what it would be at no output
     turned = fitted.gain * float(np.mean(problem.output[problem.used]))
     rows = {
-        "Kp": (fitted.gain, sd[0], fitted.gain, "1", "static gain, PV span per OP span"),
+        "Kp": (fitted.gain, float(sd[0]), fitted.gain, "1", "static gain, PV span per OP span"),
         "tau": (lag.value, lag.deviation, lag.value, "s", "time constant"),
-        "offset": (offset, sd[1], turned, "PV span", "PV at no output"),
+        "offset": (offset, float(sd[1]), turned, "PV span", "PV at no output"),
     }
     if delay is not None:
         rows["theta"] = delay.value, delay.deviation, delay.value, "s", "dead time of the settings, refined"

@@ -8,8 +8,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels import play
 from ..record import FloatArray
 from ..results import Region
+from .pipeline import Shape
 from .problem import Problem
 
 Mask = NDArray[np.bool_]
@@ -21,13 +23,13 @@ TIME_BLOCKS = 8
 SMALLEST_SHARE_OF_SAMPLES = 0.005
 
 
-def regions(problem: Problem, error: FloatArray, lag: float, delay: float, start: float) -> tuple[Region, ...]:
+def regions(problem: Problem, error: FloatArray, shape: Shape) -> tuple[Region, ...]:
     """Return the parts of the record with their share of the squared error, the worst for their size first.
 
-    error: (samples,) measured minus predicted PV, 0 where not used. lag, delay: of the process [s]. start: epoch s.
+    error: (samples,) measured minus predicted PV, 0 where not used. shape: of the model, for how long it remembers.
     """
-    h = problem.interval
-    felt = max(int((LAGS_FELT * lag + delay) / h), 2)
+    h, lag = problem.interval, shape.lag
+    felt = max(int((LAGS_FELT * lag + shape.delay) / h), 2)
     total = float(np.sum(error[problem.used] ** 2))
     count = int(np.count_nonzero(problem.used))
     out = []
@@ -45,9 +47,8 @@ def regions(problem: Problem, error: FloatArray, lag: float, delay: float, start
         if abs(mean) >= ONE_WAY * rmse:
             side = "above" if mean > 0.0 else "below"
             said += f" PV lies {100 * abs(mean):.2g} % of span {side} the prediction on average."
-        edge = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
-        ends = zip(np.flatnonzero(edge == 1), np.flatnonzero(edge == -1) - 1, strict=True)
-        stretches = tuple((float(start + h * a), float(start + h * b)) for a, b in ends)
+        ends = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))).reshape(-1, 2) - [0, 1]
+        stretches = tuple((a, b) for a, b in (problem.start + h * ends).tolist())
         out.append(Region(name, rmse, share, samples, kind, expected, said, stretches))
     out += _frequencies(problem, error, lag, total, count)
     return tuple(sorted(out, key=lambda r: (-(r.share - (r.expected or 0.0)), r.region)))
@@ -70,24 +71,15 @@ def _after(points: Sequence[int], samples: int, felt: int) -> Mask:
 
 def turning_points(values: FloatArray, reach: float) -> tuple[list[int], list[int]]:
     """Return where values (samples,) turned upwards and downwards, small turns below `reach` left out."""
+    # a stem behind a gap of that width begins to move the other way where the turn is seen
+    way = np.sign(np.diff(play(values, reach, values[0]), prepend=values[0]))
+    moving = np.flatnonzero(way)
+    seen = moving[1:][np.diff(way[moving]) != 0.0]
     up: list[int] = []
     down: list[int] = []
-    low = high = values[0]
-    low_at = high_at = 0
-    going = 0
-    for k, v in enumerate(values):
-        if v > high:
-            high, high_at = v, k
-        if v < low:
-            low, low_at = v, k
-        if going >= 0 and v < high - reach:
-            if going > 0:
-                down.append(high_at)
-            going, low, low_at = -1, v, k
-        elif going <= 0 and v > low + reach:
-            if going < 0:
-                up.append(low_at)
-            going, high, high_at = 1, v, k
+    for before, after in pairwise([0, *seen.tolist()]):
+        part = values[before : after + 1]
+        (up if way[after] > 0.0 else down).append(before + int(np.argmin(way[after] * part)))
     return up, down
 
 
@@ -122,10 +114,9 @@ def _masks(problem: Problem, error: FloatArray, felt: int, lag: float) -> Iterat
     yield "direction", "output falling", "While the output falls", move < -still
     yield "direction", "output resting", "While the output rests", np.abs(move) <= still
 
-    place = np.arange(n) * TIME_BLOCKS // n
     for b in range(TIME_BLOCKS):
         name = f"part {b + 1} of {TIME_BLOCKS} of the record"
-        yield "time", name, f"In {name}", place == b
+        yield "time", name, f"In {name}", np.arange(n) * TIME_BLOCKS // n == b
 
     said = "Where the error stays on one side for long, as an unmeasured load makes it"
     yield "load", "on one side for long", said, _one_sided(problem, error, felt)
@@ -134,12 +125,10 @@ def _masks(problem: Problem, error: FloatArray, felt: int, lag: float) -> Iterat
 def _one_sided(problem: Problem, error: FloatArray, felt: int) -> Mask:
     """Stretches in which the mean error keeps its sign much longer than the process remembers."""
     width = max(felt // 3, 1)
-    sums = np.concatenate([[0.0], np.cumsum(error)])
-    counts = np.concatenate([[0], np.cumsum(problem.used)])
+    sums = np.append(0.0, np.cumsum(error))
     at = np.arange(problem.samples)
-    low, high = np.maximum(at - width, 0), np.minimum(at + width + 1, problem.samples)
-    mean = (sums[high] - sums[low]) / np.maximum(counts[high] - counts[low], 1)
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(np.sign(mean))) + 1, [problem.samples]])
+    side = np.sign(sums[np.minimum(at + width + 1, problem.samples)] - sums[np.maximum(at - width, 0)])
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(side)) + 1, [problem.samples]])
     mask = np.zeros(problem.samples, dtype=bool)
     for a, b in pairwise(edges):
         mask[a:b] = b - a >= felt
@@ -147,23 +136,20 @@ def _one_sided(problem: Problem, error: FloatArray, felt: int) -> Mask:
 
 
 def _frequencies(problem: Problem, error: FloatArray, lag: float, total: float, count: int) -> list[Region]:
-    power = np.abs(np.fft.rfft(error)) ** 2
-    power[1:] *= 2.0
-    if problem.samples % 2 == 0:
-        power[-1] /= 2.0
-    frequency = np.fft.rfftfreq(problem.samples, problem.interval)
+    power = np.abs(np.fft.fft(error)) ** 2
+    frequency = np.abs(np.fft.fftfreq(problem.samples, problem.interval))
     slow, fast = 1.0 / (20.0 * lag), 1.0 / (2.0 * lag)
-    middle = (frequency >= slow) & (frequency <= fast)
     out = []
     for name, said, pick in (
-        ("slow changes", f"In changes slower than {_time(20 * lag)}", frequency < slow),
-        ("changes at the speed of the loop", f"In changes of {_time(2 * lag)} to {_time(20 * lag)}", middle),
-        ("fast changes", f"In changes faster than {_time(2 * lag)}", frequency > fast),
+        ("slow changes", f"slower than {_time(20 * lag)}", frequency < slow),
+        ("changes at the speed of the loop", f"of {_time(2 * lag)} to {_time(20 * lag)}",
+         (frequency >= slow) & (frequency <= fast)),
+        ("fast changes", f"faster than {_time(2 * lag)}", frequency > fast),
     ):
         squares = float(power[pick].sum()) / problem.samples
         if total > 0.0 and np.any(pick):
             share, expected = squares / total, float(np.mean(pick))
-            sentence = (f"{said}: {100 * share:.0f} % of the squared error; white noise would have "
+            sentence = (f"In changes {said}: {100 * share:.0f} % of the squared error; white noise would have "
                         f"{100 * expected:.0f} % there.")
             out.append(Region(name, float(np.sqrt(squares / count)), share, count, "frequency", expected, sentence))
     return out

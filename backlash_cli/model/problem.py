@@ -76,6 +76,7 @@ class Problem:
     floor: standard deviation of the measurement noise [span], from third differences. driven: share of OP's motion that
     comes from the setpoint or the operator. ahead: samples that a loop driven by its load is predicted ahead.
     output_step: in which OP was recorded [span], 0 when it hardly matters. seed: of the random trials of a search.
+    start: epoch seconds of the first sample.
     loads, moved, others: load columns, moved outputs and the columns of the last shape, shared by problems that differ
     in their mask only.
     """
@@ -96,6 +97,7 @@ class Problem:
     ahead: int = 1
     output_step: float = 0.0
     seed: int = 0
+    start: float = 0.0
     loads: Memory = field(default_factory=lambda: Memory(60), repr=False)
     moved: Memory = field(default_factory=lambda: Memory(16), repr=False)
     others: Memory = field(default_factory=lambda: Memory(1), repr=False)
@@ -107,6 +109,11 @@ class Problem:
     @property
     def duration(self) -> float:
         return self.samples * self.interval
+
+    @property
+    def time(self) -> FloatArray:
+        """Epoch seconds of the samples, (samples,)."""
+        return self.start + self.interval * np.arange(self.samples, dtype=np.float64)
 
     @property
     def by_load(self) -> bool:
@@ -129,12 +136,8 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
     """
     where = record.loop
     if record.output is None:
-        raise LoopError(
-            "no controller output (OP): the model predicts PV from OP",
-            where=where,
-            remedy="export the OP column too, or name it with op = '...' in loops.toml",
-            code="no_output",
-        )
+        raise LoopError("no controller output (OP): the model predicts PV from OP", where=where, code="no_output",
+                        remedy="export the OP column too, or name it with op = '...' in loops.toml")
     if len(record) == 0:
         raise LoopError("no samples", where=where, remedy="export a longer period", code="insufficient_data")
     index = record.index - record.index[0]
@@ -147,7 +150,7 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
 
     state = np.full(samples, SampleState.MISSING, dtype=np.uint8)
     state[index] = record.state
-    measurement, output = on_grid(record.measurement), on_grid(record.output)
+    measurement, output, setpoint = map(on_grid, (record.measurement, record.output, record.setpoint))
     # PV is predicted from OP whoever moves OP: manual periods and OP at a limit tell as much as automatic ones
     whole = np.isin(state, (SampleState.GOOD, SampleState.MANUAL, SampleState.SATURATED))
     used = whole & np.isfinite(measurement) & np.isfinite(output)
@@ -155,12 +158,9 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
     if count < FEWEST_SAMPLES:
         # a signal that never moves is marked frozen as a whole: that is the reason to give, not its consequence
         _refuse_constant(where, output, measurement)
-        raise LoopError(
-            f"only {count} usable samples; a model needs {FEWEST_SAMPLES}",
-            where=where,
-            remedy="export a longer period, or check the quality column and the span (pv_range)",
-            code="insufficient_data",
-        )
+        raise LoopError(f"only {count} usable samples; a model needs {FEWEST_SAMPLES}", where=where,
+                        remedy="export a longer period, or check the quality column and the span (pv_range)",
+                        code="insufficient_data")
     _refuse_constant(where, output[used], measurement[used])
     recorded = np.where(used, measurement, np.nan)
     columns = {}
@@ -170,25 +170,21 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
             # the mean from each sample to the next: unlike OP it moves on between scans
             signal = _interpolate(grid)
             columns[name] = 0.5 * (signal + np.append(signal[1:], signal[-1]))
-    moved, setpoint, floor = _interpolate(output), hold(on_grid(record.setpoint)), noise_floor(recorded)
-    driven = moved_from_outside(moved, setpoint, state == SampleState.MANUAL, used, record.interval)
+    moved, setpoint, floor, h = _interpolate(output), hold(setpoint), noise_floor(recorded), record.interval
     return Problem(
-        record.loop, record.interval, moved, np.where(used, measurement, 0.0), recorded, setpoint, used, columns,
-        record.settings.theta or None, record.settings, _holes(output), floor, driven,
-        horizon(recorded, floor, record.interval, record.settings.Ti), step_of(moved), seed,
-    )
+        record.loop, h, moved, np.where(used, measurement, 0.0), recorded, setpoint, used, columns,
+        record.settings.theta or None, record.settings, _holes(output), floor,
+        moved_from_outside(moved, setpoint, state == SampleState.MANUAL, used, h),
+        horizon(recorded, floor, h, record.settings.Ti), step_of(moved), seed, float(record.time[0]))
 
 
 def _refuse_constant(where: str, output: FloatArray, measurement: FloatArray) -> None:
     """Raise LoopError when OP or PV (samples,) holds one value only; nan is left out."""
     for name, values in (("OP", output[np.isfinite(output)]), ("PV", measurement[np.isfinite(measurement)])):
         if values.size and np.ptp(values) <= 1e-9 * max(1.0, float(np.max(np.abs(values)))):
-            raise LoopError(
-                f"{name} is constant ({100 * values[0]:.3g} % of span): nothing moves, so nothing can be learnt",
-                where=where,
-                remedy="export a period with setpoint changes or load upsets",
-                code="constant_signal",
-            )
+            raise LoopError(f"{name} is constant ({100 * values[0]:.3g} % of span): nothing moves, so nothing can be "
+                            "learnt", where=where, code="constant_signal",
+                            remedy="export a period with setpoint changes or load upsets")
 
 
 def finer(problem: Problem) -> Problem | None:
@@ -226,17 +222,15 @@ def _holes(output: FloatArray) -> tuple[Hole, ...]:
     edge = np.diff(np.concatenate([[0], (~np.isfinite(output)).astype(np.int8), [0]]))
     sums = np.concatenate([[0.0], np.cumsum(_interpolate(output))])
     found = []
-    for a, b in zip(np.flatnonzero(edge == 1), np.flatnonzero(edge == -1), strict=True):
-        length = int(b - a)
-        if length < 2 or a == 0 or b == len(output):
-            continue
-        # what stretches of the same length elsewhere did, and half of the move from one side to the other
-        ends = 0.5 * (output[: -length - 1] + output[length + 1 :])
-        wiggle = np.abs((sums[length + 1 : -1] - sums[1 : -length - 1]) / length - ends)
-        doubt = 1.5 * float(np.nanmedian(wiggle)) + 0.5 * float(abs(output[b] - output[a - 1]))
-        found.append(Hole(int(a), int(b), max(doubt, 1e-6)))
-    found.sort(key=lambda hole: (-hole.doubt, hole.first))
-    return tuple(found[:MOST_HOLES])
+    for a, b in np.flatnonzero(edge).reshape(-1, 2).tolist():
+        length = b - a
+        if length > 1 and a > 0 and b < len(output):
+            # what stretches of the same length elsewhere did, and half of the move from one side to the other
+            ends = 0.5 * (output[: -length - 1] + output[length + 1 :])
+            wiggle = np.abs((sums[length + 1 : -1] - sums[1 : -length - 1]) / length - ends)
+            doubt = 1.5 * float(np.nanmedian(wiggle)) + 0.5 * float(abs(output[b] - output[a - 1]))
+            found.append(Hole(a, b, max(doubt, 1e-6)))
+    return tuple(sorted(found, key=lambda hole: (-hole.doubt, hole.first))[:MOST_HOLES])
 
 
 def hold(values: FloatArray) -> FloatArray:
@@ -291,10 +285,7 @@ def horizon(recorded: FloatArray, floor: float, h: float, Ti: float | None) -> i
     if Ti:
         return int(np.clip(round(AHEAD * Ti / h), 1, most))
     m = 1
-    while m < most:
-        move = recorded[m:] - recorded[:-m]
-        if np.nanmean(move**2) >= 2.0 * (VISIBLE * floor) ** 2:
-            break
+    while m < most and np.nanmean((recorded[m:] - recorded[:-m]) ** 2) < 2.0 * (VISIBLE * floor) ** 2:
         m = max(m + 1, int(1.25 * m))
     return min(m, most)
 
@@ -315,15 +306,14 @@ def step_of(output: FloatArray) -> float:
 
 def between_steps(output: FloatArray, step: float) -> FloatArray:
     """Return OP (samples,) as it may have been before it was rounded to `step`."""
-    at = np.flatnonzero(np.abs(np.diff(output)) > 1e-9) + 1
-    first, last = np.append(0, at), np.append(at, len(output)) - 1
+    at, moves = np.arange(len(output), dtype=np.float64), np.flatnonzero(np.abs(np.diff(output)) > 1e-9) + 1
+    first, last = np.append(0, moves), np.append(moves, len(output)) - 1
     level = output[first]
     before, after = np.append(0.0, np.diff(level)), np.append(np.diff(level), 0.0)
     came, goes = np.abs(before) > JUMP * step, np.abs(after) > JUMP * step
     turned, crosses = (before * after <= 0.0) & (last > first), (after != 0.0) & ~goes
-    where = np.concatenate([[0], first[came], (0.5 * (first + last))[turned], last[goes], last[crosses] + 0.5,
-                            last[-1:]])
-    value = np.concatenate([level[:1], level[came], level[turned], level[goes], (level + 0.5 * after)[crosses],
-                            level[-1:]])
+    ends = [0, -1]
+    where = np.concatenate([at[ends], first[came], (0.5 * (first + last))[turned], last[goes], last[crosses] + 0.5])
+    value = np.concatenate([output[ends], level[came], level[turned], level[goes], (level + 0.5 * after)[crosses]])
     order = np.argsort(where, kind="stable")
-    return np.interp(np.arange(len(output), dtype=np.float64), where[order], value[order])
+    return np.interp(at, where[order], value[order])

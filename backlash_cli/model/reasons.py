@@ -6,7 +6,7 @@ effect that is gone) is tried by itself on that record and told only where the e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +24,19 @@ from .recorder import fitted_problem
 HEALTHY = 0.01
 # OP must take this many samples to cross a gap, and PV must move by this many times its noise, to call it well seen
 FEW_SAMPLES, TIMES_NOISE = 5.0, 2.0
+# share of the squared hold-out error that goes where the error is 1.08 times larger without the effect
+LOWER = 1.0 - 1.0 / 1.08**2
+# errors closer than this share say the same
+ABOUT = 0.1
+# PV must move by this many times its noise before anything can be said about how it follows OP
+LEAST_MOTION = 3.0
+# share of this record's OP that must lie where OP was when the model was fitted
+SAME_PLACE = 0.5
+# less than this share of OP's travel at the stem: next to nothing reaches the process
+LITTLE = 0.3
+UNITS = {"span": (100.0, " %"), "OP span": (100.0, " %"), "1/s": (100.0, " % per second")}
+# time constants tried beside the kept one, as shares of it; then finer around the best
+SHARES = np.geomspace(0.2, 5.0, 13)
 
 
 def usual_move(problem: Problem) -> float:
@@ -33,14 +46,11 @@ def usual_move(problem: Problem) -> float:
     return float(np.median(moves)) if moves.size else 0.0
 
 
-def marked(problem: Problem, gain: float, effects: Iterable[FittedEffect]) -> tuple[FittedEffect, ...]:
-    """Return accepted effects, each gap with notes where it is small; gain: of the process [PV span / OP span]."""
-    return tuple(replace(e, notes=tuple(_small(problem, gain, e.gap))) for e in effects)
-
-
-def _small(problem: Problem, gain: float, d: float | None) -> list[Note]:
+def marked(problem: Problem, gain: float, effect: FittedEffect) -> FittedEffect:
+    """Return an accepted effect, a gap with notes where it is small; gain: of the process [PV span / OP span]."""
+    d = effect.gap
     if d is None:
-        return []
+        return effect
     move, times = usual_move(problem), abs(gain) * d / problem.floor
     samples = d / move if move > 0.0 else np.inf
     notes = [
@@ -51,7 +61,13 @@ def _small(problem: Problem, gain: float, d: float | None) -> list[Note]:
         (times < TIMES_NOISE, Note("small_against_noise", f"the gap moves PV by only {times:.1f} times its noise",
                                    {"times": times})),
     ]
-    return [note for holds, note in notes if holds]
+    return replace(effect, notes=tuple(note for holds, note in notes if holds))
+
+
+def too_little(problem: Problem, shape: Shape, gain: float, words: str) -> list[Note]:
+    """Say so where PV, with that gain, follows OP by too little beside its noise; words: with a place for how much."""
+    motion = abs(gain) * float(np.std(moved_process(problem, shape)[problem.used])) / problem.floor
+    return [] if motion >= LEAST_MOTION else [Note("too_little_motion", words.format(motion), {"motion": motion})]
 
 
 def with_reasons(
@@ -93,28 +109,11 @@ def with_reasons(
     return tuple(replace(c, why=why(c)) for c in candidates)
 
 
-# share of the squared hold-out error that goes where the error is 1.08 times larger without the effect
-LOWER = 1.0 - 1.0 / 1.08**2
-
-
 def _does_nothing(c: Candidate) -> bool:
     """True where the sizes of an effect went to nothing: zero, or a limit at infinity."""
     sizes = [p.value for p in c.parameters.values() if not p.nuisance and p.unit not in ("s", "0 or 1")]
     numbers = np.hstack(sizes) if sizes else np.ones(1)
     return bool(np.all(np.isinf(numbers) | (np.abs(numbers) < 1e-5)))
-
-
-# errors closer than this share say the same
-ABOUT = 0.1
-# the model must say that PV moves by this many times its noise before it can be judged
-LEAST_MOTION = 3.0
-# share of this record's OP that must lie where OP was when the model was fitted
-SAME_PLACE = 0.5
-# less than this share of OP's travel at the stem: next to nothing reaches the process
-LITTLE = 0.3
-UNITS = {"span": (100.0, " %"), "OP span": (100.0, " %"), "1/s": (100.0, " % per second")}
-# time constants tried beside the kept one, as shares of it; then finer around the best
-SHARES = np.geomspace(0.2, 5.0, 13)
 
 
 def why_not(
@@ -127,33 +126,22 @@ def why_not(
     """
     if holdout < (1.0 - ABOUT) * plain.rmse_holdout:
         return ()
-    found = [*_motion(problem, model, shape), *_place(problem, model)]
-    return tuple([*found, *_gone(model, shape, holdout, error_of), *_process(problem, model, shape, recorders, plain)])
-
-
-def _motion(problem: Problem, model: Model, shape: Shape) -> list[Note]:
-    motion = abs(model.Kp) * float(np.std(moved_process(problem, shape)[problem.used])) / problem.floor
-    if motion >= LEAST_MOTION:
-        return []
-    return [Note("too_little_motion", f"after this model PV follows OP here by only {motion:.1f} times its noise: too "
-                 "little motion to judge it", {"motion": motion})]
+    still = ("after this model PV follows OP here by only {:.1f} times its noise: too little motion to judge it")
+    return (*too_little(problem, shape, model.Kp, still), *_place(problem, model),
+            *_gone(model, shape, holdout, error_of), *_process(problem, model, shape, recorders, plain))
 
 
 def _place(problem: Problem, model: Model) -> list[Note]:
     here = usual_output(problem)
     if model.output is None or here is None:
         return []
-    u = problem.output[problem.used]
-    low, high = model.output
-    slack = 0.1 * (high - low)
-    inside = float(np.mean((u >= low - slack) & (u <= high + slack)))
+    u, (low, high) = problem.output[problem.used], model.output
+    inside = float(np.mean(np.abs(u - 0.5 * (low + high)) <= 0.6 * (high - low)))
     if inside >= SAME_PLACE:
         return []
-    return [Note(
-        "other_operating_point",
-        f"another operating point: OP was {100 * low:.3g} to {100 * high:.3g} % of its span when the model was fitted, "
-        f"here it is {100 * here[0]:.3g} to {100 * here[1]:.3g} %", {"share_inside": inside},
-    )]  # fmt: skip
+    return [Note("other_operating_point", f"another operating point: OP was {100 * low:.3g} to {100 * high:.3g} % of "
+                 f"its span when the model was fitted, here it is {100 * here[0]:.3g} to {100 * here[1]:.3g} %",
+                 {"share_inside": inside})]
 
 
 def _gone(model: Model, shape: Shape, holdout: float, error_of: Callable[[Model, Shape], float | None]) -> list[Note]:
@@ -198,12 +186,9 @@ def _process(
         return []
     names = " and ".join(part.effect.name.replace("_", " ") for part in shape.parts)
     held = f", and {names} as kept" if names else ""
-    return [Note(
-        "process_changed",
-        f"the process answers differently here: with {' and '.join(changed)}{held}, the error is "
-        f"{100 * process.rmse_holdout:.3g} %",
-        {"Kp": process.fit.gain, "tau": near.lag, "rmse_holdout": process.rmse_holdout},
-    )]  # fmt: skip
+    return [Note("process_changed", f"the process answers differently here: with {' and '.join(changed)}{held}, the "
+                 f"error is {100 * process.rmse_holdout:.3g} %",
+                 {"Kp": process.fit.gain, "tau": near.lag, "rmse_holdout": process.rmse_holdout})]
 
 
 def _of_process(model: Model, now: Tested) -> list[str]:

@@ -41,11 +41,11 @@ def reference(effect: Effect) -> str:
     return f"{module}:{names[0]}" if names else ""
 
 
-def apart(model: Model, problem: Problem, start: float) -> bool:
-    """True when a record that begins at `start` shares no time with the one that the model was fitted to."""
+def apart(model: Model, problem: Problem) -> bool:
+    """True when a record shares no time with the one that the model was fitted to."""
     if model.start is None or model.end is None:
         return False
-    return start > model.end or start + problem.duration <= model.start
+    return problem.start > model.end or problem.start + problem.duration <= model.start
 
 
 def of_its_day(effect: Effect) -> bool:
@@ -53,9 +53,9 @@ def of_its_day(effect: Effect) -> bool:
     return effect.stage == Stage.LOAD and bool(effect.fitting.linear) and not effect.column and not effect.fitting.phase
 
 
-def loads_left_out(model: Model, problem: Problem, start: float) -> tuple[Note, ...]:
+def loads_left_out(model: Model, problem: Problem) -> tuple[Note, ...]:
     """Return what a reader should know about loads of the model that belong to another day than this record."""
-    if not apart(model, problem, start):
+    if not apart(model, problem):
         return ()
     effects = [load_effect(entry.reference) for entry in model.effects]
     out = []
@@ -69,15 +69,15 @@ def loads_left_out(model: Model, problem: Problem, start: float) -> tuple[Note, 
     return tuple(out)
 
 
-def parts_of(model: Model, problem: Problem, start: float) -> tuple[Part, ...]:
-    """Return the effects of a model as parts, with the times of events moved to a record that begins at `start`.
+def parts_of(model: Model, problem: Problem) -> tuple[Part, ...]:
+    """Return the effects of a model as parts, with the times of events moved to those of the record.
 
     Loads that belong to another day are left out (see `loads_left_out`).
     Raises LoopError when a measured column that the model needs is not in the record.
     """
     out = []
-    later = 0.0 if model.start is None else start - model.start
-    elsewhere = apart(model, problem, start)
+    later = 0.0 if model.start is None else problem.start - model.start
+    elsewhere = apart(model, problem)
     for entry in model.effects:
         effect = load_effect(entry.reference)
         if elsewhere and of_its_day(effect):

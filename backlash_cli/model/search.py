@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from .candidates import candidate, table, wander
 from .fit import Fit, Solver, descend, fit, refit_noise
 from .holdout import better
 from .noise import Noise
-from .pipeline import Part, Shape, as_tuple, moved_process, predict, through
+from .pipeline import Part, Shape, as_tuple, load_regressors, predict
 from .problem import Problem
 from .score import ENOUGH, Judge, judge_for, jumpy
 
@@ -25,6 +25,8 @@ WEAK = 100.0
 # friction (LuGre, Karnopp; tests/benchmarks/hidden_strangers.py) jumps less than the model of a sticking valve
 SHARE_ALIKE = 0.09
 MOST_EFFECTS = 4
+# scores closer than this are the same
+SAME_SCORE = 1e-6
 # lags this close (natural logarithm) are the same
 SAME_LAG = 0.02
 # without an effect that is worth telling, the error on unseen samples is at least this many times larger
@@ -66,9 +68,9 @@ class Found:
         final = self.judge.score(self.final)
         out = []
         for (name, other), there in self.instead.items():
-            # what one more number costs does not tell two kinds of one thing apart
-            dearer = max(self.judge.price(there.shape) - self.judge.price(self.final.shape), 0.0)
             kin = other in next(p.effect.fitting.siblings for p in self.final.shape.parts if p.effect.name == name)
+            # what one more number costs does not tell two kinds of one thing apart
+            dearer = max(self.judge.price(there.shape) - self.judge.price(self.final.shape), 0.0) if kin else 0.0
             if self.judge.score(there) - final - dearer < max(ALIKE, SHARE_ALIKE * self.gain(name) if kin else 0.0):
                 out.append((name, other))
         return out
@@ -99,122 +101,92 @@ def baseline(problem: Problem) -> Fit:
 
 
 def search(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
-    """Search with the usual effects; where they leave more than noise and load, try the seldom ones, too."""
-    found = climb(problem, [e for e in effects if not e.fitting.seldom], start)
-    if not found.adequate:
-        found = with_seldom(found, [e for e in effects if e.fitting.seldom], start)
-    return rivals(found, effects)
+    """Add effects to `start` while each brings enough; then swap and take out until nothing does better.
 
-
-def climb(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
-    """Add effects to `start` while each brings enough, then improve and prune."""
+    Where the usual effects leave more than noise and load, the seldom ones are tried, too.
+    """
     judge = judge_for(problem, min(start.shape.lag, problem.settings.Ti or start.shape.lag))
-    now = start
-    first: dict[str, Fit] = {}
-    known: list[Fit] = []
+    usual, seldom = ([e for e in effects if e.fitting.seldom is rare] for rare in (False, True))
+    now, first, known = start, dict[str, Fit](), list[Fit]()
     while len(now.shape.parts) < MOST_EFFECTS:
-        trials = table(judge, now, effects)
+        trials = table(judge, now, usual)
         first = first or trials
-        known += trials.values()
-        best = next_best(judge, now, trials, effects) if trials else None
+        best = next_best(judge, now, [*trials.values()])
         if best is None:
             break
-        now = improve(judge, best, effects, known) if now.shape.parts else best
-        known.append(now)
-    now, without = prune(judge, longest_first(judge, now), start, known)
-    if problem.by_load and without and better(problem, now).rmse_holdout > better(problem, start).rmse_holdout:
+        known += [*trials.values(), best]
+        now = best
+    found = settled(Found(start, first, longest_first(judge, now), {}, judge, Left()), effects, known)
+    final, names = found.final, {effect.name for effect in seldom}
+    others = [there for (_, other), there in found.instead.items() if other in names]
+    if not found.adequate:
+        process = replace(final.shape, parts=tuple(p for p in final.shape.parts if p.is_linear or p.effect.name in
+                                                   start.shape.names or p.effect.stage == Stage.PROCESS))
+        for ground in (final, start, fit(problem, process, final.noise)):
+            others += table(judge, ground, seldom).values()
+    if others and judge.score(judge.best(others)) < judge.score(final) - ENOUGH:
+        other = settled(replace(found, final=judge.best(others)), effects, others)
+        found = other if judge.score(other.final) < judge.score(final) - ENOUGH else found
+    return found
+
+
+def settled(found: Found, effects: Sequence[Effect], known: list[Fit]) -> Found:
+    """Take out what is not worth its price, then swap what another does better, until nothing does."""
+    judge, seldom = found.judge, {effect.name for effect in effects if effect.fitting.seldom}
+    now, without = prune(judge, found.final, found.baseline, known)
+    if judge.problem.by_load and without and (
+            better(judge.problem, now).rmse_holdout > better(judge.problem, found.baseline).rmse_holdout):
         # the likeliest model of a load need not be the one that knows what comes
-        now, without = start, {}
-    return Found(start, first, now, without, judge, left_by(problem, now))
+        now, without = found.baseline, {}
+    for _ in range(MOST_EFFECTS):
+        found = replace(found, final=now, without=without, left=left_by(judge.problem, now), instead={})
+        found = replace(found, instead=in_place(found, effects))
+        known += found.instead.values()
+        swaps = [there for (_, other), there in found.instead.items() if other not in seldom]
+        if not swaps or judge.score(judge.best(swaps)) >= judge.score(now) - SAME_SCORE:
+            break
+        now = judge.best(swaps)
+        without = left_out(judge, now, found.baseline, known)
+    return replace(found, instead={both: fit for both, fit in found.instead.items() if both[0] != both[1]})
 
 
-def with_seldom(found: Found, seldom: Sequence[Effect], start: Fit) -> Found:
-    """Return what a search finds with one of the seldom effects in the model, where that does clearly better."""
-    judge, final = found.judge, found.final
-    usual = replace(final.shape, parts=tuple(p for p in final.shape.parts if p.is_linear or p.effect.name in
-                                             start.shape.names or p.effect.stage == Stage.PROCESS))
-    grounds = [final, start]
-    if usual.parts != start.shape.parts:
-        grounds.append(fit(judge.problem, usual, final.noise))
-    trials = [fitted for ground in grounds for fitted in table(judge, ground, seldom).values()]
-    enough = judge.score(final) - ENOUGH
-    if not trials or judge.score(judge.best(trials)) > enough:
-        return found
-    now, without = prune(judge, judge.best(trials), start, trials)
-    if judge.score(now) > enough:
-        return found
-    return replace(found, final=now, without=without, left=left_by(judge.problem, now))
-
-
-def rivals(found: Found, effects: Sequence[Effect]) -> Found:
-    """Try look-alikes and rivals in the place of each accepted effect; take one that does better."""
-    judge, by_name = found.judge, {effect.name: effect for effect in effects}
-    instead: dict[tuple[str, str], Fit] = {}
+def in_place(found: Found, effects: Sequence[Effect]) -> dict[tuple[str, str], Fit]:
+    """Return the best fit with another effect in the place of each accepted one, or with itself from other starts."""
+    judge, by_name, instead = found.judge, {effect.name: effect for effect in effects}, dict[tuple[str, str], Fit]()
+    alone = len(found.final.shape.parts) == 1
     for part in found.final.shape.parts:
-        name, near = part.effect.name, (*part.effect.fitting.siblings, *part.effect.fitting.rivals)
+        name, near = part.effect.name, {*part.effect.fitting.siblings, *part.effect.fitting.rivals}
         if name not in found.without:
             continue
-        if len(found.final.shape.parts) == 1:
+        if alone:
             # each of them was tried alone already
             instead.update({(name, other): fit for other, fit in found.first.items() if other != name})
+        else:
+            near.add(name)
         if found.gain(name) < WEAK and part.effect.stage != Stage.LOAD:
             # what gains little is compared with everything
-            near = tuple(n for n, e in by_name.items() if n in near or not (
-                e.fitting.seldom or jumpy(e) or not e.fitted or e.fitting.bounds))
-        for other in near:
-            if other in by_name and other not in found.final.shape.names and (name, other) not in instead:
+            near |= {n for n, e in by_name.items() if e.fitted and not (e.fitting.seldom or jumpy(e) or
+                                                                        e.fitting.bounds)}
+        for other in by_name:
+            if other in near and other not in found.final.shape.without(name).names and (name, other) not in instead:
                 there = candidate(judge, found.without[name], by_name[other], known={name: found.final}, must=True)
                 if there is not None:
                     instead[name, other] = there
-    if not instead:
-        return found
-    name, other = min(instead, key=lambda both: judge.score(instead[both]))
-    best = instead[name, other]
-    if judge.score(best) >= judge.score(found.final) - (ENOUGH if by_name[other].fitting.seldom else 0.0):
-        return replace(found, instead=instead)
-    return replace(found, final=best, without=turned(found.without, name, other, best.shape.parts),
-                   instead={(other, name): found.final}, left=left_by(judge.problem, best))
+    return instead
 
 
-def turned(without: Mapping[str, Fit], name: str, other: str, parts: Sequence[Part]) -> dict[str, Fit]:
-    """The fits without each effect, by the names they have in a model of `parts`, with `other` in the place of `name`.
-
-    The model without `name` may hold a look-alike of another effect: `best_known` takes either.
-    """
-    here = {part.effect.name: part.effect.fitting.siblings for part in parts}
-    return {other if n == name else next((m for m, likes in here.items() if n in likes and n not in here), n): fit
-            for n, fit in without.items()}
-
-
-def next_best(judge: Judge, now: Fit, trials: dict[str, Fit], effects: Sequence[Effect]) -> Fit | None:
-    """Return the model to go on with: one more effect, or two that show only together; None when nothing is worth it.
+def next_best(judge: Judge, now: Fit, trials: Sequence[Fit]) -> Fit | None:
+    """Return the model to go on with, one more effect in it; None when nothing is worth it.
 
     Where OP answers to the load, an effect must also lower the error a short way ahead: the likeliest model of a load
     need not be the one that knows what comes.
     """
     problem = judge.problem
-    worth = [t for t in sorted(trials.values(), key=judge.score) if judge.score(now) - judge.score(t) >= ENOUGH]
+    worth = [t for t in sorted(trials, key=judge.score) if judge.score(now) - judge.score(t) >= ENOUGH]
     if problem.by_load and worth:
         limit = better(problem, now).rmse_holdout
         worth = [t for t in worth if better(problem, t).rmse_holdout < limit] or worth
-    best = worth[0] if worth else None
-    if now.shape.parts or (best is not None and not best.shape.parts[0].is_linear):
-        return best
-    # the best effect on the way of the output beside the loads: friction hides what a load did and the other way, and
-    # several load steps do what one stop does
-    valve = [t for t in (worth or trials.values()) if not t.shape.parts[0].is_linear]
-    if not valve:
-        return best
-    near = min(valve, key=lambda t: t.deviance)
-    pairs = table(judge, near, [e for e in effects if e.fitting.linear])
-    if not pairs:
-        return best
-    both = judge.best(list(pairs.values()))
-    if best is None:
-        return both if judge.score(now) - judge.score(both) >= 2.0 * ENOUGH else None
-    own = [e for e in effects if e.name == near.shape.parts[0].effect.name]
-    other = judge.best([best, *table(judge, best, own).values()])
-    return both if judge.score(both) < judge.score(other) - 1e-6 else best
+    return worth[0] if worth else None
 
 
 def longest_first(judge: Judge, now: Fit) -> Fit:
@@ -230,38 +202,15 @@ def longest_first(judge: Judge, now: Fit) -> Fit:
     return now
 
 
-def improve(judge: Judge, now: Fit, effects: Sequence[Effect], known_fits: list[Fit]) -> Fit:
-    """Look at each effect of a model again, now that the others are there: other start values, or its look-alike."""
-    by_name = {effect.name: effect for effect in effects}
-    for part in now.shape.parts:
-        if part.effect.name not in now.shape.names or part.is_recorder:
-            continue
-        less = fit(judge.problem, now.shape.without(part.effect.name), now.noise, rounds=1)
-        known: dict[str, Fit] = {}
-        likes = [by_name[n] for n in part.effect.fitting.siblings
-                 if n in by_name and n not in now.shape.names and not jumpy(by_name[n])]
-        # the smooth one first: it shows the jumpy one where to look
-        for effect in sorted([part.effect, *likes], key=jumpy):
-            found = candidate(judge, less, effect, known=known)
-            if found is not None:
-                known[effect.name] = found
-                known_fits.append(found)
-                now = found if judge.score(found) < judge.score(now) else now
-    return now
-
-
 def idle(problem: Problem, fitted: Fit, part: Part) -> bool:
     """True when an effect that is not linear ended where it does nothing: PV is predicted the same without it."""
     if part.is_linear or part.is_recorder:
         return False
-    if part.on_sensor:
-        process = predict(problem, replace(fitted.shape, parts=tuple(p for p in fitted.shape.parts if not p.on_sensor)),
-                          fitted.coefficients)
-        moved = through(problem, (part,), process) - process
-    else:
-        there = replace(fitted.shape, parts=tuple(p for p in fitted.shape.parts if not p.is_linear))
-        moved = moved_process(problem, there) - moved_process(problem, there.without(part.effect.name))
-        moved *= fitted.gain
+    less = fitted.shape.without(part.effect.name)
+    # what a further lag has to forget of the start stands in the last columns
+    c = fitted.coefficients[: 1 + load_regressors(problem, less).shape[1]]
+    there = np.append(c, np.zeros(len(fitted.coefficients) - len(c)))
+    moved = predict(problem, fitted.shape, there) - predict(problem, less, c)
     return float(np.std(moved[problem.used])) < NOTHING * problem.floor
 
 
@@ -291,13 +240,19 @@ def taken_out(judge: Judge, now: Fit, name: str) -> Fit:
     return judge.best([less, fit(problem, moved, less.noise)])
 
 
+def left_out(judge: Judge, now: Fit, start: Fit, known: Sequence[Fit]) -> dict[str, Fit]:
+    """Return the best fit without each effect that was added to `start`."""
+    return {name: best_known(judge, taken_out(judge, now, name), known) for name in now.shape.names
+            if name not in start.shape.names}
+
+
 def prune(judge: Judge, now: Fit, start: Fit, known: Sequence[Fit]) -> tuple[Fit, dict[str, Fit]]:
     """Take out effects that are not worth their price, the least worthy first; return also the fits without each."""
     problem = judge.problem
     while True:
         now = thinned(judge, best_known(judge, now, known))
-        parts = {part.effect.name: part for part in now.shape.parts if part.effect.name not in start.shape.names}
-        without = {name: best_known(judge, taken_out(judge, now, name), known) for name in parts}
+        parts = {part.effect.name: part for part in now.shape.parts}
+        without = left_out(judge, now, start, known)
         # an effect whose numbers ended where it does nothing is no effect, whatever the fit around it gained
         worth = {name: -np.inf if idle(problem, now, parts[name]) else judge.score(less) - judge.score(now)
                  for name, less in without.items()}

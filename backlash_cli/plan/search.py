@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import LoopError
 from ..estimator.criteria import CLEARED
 from ..estimator.quality import data_quality
-from ..record import Note, Record
+from ..record import Record
 from ..results import NOTHING_SAID, UNDECIDED, LoopReport, Verdict
 from ..results.plan import Course, LoopPlan, PlanOption
 from ..scanning import scan
@@ -23,8 +23,6 @@ from .twin import KINDS, TENTH, Move, Test, Twin, behind, twin_of
 from .words import logging_words, model_words, option_words, too_small
 
 TARGET = 0.02  # span: dead band that matters, where the record has no limit of detection
-LOGGING = ("no_output", "missing_settings", "settings_contradicted", "sampling_too_coarse", "sampling_coarse",
-           "compressed_held", "compressed_linear", "scanned_slowly", "interpolated", "output_rounded")
 GLANCE, HOPELESS = 5, 0.3  # repeats of a rung, and what its chance must be for more of them
 FIRST_LOOK, PROMISING = 20, 0.7  # these, and what it must be for all
 TOLD = 1.1  # limits of detection are told in steps, 2.03 % is one of them
@@ -92,21 +90,20 @@ def plan(record: Record, options: PlanOptions | None = None, report: LoopReport 
     s = report.settings
     target = options.target or min(excluded(report) or TARGET, CLEARED)
     quality = data_quality(record, s.Ti)
-    notes = {n.code: n for n in (*report.reasons, *report.warnings, *quality.notes) if n.code in LOGGING}
-    if s.K is None or s.Ti is None:
-        notes["missing_settings"] = Note("missing_settings", "K and Ti are not known")
-    if quality.op is None or 2.5 * quality.op.step <= target:
-        notes.pop("output_rounded", None)
-    logging = [PlanOption("logging", text) for text in logging_words(list(notes.values()), s)]
+    known = s.K is not None and s.Ti is not None
+    codes = [n.code for n in (*report.reasons, *report.warnings, *quality.notes)] + ["missing_settings"] * (not known)
+    fine = quality.op is None or 2.5 * quality.op.step <= target
+    logging = [PlanOption("logging", text)
+               for text in logging_words([code for code in codes if not (fine and code == "output_rounded")], s)]
     found = LoopPlan(record.loop, str(report.verdict), report.reasons[0].message if report.reasons else "", target,
                      tuple(logging), pv_range=s.pv_range, op_range=s.op_range)
-    if s.K is None or s.Ti is None:
+    if not known:
         return found
     # where K and Ti come from is settled: they are not to be checked again in every repeat
-    known = replace(record, settings=s.with_values("identified", K=s.K, Ti=s.Ti))
+    record = replace(record, settings=s.with_values("identified", K=s.K, Ti=s.Ti))
     rounding = (quality.pv.step, quality.op.step if quality.op else 0.0)
     try:
-        subject = Subject(known, twin_of(known, target, rounding), twin_of(known, 0.0, rounding), options, target,
+        subject = Subject(record, twin_of(record, target, rounding), twin_of(record, 0.0, rounding), options, target,
                           report.verdict)
     except LoopError as error:
         return found if logging else replace(found, options=(PlanOption("logging", f"{error.what}: {error.remedy}"),))

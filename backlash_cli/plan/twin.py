@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.signal import lfilter, ss2tf
 
 from ..compensate import model_of
 from ..effects.loads import MEASURED_DISTURBANCE as ADDED
@@ -210,16 +210,12 @@ def _process(record: Record, controller: Controller, d: float) -> tuple[Process,
 
 
 def response(process: Process, values: FloatArray, interval: float) -> FloatArray:
-    """Return the answer (samples,) of lags, integrator and dead time at rest to an input held over each interval."""
-    out = process.gain * values
-    rest = out[0]
-    for lag in process.lags:
-        a = np.exp(-interval / lag)
-        out = lfilter([0.0, 1.0 - a], [1.0, -a], out - rest) + rest
-    if process.integrating:
-        out, rest = np.append(0.0, np.cumsum(out)[:-1]) * interval, 0.0
-    late = round(process.dead_time / interval)
-    return np.concatenate([np.full(min(late, len(out)), rest), out[: max(len(out) - late, 0)]])
+    """Return the answer (samples,) of a process at rest to an input held over each interval."""
+    decay, new, old, readout, delay = process.sampled(interval)
+    rest, inputs = 0.0 if process.integrating else values[0], np.column_stack([new, old])
+    (newer, poles), (older, _) = (ss2tf(decay, inputs, readout[None], np.zeros((1, 2)), k) for k in range(2))
+    out = lfilter(np.append(newer, 0.0) + np.append(0.0, older), poles, values - rest)
+    return np.append(np.zeros(delay), out)[: len(values)] + process.gain * rest
 
 
 def longest_stretch(record: Record) -> Record:

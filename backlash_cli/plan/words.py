@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from ..record import LoopSettings, Note, duration
+from ..record import LoopSettings, duration
 
 if TYPE_CHECKING:
     from ..results.plan import PlanOption
@@ -33,10 +33,10 @@ def amount(share: float, span: tuple[float, float]) -> str:
     return percent if size in (1.0, 100.0) else f"{share * size:.3g} ({percent} of span)"
 
 
-def logging_words(notes: Sequence[Note], settings: LoopSettings) -> list[str]:
-    """What to mend before any test, a sentence each; nothing twice."""
-    found = [_REMEDIES[n.code] for n in notes if n.code in _REMEDIES]
-    if any(n.code in _SAMPLING for n in notes):
+def logging_words(codes: Sequence[str], settings: LoopSettings) -> list[str]:
+    """What to mend before any test, a sentence for each code of a note; nothing twice."""
+    found = [_REMEDIES[code] for code in codes if code in _REMEDIES]
+    if any(code in _SAMPLING for code in codes):
         every = "at least ten times per integral time" if settings.Ti is None else \
             f"every {lasting(settings.Ti / PER_TI)} or faster"
         found.append(f"sample SP, PV and OP {every}")

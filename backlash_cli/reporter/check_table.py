@@ -12,7 +12,6 @@ from .report import Report
 
 if TYPE_CHECKING:
     from ..check import LoopCheck
-    from ..estimator.identify import Identification
 
 # what the data mean for a verdict, the worst first: word and colour
 EFFECTS = {"failed": ("failed", "bold red"), "blocks": ("no verdict", "bold red"), "limits": ("limited", "yellow"),
@@ -23,7 +22,7 @@ def checked(result: PlantResult) -> Report:
     """Return the check, the worst loops first; verbose: every finding and number of every loop."""
     loops = sorted(result.loops, key=lambda loop: ([*EFFECTS].index(loop.effect), loop.loop))
     counts = Counter(loop.effect for loop in loops)
-    content = {"result": result, "loops": loops, "effects": EFFECTS, "found_in": _found, "findings": _findings,
+    content = {"result": result, "loops": loops, "effects": EFFECTS, "findings": _findings,
                "counts": ", ".join(f"{counts[e]} {word}" for e, (word, _) in EFFECTS.items() if counts[e]),
                "untold": lambda loop: [note for note in _findings(loop) if note.message not in loop.meaning]}
     return Report("check", "", content, lambda: {
@@ -32,16 +31,12 @@ def checked(result: PlantResult) -> Report:
         "failures": [fields_of(note) for note in result.failures]})
 
 
-def _found(loop: LoopCheck) -> Identification | None:
-    return None if loop.identified is None or isinstance(loop.identified, Note) else loop.identified
-
-
 def _findings(loop: LoopCheck) -> list[Note]:
     """Everything worth saying about a loop, settings first."""
     notes = list(loop.settings_notes)
-    if isinstance(loop.identified, Note):
-        notes = notes or [loop.identified]
-    elif loop.identified is not None:
+    if loop.unidentified is not None:
+        notes = notes or [loop.unidentified]
+    if loop.identified is not None:
         notes += loop.identified.notes
     if loop.quality is not None:
         told = {note.code for note in loop.notes}
@@ -52,7 +47,7 @@ def _findings(loop: LoopCheck) -> list[Note]:
 
 
 def _loop(loop: LoopCheck) -> dict[str, Any]:
-    found, diagnosis = _found(loop), loop.diagnosis
+    found, diagnosis = loop.identified, loop.diagnosis
     return {
         "loop": loop.loop, "start": iso_time(loop.start), "end": iso_time(loop.end), "effect": loop.effect,
         "meaning": loop.meaning, "settings": {n: getattr(loop.settings, n) for n in ("K", "Ti", "Td", "source")},

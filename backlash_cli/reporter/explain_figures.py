@@ -19,7 +19,7 @@ from .figures import Figure
 from .safe import picture
 from .words import error_size, fails, plain_name, rung
 
-PREDICTED, RESIDUAL = fig.EVIDENCE, "#7a5bc7"
+PREDICTED = fig.EVIDENCE
 STEP_COLOURS = (fig.QUIET, fig.EVIDENCE, fig.GREEN, "#7a5bc7", "#b8578f", "#5a6b00")
 SHADES = ("#d1345b2e", "#c777002e", "#2a9d5c2e", "#7a5bc72e", "#0b8a9e2e", "#8d99a538")
 POINTS = 4000  # per line: a page of five steps stays below 3 MB
@@ -31,56 +31,55 @@ FEWEST = 8  # samples in a bin that is drawn
 Binned = tuple[FloatArray, FloatArray, FloatArray]  # x, mean and root mean square of a residual [PV span], each (bins,)
 NOTHING: Binned = (np.empty(0), np.empty(0), np.empty(0))
 
-def overlay(
-    series: Series, settings: LoopSettings, regions: Sequence[Region], noise_floor: float, name: str = "PV predicted"
-) -> Figure:
-    """Measured and predicted PV, the residual with its worst regions shaded, and OP, on one time axis."""
-    (setpoint, measured, *below), rest = _recorded(series, settings), series.residual(series.predicted)
-    lines = [setpoint, measured, _line(series, series.predicted, settings.pv_range, name, PREDICTED),
-             _line(series, rest, _width(settings.pv_range), "residual (measured - predicted)", RESIDUAL, yaxis="y2"),
-             *below]
+
+def overlay(series: Series, models: Mapping[str, FloatArray], settings: LoopSettings, noise_floor: float,
+            regions: Sequence[Region] = ()) -> Figure:
+    """Measured PV with the prediction of each model, what each leaves, and OP, on one time axis.
+
+    models: name -> PV (samples,); of several, buttons choose which are shown. regions: the worst of them are shaded.
+    """
+    (low, high), last = settings.pv_range, len(models) - 1
+
+    def line(values: FloatArray, span: tuple[float, float], name: str, colour: str, **more: Any) -> Figure:
+        return fig.over_time(series.time, values, span, name, colour, points=POINTS, digits=DIGITS, connectgaps=False,
+                             **{"width": 1.4, **more})
+
+    lines = [line(series.setpoint, (low, high), "SP", fig.SETPOINT, width=1.2, dash="dot"),
+             line(series.measured, (low, high), "PV measured", fig.MEASUREMENT),
+             line(series.output, settings.op_range, "OP", fig.OUTPUT, yaxis="y3")]
+    for name, values in series.inside.items():  # where the stem is as the model sees it where it does not follow OP
+        if not np.allclose(values, series.output, rtol=0.0, atol=1e-9):
+            lines.append(line(values, settings.op_range, "stem (model)" if name == "valve" else plain_name(name),
+                              fig.STEM, yaxis="y3", dash="dash"))
+    always, rests, reach = len(lines), [series.residual(prediction) for prediction in models.values()], 0.0
+    for place, ((name, prediction), rest) in enumerate(zip(models.items(), rests, strict=True)):
+        colour = STEP_COLOURS[place % len(STEP_COLOURS)] if last else PREDICTED
+        look: Figure = {"visible": place in (0, last), "legendgroup": name}
+        lines += [line(prediction, (low, high), name, colour, **look),  # a difference has the scale of PV, not its zero
+                  line(rest, (0.0, high - low), f"residual, {name}", colour, yaxis="y2", showlegend=False, **look)]
+        if np.isfinite(rest).any():
+            reach = max(reach, (high - low) * float(np.nanquantile(np.abs(rest), USUAL)))
     shaded = [r for r in (fails(regions) or regions) if r.stretches][:SHADED]
     lines += [_shading(region, place) for place, region in enumerate(shaded)]
-    return {"data": lines, "layout": _layout(settings, noise_floor, [rest])}
-
-
-def _recorded(series: Series, settings: LoopSettings) -> list[Figure]:
-    """SP, PV and OP, and where the stem is as the model sees it where it does not follow OP."""
-    return [_line(series, series.setpoint, settings.pv_range, "SP", fig.SETPOINT, width=1.2, dash="dot"),
-            _line(series, series.measured, settings.pv_range, "PV measured", fig.MEASUREMENT),
-            _line(series, series.output, settings.op_range, "OP", fig.OUTPUT, yaxis="y3"),
-            *(_line(series, values, settings.op_range, "stem (model)" if name == "valve" else plain_name(name),
-                    fig.STEM, yaxis="y3", dash="dash")
-              for name, values in series.inside.items() if not np.allclose(values, series.output, rtol=0.0, atol=1e-9))]
-
-
-def ladder_overlay(series: Series, steps: Sequence[Step], settings: LoopSettings, noise_floor: float) -> Figure:
-    """Measured PV with the prediction of each step of the ladder, and what each leaves; buttons choose the step."""
-    drawn = [(k, s, s.prediction) for k, s in enumerate(steps) if s.prediction is not None]
-    setpoint, *recorded = _recorded(series, settings)
-    always = [*recorded, setpoint]
-    lines, rests = list(always), []
-    for place, (k, step, prediction) in enumerate(drawn):
-        name, colour = f"{k}: {rung(step)}", STEP_COLOURS[place % len(STEP_COLOURS)]
-        rests.append(series.residual(prediction))
-        switched: Figure = {"visible": place in (0, len(drawn) - 1), "legendgroup": name}
-        lines += [_line(series, prediction, settings.pv_range, f"{name}, {error_size(step.rmse_holdout)}", colour,
-                        **switched),
-                  _line(series, rests[-1], _width(settings.pv_range), f"residual {name}", colour, yaxis="y2",
-                        showlegend=False, **switched)]
-
-    def button(label: str, wanted: set[int]) -> Figure:
-        visible = [*[True] * len(always), *[place in wanted for place in range(len(drawn)) for _ in range(2)]]
-        return {"label": label, "method": "restyle", "args": [{"visible": visible}]}
-
-    # numbers, not names: buttons do not wrap on a narrow screen
-    buttons = [*(button(str(k), {place}) for place, (k, _, _) in enumerate(drawn)),
-               button(f"{drawn[0][0]} + {drawn[-1][0]}", {0, len(drawn) - 1}), button("all", set(range(len(drawn))))]
-    layout = _layout(settings, noise_floor, rests)
-    layout["margin"] = {"b": 90}
-    layout["updatemenus"] = [{
-        "type": "buttons", "direction": "right", "x": 0, "xanchor": "left", "y": -0.12, "yanchor": "top", "active": -1,
-        "showactive": True, "bgcolor": "#f2f4f6", "font": {"color": "#1d2733"}, "buttons": buttons}]
+    band = 2 * noise_floor * (high - low)
+    layout: Figure = {
+        "xaxis": {"type": "date", "anchor": "y3"}, "yaxis": fig.axis("PV", domain=[0.52, 1.0]),
+        "yaxis2": fig.axis("residual", domain=[0.25, 0.46]), "yaxis3": fig.axis("OP", domain=[0.0, 0.19]),
+        "yaxis4": {"overlaying": "y2", "range": [0, 1], "fixedrange": True, "visible": False, "side": "right"},
+        "shapes": [fig.across("y", y, fig.QUIET, dash="dot", yref="y2") for y in (-band, band)],
+        "hovermode": "x", "height": 640}
+    if reach:  # a model is often far off in its first seconds; the lines go on beyond the axis
+        layout["yaxis2"]["range"] = [side * 1.5 * max(reach, band) for side in (-1.0, 1.0)]
+    if last > 0:  # numbers, not names: buttons do not wrap on a narrow screen
+        numbers = [name.partition(":")[0] for name in models]
+        wanted = {**{number: {k} for k, number in enumerate(numbers)}, f"{numbers[0]} + {numbers[-1]}": {0, last},
+                  "all": set(range(last + 1))}
+        buttons = [{"label": label, "method": "restyle", "args": [{
+            "visible": [True] * always + [place in chosen for place in range(last + 1) for _ in range(2)]}]}
+            for label, chosen in wanted.items()]
+        layout |= {"margin": {"b": 90}, "updatemenus": [{
+            "type": "buttons", "direction": "right", "x": 0, "xanchor": "left", "y": -0.12, "yanchor": "top",
+            "active": -1, "showactive": True, "bgcolor": "#f2f4f6", "font": {"color": "#1d2733"}, "buttons": buttons}]}
     return {"data": lines, "layout": layout}
 
 
@@ -108,14 +107,7 @@ def plane(series: Series, settings: LoopSettings) -> Figure:
                        colour, width=1, opacity=0.7, hover="OP %{x}, PV %{y}")
              for name, values, colour in (("measured", series.measured, fig.MEASUREMENT),
                                           ("predicted", series.predicted, PREDICTED))]
-    return {"data": lines, "layout": {"xaxis": fig.axis("OP"), "yaxis": fig.axis("PV"), "hovermode": "closest",
-                                      "height": 440}}
-
-
-def _line(series: Series, values: FloatArray, span: tuple[float, float], name: str, colour: str, *, width: float = 1.4,
-          **more: Any) -> Figure:
-    return fig.over_time(series.time, values, span, name, colour, points=POINTS, digits=DIGITS, width=width,
-                     connectgaps=False, **more)
+    return {"data": lines, "layout": {"xaxis": fig.axis("OP"), "yaxis": fig.axis("PV"), "height": 440}}
 
 
 def _shading(region: Region, place: int) -> Figure:
@@ -124,25 +116,6 @@ def _shading(region: Region, place: int) -> Figure:
     return fig.trace([x for a, b in ends for x in (a, a, b, b, None)], [0, 1, 1, 0, None] * len(ends), region.region,
                      fig.QUIET, width=0, hover="", hoverinfo="skip", yaxis="y4", fill="tozeroy",
                      fillcolor=SHADES[place % len(SHADES)], visible=True if place == 0 else "legendonly")
-
-
-def _layout(settings: LoopSettings, noise_floor: float, rests: Sequence[FloatArray] = ()) -> Figure:
-    low, high = settings.pv_range
-    band = 2 * noise_floor * (high - low)
-    residual = fig.axis("residual", domain=[0.25, 0.46])
-    known = [np.abs(rest[np.isfinite(rest)]) for rest in rests]
-    if reach := max((float(np.quantile(r, USUAL)) for r in known if r.size), default=0.0):
-        # a model is often far off in its first seconds; the legend's lines go on beyond the axis
-        residual["range"] = [side * 1.5 * max(reach * (high - low), band) for side in (-1.0, 1.0)]
-    return {"xaxis": {"type": "date", "anchor": "y3"}, "yaxis": fig.axis("PV", domain=[0.52, 1.0]), "yaxis2": residual,
-            "yaxis3": fig.axis("OP", domain=[0.0, 0.19]), "hovermode": "x", "height": 640,
-            "yaxis4": {"overlaying": "y2", "range": [0, 1], "fixedrange": True, "visible": False, "side": "right"},
-            "shapes": [fig.across("y", y, fig.QUIET, dash="dot", yref="y2") for y in (-band, band)]}
-
-
-def _width(span: tuple[float, float]) -> tuple[float, float]:
-    """The span of a difference: it has the scale of the range, not its zero."""
-    return 0.0, span[1] - span[0]
 
 
 def causes(series: Series, predictions: Mapping[str, FloatArray], noise_floor: float) -> list[tuple[str, str, Figure]]:
@@ -179,7 +152,7 @@ def causes(series: Series, predictions: Mapping[str, FloatArray], noise_floor: f
                 lines.append(fig.trace(fig.digits(x), fig.digits(100 * y), name, colour, mode="lines+markers", size=6,
                                        width=1.6, dash=dash, symbol=symbol, hover="%{x:.4g}: %{y:.3g} %"))
         layout: Figure = {"xaxis": fig.axis(x_label), "yaxis": fig.axis(f"{y_label} [% of PV span]"),
-                          "hovermode": "closest", "height": 320}
+                          "height": 320}
         if title == "Period":
             layout["xaxis"]["type"] = "log"
         else:

@@ -19,7 +19,7 @@ from .report import Report
 from .still import still, write_still
 from .tables import csv_text
 from .templates import sentence
-from .words import error_size, plain_name, said_numbers, several
+from .words import error_size, plain_name, rung, said_numbers, several
 
 DPI = 80
 SILENT = ("too_little_motion", "not_explained")
@@ -43,17 +43,18 @@ def _drawn(found: Comparison | Explanation) -> dict[str, Any]:
     if isinstance(found, Comparison):
         if series is None:
             return dict.fromkeys(("overlay", "beside", "causes"))
-        overlay = figures.overlay(series, found.settings, found.where, floor, sentence("predicted", found))
-        models = {"this model": series.predicted}
+        models = {sentence("predicted", found): series.predicted}
+        overlay = figures.overlay(series, models, found.settings, floor, found.where)
         return {"overlay": overlay, "beside": figures.plane(series, found.settings),
-                "causes": figures.causes(series, models, floor)}
+                "causes": figures.causes(series, {"this model": series.predicted}, floor)}
     bars, steps = figures.ladder_bars(found.steps, floor), found.steps
     if series is None:
         return {"overlay": None, "beside": bars, "causes": None}
     first = steps[0].prediction if steps and found.effects else None
     models = {"model": series.predicted} if first is None else {"plain model": first, "final model": series.predicted}
-    known = any(s.prediction is not None for s in steps)
-    return {"overlay": figures.ladder_overlay(series, steps, found.settings, floor) if known else None, "beside": bars,
+    known = {f"{k}: {rung(s)}, {error_size(s.rmse_holdout)}": s.prediction for k, s in enumerate(steps)
+             if s.prediction is not None}
+    return {"overlay": figures.overlay(series, known, found.settings, floor) if known else None, "beside": bars,
             "causes": figures.causes(series, models, floor)}
 
 

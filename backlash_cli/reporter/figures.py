@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,26 +24,30 @@ SIZES = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # per cent, labelled o
 SETPOINT, MEASUREMENT, OUTPUT, EVIDENCE, QUIET = "#7a8793", "#2878c8", "#c77700", "#d1345b", "#8d99a5"
 STEM = "#0b8a9e"
 GREEN = "#2a9d5c"
+COLOURS = {"bad": EVIDENCE, "warn": OUTPUT, "good": GREEN, "quiet": QUIET}  # by mark
 Figure = dict[str, Any]
 Flank = tuple[FloatArray, FloatArray]
 
 
 def axis(title: str, **more: Any) -> Figure:
-    """An axis with its title."""
+    """An axis with its title; more, here and below: further keys as plotly knows them."""
     return {"title": {"text": title}, **more}
 
 
 def trace(x: Sequence[Any], y: Sequence[Any], name: str, colour: str, *, mode: str = "lines", hover: str = "%{y}",
           width: float = 1.5, dash: str = "solid", symbol: str = "circle", size: float = 8, **more: Any) -> Figure:
-    """A line, or markers, or both as the mode says. more: further keys as plotly knows them."""
-    looks: Figure = {}
-    if "lines" in mode:
-        looks["line"] = {"color": colour, "width": width, "dash": dash}
-    if "markers" in mode:
-        looks["marker"] = {"color": colour, "symbol": symbol, "size": size}
-    if hover:
-        looks["hovertemplate"] = hover
-    return {"type": "scatter", "mode": mode, "name": picture(name), "x": x, "y": y, **looks, **more}
+    """A line, or markers, or both as the mode says."""
+    looks = {"line": {"color": colour, "width": width, "dash": dash} if "lines" in mode else None,
+             "marker": {"color": colour, "symbol": symbol, "size": size} if "markers" in mode else None,
+             "hovertemplate": hover}
+    return {"type": "scatter", "mode": mode, "name": picture(name), "x": x, "y": y,
+            **{key: value for key, value in looks.items() if value}, **more}
+
+
+def dots(points: Sequence[tuple[float, float]], name: str, colour: str, **more: Any) -> Figure:
+    """(epoch seconds, size) as points in per cent of the span, counted in the legend."""
+    return trace([ms(time) for time, _ in points], [round(100 * size, 4) for _, size in points],
+                 f"{name} ({len(points)})", colour, mode="markers", **more)
 
 
 def across(which: str, at: float | tuple[float, float], colour: str, *, name: str = "", width: float = 1.0,
@@ -52,14 +57,12 @@ def across(which: str, at: float | tuple[float, float], colour: str, *, name: st
     name: its words in the legend, if it stands there.
     """
     other = "y" if which == "x" else "x"
-    looks: Figure = {"type": "line", "line": {"color": colour, "width": width, "dash": dash}}
     low, high = at if isinstance(at, tuple) else (at, at)
-    if isinstance(at, tuple):
-        looks = {"type": "rect", "fillcolor": colour, "opacity": 0.15, "line": {"width": 0}}
-    if name:
-        looks |= {"name": name, "showlegend": True}
+    looks: Figure = {"type": "rect", "fillcolor": colour, "opacity": 0.15, "line": {"width": 0}} if isinstance(
+        at, tuple) else {"type": "line", "line": {"color": colour, "width": width, "dash": dash}}
+    legend: Figure = {"name": name, "showlegend": True} if name else {}
     return {f"{which}0": low, f"{which}1": high, f"{other}ref": "paper", f"{other}0": 0, f"{other}1": 1, **looks,
-            **more}
+            **legend, **more}
 
 
 def written(text: str, x: float, y: float, **more: Any) -> Figure:
@@ -76,7 +79,7 @@ def trend(record: Record, report: LoopReport, window: slice | None = None, point
     lost: `points` per line. room: least distance of the estimates that are written above, as a share of the width.
     """
     part = record if window is None else record.slice(window.start, window.stop)
-    pv_span, op_span = scale(record.settings.pv_range), scale(record.settings.op_range)
+    (pv_span, pv_unit), (op_span, op_unit) = shown(record.settings.pv_range), shown(record.settings.op_range)
 
     def line(values: FloatArray, span: tuple[float, float], name: str, colour: str, **more: Any) -> Figure:
         return over_time(part.time, values, span, name, colour, index=part.index, points=points, **more)
@@ -87,7 +90,7 @@ def trend(record: Record, report: LoopReport, window: slice | None = None, point
     marked = np.where(_inside(part, used), part.measurement, np.nan)
     if np.isfinite(marked).any():
         lines.append(line(marked, pv_span, "PV in the half periods used", EVIDENCE, width=3))
-    layout: Figure = {"xaxis": {"type": "date"}, "yaxis": axis(f"SP, PV ({unit(pv_span)})"), "hovermode": "x"}
+    layout: Figure = {"xaxis": {"type": "date"}, "yaxis": axis(f"SP, PV ({pv_unit})"), "hovermode": "x"}
     if room is not None and (notes := _sizes_written(used, part, room)):
         both = np.concatenate([part.measurement, part.setpoint])
         both = both[np.isfinite(both)]
@@ -105,7 +108,7 @@ def trend(record: Record, report: LoopReport, window: slice | None = None, point
                        legendgroup="still", name="stem stands still in the gap", showlegend=number == 0)
                 for number, (first, last) in enumerate(stands_still(part.output, stem, d))]
         layout["yaxis"]["domain"] = [0.42, 1.0]
-        layout |= {"yaxis2": axis(f"OP ({unit(op_span)})", domain=[0.0, 0.36]),
+        layout |= {"yaxis2": axis(f"OP ({op_unit})", domain=[0.0, 0.36]),
                    "xaxis": {"type": "date", "anchor": "y2"}, "height": 480}
     return {"data": lines, "layout": layout}
 
@@ -151,7 +154,7 @@ def plane(record: Record, window: slice, report: LoopReport, points: int = POINT
 
     Where a size is claimed, it is drawn as wide as it is, with the two flanks of the valve where PV follows it.
     """
-    op_span, pv_span = scale(record.settings.op_range), scale(record.settings.pv_range)
+    (pv_span, pv_unit), (op_span, op_unit) = shown(record.settings.pv_range), shown(record.settings.op_range)
     near, every = record.slice(window.start, window.stop), slice(None, None, max(1, len(record) // points))
     assert record.output is not None and near.output is not None
 
@@ -161,7 +164,7 @@ def plane(record: Record, window: slice, report: LoopReport, points: int = POINT
     lines = [path(record.output[every], record.measurement[every], "whole record", QUIET, mode="markers", size=3),
              path(means(near.output, 150), means(near.measurement, 150), "close look", EVIDENCE)]
     d = size(report)
-    y_axis = axis(f"PV ({unit(pv_span)})")
+    y_axis = axis(f"PV ({pv_unit})")
     if d is not None and np.isfinite(record.measurement).any() and np.isfinite(record.output).any():
         for (op, pv), name, dash in zip(flanks(near, d) or (), ("valve opening", "valve closing"), ("dash", "dot"),
                                         strict=False):
@@ -173,7 +176,7 @@ def plane(record: Record, window: slice, report: LoopReport, points: int = POINT
         gap = middle + d * np.array([-0.5, 0.0, 0.5])
         lines.append(path(gap, np.full(3, level), "", STEM, mode="lines+text", width=4, showlegend=False,
                           text=["", f"dead band {percent(d)}", ""], textposition="top center", hoverinfo="skip"))
-    return {"data": lines, "layout": {"xaxis": axis(f"OP ({unit(op_span)})"), "yaxis": y_axis, "hovermode": "closest",
+    return {"data": lines, "layout": {"xaxis": axis(f"OP ({op_unit})"), "yaxis": y_axis,
                                       "height": 420}}
 
 
@@ -209,11 +212,10 @@ def estimates(report: LoopReport) -> Figure:
     for accepted, name, colour, symbol in kinds:
         # finite ones, and of very many the latest
         chosen = [e for e in report.estimates if e.accepted is accepted and math.isfinite(e.d)][-POINTS:]
-        groups.append(trace([ms(e.start) for e in chosen], [round(100 * e.d, 4) for e in chosen],
-                            f"{name} ({len(chosen)})", colour, mode="markers", symbol=symbol,
-                            text=[picture(f"{e.why}, {e.dt_s:.4g} s") for e in chosen], hover="%{y:.2f} % (%{text})"))
+        groups.append(dots([(e.start, e.d) for e in chosen], name, colour, symbol=symbol, hover="%{y:.2f} % (%{text})",
+                           text=[picture(f"{e.why}, {e.dt_s:.4g} s") for e in chosen]))
     top = max(groups[1]["y"], default=0.0)
-    layout: Figure = {"xaxis": {"type": "date"}, "yaxis": axis("dead band [% of OP span]"), "hovermode": "closest"}
+    layout: Figure = {"xaxis": {"type": "date"}, "yaxis": axis("dead band [% of OP span]")}
     if (c := report.cluster) is not None:
         low, high = (100 * end for end in c.ci95)
         layout["shapes"] = [across("y", (low, high), EVIDENCE),
@@ -245,7 +247,7 @@ def profile(report: LoopReport) -> Figure:
     ticks = [s for s in SIZES if x and min(x) <= s <= max(x)]
     return {"data": [line], "layout": {
         "xaxis": axis("dead band tried [% of OP span]", type="log", tickvals=ticks),
-        "yaxis": axis("evidence (log likelihood)"), "shapes": shapes, "hovermode": "closest"}}
+        "yaxis": axis("evidence (log likelihood)"), "shapes": shapes}}
 
 
 def close_look(record: Record, report: LoopReport) -> slice:
@@ -289,12 +291,9 @@ def over_time(time: FloatArray, values: FloatArray, span: tuple[float, float], n
     time: (samples,) epoch seconds; values: (samples,) normalised.
     """
     chosen, gaps = thin(np.arange(len(values)) if index is None else index, values, points)
-    x: list[int | None] = (time[chosen] * 1000).astype(np.int64).tolist()
-    y: list[float | None] = units(values[chosen], span, digits)
-    for position in reversed(gaps):
-        x.insert(position, x[position])
-        y.insert(position, None)
-    return trace(x, y, name, colour, **more)
+    x = np.insert(time[chosen], gaps, time[chosen][gaps])
+    y = np.insert(values[chosen], gaps, np.nan)
+    return trace((x * 1000).astype(np.int64).tolist(), units(y, span, digits), name, colour, **more)
 
 
 def thin(index: IntArray, values: FloatArray, points: int = POINTS) -> tuple[IntArray, list[int]]:
@@ -337,20 +336,92 @@ def digits(values: FloatArray) -> list[float]:
     return [float(f"{v:.5g}") for v in values.tolist()]
 
 
-def scale(span: tuple[float, float]) -> tuple[float, float]:
-    """The span that is shown: per cent where no engineering range is known."""
-    return (0.0, 100.0) if span == (0.0, 1.0) else span
+def shown(span: tuple[float, float]) -> tuple[tuple[float, float], str]:
+    """The span that is shown, and words for its axis: per cent where no engineering range is known.
 
-
-def unit(span: tuple[float, float]) -> str:
-    """Words for an axis of a span that is shown.
-
-    >>> unit((0.0, 100.0)), unit((0.0, 900.0))
-    ('%', 'span 0–900')
+    >>> shown((0.0, 1.0)), shown((0.0, 900.0))
+    (((0.0, 100.0), '%'), ((0.0, 900.0), 'span 0–900'))
     """
-    return "%" if span == (0.0, 100.0) else f"span {span[0]:g}–{span[1]:g}"
+    span = (0.0, 100.0) if span == (0.0, 1.0) else span
+    return span, "%" if span == (0.0, 100.0) else f"span {span[0]:g}–{span[1]:g}"
 
 
 def ms(epoch: float) -> int:
     """Epoch seconds as a figure takes them."""
     return round(1000 * float(epoch))
+
+
+@dataclass(frozen=True)
+class PlantRow:
+    """A loop of the picture of a plant, sizes in output spans."""
+
+    loop: str
+    group: str  # words of the legend
+    mark: str
+    size: float | None = None
+    interval: tuple[float, float] | None = None  # of size
+    below: float | None = None  # what is excluded, where there is no size
+    tick: float | None = None  # limit that the size is held against
+    words: str = ""  # beside the row
+    hover: str = ""  # when it is pointed at
+    last: tuple[tuple[float, float], ...] = ()  # (epoch seconds, size) of the last weeks
+
+
+def plant(rows: Sequence[PlantRow], tick: str) -> Figure:
+    """Return the loops in their order, first on top: point and line, triangle, tick or words. tick: what it is."""
+    data: list[Figure] = []
+    for group in dict.fromkeys(row.group for row in rows):
+        own = [(k, row) for k, row in enumerate(rows) if row.group == group]
+        at = [100 * (row.size or row.below or 0.0) for _, row in own]
+        spans = [None if row.size is None or row.interval is None else (100 * row.interval[0], 100 * row.interval[1])
+                 for _, row in own]
+        colour = COLOURS[own[0][1].mark]
+        line = trace(at, [k for k, _ in own], f"{group} ({len(own)})", colour, mode="markers+text", size=10, hover="",
+                     text=[row.words for _, row in own], textposition="middle right", cliponaxis=False,
+                     showlegend=any(at), hoverinfo="text",
+                     hovertext=[picture(f"{row.loop}: {row.hover}", 200) for _, row in own],
+                     error_x=bars(at, spans, colour, thickness=2, visible=any(row.size is not None for _, row in own)))
+        line["marker"] |= {"opacity": [float(x > 0) for x in at],
+                           "symbol": ["triangle-left-open" if row.size is None else "circle" for _, row in own]}
+        data.append(line)
+    if ticks := [(k, 100 * row.tick) for k, row in enumerate(rows) if row.tick is not None]:
+        line = trace([x for _, x in ticks], [k for k, _ in ticks], tick, QUIET, mode="markers", symbol="line-ns-open",
+                     size=16, hover=f"{tick} %{{x:.2f}} %<extra></extra>")
+        line["marker"]["line"] = {"width": 3}
+        data.append(line)
+    layout: Figure = {
+        "xaxis": axis("dead band [% of output span]", rangemode="tozero"),
+        "yaxis": {"tickvals": [*range(len(rows))], "ticktext": [picture(row.loop, 16) for row in rows],
+                  "fixedrange": True, "range": [len(rows) - 0.4, -0.6], "zeroline": False},
+        "height": 130 + 26 * len(rows)}
+    if any(row.last for row in rows):
+        data += _last_weeks(rows)
+        layout["xaxis"]["domain"] = [0.0, 0.6]
+        layout["xaxis2"] = {"type": "date", "domain": [0.66, 1.0], "showgrid": False, "showticklabels": False}
+    return {"data": data, "layout": layout}
+
+
+def bars(at: Sequence[float], spans: Sequence[tuple[float, float] | None], colour: str, **more: Any) -> Figure:
+    """Intervals as error bars, none where there is no interval."""
+    both = [span or (x, x) for x, span in zip(at, spans, strict=True)]
+    above, below = ([round(max(sign * (span[side] - x), 0.0), 4) for x, span in zip(at, both, strict=True)]
+                    for side, sign in ((1, 1.0), (0, -1.0)))
+    return {"type": "data", "symmetric": False, "color": colour, "array": above, "arrayminus": below, **more}
+
+
+def _last_weeks(rows: Sequence[PlantRow]) -> list[Figure]:
+    """A small line per loop within its row, as high as its size over its limit; the limit dotted across it."""
+    sizes, limits = ([], []), ([], [])  # type: tuple[list[Any], list[Any]], tuple[list[Any], list[Any]]
+    first, last = (edge(t for row in rows for t, _ in row.last) for edge in (min, max))
+    for k, row in enumerate(rows):
+        if not row.last:
+            continue
+        top = 1.2 * max(row.tick or 0.0, *(size for _, size in row.last))
+        parts = [(sizes, row.last)]
+        if row.tick is not None:
+            parts.append((limits, ((first, row.tick), (last, row.tick))))
+        for (x, y), points in parts:
+            x += [*(ms(t) for t, _ in points), None]
+            y += [*(round(k + 0.42 - 0.84 * size / top, 3) for _, size in points), None]
+    plain: Figure = {"xaxis": "x2", "hoverinfo": "skip", "showlegend": False, "hover": ""}
+    return [trace(*limits, "", QUIET, width=1, dash="dot", **plain), trace(*sizes, "", MEASUREMENT, width=1.6, **plain)]

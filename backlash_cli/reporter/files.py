@@ -20,8 +20,7 @@ _TEMPORARY = re.compile(r"\.backlash-[0-9a-f]{12}\.tmp")
 _MENDED = {
     errno.ENOSPC: ("the disk is full", "free some space, or write to another disk"),
     errno.EDQUOT: ("the disk quota is used up", "free some space, or write to another disk"),
-    errno.EACCES: ("no permission to write there", "choose another place"),
-    errno.EPERM: ("no permission to write there", "choose another place"),
+    **dict.fromkeys((errno.EACCES, errno.EPERM), ("no permission to write there", "choose another place")),
     errno.EROFS: ("the disk is read-only", "choose another place"),
     errno.ENOENT: ("the folder does not exist", "make the folder first, or choose another folder"),
     errno.ENOTDIR: ("a part of the path is a file, not a folder", "choose another place"),
@@ -31,25 +30,14 @@ _MENDED = {
 }
 
 
-def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write `text` as UTF-8 to `path`, whole or not at all; the old file stays until the new one is complete.
+def write_text(path: str | os.PathLike[str], text: str | Iterable[str]) -> None:
+    """Write a text, or one in pieces, as UTF-8 to `path`, whole or not at all; the old file stays until it is complete.
 
     Raises BacklashError when the disk is full or the folder cannot be written; the old file is then untouched.
     """
-    write_parts(path, [text])
-
-
-def write_parts(path: str | os.PathLike[str], parts: Iterable[str]) -> None:
-    """Write the pieces of a text to `path`, whole or not at all, without holding them all; see `write_text`."""
     with (replacing(path) as temporary,
           temporary.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file):
-        file.writelines(parts)
-
-
-def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
-    """Write `data` to `path`, whole or not at all; see `write_text`."""
-    with replacing(path) as temporary:
-        temporary.write_bytes(data)
+        file.writelines([text] if isinstance(text, str) else text)
 
 
 @contextlib.contextmanager

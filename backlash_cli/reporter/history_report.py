@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from .._version import __version__
-from ..results import Compensator
+from ..results import Compensator, Verdict
 from ..results.history import DAY, HalfPeriod, Night, Place, Repair, Run, Segment, Wear, day_text
+from . import figures as fig
 from .figures import Figure
-from .files import write_text
 from .json_report import fields_of, iso_time
-from .page import LoopPart, one_page, write_folder_of
-from .plant_figures import WEEKS, PlantRow, half_period_figure, plant_figure, wear_figure
+from .page import LoopPart, PlantPages, is_page
 from .report import Report
+from .safe import picture
 from .templates import screen, sentence
 
 WIDTH = 160  # lines of names, dates and numbers are not wrapped
@@ -26,7 +26,7 @@ MARKS = {"pull": "bad", "room": "warn", "watch": "warn", "leave": "good", "check
 DRAWN = 60  # loops with figures in a single file
 RANKED = 40  # loops in the picture of the plant
 LATEST = 30  # nights in a loop's table
-TITLE = "Valve wear report"
+WEEKS = 8  # of the small lines beside the sizes in that picture
 
 
 def loops_text(nights: Mapping[str, Sequence[Night]], repairs: Mapping[str, Sequence[Repair]], runs: int) -> str:
@@ -91,7 +91,7 @@ def write_report(output: Path, places: Sequence[Place], wears: Mapping[str, Wear
 
     The old report stays until the new one is whole. half_periods: gives the recent half periods of a loop by its name.
     """
-    single = output.suffix.lower() in (".html", ".htm")
+    single = is_page(output)
     times = [n.time for found in nights.values() for n in found]
     first, last = (day_text(edge(times)) if times else None for edge in (min, max))  # the clock is not asked
     subtitle = sentence("made", len(nights), first, last, __version__, len(times))
@@ -101,11 +101,8 @@ def write_report(output: Path, places: Sequence[Place], wears: Mapping[str, Wear
     content = {"places": places, "wears": wears, "picture": plant_picture(places[:RANKED], wears, nights),
                "counts": Counter(p.title for p in places), "cut": DRAWN * (single and len(places) > DRAWN),
                "ranked": RANKED, "weeks": WEEKS, "marks": MARKS, "day_text": day_text, "growth": growth}
-    if single:
-        write_text(output, one_page(TITLE, subtitle, loops, "wear.html", content))
-    else:
-        told = (places, [[n.digest for n in nights[p.loop]] for p in places], [wears[p.loop] for p in places])
-        write_folder_of(output, TITLE, subtitle, loops, "wear.html", content, told)
+    told = (places, [[n.digest for n in nights[p.loop]] for p in places], [wears[p.loop] for p in places])
+    PlantPages("Valve wear report", subtitle, "wear.html", content, loops).write(output, told)
 
 
 def plant_picture(places: Sequence[Place], wears: Mapping[str, Wear], nights: Mapping[str, Sequence[Night]]) -> Figure:
@@ -116,10 +113,10 @@ def plant_picture(places: Sequence[Place], wears: Mapping[str, Wear], nights: Ma
         wear, now = wears[p.loop], wears[p.loop].now
         last = sorted((n.time, n.d) for n in nights[p.loop] if n.d is not None and n.time >= since)
         level = None if now is None else now.level
-        rows.append(PlantRow(
+        rows.append(fig.PlantRow(
             p.loop, p.title, MARKS[p.action], level, now.level_ci95 if now else None, None, wear.limit.value,
             "" if level else "no size", sentence("brief_wear", p, wear), tuple(last)))
-    return plant_figure(rows, "limit")
+    return fig.plant(rows, "limit")
 
 
 def _loop(place: Place, wear: Wear, nights: Sequence[Night], half_periods: Callable[[str], Sequence[HalfPeriod]],
@@ -129,7 +126,58 @@ def _loop(place: Place, wear: Wear, nights: Sequence[Night], half_periods: Calla
     advice = [n.details["compensator"] for n in nights if isinstance(n.details.get("compensator"), Mapping)]
     wanted = advice and place.action in ("pull", "room", "watch")
     return {"place": place, "wear": wear, "nights": nights, "drawn": drawn,
-            "figure": wear_figure(nights, wear) if drawn and nights else None,
-            "half_periods": half_period_figure(halves) if any(h.accepted for h in halves) else None,
+            "figure": _wear_figure(nights, wear) if drawn and nights else None,
+            "half_periods": _half_period_figure(halves) if any(h.accepted for h in halves) else None,
             "advice": Compensator(**advice[-1]) if wanted else None,  # type: ignore[arg-type]
             "latest": nights[-LATEST:][::-1]}
+
+
+def _wear_figure(nights: Sequence[Night], wear: Wear) -> Figure:
+    """Return dead band over time in % of the output span, with the lines between repairs and the limit."""
+    first, last = min(n.time for n in nights), max([*(n.time for n in nights), *(p[0] for p in wear.forecast)])
+    limit = 100 * wear.limit.value
+    lines = []
+    for suspected, name, symbol in ((False, "night", "circle"), (True, "suspected", "circle-open")):
+        own = [n for n in nights if n.measured and (n.verdict is Verdict.SUSPECTED) is suspected]
+        line = fig.dots([(n.time, n.d or 0.0) for n in own], name, fig.EVIDENCE, symbol=symbol, size=7,
+                        hover="%{x|%Y-%m-%d}: %{y:.2f} %")
+        spans = [None if n.ci95 is None else (100 * n.ci95[0], 100 * n.ci95[1]) for n in own]
+        lines.append(line | {"error_y": fig.bars(line["y"], spans, fig.QUIET, thickness=1, width=2)})
+    below = [(n.time, n.limit_of_detection or 0.0) for n in nights if n.below_detection]
+    lines.append(fig.dots(below, "below detection", fig.SETPOINT, symbol="triangle-down-open",
+                          hover="%{x|%Y-%m-%d}: below %{y:.2f} %"))
+    for number, path in enumerate(s.path for s in wear.segments if s.path):
+        lines += _band(path, "wear", shown=number == 0, width=3)  # the level between repairs
+    if wear.forecast:  # what comes if it goes on, to the limit or as far as the figure goes
+        lines += _band(wear.forecast, "if it goes on", dash="dot", width=2)
+    lines.append(fig.trace([fig.ms(first), fig.ms(last)], [limit, limit], f"limit {limit:.2g} %", fig.OUTPUT,
+                           dash="dash", width=2, hoverinfo="name", hover=""))
+    repairs = [(fig.ms(r.time), "repair found" if r.found else f"repair: {r.note}" if r.note else "repair")
+               for r in wear.repairs]
+    shapes = [fig.across("x", at, fig.QUIET, width=2, dash="dashdot") for at, _ in repairs]
+    words = [fig.written(picture(note, 30), at, 1.0, yref="paper", xanchor="left", yanchor="top", xshift=4)
+             for at, note in repairs]
+    return {"data": [line for line in lines if line["x"]], "layout": {
+        "xaxis": {"type": "date"}, "yaxis": fig.axis("dead band [% of output span]", rangemode="tozero"),
+        "height": 420, "shapes": shapes, "annotations": words, "margin": {"t": 60}}}
+
+
+def _half_period_figure(half_periods: Sequence[HalfPeriod]) -> Figure:
+    """Return the accepted estimates of the half periods over time, in % of the output span."""
+    groups = []
+    for joined, name, symbol in ((False, "half period", "circle"), (True, "across the cut of two nights", "diamond")):
+        part = [p for p in half_periods if p.accepted and p.joined is joined]
+        groups.append(fig.dots([(p.start, p.d) for p in part], name, fig.EVIDENCE, symbol=symbol, size=6,
+                               hover="%{y:.2f} % (%{text})", text=[f"{p.dt_s:.4g} s long" for p in part]))
+    return {"data": [g for g in groups if g["x"]], "layout": {
+        "xaxis": {"type": "date"}, "yaxis": fig.axis("estimate [% of output span]", rangemode="tozero"), "height": 320}}
+
+
+def _band(path: Sequence[tuple[float, ...]], name: str, *, shown: bool = True, **line: Any) -> list[Figure]:
+    """A level over time with its 95 % band; path: (epoch seconds, level, low, high) in spans."""
+    x = [fig.ms(p[0]) for p in path]
+    y, low, high = ([round(100 * max(p[i], 0.0), 4) for p in path] for i in (1, 2, 3))
+    common: Figure = {"legendgroup": name, "hoverinfo": "skip", "hover": ""}
+    return [fig.trace([*x, *x[::-1]], [*high, *low[::-1]], f"{name}, 95 %", fig.QUIET, width=0, showlegend=False,
+                      fill="toself", fillcolor="rgba(128, 128, 128, 0.18)", **common),
+            fig.trace(x, y, name, fig.MEASUREMENT, showlegend=shown, **line, **common)]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -17,8 +16,6 @@ from ..record import FloatArray, Note
 
 SCHEMA_VERSION = 1
 NO_DATE = 2.5e11  # seconds from 1970 beyond which a time is no date (year 9892)
-_NAMES = [f.name for f in fields(results.Estimate)]
-_HALF_PERIOD = attrgetter(*_NAMES)
 
 
 def to_json(result: results.ScanResult) -> str:
@@ -28,18 +25,10 @@ def to_json(result: results.ScanResult) -> str:
 
 def json_parts(result: results.ScanResult) -> Iterator[str]:
     """The same text piece by piece, so that the report of a large plant need not be in memory as a whole."""
-    before = "{"
-    parts = {"inputs": result.inputs, "loops": result.loops, "warnings": result.warnings, "failures": result.failures}
-    for name, value in {**header(), **parts}.items():
-        yield f'{before}"{name}": '
-        before = ",\n"
-        if name in parts and value:
-            for i, one in enumerate(value):
-                yield ("[\n", ",\n")[i > 0] + _line(loop(one) if name == "loops" else strict(one))
-            yield "\n]"
-        else:
-            yield _line(strict(value))
-    yield "}\n"
+    yield _line(strict({**header(), "inputs": result.inputs}))[:-1] + ',\n"loops": ['
+    for i, one in enumerate(result.loops):
+        yield (",\n" if i else "\n") + _line(loop(one))
+    yield "\n],\n" + _line(strict({"warnings": result.warnings, "failures": result.failures}))[1:] + "\n"
 
 
 def loop(report: results.LoopReport) -> dict[str, Any]:
@@ -49,19 +38,16 @@ def loop(report: results.LoopReport) -> dict[str, Any]:
         **fields_of(report, "carry"), "start": iso_time(report.start), "end": iso_time(report.end), "estimates": (),
         "settings": {**fields_of(s), "Tf": s.filter_time},
         "confirmation": None if confirmed is None else fields_of(confirmed, "profile")})
-    halves = half_periods(report.estimates)
-    found["estimates"] = [dict(zip(halves, row, strict=True)) for row in zip(*halves.values(), strict=True)]
-    return found
+    return found | {"estimates": half_periods(report.estimates)}
 
 
-def half_periods(found: Sequence[results.Estimate]) -> dict[str, list[Any]]:
-    """Half periods column by column, as strict values: a plant has hundreds of thousands of them."""
-    rows = [_HALF_PERIOD(e) for e in found]
-    columns = zip(*rows, strict=True) if rows else ((),) * len(_NAMES)
-    told: dict[str, Callable[[Any], list[Any]]] = {
-        **dict.fromkeys(("start", "end"), lambda column: times(np.array(column))),
-        **dict.fromkeys(("dt_s", "dy", "e_max", "d"), lambda column: [*map(shown, column)])}
-    return {name: told.get(name, list)(column) for name, column in zip(_NAMES, columns, strict=True)}
+def half_periods(found: Iterable[results.Estimate]) -> list[dict[str, Any]]:
+    """Return half periods as strict values: a plant has hundreds of thousands of them."""
+    found = list(found)
+    starts, ends = (times(np.array([getattr(e, name) for e in found])) for name in ("start", "end"))
+    return [{"start": start, "end": end, "dt_s": shown(e.dt_s), "dy": shown(e.dy), "e_max": shown(e.e_max),
+             "d": shown(e.d), "direction": e.direction, "accepted": e.accepted, "why": e.why}
+            for e, start, end in zip(found, starts, ends, strict=True)]
 
 
 def header() -> dict[str, Any]:

@@ -33,17 +33,6 @@ BACK: Mapping[str, Any] = {"plotly_file": "plotly.js", "back": ("../index.html",
 _PAGES = re.compile(r"loops-[0-9a-f]{12}")
 
 
-@dataclass(frozen=True)
-class LoopPart:
-    """One loop of a report."""
-
-    name: str
-    mark: str
-    brief: str  # one line on it
-    template: str  # of its part, and what makes the content of that
-    content: Callable[[], Mapping[str, Any]]
-
-
 def page(template: str, title: str, *, subtitle: str = "", plotly_file: str = "", back: tuple[str, str] | None = None,
          **content: Any) -> str:
     """Return the HTML of a whole page, self-contained: styles, scripts, data and the plotting library are inside.
@@ -112,26 +101,54 @@ def cell(value: Any, text: str = "") -> dict[str, Any]:
     return {"text": text or shown, "key": repr(raw) if number else "" if shown == "–" else shown, "number": number}
 
 
-def one_page(title: str, subtitle: str, loops: Sequence[LoopPart], overview: str, content: Mapping[str, Any]) -> str:
-    """Return one self-contained page with every loop folded below the overview, the template of that name."""
-    links = {one.name: f"#loop-{i}" for i, one in enumerate(loops)}
-    return page("loops.html", title, subtitle=subtitle, loops=loops, overview=overview, links=links, **content)
+@dataclass(frozen=True)
+class LoopPart:
+    """One loop of a report."""
+
+    name: str
+    mark: str
+    brief: str  # one line on it
+    template: str  # of its part, and what makes the content of that
+    content: Callable[[], Mapping[str, Any]]
 
 
-def write_folder_of(folder: Path, title: str, subtitle: str, loops: Sequence[LoopPart], overview: str,
-                    content: Mapping[str, Any], told: object, step: Callable[[], None] = lambda: None) -> None:
-    """Write index.html and a page per loop, which is loaded when it is opened; `step` is called after each page.
+@dataclass(frozen=True)
+class PlantPages:
+    """A report on many loops: its overview, and a part for each."""
 
-    told: tells this report from others. The old report is whole until the new one is; see `write_pages`.
-    """
-    def pages() -> Iterator[tuple[str, dict[str, str]]]:
-        for one in loops:
-            yield one.name, {"html": page(one.template, shorten(one.name, 120), subtitle=one.brief, x=one.content(),
-                                          **BACK)}
-            step()
+    title: str
+    subtitle: str
+    overview: str  # template, and the values it asks for besides `links` to the parts
+    content: Mapping[str, Any]
+    loops: Sequence[LoopPart]
 
-    write_pages(folder, (__version__, told), [one.name for one in loops], pages(), lambda **where: page(
-        overview, title, subtitle=subtitle, **where, **content))
+    def page(self) -> str:
+        """Return one self-contained page with every loop folded below the overview."""
+        links = {one.name: f"#loop-{i}" for i, one in enumerate(self.loops)}
+        return page("loops.html", self.title, subtitle=self.subtitle, loops=self.loops, overview=self.overview,
+                    links=links, **self.content)
+
+    def write(self, output: Path, told: object, step: Callable[[], None] = lambda: None) -> None:
+        """Write that page, or for a name without .html a folder: index.html and a page per loop, loaded when opened.
+
+        told: tells this report from others. step: called after each page. The old report is whole until the new one is.
+        """
+        def pages() -> Iterator[tuple[str, dict[str, str]]]:
+            for one in self.loops:
+                yield one.name, {"html": page(one.template, shorten(one.name, 120), subtitle=one.brief,
+                                              x=one.content(), **BACK)}
+                step()
+
+        if is_page(output):
+            write_text(output, self.page())
+        else:
+            write_pages(output, (__version__, told), [one.name for one in self.loops], pages(), lambda **where: page(
+                self.overview, self.title, subtitle=self.subtitle, **where, **self.content))
+
+
+def is_page(output: Path) -> bool:
+    """Whether a name is that of one page; any other is that of a folder."""
+    return output.suffix.lower() in (".html", ".htm")
 
 
 def write_pages(folder: Path, told: object, loops: Iterable[str], pages: Iterable[tuple[str, Mapping[str, str]]],

@@ -36,7 +36,7 @@ def _plot(figure: PaperFigure) -> Figure:
     n = len(figure.panels)
     height = (1.0 - GAP * (n - 1)) / n
     data: list[Figure] = []
-    layout: Figure = {"height": 190 * n + 160, "annotations": [], "hovermode": "closest"}
+    layout: Figure = {"height": 190 * n + 160, "annotations": []}
     shown: set[str] = set()
     for k, panel in enumerate(figure.panels):
         mark = "" if k == 0 else str(k + 1)

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import contextlib
-import gzip
-import io
 import json
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pyarrow import compute, csv
 
 from ..errors import BacklashError, UsageError
 from ..record import FloatArray, Record, SampleState
-from .files import write_bytes, write_text
+from .files import replacing, write_text
 from .json_report import strict
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 SETTINGS = ("K", "Ti", "Td", "Tf", "Kp", "theta", "pv_range", "op_range")
@@ -29,7 +27,7 @@ FINEST = 1e-6
 
 def stem_of(path: Path) -> str:
     """Return the file's name without .csv, .csv.gz or .parquet; UsageError for another suffix."""
-    for suffix in sorted(SUFFIXES, key=len, reverse=True):
+    for suffix in SUFFIXES:
         if path.name.endswith(suffix) and path.name != suffix:
             return path.name.removesuffix(suffix)
     raise UsageError(f"cannot write '{path.name}'", remedy=f"let the name end in {', '.join(SUFFIXES)}")
@@ -43,19 +41,19 @@ def write_plant(path: Path, records: Sequence[Record], *, layout: str = "wide", 
     """
     stem_of(path)
     table = _long(records, finest) if layout == "long" else _wide(records, finest)
-    sink = io.BytesIO()
-    if path.name.endswith(".parquet"):
-        import pyarrow.parquet as pq
-
-        pq.write_table(table, sink, compression="zstd")
-    else:
-        import pyarrow.csv as pc
-
-        sink.write((",".join(table.column_names) + "\n").encode())
-        pc.write_csv(_times_as_text(table), sink, pc.WriteOptions(include_header=False, quoting_style="none"))
-    data = sink.getvalue()
-    # no time stamp inside, so that the same plant gives the same bytes
-    write_bytes(path, gzip.compress(data, 9, mtime=0) if path.name.endswith(".gz") else data)
+    # Arrow puts no time stamp into gzip, so that the same plant gives the same bytes
+    packed = "gzip" if path.name.endswith(".gz") else None
+    with replacing(path) as temporary, pa.output_stream(str(temporary), compression=packed) as sink:
+        if path.name.endswith(".parquet"):
+            pq.write_table(table, sink, compression="zstd")
+        else:
+            sink.write((",".join(table.column_names) + "\n").encode())
+            times = table["timestamp"]  # ISO 8601 with Z; milliseconds only where a time has them
+            with contextlib.suppress(pa.ArrowInvalid):
+                times = times.cast(pa.timestamp("s", tz="UTC"))
+            place = table.schema.get_field_index("timestamp")
+            table = table.set_column(place, "timestamp", compute.strftime(times, "%Y-%m-%dT%H:%M:%SZ"))
+            csv.write_csv(table, sink, csv.WriteOptions(include_header=False, quoting_style="none"))
 
 
 def write_settings(path: Path, records: Iterable[Record]) -> None:
@@ -75,8 +73,6 @@ def write_truth(path: Path, rows: Iterable[Sequence[object]]) -> None:
 
 
 def _wide(records: Sequence[Record], finest: float) -> pa.Table:
-    import pyarrow as pa
-
     first, *others = records
     for record in others:
         if (len(record), record.interval, record.start) != (len(first), first.interval, first.start):
@@ -88,8 +84,6 @@ def _wide(records: Sequence[Record], finest: float) -> pa.Table:
 
 
 def _long(records: Sequence[Record], finest: float) -> pa.Table:
-    import pyarrow as pa
-
     parts = [pa.table({"tag": [f"{r.loop}.{name}"] * len(r), "timestamp": _times(r), "value": values})
              for r in records for name, values in _signals(r, finest).items()]
     if len({part.schema.field("value").type for part in parts}) > 1:
@@ -100,11 +94,15 @@ def _long(records: Sequence[Record], finest: float) -> pa.Table:
 
 def _signals(record: Record, finest: float) -> dict[str, Any]:
     """Columns of one loop in engineering units, name -> (samples,); MODE only where the loop was ever in manual."""
-    settings = record.settings
-    columns: dict[str, Any] = {"SP": _engineering(record.setpoint, settings.pv_range, finest),
-                               "PV": _engineering(record.measurement, settings.pv_range, finest)}
+    def engineering(values: FloatArray, low: float, high: float) -> FloatArray:
+        decimals = max(0, math.ceil(-math.log10(abs(high - low) * finest) - 1e-9))
+        return np.round(low + (high - low) * values, decimals) + 0.0
+
+    s = record.settings
+    columns: dict[str, Any] = {"SP": engineering(record.setpoint, *s.pv_range),
+                               "PV": engineering(record.measurement, *s.pv_range)}
     if record.output is not None:
-        columns["OP"] = _engineering(record.output, settings.op_range, finest)
+        columns["OP"] = engineering(record.output, *s.op_range)
     manual = record.state == SampleState.MANUAL
     if manual.any():
         columns["MODE"] = np.where(manual, "MAN", "AUTO")
@@ -115,28 +113,8 @@ def _signals(record: Record, finest: float) -> dict[str, Any]:
     return columns
 
 
-def _engineering(values: FloatArray, span: tuple[float, float], finest: float) -> FloatArray:
-    low, high = span
-    decimals = max(0, math.ceil(-math.log10(abs(high - low) * finest) - 1e-9))
-    return np.round(low + (high - low) * values, decimals) + 0.0
-
-
 def _times(record: Record) -> Any:
-    import pyarrow as pa
-
     return pa.array(np.round(record.time * 1e3).astype(np.int64), type=pa.timestamp("ms", tz="UTC"))
-
-
-def _times_as_text(table: pa.Table) -> pa.Table:
-    """ISO 8601 with Z; milliseconds only where a time has them."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    times = table["timestamp"]
-    with contextlib.suppress(pa.ArrowInvalid):
-        times = times.cast(pa.timestamp("s", tz="UTC"))
-    place = table.schema.get_field_index("timestamp")
-    return table.set_column(place, "timestamp", pc.strftime(times, "%Y-%m-%dT%H:%M:%SZ"))
 
 
 def _key(name: str) -> str:

@@ -15,19 +15,17 @@ from ..errors import UsageError, nearest
 from ..record import Note, Record
 from ..results import UNDECIDED, LoopReport, ScanResult, Verdict
 from . import figures
-from .figures import POINTS, Figure
-from .files import make_folder, replacing, write_parts
+from .figures import POINTS, Figure, PlantRow
+from .files import make_folder, replacing, write_text
 from .json_report import json_parts
-from .page import LoopPart, one_page, write_folder_of
-from .plant_figures import PlantRow, plant_figure
+from .page import LoopPart, PlantPages, is_page
 from .safe import file_names
-from .tables import columns_of, csv_parts, write_parquet
-from .templates import WIDTH, screen, sentence
+from .tables import columns_of, csv_parts, to_dataframe
+from .templates import screen, sentence
 from .words import MARKS, VERDICTS, by_size, excluded, moment, percent, size
 
 DRAWN = 40  # loops in the picture of the plant, and with figures of their own in a single file; a folder has no limit
 FINE = 12  # of them with lines as fine as a screen; more share the room, so that a page stays below 3 MB
-_TITLE = "Dead band report"
 _SUFFIXES = {".json": "json", ".csv": "csv", ".parquet": "parquet", ".html": "html", ".htm": "html", ".txt": "table"}
 _COLOURS = {"bad": "bold red", "warn": "yellow", "good": "green", "quiet": "dim"}
 
@@ -60,54 +58,49 @@ def check_delivery(form: str | None, output: Path | None, table: str) -> str | N
     return form
 
 
-def render(
-    result: ScanResult, records: Mapping[str, Record], form: str, table: str = "loops", *, verbose: bool = False,
-    colour: bool = False,
-) -> Iterator[str]:
+def render(result: ScanResult, records: Mapping[str, Record], form: str, table: str = "loops", *, verbose: bool = False,
+           colour: bool = False) -> Iterator[str]:
     """Return the report as text in one of the forms table, json, csv, html; piece by piece, loop by loop."""
     if form == "json":
         return json_parts(result)
     if form == "csv":
         return csv_parts(result, table)
-    return iter([single_page(result, records) if form == "html" else to_text(result, verbose=verbose, colour=colour)])
+    return iter([pages(result, records).page() if form == "html" else to_text(result, verbose=verbose, colour=colour)])
 
 
-def write(
-    result: ScanResult, records: Mapping[str, Record], form: str, output: Path, table: str = "loops", *,
-    verbose: bool = False, step: Callable[[], None] = lambda: None,
-) -> None:
+def write(result: ScanResult, records: Mapping[str, Record], form: str, output: Path, table: str = "loops", *,
+          verbose: bool = False, step: Callable[[], None] = lambda: None) -> None:
     """Write the report to a file, or as pages to a folder; the old report stays until the new one is whole.
 
     Raises BacklashError when the place cannot be written.
     """
     if form == "parquet":
         with replacing(output) as temporary:
-            write_parquet(result, temporary, table)
-    elif form == "html" and output.suffix.lower() not in (".html", ".htm"):
-        write_folder(output, result, records, step)
+            to_dataframe(result, table).to_parquet(temporary, index=False)
+    elif form == "html":
+        pages(result, records, folder=not is_page(output)).write(output, result, step)
     else:
-        write_parts(output, render(result, records, form, table, verbose=verbose))
+        write_text(output, render(result, records, form, table, verbose=verbose))
 
 
-def draw(
-    result: ScanResult, records: Mapping[str, Record], folder: Path, step: Callable[[], None] = lambda: None
-) -> int:
+def draw(result: ScanResult, records: Mapping[str, Record], folder: Path, step: Callable[[], None] = lambda: None
+         ) -> int:
     """Draw a picture (PNG) of each loop's evidence into `folder`, made if need be; return how many.
 
     Loops that could not be read have no record and no picture. Raises BacklashError when the place cannot be written.
     """
-    from .still import draw_loop
+    from .still import loop_figure, write_still
 
     make_folder(folder)
     reports = [r for r in result.loops if r.loop in records and r.samples]
     names = file_names(r.loop for r in reports)
     for r in reports:
-        draw_loop(records[r.loop], r, folder, name=names[r.loop])
+        write_still(folder / f"{names[r.loop]}.png", loop_figure(records[r.loop], r))
         step()
     return len(reports)
 
 
-def to_text(result: ScanResult, *, verbose: bool = False, colour: bool = False, width: int = WIDTH) -> str:
+def to_text(result: ScanResult, *, verbose: bool = False, colour: bool = False) -> str:
     """Return a line per loop, largest dead band first; `verbose` adds every reason and warning of every loop."""
     reports = by_size(result.loops)
     counts = Counter(r.verdict for r in reports)
@@ -116,28 +109,25 @@ def to_text(result: ScanResult, *, verbose: bool = False, colour: bool = False, 
     for report in reports:
         for note in report.warnings:
             kinds.setdefault(note.code, {}).setdefault(report.loop, note)
-    return screen("scan.txt", colour=colour, width=min(width, WIDTH), result=result, reports=reports, verbose=verbose,
-                  said=said, kinds=kinds, colours=_COLOURS, undecided=sum(counts[v] for v in UNDECIDED))
+    return screen("scan.txt", colour=colour, result=result, reports=reports, verbose=verbose, said=said, kinds=kinds,
+                  colours=_COLOURS, undecided=sum(counts[v] for v in UNDECIDED))
 
 
-def single_page(result: ScanResult, records: Mapping[str, Record]) -> str:
-    """Return one self-contained page; figures for the first 40 loops of the work list, numbers for all."""
+def pages(result: ScanResult, records: Mapping[str, Record], *, folder: bool = False) -> PlantPages:
+    """Return the plant in one picture and the evidence of every loop; on one page figures for the first 40 loops of the
+    work list, numbers for all."""
     reports = by_size(result.loops)
-    points = min(POINTS, POINTS * FINE // max(1, min(len(reports), DRAWN)))
-    loops = [*_loops(reports[:DRAWN], records, points), *_loops(reports[DRAWN:], {})]
-    return one_page(_TITLE, _subtitle(result), loops, "scan.html", overview(result, cut=len(reports) > DRAWN))
-
-
-def write_folder(folder: Path, result: ScanResult, records: Mapping[str, Record],
-                 step: Callable[[], None] = lambda: None) -> None:
-    """Write index.html and a page per loop, which is loaded when it is opened; `step` is called after each page."""
-    write_folder_of(folder, _TITLE, _subtitle(result), _loops(by_size(result.loops), records), "scan.html",
-                    overview(result), result, step)
-
-
-def _loops(reports: Sequence[LoopReport], records: Mapping[str, Record], points: int = POINTS) -> list[LoopPart]:
-    return [LoopPart(r.loop, MARKS[r.verdict], sentence("brief", r), "loop.html",
-                     partial(_evidence, r, records, points)) for r in reports]
+    shown, cut = reports[:DRAWN], not folder and len(reports) > DRAWN
+    points = POINTS if folder else min(POINTS, POINTS * FINE // max(1, len(shown)))
+    loops = [LoopPart(r.loop, MARKS[r.verdict], sentence("brief", r), "loop.html",
+                      partial(_evidence, r, {} if cut and place >= DRAWN else records, points))
+             for place, r in enumerate(reports)]
+    starts = [r.start for r in reports if r.start is not None]
+    ends = [r.end for r in reports if r.end is not None]
+    first, last = (moment(min(starts)), moment(max(ends))) if starts and ends else (None, None)
+    content = {"result": result, "reports": reports, "shown": shown, "cut": cut, "picture": plant_picture(shown)}
+    made = sentence("made", len(reports), first, last, __version__)
+    return PlantPages("Dead band report", made, "scan.html", content, loops)
 
 
 def _evidence(r: LoopReport, records: Mapping[str, Record], points: int) -> dict[str, Any]:
@@ -158,13 +148,6 @@ def _evidence(r: LoopReport, records: Mapping[str, Record], points: int) -> dict
     return {**found, "drawn": drawn, "part": window.stop - window.start < len(record)}
 
 
-def overview(result: ScanResult, *, cut: bool = False) -> dict[str, Any]:
-    """Return what the overview shows; cut: the page has figures of the first loops only."""
-    reports = by_size(result.loops)
-    return {"result": result, "reports": reports, "shown": reports[:DRAWN], "cut": cut,
-            "picture": plant_picture(reports[:DRAWN])}
-
-
 def plant_picture(reports: Sequence[LoopReport]) -> Figure:
     """The loops of the work list, worst on top: size with its 95 % interval, or what is excluded; colour by verdict."""
     rows = []
@@ -173,14 +156,7 @@ def plant_picture(reports: Sequence[LoopReport]) -> Figure:
         words = "" if d is not None else VERDICTS[r.verdict] if below is None else f"below {percent(below)}"
         rows.append(PlantRow(r.loop, VERDICTS[r.verdict], MARKS[r.verdict], d, r.cluster.ci95 if r.cluster else None,
                              below, None if d is None else r.limit_of_detection, words, sentence("brief", r)))
-    return plant_figure(rows, "limit of detection")
-
-
-def _subtitle(result: ScanResult) -> str:
-    starts = [r.start for r in result.loops if r.start is not None]
-    ends = [r.end for r in result.loops if r.end is not None]
-    first, last = (moment(min(starts)), moment(max(ends))) if starts and ends else (None, None)
-    return sentence("made", len(result.loops), first, last, __version__)
+    return figures.plant(rows, "limit of detection")
 
 
 def parse_rules(texts: Iterable[str], where: str = "--fail-on") -> list[Rule]:

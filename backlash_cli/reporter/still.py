@@ -1,10 +1,4 @@
-"""The figures of the pages as one still picture (PNG or SVG) for paper and mail, drawn by matplotlib.
-
-    draw_loop(record, report, folder) -> Path
-
-Top: setpoint, measurement and output with the half periods that carry the verdict and their estimates. Bottom: a close
-look with the stretches where the stem stands still, PV against OP with the dead band, and the evidence for each size.
-"""
+"""The figures of the pages as one still picture (PNG or SVG) for paper and mail, drawn by matplotlib."""
 
 from __future__ import annotations
 
@@ -21,7 +15,7 @@ from ..results import LoopReport
 from . import figures
 from .figures import Figure
 from .files import replacing
-from .safe import file_name, terminal
+from .safe import terminal
 from .words import VERDICTS, interval, percent, size
 
 if TYPE_CHECKING:
@@ -39,21 +33,13 @@ STYLE: Any = {
     "axes.titlesize": 9, "legend.fontsize": 7, "legend.frameon": False}
 
 
-def draw_loop(
-    record: Record, report: LoopReport, folder: Path, *, name: str | None = None, suffix: str = ".png"
-) -> Path:
-    """Draw the evidence of one loop into `folder` and return the file's path.
-
-    name: file name without suffix, made safe from the loop's name when not given. suffix: ".png" or ".svg". The folder
-    must exist. Raises BacklashError when it cannot be written.
-    """
-    path = Path(folder) / f"{file_name(report.loop) if name is None else name}{suffix}"
-    write_still(path, loop_figure(record, report), DPI)
-    return path
-
-
 def loop_figure(record: Record, report: LoopReport) -> Picture:
-    """Return the picture as a matplotlib Figure that belongs to no window."""
+    """Return the evidence of one loop as a matplotlib Figure.
+
+    Top: setpoint, measurement and output with the half periods that carry the verdict and their estimates. Bottom: a
+    close look with the stretches where the stem stands still, PV against OP with the dead band, and the evidence for
+    each size.
+    """
     record = figures.known_part(record)
     window = figures.close_look(record, report)
     words = f"{report.loop}: {VERDICTS[report.verdict]}"
@@ -69,7 +55,7 @@ def loop_figure(record: Record, report: LoopReport) -> Picture:
     return still(words, [[("", figures.trend(record, report, points=POINTS, room=0.016))], below], (1.2, 1.0), SIZE)
 
 
-def write_still(path: Path, picture: Picture, dpi: int) -> None:
+def write_still(path: Path, picture: Picture, dpi: int = DPI) -> None:
     """Write a picture to a .png or .svg file, whole or not at all, the same bytes for the same picture.
 
     Raises BacklashError when the place cannot be written.

@@ -51,7 +51,7 @@ def columns_of(table: str) -> dict[str, str]:
 def _rows(r: LoopReport, table: str) -> list[list[Any]]:
     """The rows of one loop as strict values, in the order of the table's columns."""
     if table == "estimates":
-        return [[strict(r.loop), *row] for row in zip(*half_periods(r.estimates).values(), strict=True)]
+        return [[strict(r.loop), *row.values()] for row in half_periods(r.estimates)]
     document = loop(replace(r, estimates=()))
     return [[_at(document, (kind.split()[1:] or [name])[0]) for name, kind in LOOP_COLUMNS.items()]]
 
@@ -80,13 +80,9 @@ def to_dataframe(result: ScanResult, table: str = "loops") -> pd.DataFrame:
     return frame.astype({name: _DTYPES[kind] for name, kind in columns.items() if kind in _DTYPES})
 
 
-def to_csv(result: ScanResult, table: str = "loops") -> str:
-    """Return a table as CSV text; texts that a spreadsheet would run as a formula get an apostrophe in front."""
-    return "".join(csv_parts(result, table))
-
-
 def csv_parts(result: ScanResult, table: str = "loops") -> Iterator[str]:
-    """The same text piece by piece, a piece per loop. Raises UsageError for a table that does not exist."""
+    """Return a table as CSV text, a piece per loop; what a spreadsheet would run as a formula gets an apostrophe in
+    front. Raises UsageError for a table that does not exist."""
     heading = csv_text([list(columns_of(table))])
     return itertools.chain([heading], (csv_text(_rows(r, table)) for r in result.loops))
 
@@ -103,11 +99,6 @@ def _csv_cell(value: object) -> object:
     if isinstance(value, bool):
         return "true" if value else "false"
     return "" if value is None else spreadsheet(value)
-
-
-def write_parquet(result: ScanResult, path: Path, table: str = "loops") -> None:
-    """Write a table as Parquet to `path`; names are as in the export, times in UTC."""
-    to_dataframe(result, table).to_parquet(path, index=False)
 
 
 def write_rows(rows: Sequence[Mapping[str, object]], path: Path) -> None:

@@ -26,7 +26,6 @@ _SAID = {
     Verdict.ERROR: ("not analysed", "bad"),
 }
 VERDICTS, MARKS = ({verdict: said[k] for verdict, said in _SAID.items()} for k in (0, 1))
-_ORDER = {v: i for i, v in enumerate(VERDICTS)}
 WORSE = 1.15  # share of the error over share of the time, from which a region is worth a line
 SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
 A_DATE = 1e8  # epoch seconds (1973); a record that counts its seconds from zero stays below
@@ -42,14 +41,14 @@ _UNITS = {  # unit of a parameter -> factor to what is shown, and its words; {}:
 
 def by_size(reports: Sequence[LoopReport]) -> list[LoopReport]:
     """Reports in the order of a work list: backlash and suspicion by size, then the rest by verdict and name."""
-    return sorted(reports, key=lambda r: (_ORDER[r.verdict], -(size(r) or 0.0), r.loop))
+    order = {verdict: place for place, verdict in enumerate(VERDICTS)}
+    return sorted(reports, key=lambda r: (order[r.verdict], -(size(r) or 0.0), r.loop))
 
 
 def size(report: LoopReport) -> float | None:
     """Dead band to quote [span of output]: the cluster's; None where the verdict claims none."""
-    if report.verdict not in (Verdict.BACKLASH, Verdict.SUSPECTED) or report.cluster is None:
-        return None
-    return report.cluster.d
+    claimed = report.verdict in (Verdict.BACKLASH, Verdict.SUSPECTED)
+    return report.cluster.d if claimed and report.cluster is not None else None
 
 
 def excluded(report: LoopReport) -> float | None:
@@ -136,12 +135,6 @@ def rung(step: Step) -> str:
     return "baseline" if step.added is None else f"+ {plain_name(step.added)}"
 
 
-def gap_sizes(e: Explanation, pair: tuple[str, str]) -> list[float]:
-    """The gap that each of these effects had where it was tried [span]."""
-    return [p.value for x in (*e.effects, *e.candidates) if x.effect in pair for n, p in x.parameters.items()
-            if n in ("d", "S") and isinstance(p.value, float)]
-
-
 def effect_name(effect: str, e: Explanation) -> str:
     """The name of an accepted effect, with its twin where the record cannot tell them apart; whether it is likely."""
     twin = [b for a, b in e.look_alikes if a == effect and {a, b} == {"backlash", "stiction"}]
@@ -223,11 +216,6 @@ def _digits(value: float, width: float) -> int:
     if math.isfinite(width) and width > 0:
         worth = max(-math.floor(math.log10(0.5 * width)), 1 - own if value else 0)
     return min(max(worth, 0), 8)
-
-
-def plain_quantity(p: FittedParameter) -> str:
-    """A parameter of the process, without engineering units."""
-    return quantity(p, "process", LoopSettings())
 
 
 def numbers(effect: FittedEffect, settings: LoopSettings, start: float | None = None, *, brief: bool = False

@@ -5,50 +5,34 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
-from ..errors import MetadataError, nearest
-from ..toml_text import parsed
+from ..errors import MetadataError
+from ..toml_text import Page, checked, line_of, parsed
 from .schema import Metadata, check_keys, with_defaults
 
 _NUMBER = r"(-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
 _RANGE = re.compile(rf"^\s*[\[(]?\s*{_NUMBER}\s*(?:\.\.\.?|,|;|:|\s|to|bis)\s*{_NUMBER}\s*[\])]?\s*$")
 
 
+class _LoopsFile(Page, frozen=True):
+    defaults: Mapping[str, Any] = {}
+    loops: Mapping[str, Any] = {}
+
+
 def parse_toml(text: str, where: str) -> Metadata:
     """Read metadata from TOML text. Raises MetadataError naming line and key, with the nearest known ones."""
-    document = parsed(text, where)
-    for key in document:
-        if key not in ("defaults", "loops"):
-            remedy = f"{nearest(key, ['defaults', 'loops'])} settings of a loop stand under [loops.NAME]"
-            raise MetadataError(f"unknown table or key {key!r} in the loops file", remedy=remedy,
-                                where=_line_of(text, where, key, None))
-    defaults, loops = document.get("defaults", {}), document.get("loops", {})
-    inner = {f"loops.{name}": table for name, table in loops.items()} if isinstance(loops, dict) else {}
-    for name, table in {**document, **inner}.items():
-        if not isinstance(table, dict):
-            raise MetadataError(f"{name!r} must be a table", where=where,
-                                remedy=f"write it as [{name}] with keys below")
-    check_keys(defaults, lambda key: _line_of(text, where, key, "defaults"))
-    for name, values in loops.items():
-        check_keys(values, lambda key, name=name: _line_of(text, where, key, name))
-    return with_defaults(loops, defaults, where)
-
-
-def _line_of(text: str, where: str, key: str, table: str | None) -> str:
-    """Name file and line of a key; the line is left out when it cannot be found for sure."""
-    inside = table is None
-    for number, line in enumerate(text.splitlines(), 1):
-        bare = line.strip()
-        if bare.startswith("["):
-            names = bare.strip("[] \t").replace('"', "").replace("'", "")
-            last = names.split(".", 1)[-1] if names.startswith("loops.") else names
-            inside = table is None or last == table
-            if names == key or names == f"loops.{key}" or names.startswith(f"{key}."):
-                return f"{where}, line {number}"
-        elif inside and re.match(rf"['\"]?{re.escape(key)}['\"]?\s*[=.]", bare):
-            return f"{where}, line {number}"
-    return where
+    page = checked(parsed(text, where), _LoopsFile, where, text,
+                   remedy="settings of a loop stand under [loops.NAME] of the loops file")
+    check_keys(page.defaults, partial(line_of, text, where, "defaults"))
+    for name, values in page.loops.items():
+        if not isinstance(values, dict):
+            raise MetadataError(f"'loops.{name}' must be a table", where=line_of(text, where, "loops", name),
+                                remedy=f"write it as [loops.{name}] with keys below")
+        check_keys(values, partial(line_of, text, where, "loops", name))
+    return with_defaults(page.loops, page.defaults, where)
 
 
 def parse_table(text: str, where: str) -> Metadata:

@@ -65,16 +65,15 @@ class Metadata:
         return same[0] if len(same) == 1 else None
 
 
-def inherit(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the defaults that hold for a loop: not set by it, and not contradicted by another form of the same."""
-    taken = set(values).union(*(rivals for rivals in RIVALS if set(rivals) & set(values)))
-    return {key: value for key, value in defaults.items() if key not in taken}
-
-
 def with_defaults(loops: Mapping[str, Mapping[str, Any]], defaults: Mapping[str, Any], where: str) -> Metadata:
-    """Return the settings of a file: of each loop its own and the defaults that hold for it."""
-    return Metadata({name: LoopValues({**(inherited := inherit(defaults, values)), **values}, where,
-                                      frozenset(inherited)) for name, values in loops.items()}, defaults, (where,))
+    """Return the settings of a file: of each loop its own and the defaults that hold for it, which are those that it
+    does not set, nor contradict by another form of the same."""
+    found = {}
+    for name, values in loops.items():
+        taken = set(values).union(*(rivals for rivals in RIVALS if set(rivals) & set(values)))
+        inherited = {key: value for key, value in defaults.items() if key not in taken}
+        found[name] = LoopValues({**inherited, **values}, where, frozenset(inherited))
+    return Metadata(found, defaults, (where,))
 
 
 def check_keys(values: Mapping[str, Any], line_of: Any) -> None:

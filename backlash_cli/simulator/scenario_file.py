@@ -30,7 +30,6 @@ from ..toml_text import parsed, read_page
 from .process import Process
 from .scenario import Applied, Recorder, Scenario, Signal, use
 
-NOT_TOML = "not valid TOML"
 SIMULATION = ("duration", "step", "sample_time", "record_interval", "seed", "start")
 PROCESS = "for example --process K=1.3,T=20,L=2 (static gain, lag and dead time in seconds; more lags: T2=..)"
 _PROCESS_NAMES = {
@@ -39,14 +38,15 @@ _PROCESS_NAMES = {
 }
 
 
-def _read(path: str) -> Mapping[str, Any]:
-    remedy = "give a TOML file; backlash simulate example-2 --show prints a scenario to start from"
-    return parsed(read_page(path, "the file", remedy), path, NOT_TOML)
+def read_toml(path: str) -> dict[str, Any]:
+    """Read a TOML file. Raises MetadataError with place and remedy."""
+    remedy = "check the path; backlash simulate example-2 --show prints a scenario to start from"
+    return parsed(read_page(path, "the file", remedy), path)
 
 
 def parse_scenarios(text: str, where: str = "scenario") -> tuple[Scenario, ...]:
     """Return the loops described by the text of a scenario file. Raises MetadataError for whatever is wrong."""
-    return _scenarios(parsed(text, where, NOT_TOML), where)
+    return _scenarios(parsed(text, where), where)
 
 
 def _scenarios(document: Mapping[str, Any], where: str) -> tuple[Scenario, ...]:
@@ -172,7 +172,7 @@ def scenario_text(name: str) -> str:
 def load_scenarios(name_or_path: str) -> tuple[Scenario, ...]:
     """Return the loops of a named scenario or of a user's own TOML file."""
     if name_or_path.endswith(".toml") or Path(name_or_path).is_file():
-        return _scenarios(_read(name_or_path), name_or_path)
+        return _scenarios(read_toml(name_or_path), name_or_path)
     return parse_scenarios(scenario_text(name_or_path), where=name_or_path)
 
 
@@ -197,7 +197,7 @@ def parse_process(text: str) -> Process:
     Process(gain=1.3, lags=(20.0, 3.0), dead_time=2.0, integrating=False, numerator=(1.0,), denominator=(1.0,))
     """
     if text.endswith(".toml"):
-        table = _read(text)
+        table = read_toml(text)
         return build(Process, table.get("process", table), text)
     given: dict[str, float] = {}
     for part in filter(None, (p.strip() for p in text.replace(";", ",").split(","))):

@@ -73,7 +73,8 @@ def test_a_wrong_model_file_names_line_and_remedy(loop, tmp_path, capfd, text, s
 
 
 def test_missing_model_file_and_wrong_picture(loop, tmp_path, capfd):
-    assert "cannot read the model: No such file" in run(capfd, "compare", loop, "--model", tmp_path / "x.toml").err
+    done = run(capfd, "compare", loop, "--model", tmp_path / "x.toml")
+    assert "the model file cannot be read: No such file" in done.err
     done = run(capfd, "compare", loop, "--picture", tmp_path / "x.gif")
     assert done.status == 2 and "a picture is .png or .svg" in done.err
 

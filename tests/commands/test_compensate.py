@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from backlash_cli.commands.compensate import compensate
+from backlash_cli.commands.simulate import compensate
 from backlash_cli.errors import BacklashError
 
 PLANT = str(Path(__file__).parents[2] / "sample_data" / "plant.csv")

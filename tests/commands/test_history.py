@@ -42,7 +42,7 @@ def db(tmp_path_factory):
     path = tmp_path_factory.mktemp("db") / "made.db"
     with History(path, create=True) as history:
         for name, options in {"FIC101": {}, "FIC102": {"repair": 30}, "TIC1": {"first": 0.015, "last": 0.015}}.items():
-            history.add_all([result(report) for report in growing(60, loop=name, **options)])
+            history.add(*[result(report) for report in growing(60, loop=name, **options)])
     return path
 
 

@@ -18,12 +18,12 @@ SLOW = """
 import sys, time
 import backlash_cli.engines.local as local
 real, calls = local.analyse_loop, []
-def slow(record, options):
+def slow(record, options, *more):
     calls.append(record)
     if len(calls) == 2:
         print("second loop", file=sys.stderr, flush=True)
         time.sleep(60)
-    return real(record, options)
+    return real(record, options, *more)
 local.analyse_loop = slow
 from backlash_cli.__main__ import main
 main()

@@ -36,11 +36,11 @@ def analysed(monkeypatch):
     """Names of the loops that this process analyses; `stop` after so many."""
     names, real = [], local.analyse_loop
 
-    def counted(record, options):
+    def counted(record, options, *more):
         if len(names) == counted.stop:
             raise KeyboardInterrupt
         names.append(record.loop)
-        return real(record, options)
+        return real(record, options, *more)
 
     counted.stop = -1
     monkeypatch.setattr(local, "analyse_loop", counted)

@@ -17,9 +17,9 @@ from backlash_cli.engines.cluster import watch
 from backlash_cli.errors import BacklashError, UsageError
 from backlash_cli.history.unfinished import Unfinished
 from backlash_cli.loaders import ReadOptions
-from backlash_cli.loaders.columns import open_parquet
 from backlash_cli.loaders.plant import open_plant
 from backlash_cli.loaders.scratch import Room
+from backlash_cli.loaders.tables import open_parquet
 from backlash_cli.reporter.json_report import to_json
 from backlash_cli.results import Verdict
 from backlash_cli.scanning import ScanOptions

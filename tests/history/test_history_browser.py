@@ -21,8 +21,8 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wear")
     with History(folder / "h.db", create=True) as history:
         for k in range(4):
-            history.add_all([result(r) for r in growing(40, loop=f"FIC{k}", seed=k, repair=20 if k % 2 else None)])
-        history.add_all([result(made(k, None, loop=HOSTILE, verdict=Verdict.NO_BACKLASH, lod=0.004))
+            history.add(*[result(r) for r in growing(40, loop=f"FIC{k}", seed=k, repair=20 if k % 2 else None)])
+        history.add(*[result(made(k, None, loop=HOSTILE, verdict=Verdict.NO_BACKLASH, lod=0.004))
                          for k in range(10)])
         history.mark_repair("FIC2", 1774000000.0, "new <b>packing</b>")
         plant = plant_history(history, read_limits())

@@ -5,8 +5,7 @@ import pytest
 from backlash_cli.history.limits import read_limits
 from backlash_cli.history.plant import plant_history
 from backlash_cli.history.store import History
-from backlash_cli.reporter.history_report import plant_picture, write_report
-from backlash_cli.reporter.plant_figures import WEEKS
+from backlash_cli.reporter.history_report import WEEKS, plant_picture, write_report
 from backlash_cli.results import Verdict
 from tests.history.nights import DAY, MARCH, growing, made, result
 
@@ -14,9 +13,9 @@ from tests.history.nights import DAY, MARCH, growing, made, result
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory):
     with History(tmp_path_factory.mktemp("h") / "h.db", create=True) as history:
-        history.add_all([result(r) for r in growing(80, 0.02, 0.05, loop="BAD", seed=1)])
-        history.add_all([result(r) for r in growing(80, 0.010, 0.012, loop="GOOD", seed=2)])
-        history.add_all([result(made(k, None, loop="BLIND", verdict=Verdict.CANNOT_TELL, lod=None)) for k in range(9)])
+        history.add(*[result(r) for r in growing(80, 0.02, 0.05, loop="BAD", seed=1)])
+        history.add(*[result(r) for r in growing(80, 0.010, 0.012, loop="GOOD", seed=2)])
+        history.add(*[result(made(k, None, loop="BLIND", verdict=Verdict.CANNOT_TELL, lod=None)) for k in range(9)])
         yield plant_history(history, read_limits())
 
 

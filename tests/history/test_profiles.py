@@ -23,7 +23,7 @@ def test_the_first_pattern_that_fits_counts_and_a_loop_of_its_own_goes_first():
 @pytest.mark.parametrize(("text", "words"), [
     ("", "no class"), ("[classes.a]\nlimit = 0", "between 0 and 100"), ("[classes.a]\nlimit = true", "number"),
     ("[classes.a]\nlimit = 3\nsorce = 1", "sorce"), (CLASSES + "[[assign]]\nloops = 'x'\nclass = 'c'", "no class 'c'"),
-    ("default = 'z'\n" + CLASSES, "no class 'z'"), (CLASSES + "[[assign]]\nclass = 'a'", "no loops given"),
+    ("default = 'z'\n" + CLASSES, "no class 'z'"), (CLASSES + "[[assign]]\nclass = 'a'", "loops is missing"),
     ("assign = 3\n" + CLASSES, "list"), ("classes = 3", "table"), ("[", "TOML"), (CLASSES + "[loops]\nX = 1", "table"),
 ])
 def test_a_wrong_profile_is_refused_in_words(text, words):
@@ -54,7 +54,8 @@ def test_paths_are_relative_to_the_configuration(tmp_path):
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    ('history = "h.db"', "no inputs"), ('inputs = "x"', "no history"), (GOOD + "inputz = 3", "did you mean inputs"),
+    ('history = "h.db"', "inputs is missing"), ('inputs = "x"', "history is missing"),
+    (GOOD + "inputz = 3", "did you mean inputs"),
     (GOOD + "horizon = -1", "positive"), (GOOD + 'together = "yes"', "true or false"), (GOOD + "loops = 3", "text"),
     (GOOD + '[outputs]\nscan = "s.json"', "needs its date"), (GOOD + '[outputs]\nscan = "{date}.doc"', ".doc"),
     (GOOD + '[outputs]\nreprt = "x"', "did you mean report"), (GOOD + '[log]\nformat = "xml"', "text, json"),

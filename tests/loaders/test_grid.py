@@ -9,13 +9,18 @@ from hypothesis import strategies as st
 
 from backlash_cli.errors import LoopError
 from backlash_cli.loaders.grid import MAX_HOLE, make_grid
-from backlash_cli.loaders.order import NAT, SECOND, ordered
+from backlash_cli.loaders.order import NAT, SECOND
+from backlash_cli.loaders.order import ordered as ordered_by
 
 T0 = 1_773_734_400 * SECOND
 
 
 def stamps(seconds: object) -> np.ndarray:
     return T0 + np.rint(np.asarray(seconds, float) * SECOND).astype(np.int64)
+
+
+def ordered(micros: np.ndarray, probe: np.ndarray | None = None, **more: object):
+    return ordered_by(micros, np.full(len(micros), np.nan) if probe is None else probe, **more)
 
 
 def codes(thing) -> list[str]:

@@ -226,3 +226,11 @@ def test_stamps_in_a_wrong_unit_are_refused(tmp_path):
     path = save(tmp_path, wide(lambda t: f"{day + (t - STAMPS[0]) / dt.timedelta(days=1):.9f}"))
     with pytest.raises(BacklashError, match="most rows repeat a time stamp"):
         read(path, options=ReadOptions(time_format="epoch_ms"))
+
+
+def test_the_whole_file_tells_day_from_month_where_date_and_time_stand_apart(tmp_path):
+    """The first 4000 rows are of one day; the others go on over midnight, from the third to the fourth of April."""
+    stamps = np.datetime64("2026-04-03T09:00:00") + 10 * np.arange(9000)
+    rows = [f"{str(t)[8:10]}/04/2026,{str(t)[11:]},0.5,0.{400 + k % 7},0.{300 + k % 5}" for k, t in enumerate(stamps)]
+    record = read(save(tmp_path, "\n".join(["date,time,A.SP,A.PV,A.OP", *rows])))["A"]
+    assert record.start == stamps[0].astype(int) and record.interval == 10.0 and len(record) == 9000

@@ -7,7 +7,7 @@ import pytest
 
 from backlash_cli.effects.registry import load_effect
 from backlash_cli.model import explain
-from backlash_cli.model.adequacy import chance_above, left_by
+from backlash_cli.model.adequacy import left_by
 from backlash_cli.model.candidates import candidate
 from backlash_cli.model.intervals import unseen_travel
 from backlash_cli.model.problem import Memory, problem_from_record
@@ -109,12 +109,3 @@ def test_repeated_values_are_an_exception_test_or_rounding_with_their_own_floor(
         assert part.effect.name == name and next(iter(part.values.values())) == pytest.approx(step, rel=0.05)
         assert only_reports(problem, (part,)) is (name == "exception_compression")
         assert 0.0005 < recorded_floor(problem, (part,), base) < 0.01
-
-
-@pytest.mark.parametrize("columns", range(8))
-def test_the_chance_of_chi_squared_is_that_of_scipy(columns: int) -> None:
-    from scipy.special import chdtrc
-
-    for score in (0.0, 0.3, 4.0, 40.0, 900.0):
-        expected = float(chdtrc(columns, score)) if columns else 1.0
-        assert chance_above(score, columns) == pytest.approx(expected, rel=1e-12)

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from backlash_cli.effects import Effect, Parameter, Stage
-from backlash_cli.effects.registry import load_effect
 from backlash_cli.errors import MetadataError, UsageError
 from backlash_cli.model import explain
-from backlash_cli.model.search import Found, turned
+from backlash_cli.model.search import Found
 from backlash_cli.record import FloatArray, LoopSettings, record_from_arrays
 from backlash_cli.reporter.json_report import judged
 
@@ -162,10 +160,3 @@ def test_fast_valve_kernels_equal_the_steps() -> None:
 def test_an_effect_that_was_not_asked_without_it_is_worth_nothing_known() -> None:
     nothing: Any = None
     assert Found(nothing, {}, nothing, {}, nothing, nothing).gain("second_lag") == 0.0
-
-
-def test_a_look_alike_in_another_effects_place_keeps_the_fit_without_it() -> None:
-    """Without its backlash a model may have a second lag where it had a dead time; stiction then stands beside that."""
-    without: Any = {"backlash": "no backlash", "dead_time": "no dead time"}
-    parts: Any = [SimpleNamespace(effect=load_effect(name)) for name in ("stiction", "second_lag")]
-    assert turned(without, "backlash", "stiction", parts) == {"stiction": "no backlash", "second_lag": "no dead time"}

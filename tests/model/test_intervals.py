@@ -9,7 +9,7 @@ import pytest
 
 from backlash_cli.effects import EFFECTS
 from backlash_cli.model.fit import Fit, fit
-from backlash_cli.model.intervals import MODEL_ERROR, covariance, fitted_effects, process_parameters
+from backlash_cli.model.intervals import MODEL_ERROR, deviations, fitted_effects, process_parameters
 from backlash_cli.model.noise import Noise
 from backlash_cli.model.pipeline import Part, Shape
 from backlash_cli.model.problem import Problem, problem_from_record
@@ -72,9 +72,9 @@ def test_a_rest_that_is_not_white_widens_the_intervals() -> None:
     problem, found = true_fit(loop(d=0.03, noise=0.001, load=0.02, seed=3), 0.03)
     # the load is taken for white noise: the truth is that its error lasts
     blind = replace(found, noise=Noise(1e-3, 60.0, 20.0))
-    known, _ = covariance(problem, blind)
+    known, _ = deviations(problem, blind)
     assert known[-1, "lag", 0].wider > 2.0
-    right, _ = covariance(problem, found)
+    right, _ = deviations(problem, found)
     assert right[-1, "lag", 0].wider < 1.7
 
 

@@ -1,9 +1,12 @@
 """Where a model fails: shares of the squared error, on which side, and frequency bands that add up."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from backlash_cli.model.locate import regions
+from backlash_cli.model.pipeline import Shape
 from backlash_cli.model.problem import problem_from_record
 from backlash_cli.record import record_from_arrays
 
@@ -17,7 +20,7 @@ def problem():
 
 
 def found(problem, error):
-    return {r.region: r for r in regions(problem, error, 10.0, 0.0, 1000.0)}
+    return {r.region: r for r in regions(replace(problem, start=1000.0), error, Shape(10.0, 0.0))}
 
 
 def test_an_error_after_upward_turns_is_placed_there_and_has_a_side(problem):
@@ -36,7 +39,7 @@ def test_an_error_after_upward_turns_is_placed_there_and_has_a_side(problem):
 
 def test_time_blocks_and_frequency_bands_share_out_all_of_the_error(problem):
     error = 0.01 * np.random.default_rng(1).standard_normal(2000)
-    parts = regions(problem, error, 10.0, 0.0, 0.0)
+    parts = regions(problem, error, Shape(10.0, 0.0))
     assert sum(r.share for r in parts if r.kind == "time") == pytest.approx(1.0)
     assert sum(r.share for r in parts if r.kind == "frequency") == pytest.approx(1.0)
     assert all("average" not in r.sentence for r in parts if r.kind == "time")

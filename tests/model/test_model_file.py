@@ -67,13 +67,13 @@ def test_a_short_file_by_hand_is_enough():
 
 @pytest.mark.parametrize(("old", "new", "line", "said"), [
     ("loop =", "lop =", 2, "unknown key 'lop' -> did you mean loop"),
-    ('loop = "FIC101"', "", None, "does not say which loop"),
+    ('loop = "FIC101"', "", None, "loop is missing"),
     ("tau = 20.0", "tua = 20.0", 6, "unknown key 'tua' -> did you mean tau"),
     ("tau = 20.0", "", 4, "tau is missing -> add tau"),
     ("tau = 20.0", "tau = -3", 6, "tau = -3 is not possible -> give one number: time constant [s]"),
     ("tau = 20.0", "tau = '20'", 6, "tau = '20' is not possible -> give one number"),
     ("tau = 20.0", "tau = 20.0\ntheta = -1", 7, "theta = -1 is not possible"),
-    ("tau = 20.0", "tau = 20.0 s", 6, "invalid TOML"),
+    ("tau = 20.0", "tau = 20.0 s", 6, "not valid TOML"),
     ('"backlash"', '"backlsh"', 9, "no effect 'backlsh' -> did you mean backlash"),
     ('"stiction"', "3", 12, "names no effect"),
     ("d = 0.03", "D2 = 0.03", 10, "unknown key 'D2' of backlash -> did you mean d?"),

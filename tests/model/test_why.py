@@ -63,11 +63,10 @@ def test_only_a_gap_of_the_valve_is_a_gap() -> None:
 def test_a_small_gap_is_marked(d: float, gain: float, codes: set[str]) -> None:
     problem = problem_from_record(loop(noise=0.001))
     effect = FittedEffect("backlash", {"d": FittedParameter(d, "span")}, stage="valve")
-    (found,) = marked(problem, gain, [effect])
-    assert {n.code for n in found.notes} - {"coarse_samples"} == codes
+    assert {n.code for n in marked(problem, gain, effect).notes} - {"coarse_samples"} == codes
     fast = replace(problem, output=0.5 + 0.02 * np.sin(np.arange(problem.samples)))
     assert usual_move(fast) > 0.01
-    assert "coarse_samples" in {n.code for n in marked(fast, gain, [effect])[0].notes}
+    assert "coarse_samples" in {n.code for n in marked(fast, gain, effect).notes}
 
 
 def test_an_explanation_gives_a_reason_for_all_that_was_not_taken() -> None:

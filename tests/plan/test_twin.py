@@ -32,7 +32,7 @@ def test_the_answer_of_a_process_is_that_of_an_exact_solution(process):
     held = np.concatenate([np.zeros(late), values[: len(values) - late]])
     exact = signal.lsim(([process.gain], denominator), held, t, interp=False)[1]
     assert np.ptp(exact) > 0.1
-    assert np.max(np.abs(response(process, values, 1.0) - exact)) < 0.02 * np.ptp(exact)
+    assert np.max(np.abs(response(process, values, 1.0) - exact)) < 1e-9 * np.ptp(exact)
 
 
 def test_the_process_is_read_from_the_record_and_its_upset_is_what_the_process_leaves():

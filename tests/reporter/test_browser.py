@@ -5,7 +5,7 @@ import json
 import pytest
 
 from backlash_cli.reporter.files import write_text
-from backlash_cli.reporter.scan_report import single_page, write_folder
+from backlash_cli.reporter.scan_report import pages, write
 from backlash_cli.results import Verdict
 from tests.reporter.chromium import quiet_page, settled  # noqa: F401  the first acts on every test here
 from tests.reporter.reports import HOSTILE, record, report, result
@@ -24,7 +24,7 @@ def page(tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "report.html"
     loops = [report("FIC10", 0.02), report("FIC9", 0.05), report("TIC1", None, Verdict.NO_BACKLASH)]
     loops += [report(name, 0.01) for name in HOSTILE]
-    write_text(path, single_page(result(*loops), {"FIC10": record("FIC10"), HOSTILE[1]: record(HOSTILE[1])}))
+    write_text(path, pages(result(*loops), {"FIC10": record("FIC10"), HOSTILE[1]: record(HOSTILE[1])}).page())
     return path
 
 
@@ -99,7 +99,7 @@ def test_the_figures_follow_a_change_to_dark(browser, page):
 
 
 def test_the_plant_is_drawn_at_the_top_and_the_table_fits_a_usual_screen(browser, tmp_path):
-    write_text(tmp_path / "r.html", single_page(result(), {}))
+    write_text(tmp_path / "r.html", pages(result(), {}).page())
     browser.open(tmp_path / "r.html", width=1280)
     browser.wait("document.querySelectorAll('.main-svg').length > 0")
     drawn = browser.evaluate("Array.from(document.querySelectorAll('.yaxislayer-above .ytick, .ytick'))"
@@ -123,7 +123,7 @@ def test_a_browser_that_cannot_unpack_says_so_and_shows_the_numbers(browser, pag
 
 def test_a_folder_of_a_thousand_loops_opens_at_once_and_loads_a_loop_when_asked(browser, tmp_path):
     loops = [report(f"FIC{i:04}") for i in range(1000)]
-    write_folder(tmp_path, result(*loops), {"FIC0007": record("FIC0007")})
+    write(result(*loops), {"FIC0007": record("FIC0007")}, "html", tmp_path)
     assert browser.open(tmp_path / "index.html") < 3.0
     assert len(browser.evaluate(COLUMN % 0)) == 1000
     browser.evaluate("Array.from(document.links).find(a => a.textContent === 'FIC0007').click()")

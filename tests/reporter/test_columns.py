@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.reporter.json_report import half_periods, iso_time, json_parts, loop, strict, times, to_json
-from backlash_cli.reporter.tables import csv_parts, to_csv, to_dataframe
+from backlash_cli.reporter.tables import csv_parts, to_dataframe
 from backlash_cli.results import Estimate, LoopReport, ScanResult, Verdict
 from backlash_cli.results.scan import Estimates
 
@@ -58,7 +58,7 @@ def test_json_csv_and_frame_are_those_of_the_rows(found):
     names = ("FIC1", '=a",\n"b')
     result = ScanResult(tuple(LoopReport(name, Verdict.BACKLASH, estimates=found) for name in names))
     told = [{"loop": name, **row} for name in names for row in expected]
-    lines = list(csv.reader(io.StringIO(to_csv(result, "estimates"))))
+    lines = list(csv.reader(io.StringIO("".join(csv_parts(result, "estimates")))))
     assert len(lines) == 1 + len(told)
     for line, row in zip(lines[1:], told, strict=True):
         assert line[0] == row["loop"].replace("=", "'=")
@@ -69,19 +69,18 @@ def test_json_csv_and_frame_are_those_of_the_rows(found):
     assert frame["accepted"].tolist() == [r["accepted"] for r in told]
 
 
-def test_estimates_given_one_by_one_become_columns():
+def test_estimates_given_one_by_one_are_told_alike():
     found = [Estimate(1.7e9 + 90.5 * k, 1.7e9 + 90.5 * (k + 1), 90.5, 0.01, 0.02, 0.1, (-1) ** k, k > 1,
                       "ok" if k > 1 else "shape") for k in range(4)]
-    rows = [dict(zip(half_periods(found), row, strict=True)) for row in zip(*half_periods(found).values(), strict=True)]
-    assert rows == [one_by_one(e) for e in found]
-    assert not any(half_periods(()).values())
+    assert half_periods(found) == [one_by_one(e) for e in found]
+    assert half_periods(()) == []
 
 
 def test_pieces_are_the_text_and_a_loop_may_be_called_after_a_field():
     one = Estimate(0.0, 9.0, 9.0, 0.1, 0.2, 0.3, 1, True)
     report = LoopReport('"estimates": []', Verdict.BACKLASH, estimates=[one])
     result = ScanResult((report, replace(report, loop="b")))
-    assert "".join(json_parts(result)) == to_json(result) and "".join(csv_parts(result)) == to_csv(result)
+    assert "".join(json_parts(result)) == to_json(result) and len(list(csv_parts(result))) == 3
     loops = json.loads(to_json(result))["loops"]
     assert [loop["loop"] for loop in loops] == ['"estimates": []', "b"]
     assert [len(loop["estimates"]) for loop in loops] == [1, 1]

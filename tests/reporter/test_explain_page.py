@@ -68,19 +68,20 @@ def test_play_shows_in_the_time_since_op_turned():
 def test_all_signals_share_one_time_axis_and_regions_can_be_switched():
     here = regions()
     # a part of the record that is no worse than the rest is not offered
-    figure = figures.overlay(series(), SETTINGS, (*here, replace(here[1], region="OP above 60 %", share=0.4)), 0.004)
+    figure = figures.overlay(series(), {"PV predicted": series().predicted}, SETTINGS, 0.004,
+                             (*here, replace(here[1], region="OP above 60 %", share=0.4)))
     names = [line["name"] for line in figure["data"]]
-    assert names[:5] == ["SP", "PV measured", "PV predicted", "residual (measured - predicted)", "OP"]
+    assert names[:5] == ["SP", "PV measured", "OP", "PV predicted", "residual, PV predicted"]
     assert all("xaxis" not in line for line in figure["data"])
     shaded = [line for line in figure["data"] if line.get("fill")]
     assert [line["visible"] for line in shaded] == [True, "legendonly"]
     assert figure["data"][1]["y"][500] == pytest.approx(900 * signals()[1][500], rel=1e-5)
-    assert figure["data"][3]["y"][1050] is None  # a sample that does not count
+    assert figure["data"][4]["y"][1050] is None  # a sample that does not count
 
 
 def test_every_step_has_its_button_and_its_lines():
     e = explanation()
-    figure = figures.ladder_overlay(e.series, e.steps, SETTINGS, 0.004)
+    figure = figures.overlay(e.series, {str(k): s.prediction for k, s in enumerate(e.steps)}, SETTINGS, 0.004)
     buttons = figure["layout"]["updatemenus"][0]["buttons"]
     assert [b["label"] for b in buttons] == ["0", "1", "2", "0 + 2", "all"]
     for button in buttons:

@@ -13,7 +13,7 @@ import pytest
 
 from backlash_cli.errors import BacklashError
 from backlash_cli.reporter import files
-from backlash_cli.reporter.files import replacing, write_bytes, write_text
+from backlash_cli.reporter.files import replacing, write_text
 
 
 def only(folder: Path) -> list[str]:
@@ -91,7 +91,7 @@ def test_a_link_is_followed(tmp_path):
 
 
 def test_a_device_is_written_and_not_replaced():
-    write_bytes("/dev/null", b"x")
+    write_text("/dev/null", "x")
     assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
 
 
@@ -99,17 +99,17 @@ def test_full_disk_for_real():
     if not Path("/dev/full").exists():
         pytest.skip("this system has no /dev/full")
     with pytest.raises(BacklashError, match="disk is full"):
-        write_bytes("/dev/full", b"x")
+        write_text("/dev/full", "x")
 
 
 WRITER = """
 import sys
-from backlash_cli.reporter.files import write_bytes
-content = [bytes([65 + k]) * 4_000_000 for k in range(8)]
+from backlash_cli.reporter.files import write_text
+content = [chr(65 + k) * 4_000_000 for k in range(8)]
 print("ready", flush=True)
 while True:
     for block in content:
-        write_bytes(sys.argv[1], block)
+        write_text(sys.argv[1], block)
 """
 
 

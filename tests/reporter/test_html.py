@@ -10,7 +10,7 @@ import pytest
 
 from backlash_cli.record import Note
 from backlash_cli.reporter import figures, scan_report
-from backlash_cli.reporter.scan_report import single_page, write_folder
+from backlash_cli.reporter.scan_report import pages, write
 from backlash_cli.results import Verdict
 from tests.reporter.reports import HOSTILE, record, report, result
 from tests.reporter.test_page import Reader, unpacked
@@ -18,7 +18,7 @@ from tests.reporter.test_page import Reader, unpacked
 
 def test_one_file_holds_every_loop_with_its_evidence():
     found = result(report("FIC101"), report("TIC202", None))
-    page = single_page(found, {"FIC101": record("FIC101")})
+    page = pages(found, {"FIC101": record("FIC101")}).page()
     facts = ("8 of 10 estimates agree", "Compensator gain 2.40 %", "Kp is not given", "2.70 to 3.30 %")
     for words in ("FIC101", "TIC202", *facts):
         assert words in page, words
@@ -30,14 +30,14 @@ def test_one_file_holds_every_loop_with_its_evidence():
 def test_many_loops_in_one_file_keep_numbers_and_name_the_folder(monkeypatch):
     monkeypatch.setattr(scan_report, "DRAWN", 2)
     loops = [report(f"L{i}", 0.01 * (i + 1)) for i in range(4)]
-    page = single_page(result(*loops), {r.loop: record(r.loop) for r in loops})
+    page = pages(result(*loops), {r.loop: record(r.loop) for r in loops}).page()
     assert "--output FOLDER" in page and len(Reader(page).named("details")) == 4
     assert page.count('class="plot"') == 1 + 2 * 5
 
 
 def test_hostile_names_appear_as_text():
     loops = [report(n, warnings=(Note("w", n),), reasons=(Note(n, n),)) for n in HOSTILE]
-    page = single_page(result(*loops, failures=(Note("f", HOSTILE[1]),)), {n: record(n, 500) for n in HOSTILE})
+    page = pages(result(*loops, failures=(Note("f", HOSTILE[1]),)), {n: record(n, 500) for n in HOSTILE}).page()
     read = Reader(page)
     assert not read.open and not read.named("img") and "<script>alert(1)" not in page
     page.encode("utf-8", "backslashreplace")
@@ -50,7 +50,7 @@ def links(folder):
 
 def test_folder_has_a_page_per_loop_and_the_library_once(tmp_path):
     loops = [report(n) for n in HOSTILE]
-    write_folder(tmp_path / "out", result(*loops), {n: record(n, 500) for n in HOSTILE})
+    write(result(*loops), {n: record(n, 500) for n in HOSTILE}, "html", tmp_path / "out")
     found = links(tmp_path / "out")
     assert len(set(found)) == len(HOSTILE)
     for href in found:
@@ -62,30 +62,30 @@ def test_folder_has_a_page_per_loop_and_the_library_once(tmp_path):
 
 def test_a_new_run_replaces_the_folder_and_older_pages_go(tmp_path):
     for d in (0.01, 0.02, 0.03):
-        write_folder(tmp_path, result(report("FIC101", d)), {})
+        write(result(report("FIC101", d)), {}, "html", tmp_path)
     (tmp_path / "mine.txt").write_text("keep")
-    write_folder(tmp_path, result(report("FIC101", 0.03)), {})
+    write(result(report("FIC101", 0.03)), {}, "html", tmp_path)
     pages = [p for p in tmp_path.iterdir() if p.is_dir()]
     assert len(pages) == 1 and (tmp_path / "mine.txt").exists()
     assert "3.00" in (tmp_path / links(tmp_path)[0]).read_text("utf-8")
 
 
 def test_stopped_in_the_middle_the_old_folder_is_whole(tmp_path):
-    write_folder(tmp_path, result(report("FIC101", 0.01)), {})
+    write(result(report("FIC101", 0.01)), {}, "html", tmp_path)
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
 
     def stop() -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_folder(tmp_path, result(report("FIC101", 0.02), report("b")), {}, step=stop)
+        write(result(report("FIC101", 0.02), report("b")), {}, "html", tmp_path, step=stop)
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
 def test_overview_of_a_thousand_loops_is_light(tmp_path):
     loops = [report(f"FIC{i:04}") for i in range(1000)]
     began = time.perf_counter()
-    write_folder(tmp_path, result(*loops), {})
+    write(result(*loops), {}, "html", tmp_path)
     assert time.perf_counter() - began < 30
     assert (tmp_path / "index.html").stat().st_size < 1_500_000
 
@@ -126,7 +126,7 @@ def test_a_page_of_noisy_loops_stays_below_3_mb(loops):
     noisy = {f"L{k}": record(f"L{k}", 20_000) for k in range(loops)}
     for made in noisy.values():
         made.measurement[:] += rng.normal(0.0, 0.005, len(made))
-    assert len(single_page(result(*map(report, noisy)), noisy)) < 3_000_000
+    assert len(pages(result(*map(report, noisy)), noisy).page()) < 3_000_000
 
 
 def test_figures_use_engineering_units_and_bounded_points():
@@ -141,5 +141,5 @@ def test_figures_use_engineering_units_and_bounded_points():
 
 def test_pages_do_not_depend_on_the_clock_or_place():
     loops = {"FIC101": record()}
-    assert single_page(result(report()), loops) == single_page(result(report()), loops)
-    assert not re.search(r"/(home|root|tmp)/", single_page(result(report()), loops).split("/**")[0])
+    assert pages(result(report()), loops).page() == pages(result(report()), loops).page()
+    assert not re.search(r"/(home|root|tmp)/", pages(result(report()), loops).page().split("/**")[0])

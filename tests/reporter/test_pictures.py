@@ -15,14 +15,14 @@ from backlash_cli.reporter.figures import (
     flanks,
     known_part,
     means,
-    scale,
+    shown,
     stands_still,
     stem_of,
     trend,
-    unit,
 )
-from backlash_cli.reporter.still import draw_loop, loop_figure
-from backlash_cli.results import Cluster, Confirmation, Estimate, LoopReport, Verdict
+from backlash_cli.reporter.scan_report import draw
+from backlash_cli.reporter.still import loop_figure, write_still
+from backlash_cli.results import Cluster, Confirmation, Estimate, LoopReport, ScanResult, Verdict
 
 N = 6000
 SETTINGS = LoopSettings(K=0.6, Ti=28.0, pv_range=(0.0, 900.0), op_range=(0.0, 100.0))
@@ -69,12 +69,14 @@ def test_the_picture_says_what_was_found_and_where() -> None:
 
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 def test_the_file_is_a_picture_and_the_same_each_time(tmp_path: Path, suffix: str) -> None:
-    path = draw_loop(record(), report(), tmp_path, suffix=suffix)
+    path = tmp_path / f"FIC101{suffix}"
+    write_still(path, loop_figure(record(), report()))
     data = path.read_bytes()
-    assert path.name == f"FIC101{suffix}" and len(list(tmp_path.iterdir())) == 1
+    assert len(list(tmp_path.iterdir())) == 1
     if suffix == ".png":
         assert data.startswith(b"\x89PNG")
-        assert draw_loop(record(), report(), tmp_path).read_bytes() == data
+        write_still(path, loop_figure(record(), report()))
+        assert path.read_bytes() == data
     else:
         assert ET.fromstring(data).tag.endswith("svg")
 
@@ -83,8 +85,10 @@ def test_the_file_is_a_picture_and_the_same_each_time(tmp_path: Path, suffix: st
 def test_no_name_leaves_the_folder_or_breaks_the_picture(tmp_path: Path, name: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        path = draw_loop(record(name), report(name), tmp_path)
-    assert path.resolve().parent == tmp_path.resolve() and path.is_file()
+        found = replace(report(name), samples=N)
+        assert draw(ScanResult((found,)), {name: record(name)}, tmp_path / "plots") == 1
+    assert [path.suffix for path in tmp_path.rglob("*") if path.is_file()] == [".png"]
+    assert len(list((tmp_path / "plots").iterdir())) == 1
 
 
 def test_without_output_or_confirmation_the_estimates_are_the_evidence() -> None:
@@ -133,7 +137,8 @@ def test_gaps_and_missing_numbers_break_the_line() -> None:
 
 @pytest.mark.parametrize("samples", [1, 30])
 def test_short_records_are_drawn(tmp_path: Path, samples: int) -> None:
-    assert draw_loop(record().slice(0, samples), report(), tmp_path).is_file()
+    write_still(tmp_path / "short.png", loop_figure(record().slice(0, samples), report()))
+    assert (tmp_path / "short.png").is_file()
 
 
 def test_estimates_are_thinned_before_they_hide_each_other() -> None:
@@ -198,6 +203,6 @@ def test_what_is_not_recorded_is_not_drawn() -> None:
 
 
 def test_units_and_means() -> None:
-    assert unit(scale((0.0, 1.0))) == "%" and scale((0.0, 900.0)) == (0.0, 900.0)
+    assert shown((0.0, 1.0)) == ((0.0, 100.0), "%") and shown((0.0, 900.0))[0] == (0.0, 900.0)
     assert means(np.arange(10.0), 5).tolist() == [0.5, 2.5, 4.5, 6.5, 8.5]
     assert means(np.arange(3.0), 5).tolist() == [0.0, 1.0, 2.0]

@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 
 from backlash_cli.errors import UsageError
-from backlash_cli.reporter.tables import ESTIMATE_COLUMNS, LOOP_COLUMNS, to_csv, to_dataframe, write_parquet
+from backlash_cli.reporter.scan_report import write
+from backlash_cli.reporter.tables import ESTIMATE_COLUMNS, LOOP_COLUMNS, csv_parts, to_dataframe
 from backlash_cli.results import ScanResult
 from tests.reporter.reports import HOSTILE, report, result
 
@@ -37,9 +38,9 @@ def test_columns_are_the_same_without_rows(table):
 def test_csv_and_parquet_hold_the_same(tmp_path, table):
     found = result(report("a"), report("b", None))
     frame = to_dataframe(found, table)
-    write_parquet(found, tmp_path / "t.parquet", table)
+    write(found, {}, "parquet", tmp_path / "t.parquet", table)
     parquet = pd.read_parquet(tmp_path / "t.parquet")
-    text = pd.read_csv(io.StringIO(to_csv(found, table)))
+    text = pd.read_csv(io.StringIO("".join(csv_parts(found, table))))
     assert list(text.columns) == list(parquet.columns) == list(frame.columns)
     for column in ("d", "dt_s", "spread", "detections"):
         if column in frame:
@@ -50,7 +51,7 @@ def test_csv_and_parquet_hold_the_same(tmp_path, table):
 
 
 def test_csv_defuses_formulas_and_keeps_one_row_per_loop():
-    found = to_csv(result(*(report(name) for name in HOSTILE)))
+    found = "".join(csv_parts(result(*(report(name) for name in HOSTILE))))
     rows = list(csv.DictReader(io.StringIO(found)))
     assert len(rows) == len(HOSTILE)
     for row in rows:
@@ -61,11 +62,11 @@ def test_csv_defuses_formulas_and_keeps_one_row_per_loop():
 
 
 def test_parquet_takes_names_that_are_no_text(tmp_path):
-    write_parquet(result(report("lone \udc80 surrogate")), tmp_path / "t.parquet")
+    write(result(report("lone \udc80 surrogate")), {}, "parquet", tmp_path / "t.parquet")
     assert pd.read_parquet(tmp_path / "t.parquet").loop[0] == "lone \\udc80 surrogate"
 
 
 def test_unknown_table():
-    for make in (to_dataframe, to_csv):
+    for make in (to_dataframe, csv_parts):
         with pytest.raises(UsageError, match="loops, estimates"):
             make(result(), "nights")

@@ -37,7 +37,7 @@ def test_no_backlash_says_what_it_excludes():
 def test_fits_100_columns_whatever_the_names(verbose):
     loops = [report(n, warnings=(Note("w", f"about {n} " * 9),), reasons=(Note("r", n * 3),)) for n in HOSTILE]
     found = replace(result(*loops), failures=tuple(Note("f", n) for n in HOSTILE))
-    for line in to_text(found, verbose=verbose, width=250).splitlines():
+    for line in to_text(found, verbose=verbose).splitlines():
         assert len(line) <= 100, line
 
 
