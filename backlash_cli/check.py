@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .errors import BacklashError
-from .estimator.assumed_setpoint import at_mean, with_constant_setpoint
 from .estimator.diagnosis import WORDS, Diagnosis, diagnose
-from .estimator.identify import Identification, identify
+from .estimator.identify import Identification, at_mean, identify, with_constant_setpoint
 from .estimator.quality import Quality, data_quality
 from .estimator.settings_check import check_settings
 from .record import LoopSettings, Note, Record

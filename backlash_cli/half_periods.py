@@ -22,13 +22,12 @@ from scipy.signal import lfilter
 from .record import FloatArray, IntArray, Record, SampleState
 
 MISSING, IMPLAUSIBLE, FILLED = (s.value for s in (SampleState.MISSING, SampleState.IMPLAUSIBLE, SampleState.FILLED))
-SHORT = 1 << 8  # samples of a stretch between holes
 PIECE = 1 << 17  # samples taken at once: what is worked out in between stays small
 
 
 @dataclass(frozen=True)
 class DoubleLag:
-    """Coefficients of 1/(1 + s T)^2 sampled every h seconds behind a zero-order hold.
+    """Coefficients (3,) of 1/(1 + s T)^2 sampled every h seconds behind a zero-order hold.
 
     With a = exp(-h/T), r = h/T:  H(z) = ((1 - a - r a) z + a (a - 1 + r)) / (z - a)^2.
     T = 0 is the identity.
@@ -37,14 +36,8 @@ class DoubleLag:
     numerator: FloatArray
     denominator: FloatArray
 
-    @property
-    def is_identity(self) -> bool:
-        return len(self.denominator) == 1
-
     def settled(self, value: float | FloatArray) -> FloatArray:
         """Return the filter state (..., 2) that has rested at `value` for ever."""
-        if self.is_identity:
-            return np.zeros(0)
         b, a = self.numerator, self.denominator
         # direct form II transposed at rest: z2 = (b2 - a2) v, z1 = (b1 - a1) v + z2 with unit static gain
         z2 = (b[2] - a[2]) * value
@@ -52,27 +45,25 @@ class DoubleLag:
 
     def run(self, values: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Filter `values` (..., samples) from `state` (..., 2); return the output and the new state."""
-        return (values, state) if self.is_identity else lfilter(self.numerator, self.denominator, values, zi=state)
+        out, state = lfilter(self.numerator, self.denominator, values, zi=state)
+        return out, state
 
     def run_afresh(self, values: FloatArray, state: FloatArray, firsts: IntArray) -> tuple[FloatArray, FloatArray]:
         """The same for `values` (samples,) with a hole before some of them, `firsts`; it has rested at these for ever.
 
-        Short stretches of about the same length are filtered side by side, because there may be thousands.
+        Stretches of about the same length are filtered side by side, because there may be thousands.
         """
-        if self.is_identity or not len(firsts):
+        if not len(firsts):
             return self.run(values, state)
         out = np.empty(len(values))
         out[: firsts[0]], _ = self.run(values[: firsts[0]], state)
         lengths = np.diff(firsts, append=len(values))
-        for first, length in zip(firsts[lengths > SHORT].tolist(), lengths[lengths > SHORT].tolist(), strict=True):
-            part = slice(first, first + length)
-            out[part], _ = self.run(values[part], self.settled(values[first]))
-        powers = np.where(lengths > SHORT, -1, np.frexp(lengths - 1)[1])
-        for power in np.unique(powers[powers >= 0]).tolist():
-            like = powers == power
-            inside = np.arange(1 << power) < lengths[like, None]
-            places = firsts[like, None] + np.where(inside, np.arange(1 << power), 0)
-            rows, _ = self.run(values[places], self.settled(values[firsts[like]]))
+        powers = np.frexp(lengths - 1)[1]
+        for power in np.unique(powers).tolist():
+            begins = firsts[powers == power, None]
+            inside = np.arange(1 << power) < lengths[powers == power, None]
+            places = begins + np.where(inside, np.arange(1 << power), 0)
+            rows, _ = self.run(values[places], self.settled(values[begins[:, 0]]))
             out[places[inside]] = rows[inside]
         last = values[firsts[-1] :]
         return out, self.run(last, self.settled(last[0]))[1]
@@ -86,7 +77,7 @@ def double_lag(time_constant: float, interval: float) -> DoubleLag:
     if interval <= 0 or time_constant < 0:
         raise ValueError(f"need interval > 0 and time constant >= 0, got {interval} and {time_constant}")
     if time_constant == 0:
-        return DoubleLag(np.ones(1), np.ones(1))
+        return DoubleLag(np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
     r = interval / time_constant
     a = float(np.exp(-r))
     # expm1 keeps the digits when the sampling is fast: 1 - a - r a = -expm1(-r) - r a
@@ -149,9 +140,8 @@ class OpenHalfPeriod:
         return one.select(one.direction != 0)
 
 
-def segment(
-    error: FloatArray, setpoint: FloatArray, index: IntArray, open_: OpenHalfPeriod | None
-) -> tuple[Segments, OpenHalfPeriod | None]:
+def segment(error: FloatArray, setpoint: FloatArray, index: IntArray,
+            open_: OpenHalfPeriod | None) -> tuple[Segments, OpenHalfPeriod | None]:
     """Cut a block of usable samples into half periods.
 
     error, setpoint: (samples,) [span]. index: (samples,) grid positions, strictly increasing; a jump ends a half
@@ -170,9 +160,7 @@ def segment(
     size[0], sign[0] = abs(o.last_error), o.sign
     np.abs(error, out=size[1:])
     np.subtract((error > 0.0).view(np.int8), (error < 0.0).view(np.int8), out=sign[1:])
-    apart = np.zeros(n, dtype=np.bool_)  # from the sample before
-    if index[-1] - o.last_index != n:
-        apart = np.diff(index, prepend=o.last_index) != 1
+    apart = np.diff(index, prepend=o.last_index) != 1  # from the sample before
     if not sign.all():  # an exact zero belongs to the half period before it
         known = (sign != 0) | np.append(True, apart)
         sign = sign[np.maximum.accumulate(np.where(known, np.arange(n + 1), 0))]
@@ -254,36 +242,29 @@ class ErrorScanner:
         self.last_index = 0  # position of the last sample that went through the filters
         self.plain, self.smooth = ErrorTrack(least_area=least[0]), ErrorTrack(least_length=least[1])
 
-    def go_on(self, states: Sequence[FloatArray], last_index: int) -> None:
-        """Take over the filters as another scanner left them after the sample at `last_index`."""
-        self.states, self.last_index = list(states), last_index
-
     def update(self, block: Record) -> None:
         """Take the next block of the record."""
         for first in range(0, len(block), PIECE):
-            cut = slice(first, first + PIECE)
-            setpoint, pv = (np.asarray(x[cut], dtype=np.float64) for x in (block.setpoint, block.measurement))
-            self._take(block.index[cut], setpoint, pv, block.state[cut])
-
-    def _take(self, index: IntArray, setpoint: FloatArray, pv: FloatArray, state: NDArray[np.uint8]) -> None:
-        known = np.isfinite(pv) & (state != MISSING) & (state != IMPLAUSIBLE)
-        if not known.all():
-            index, setpoint, pv, state = index[known], setpoint[known], pv[known], state[known]
-        if not len(index):
-            return
-        plain, smooth = self._filtered(index, pv)
-        use = (state <= FILLED) & np.isfinite(setpoint)
-        if not use.all():
-            index, setpoint, plain, smooth = index[use], setpoint[use], plain[use], smooth[use]
-        self.plain.update(setpoint - plain, setpoint, index)
-        self.smooth.update(setpoint - smooth, setpoint, index)
+            piece = block.slice(first, first + PIECE)
+            index, state = piece.index, piece.state
+            setpoint, pv = np.asarray(piece.setpoint, np.float64), np.asarray(piece.measurement, np.float64)
+            known = np.isfinite(pv) & (state != MISSING) & (state != IMPLAUSIBLE)
+            if not known.all():
+                index, setpoint, pv, state = index[known], setpoint[known], pv[known], state[known]
+            if not len(index):
+                continue
+            plain, smooth = self._filtered(index, pv)
+            use = (state <= FILLED) & np.isfinite(setpoint)
+            if not use.all():
+                index, setpoint, plain, smooth = index[use], setpoint[use], plain[use], smooth[use]
+            self.plain.update(setpoint - plain, setpoint, index)
+            self.smooth.update(setpoint - smooth, setpoint, index)
 
     def _filtered(self, index: IntArray, pv: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The measurement behind the first filter and behind both, (samples,) each; afresh after every hole."""
         if not self.states or index[0] != self.last_index + 1:
             self.states = [stage.settled(pv[0]) for stage in self.stages]
-        whole = index[-1] - index[0] == len(index) - 1
-        afresh = np.zeros(0, dtype=np.int64) if whole else np.flatnonzero(np.diff(index) != 1) + 1
+        afresh = np.flatnonzero(np.diff(index) != 1) + 1
         plain, self.states[0] = self.stages[0].run_afresh(pv, self.states[0], afresh)
         smooth, self.states[1] = self.stages[1].run_afresh(plain, self.states[1], afresh)
         self.last_index = int(index[-1])

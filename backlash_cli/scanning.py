@@ -1,32 +1,28 @@
-"""From the samples of a loop to its report: blocks into a LoopScanner, once or twice, then what an oscillation says."""
+"""From the samples of a loop to its report: blocks into a LoopScanner, then every question that a record can answer."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .estimator.assumed_setpoint import like, with_constant_setpoint
-from .estimator.carry import CarryRecorder, pack
+from .estimator.carry import carry_of, pack
 from .estimator.compensator import recommend
-from .estimator.confirm import ConfirmationScanner
-from .estimator.cycle_verdict import says_of_cycles, with_oscillation
-from .estimator.haegglund import DEFAULT_KP, error_scanner, estimate, no_half_periods, tally
-from .estimator.identify import settings_of
-from .estimator.manual_stretches import ManualScanner
-from .estimator.oscillation import Oscillation, detect_oscillation
+from .estimator.confirm import confirm
+from .estimator.diagnosis import with_oscillation
+from .estimator.haegglund import DEFAULT_KP, Oscillation, detect_oscillation, error_scanner, estimate, tally
+from .estimator.identify import identify, with_constant_setpoint
+from .estimator.manual_stretches import manual_stretches
 from .estimator.quality import quality_of
-from .estimator.reading import Reading, known_noise, read_half_periods
+from .estimator.reading import read_half_periods
 from .estimator.settings_check import check_quickly
-from .estimator.survey import Survey
+from .estimator.survey import MOST, Survey
 from .estimator.verdict import Findings, decide
 from .half_periods import ErrorScanner
-from .record import LoopSettings, Note, Record, SampleState
+from .record import LoopSettings, Note, Record
 from .results import Confirmation, LoopReport, Verdict
 
-PIECE = 1 << 18  # samples taken at once: what is worked out in between stays small
 DIAGNOSED = 1 << 20  # samples of an oscillation that are looked at, the last ones
 OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
 COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
@@ -44,254 +40,182 @@ class ScanOptions:
 class LoopScanner:
     """Takes the blocks of one loop's record in time order, `update` by `update`, and `finish`es with the report.
 
-    A record cut into blocks anywhere gives the same report as the whole record, rounding aside. Kept between blocks:
-    filter states, the open half period, the half periods that an estimate or the oscillation detector can use, and
-    sums; not the samples. Only where K or Ti are not known the blocks are kept until the end: they must be read from
-    the whole record before the first half period can be judged. With keep=False they are not, and the caller gives
-    all blocks once more to the scanner that `second_pass` returns.
+    A record cut into blocks anywhere gives the same report as the whole record, rounding aside. Half periods and counts
+    are of all samples; everything else is asked of those that are kept, the last four million (one million without the
+    test of PV against OP). A setpoint or settings that are not given are read from the samples as soon as so many were
+    taken, or at the end.
     """
 
     def __init__(self, loop: str, settings: LoopSettings, start: float, interval: float,
-                 options: ScanOptions | None = None, *, keep: bool = True) -> None:
+                 options: ScanOptions | None = None) -> None:
         self.loop, self.settings, self.start, self.interval = loop, settings, start, interval
         self.options = options or ScanOptions()
         self.notes: dict[tuple[str, str], Note] = {}
-        self._unknown = settings.K is None or settings.Ti is None
-        self._kept: list[Record] | None = [] if self._unknown and keep else None
-        self._errors: ErrorScanner | None = None
-        self._carry: CarryRecorder | None = None
-        self._confirm: ConfirmationScanner | None = None
-        given = {settings.source.get(name) for name in ("K", "Ti")} == {"metadata"}
-        self._check = self.options.confirm and given
-        self._survey = Survey(interval, slower=self._check or self._unknown)
-        self._surveyed = False
+        self._given = {settings.source.get(name) for name in ("K", "Ti")} == {"metadata"}
+        self._survey = Survey(MOST if self.options.confirm else DIAGNOSED)
+        self._setpoint: float | None = None  # what is assumed where none was recorded
+        self._settled = False
         self._unread: Note | None = None
-        if settings.K and settings.Ti and interval <= COARSEST * settings.Ti:
-            self._errors = error_scanner(settings, interval, every=False)
-            self._carry = CarryRecorder(settings, interval) if self.options.carry else None
-        self._manual: ManualScanner | None = None
-        if self.options.confirm:
-            self._confirm, self._manual = ConfirmationScanner(settings, interval), ManualScanner()
+        self._errors: ErrorScanner | None = None
 
     def update(self, block: Record) -> None:
         """Take the next block; its index goes on where the last block ended, or later."""
-        for note in block.notes:
-            self.notes.setdefault((note.code, note.message), note)
-        if not len(block):
-            return
-        if not self._surveyed:
-            self._survey.update(block)
-        if self._kept is not None:
-            self._kept.append(block)
+        room = self._survey.most - self._survey.samples
+        if not self._settled and 0 < room < len(block):
+            self.update(block.slice(0, room))
+            block = block.slice(room, len(block))
+        if self._setpoint is not None:
+            block = replace(block, setpoint=np.full(len(block), self._setpoint),
+                            notes=tuple(note for note in block.notes if note.code != "no_setpoint"))
+        self._note(*block.notes)
+        self._survey.update(block)
         if self._errors is not None:
             self._errors.update(block)
-        if self._carry is not None:
-            self._carry.update(block)
-        if self._confirm is not None and self._manual is not None:
-            self._confirm.update(block)
-            self._manual.update(block)
+        known = self.settings.K is not None and self.settings.Ti is not None and self._survey.with_setpoint
+        if not self._settled and (known or self._survey.samples >= self._survey.most):
+            self._settle()
 
-    @property
-    def has_setpoint(self) -> bool:
-        """Whether a setpoint was recorded with any sample taken so far."""
-        return bool(self._survey.with_setpoint)
+    def _note(self, *notes: Note) -> None:
+        for note in notes:
+            self.notes.setdefault((note.code, note.message), note)
 
-    @property
-    def used(self) -> int:
-        """Number of samples taken so far that may enter an estimate."""
-        return sum(self._survey.states[: SampleState.FILLED + 1].tolist())
-
-    def second_pass(self) -> LoopScanner | None:
-        """Return the scanner that all blocks must be given to once more, None where `finish` can answer now.
-
-        Needed where K or Ti are not given and have been read from the blocks.
-        """
-        if not self._unknown or self.used < 2:
-            return None
-        found = settings_of(self._survey)
-        missing = " and ".join(name for name in ("K", "Ti") if getattr(self.settings, name) is None)
-        if isinstance(found, Note):
-            self._unread = Note(
-                "missing_settings", f"{missing} not given, and not to be read from the data: {found.message};"
-                " give K and Ti in the loops file", {"why": found.code})
-            return None
-        self._confirm = self._manual = None  # the samples that they hold are given to the second scanner once more
-        scanner = LoopScanner(self.loop, found.settings(self.settings), self.start, self.interval, self.options)
-        scanner._survey, scanner._surveyed = self._survey, True
-        used = scanner.settings
-        message = f"{missing} not given; read from the data: K = {used.K:.3g}, Ti = {used.Ti:.3g} s"
-        for note in (*self.notes.values(), Note("identified_settings", message), *found.notes):
-            scanner.notes[(note.code, note.message)] = note
-        return scanner
+    def _settle(self) -> None:
+        """Read what is not given from the samples taken so far, and begin to cut half periods with it."""
+        self._settled = True
+        if not self._survey.with_setpoint:
+            held = with_constant_setpoint(replace(self._survey.kept, notes=tuple(self.notes.values())))
+            if np.isfinite(held.setpoint).any():
+                self._setpoint, self.notes = float(held.setpoint[0]), {}
+                self._note(*held.notes)
+                self._survey = Survey(self._survey.most)
+                self._survey.update(held)
+        if (self.settings.K is None or self.settings.Ti is None) and self._survey.used >= 2:
+            missing = " and ".join(name for name in ("K", "Ti") if getattr(self.settings, name) is None)
+            found = identify(self._survey.kept)
+            if isinstance(found, Note):
+                self._unread = Note(
+                    "missing_settings", f"{missing} not given, and not to be read from the data: {found.message};"
+                    " give K and Ti in the loops file", {"why": found.code})
+            else:
+                self.settings = used = found.settings(self.settings)
+                message = f"{missing} not given; read from the data: K = {used.K:.3g}, Ti = {used.Ti:.3g} s"
+                self._note(Note("identified_settings", message), *found.notes)
+        if self.settings.K and self.settings.Ti and self.interval <= COARSEST * self.settings.Ti:
+            self._errors = error_scanner(self.settings, self.interval, every=False)
+            self._errors.update(self._survey.kept)
 
     def finish(self) -> LoopReport:
         """Return the report of everything taken so far."""
-        if self._kept is not None:
-            scanner = self.second_pass()
-            if scanner is not None:
-                for block in self._kept:
-                    scanner.update(block)
-                return scanner.finish()
-        settings, on_settings = self.settings, self._settings_notes()
-        warnings: list[Note] = []
-        refusal = self._refusal()
-        confirmation = self._confirm.finish() if self._confirm and self.used >= 2 else None
-        manual = self._tested()
+        if not self._settled:
+            self._settle()
+        survey, record = self._survey, self._survey.kept
+        carry = None
+        if self.options.carry and self._errors is not None and 0 < len(record) == survey.samples:
+            carry = pack(carry_of(record, self.settings, self._errors))
+        report = LoopReport(
+            self.loop, Verdict.CANNOT_TELL, start=self.start + survey.first * self.interval if survey.samples else None,
+            end=self.start + survey.last * self.interval if survey.samples else None, samples=survey.samples,
+            interval_s=self.interval, settings=self.settings, carry=carry)
+        return with_oscillation(self._judged(report, record), record.slice(-DIAGNOSED, len(record)))
+
+    def _judged(self, report: LoopReport, record: Record) -> LoopReport:
+        """The report with verdict, reasons and sizes; what an oscillation looks like apart."""
+        settings, used, refusal = self.settings, self._survey.used, self._refusal()
+        on_settings = self._settings_notes(record)
+        contradictions = tuple(note for note in on_settings if note.values["effect"] == "limits")
+        confirmation = None
+        if self.options.confirm and used >= 2:
+            confirmation = confirm(record, settings)
+            if isinstance(confirmation, Confirmation):
+                left_out = float(self._survey.samples - len(record))
+                confirmation = replace(confirmation, details={**confirmation.details, "left_out": left_out})
+        manual = self._tested(record)
         tells = isinstance(manual, Confirmation) or (manual is not None and manual.code == "manual_no_answer")
-        if tells:
-            for key in [key for key in self.notes if key[0] == "manual"]:
-                message = key[1].replace("not used", "used for a test of the valve only")
-                self.notes[key] = replace(self.notes[key], message=message)
+        warnings = [note if not tells or note.code != "manual" else
+                    replace(note, message=note.message.replace("not used", "used for a test of the valve only"))
+                    for note in self.notes.values()]
         if refusal is not None and not tells and (
                 refusal.code == "insufficient_data" or not isinstance(confirmation, Confirmation)):
-            missing = (refusal,) if manual is None or isinstance(manual, Confirmation) else (refusal, manual)
-            short = self.has_setpoint and refusal.values.get("why") == "too_short"
-            few = short or refusal.code == "insufficient_data"
-            return self._report(Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL,
-                                (*_contradictions(on_settings), *missing), 0.0, on_settings, carry=self._packed())
+            few = refusal.code == "insufficient_data" or (
+                self._survey.with_setpoint and refusal.values.get("why") == "too_short")
+            return replace(report, verdict=Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL,
+                           reasons=(*contradictions, refusal, *(() if manual is None else (manual,))),
+                           warnings=(*warnings, *on_settings))
+        quality = quality_of(self._survey, record, settings.Ti)
         if refusal is None:
-            assert self._errors is not None and self.settings.Ti is not None
+            assert self._errors is not None
             if settings.Kp is None:
                 settings = settings.with_values("default", Kp=DEFAULT_KP)
                 warnings.append(Note("default_kp", f"Kp is not given; the paper's default {DEFAULT_KP} is used"))
-            half_periods = estimate(self._errors.smooth.finish(), self.interval, settings)
-            left_out = self._errors.smooth.left_out
-            oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, self.settings.Ti)
+            segments = self._errors.smooth.finish()
+            half_periods = estimate(segments, self.interval, settings, self.start)
+            oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, settings.Ti or 0.0)
+            cluster, said = read_half_periods(half_periods, segments.setpoint_move, settings, self.interval,
+                                              quality.known_noise)
+            report = replace(report, **tally(half_periods, self._errors.smooth.left_out, used * self.interval))
         else:
             warnings.append(Note("rule_left_out", "the published rule (15) on half periods is left out: "
                                  + refusal.message, {"why": refusal.code}))
-            half_periods, left_out = no_half_periods(), 0
-            oscillation = Oscillation(False, 0.0)
-        quality = quality_of(self._survey, self.settings.Ti)
-        noise = known_noise(quality.pv, quality.filled_share)
-        reading = (Reading(half_periods, None) if refusal is not None else
-                   read_half_periods(half_periods, settings, self.interval, noise))
-        counts = tally(half_periods, left_out, self.start, self.used * self.interval)
-        accepted = counts["detections"]
-        rounding = quality.op.step if quality.op else 0.0
-        warnings += on_settings
-        decision = decide(Findings(reading.cluster, accepted, counts["long_half_periods"], oscillation, confirmation,
-                                   (*quality.notes, *on_settings), rounding, reading.notes, manual))
+            cluster, said, oscillation = None, (), Oscillation(False, 0.0)
+        output_noise, rounding = (quality.op.noise, quality.op.step) if quality.op else (0.0, 0.0)
+        decision = decide(Findings(cluster, report.detections, report.long_half_periods, oscillation, confirmation,
+                                   (*quality.notes, *on_settings), rounding, said, manual))
+        reasons, compensator = decision.reasons, None
         if decision.verdict is Verdict.CANNOT_TELL:
-            decision = replace(decision, reasons=(*_contradictions(on_settings), *decision.reasons))
-        compensator = None
-        if decision.verdict is Verdict.BACKLASH:
-            output_noise = quality.op.noise if quality.op else 0.0
+            reasons = (*contradictions, *reasons)
+        elif decision.verdict is Verdict.BACKLASH:
+            swings = oscillation.share > OSCILLATING and not report.detections
             compensator = recommend(decision.cluster, decision.confirmation, derivative=settings.Td > 0,
-                                    output_noise=output_noise,
-                                    oscillating=oscillation.share > OSCILLATING and not accepted)
-        return self._report(decision.verdict, decision.reasons, decision.confidence, warnings=tuple(warnings),
-                            settings=settings, cluster=decision.cluster, confirmation=decision.confirmation,
-                            compensator=compensator, carry=self._packed(), **counts)
+                                    output_noise=output_noise, oscillating=swings)
+        return replace(report, verdict=decision.verdict, reasons=reasons, confidence=decision.confidence,
+                       warnings=(*warnings, *on_settings), settings=settings, cluster=decision.cluster,
+                       confirmation=decision.confirmation, compensator=compensator)
 
-    def _packed(self) -> bytes | None:
-        """What the next night needs to go on from here, also where this one is too short to be judged."""
-        return pack(self._carry.finish(self._errors)) if self._carry and self._errors else None
-
-    def _tested(self) -> Confirmation | Note | None:
+    def _tested(self, record: Record) -> Confirmation | Note | None:
         """What tests of the valve in manual say, None where there were none."""
-        tests = self._manual.finish() if self._manual else []
+        tests = manual_stretches(record) if self.options.confirm else []
         if not tests:
             return None
         from .model.manual_test import manual_test  # few records hold a test
 
         return manual_test(tests, self.interval, self.settings.K, self.settings.Ti)
 
-    def _settings_notes(self) -> tuple[Note, ...]:
+    def _settings_notes(self, record: Record) -> tuple[Note, ...]:
         """Say where the settings given do not make the recorded output; a contradiction limits the verdict."""
-        if not (self._check and self.used):
+        if not (self.options.confirm and self._given and self._survey.used):
             return ()
-        notes = []
-        for note in check_quickly(self._survey, self.settings):
-            if note.code != "settings_unchecked":
-                effect = "limits" if note.values.get("severity") == "contradict" else "info"
-                notes.append(replace(note, values={**note.values, "effect": effect}))
-        return tuple(notes)
+        return tuple(
+            replace(note, values={**note.values, "effect": "limits" if note.values.get("severity") == "contradict"
+                                  else "info"})
+            for note in check_quickly(record, self.settings) if note.code != "settings_unchecked")
 
     def _refusal(self) -> Note | None:
+        """Why half periods say nothing, None where they do."""
+        K, Ti, used = self.settings.K, self.settings.Ti, self._survey.used
         if self._unread is not None:
             return self._unread
-        if self.settings.K is None or self.settings.Ti is None:
-            return Note("insufficient_data", f"only {self.used} usable samples, and K or Ti are not known")
-        if self.interval > COARSEST * self.settings.Ti:
-            return Note("sampling_too_coarse", f"sampled every {self.interval:g} s, too coarse for Ti = "
-                        f"{self.settings.Ti:g} s; at most {COARSEST * self.settings.Ti:g} s are needed")
-        if self.used < 2:
-            return Note("insufficient_data", f"only {self.used} usable samples")
-        if not self.has_setpoint:
+        if K is None or Ti is None:
+            return Note("insufficient_data", f"only {used} usable samples, and K or Ti are not known")
+        if self.interval > COARSEST * Ti:
+            return Note("sampling_too_coarse", f"sampled every {self.interval:g} s, too coarse for Ti = {Ti:g} s; at "
+                        f"most {COARSEST * Ti:g} s are needed")
+        if used < 2:
+            return Note("insufficient_data", f"only {used} usable samples")
+        if not self._survey.with_setpoint:
             return Note("no_setpoint", "no setpoint (SP) in the data: without it there is no control error to judge")
         return None
-
-    def _report(self, verdict: Verdict, reasons: tuple[Note, ...], confidence: float,
-                warnings: tuple[Note, ...] = (), settings: LoopSettings | None = None, **rest: object) -> LoopReport:
-        samples = self._survey.samples
-        return LoopReport(
-            self.loop, verdict, reasons, confidence,
-            start=self.start + self._survey.first * self.interval if samples else None,
-            end=self.start + self._survey.last * self.interval if samples else None,
-            samples=samples, interval_s=self.interval, settings=settings or self.settings,
-            warnings=(*self.notes.values(), *warnings), **rest,  # type: ignore[arg-type]
-        )
-
-
-def _contradictions(notes: tuple[Note, ...]) -> tuple[Note, ...]:
-    return tuple(note for note in notes if note.values.get("effect") == "limits")
 
 
 def scan(record: Record, options: ScanOptions | None = None) -> LoopReport:
     """Analyse one loop's record and return its report."""
-    return scan_blocks(lambda: pieces(record), options)
+    return scan_blocks([record], options)
 
 
-def scan_blocks(blocks: Callable[[], Iterable[Record]], options: ScanOptions | None = None) -> LoopReport:
-    """Analyse one loop and return its report: LoopScanner updates, and what an oscillation looks like.
-
-    blocks: gives the blocks of its record in time order, each time it is called, of at most PIECE samples. What an
-    oscillation looks like needs the samples themselves, so a LoopScanner alone does not say it; the last DIAGNOSED
-    are looked at. Where no setpoint was recorded and the output shows that it stood still, it is taken as constant.
-    """
-    scanner = _fed(blocks, options)
-    if not scanner.has_setpoint:
-        held = with_constant_setpoint(_last_samples(blocks()))
-        if np.isfinite(held.setpoint).any():
-            recorded, blocks = blocks, lambda: (like(held, block) for block in recorded())
-            scanner = _fed(blocks, options)
-    second = scanner.second_pass()
-    if second is not None:
-        for block in blocks():
-            second.update(block)
-        scanner = second
-    report = scanner.finish()
-    return with_oscillation(report, _last_samples(blocks())) if says_of_cycles(report) else report
-
-
-def _fed(blocks: Callable[[], Iterable[Record]], options: ScanOptions | None) -> LoopScanner:
+def scan_blocks(blocks: Iterable[Record], options: ScanOptions | None = None) -> LoopReport:
+    """Analyse one loop, of which one block of samples at least is given, in time order, and return its report."""
     scanner: LoopScanner | None = None
-    for block in blocks():
-        if scanner is None:
-            scanner = LoopScanner(block.loop, block.settings, block.start, block.interval, options, keep=False)
+    for block in blocks:
+        scanner = scanner or LoopScanner(block.loop, block.settings, block.start, block.interval, options)
         scanner.update(block)
-    assert scanner is not None, "a record has one block at least"
-    return scanner
-
-
-def pieces(record: Record) -> Iterator[Record]:
-    """Yield a record in blocks of at most PIECE samples."""
-    if len(record) <= PIECE:
-        yield record
-        return
-    for first in range(0, len(record), PIECE):
-        yield record.slice(first, first + PIECE)
-
-
-def _last_samples(blocks: Iterable[Record]) -> Record:
-    """Join the last DIAGNOSED samples of a record."""
-    kept = list(deque(blocks, DIAGNOSED // PIECE))
-    if len(kept) == 1:
-        return kept[0]
-    output = None if kept[0].output is None else np.concatenate([x for b in kept if (x := b.output) is not None])
-    return replace(
-        kept[0], index=np.concatenate([b.index for b in kept]), setpoint=np.concatenate([b.setpoint for b in kept]),
-        measurement=np.concatenate([b.measurement for b in kept]), output=output,
-        state=np.concatenate([b.state for b in kept]), disturbances={},
-    )
+    assert scanner is not None
+    return scanner.finish()

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from backlash_cli.estimator.haegglund import error_scanner, estimate
-from backlash_cli.estimator.oscillation import detect_oscillation
+from backlash_cli.estimator.haegglund import detect_oscillation, error_scanner, estimate
+from backlash_cli.estimator.rule import TOO_SHORT
 from backlash_cli.half_periods import Segments, close, double_lag, segment
 from backlash_cli.record import LoopSettings, Record, SampleState
 
@@ -150,10 +150,8 @@ def by_hand(record: Record, smooth: bool) -> list[tuple[float, ...]]:
     edges = [0, *(np.flatnonzero(np.diff(at) != 1) + 1), len(at)]
     for first, last in pairwise(edges):
         for stage in scanner.stages[: 1 + smooth]:
-            if not stage.is_identity:
-                rest = stage.settled(pv[first])
-                filtered[first:last] = signal.lfilter(stage.numerator, stage.denominator, filtered[first:last],
-                                                      zi=rest)[0]
+            rest = stage.settled(pv[first])
+            filtered[first:last] = signal.lfilter(stage.numerator, stage.denominator, filtered[first:last], zi=rest)[0]
     use = (state <= SampleState.FILLED) & np.isfinite(sp)
     return walk((sp - filtered)[use], sp[use], at[use])
 
@@ -241,8 +239,8 @@ def test_what_is_left_out_matters_to_no_estimate_and_no_oscillation(seed):
     record = replace(record, settings=replace(record.settings, Ti=3.0), measurement=0.2 * record.measurement)
     every, some = scanned(record, []), scanned(record, [5000, 5001], every=False)
     a, b = (estimate(s.smooth.finish(), 1.0, record.settings) for s in (every, some))
-    long = a.why != "too_short"
+    long = a.why != TOO_SHORT
     assert some.smooth.left_out > 0 and len(a) == len(b) + some.smooth.left_out
-    np.testing.assert_allclose(a.d[long], b.d[b.why != "too_short"], rtol=1e-9)
+    np.testing.assert_allclose(a.d[long], b.d[b.why != TOO_SHORT], rtol=1e-9)
     assert some.plain.left_out > 0
     assert detect_oscillation(every.plain.finish(), 1.0, 3.0) == detect_oscillation(some.plain.finish(), 1.0, 3.0)

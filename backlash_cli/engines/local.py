@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from itertools import chain
 from typing import TYPE_CHECKING, TypeVar
 
 from ..errors import BacklashError
@@ -24,7 +23,7 @@ from ..loaders.clean import Recipe
 from ..loaders.join import Joiner, failure
 from ..record import Note, Record
 from ..results import LoopReport, Verdict
-from ..scanning import ScanOptions, pieces, scan, scan_blocks
+from ..scanning import ScanOptions, scan, scan_blocks
 from .cluster import cores, on_cluster
 
 if TYPE_CHECKING:
@@ -123,11 +122,8 @@ def analyse_group(group: Sequence[Loop], options: ScanOptions, keep: Unfinished 
 
 def analyse_loop(record: Record, options: ScanOptions, long: Recipe | None = None) -> LoopReport:
     """Return the report of one loop, or of a `long` one read in chunks; whatever goes wrong in it is its reason."""
-    def work() -> LoopReport:
-        return scan(record, options) if long is None else scan_blocks(
-            lambda: chain.from_iterable(map(pieces, long.chunks())), options)
-
-    return _guarded(work, partial(failed, record), "the analysis failed")
+    return _guarded(lambda: scan(record, options) if long is None else scan_blocks(long.chunks(), options),
+                    partial(failed, record), "the analysis failed")
 
 
 def _guarded(work: Callable[[], Result], lost: Callable[[Note], Item], words: str) -> Result | Item:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from ..half_periods import ErrorScanner, OpenHalfPeriod, Segments, segment
+from ..half_periods import PIECE, ErrorScanner, ErrorTrack, OpenHalfPeriod, Segments
 from ..record import FloatArray, LoopSettings, Record
 from .haegglund import error_scanner
 
@@ -36,10 +36,10 @@ class Tail:
 class Carry:
     """What one night leaves behind. Positions are on its own grid.
 
-    head: (index, setpoint, measurement, usable) of the first samples. first: the half period from the end of the head
-    on, as if it had begun there with a crossing; `first_end` is where it ended, None if it was still open, and
-    `first_whole` says that it ended with a crossing. tail: None where no sample was usable. travel: how far the output
-    moved per hour [spans/h], reversals below 0.5 % left out; None without output.
+    head: (index, setpoint, measurement, state) of the first samples; before the last of them the filters have forgotten
+    how they started. first: the half period from there on, as if it had begun with a crossing; `first_end` is where it
+    ended, None if it was still open, and `first_whole` says that it ended with a crossing. tail: None where no sample
+    was usable. travel: how far the output moved per hour [spans/h], reversals below 0.5 % left out; None without one.
     """
 
     Ti: float
@@ -48,7 +48,6 @@ class Carry:
     head: tuple[FloatArray, ...]
     settled: bool
     first: OpenHalfPeriod | None
-    edge: tuple[int, float, float]
     first_end: float | None
     first_whole: bool
     tail: Tail | None
@@ -59,87 +58,44 @@ class Carry:
         return (self.Ti, self.Tf, self.interval) == (other.Ti, other.Tf, other.interval)
 
 
-class CarryRecorder:
-    """Collects a night's Carry block by block; keeps no samples after the head."""
+def carry_of(record: Record, settings: LoopSettings, scanner: ErrorScanner) -> Carry:
+    """Return what the record of one night leaves behind; `scanner` is the one that ran over it."""
+    Ti, Tf = settings.Ti or 0.0, settings.filter_time or 0.0
+    until = int(record.index[0]) + int(np.ceil(FORGET * (Ti / 2.0 + Tf) / record.interval))
+    split = at = int(np.searchsorted(record.index, until))
+    known = record.usable[split:] & np.isfinite(record.measurement[split:] + record.setpoint[split:])
+    if known.any():  # the head ends with a sample that counts
+        at += int(np.argmax(known)) + 1
+    head = record.slice(0, at)
+    body = error_scanner(settings, record.interval)
+    body.update(head)
+    first, end, whole, begun = None, None, False, body.smooth.open
+    if known.any() and begun is not None:
+        body.smooth = ErrorTrack()
+        body.smooth.open = replace(begun, begin=float(begun.last_index), crossed=True, area=0.0,
+                                   e_max=abs(begun.last_error), move=0.0)
+        while at < len(record) and not len(body.smooth.ended):
+            body.update(record.slice(at, at + PIECE))
+            at += PIECE
+        first, done = body.smooth.open, body.smooth.ended
+        if len(done):
+            first = OpenHalfPeriod(int(done.direction[0]), float(done.begin[0]), True, float(done.area[0]),
+                                   float(done.e_max[0]), float(done.setpoint_move[0]), 0, 0.0, 0.0)
+            end, whole = float(done.end[0]), bool(done.complete[0])
+    tail = Tail(scanner.smooth.open, tuple(scanner.states), scanner.last_index) if scanner.states else None
+    columns = tuple(x.astype(float) for x in (head.index, head.setpoint, head.measurement, head.state))
+    return Carry(Ti, Tf, record.interval, columns, split < len(record), first, end, whole, tail, _travel(record))
 
-    def __init__(self, settings: LoopSettings, interval: float) -> None:
-        self.settings, self.interval = settings, interval
-        self.cold = error_scanner(settings, interval)
-        self.head: list[Record] = []
-        self.until: int | None = None
-        self.body: ErrorScanner | None = None
-        self.edge: tuple[int, float, float] | None = None
-        self.position: float | None = None
-        self.moved, self.samples = 0.0, 0
 
-    def update(self, block: Record) -> None:
-        """Take the next block of the record."""
-        self._travel(block)
-        if not len(block) or (self.body is not None and len(self.body.smooth.ended)):
-            return
-        if self.until is None:
-            assert self.settings.Ti is not None
-            memory = FORGET * (self.settings.Ti / 2.0 + (self.settings.filter_time or 0.0))
-            self.until = int(block.index[0]) + int(np.ceil(memory / self.interval))
-        split = int(np.searchsorted(block.index, self.until))
-        if split:
-            self.head.append(block.slice(0, split))
-            self.cold.update(self.head[-1])
-        if split < len(block):
-            self._go_on(block.slice(split, len(block)))
+def _travel(record: Record) -> float | None:
+    """How far the output moved per hour [spans/h]."""
+    output = np.zeros(0) if record.output is None else record.output[np.isfinite(record.output)]
+    if not len(output):
+        return None
+    from ..kernels import play
 
-    def _go_on(self, block: Record) -> None:
-        if self.body is None:
-            self.body = ErrorScanner(self.cold.stages)
-            self.body.go_on(self.cold.states, self.cold.last_index)
-        if self.edge is None:
-            usable = np.flatnonzero(block.usable & np.isfinite(block.measurement) & np.isfinite(block.setpoint))
-            one = int(usable[0]) + 1 if len(usable) else len(block)
-            self.body.update(block.slice(0, one))
-            block = block.slice(one, len(block))
-            left = self.body.smooth.open
-            if left is None:
-                return
-            self.edge = (left.last_index, left.last_error, left.last_setpoint)
-            self.body.smooth.open = replace(left, crossed=True)
-        self.body.update(block)
-
-    def _travel(self, block: Record) -> None:
-        if block.output is None:
-            return
-        output = block.output[np.isfinite(block.output)]
-        if not len(output):
-            return
-        from ..kernels import play
-
-        start = float(output[0]) if self.position is None else self.position
-        path = play(output, SMALLEST_MOVE, start)
-        self.moved += float(np.abs(np.diff(path, prepend=start)).sum())
-        self.samples += len(output)
-        self.position = float(path[-1])
-
-    def finish(self, scanner: ErrorScanner) -> Carry:
-        """Return the night's carry; `scanner` is the one that ran over the whole night."""
-        assert self.settings.Ti is not None
-        head = (
-            _join(self.head, "index"), _join(self.head, "setpoint"), _join(self.head, "measurement"),
-            _join(self.head, "state"),
-        )
-        first, end, whole = None, None, False
-        if self.body is not None and self.edge is not None:
-            done = self.body.smooth.ended
-            if len(done):
-                first = OpenHalfPeriod(int(done.direction[0]), float(done.begin[0]), True, float(done.area[0]),
-                                       float(done.e_max[0]), float(done.setpoint_move[0]), 0, 0.0, 0.0)
-                end, whole = float(done.end[0]), bool(done.complete[0])
-            else:
-                first = self.body.smooth.open
-        tail = None
-        if scanner.states:
-            tail = Tail(scanner.smooth.open, tuple(scanner.states), scanner.last_index)
-        return Carry(self.settings.Ti, self.settings.filter_time or 0.0, self.interval, head,
-                     self.body is not None, first, self.edge or (0, 0.0, 0.0), end, whole, tail,
-                     self.moved / (self.samples * self.interval / 3600.0) if self.samples else None)
+    path = play(output, SMALLEST_MOVE, output[0])
+    return float(np.abs(np.diff(path)).sum()) / (len(output) * record.interval / 3600.0)
 
 
 def resume(tail: Tail, night: Carry, shift: int) -> tuple[Segments, float | None, Tail | None]:
@@ -153,7 +109,7 @@ def resume(tail: Tail, night: Carry, shift: int) -> tuple[Segments, float | None
     scanner = error_scanner(settings, night.interval)
     scanner.smooth.open = None if tail.open is None else replace(
         tail.open, begin=tail.open.begin + shift, last_index=tail.open.last_index + shift)
-    scanner.go_on(tail.states, tail.last_index + shift)
+    scanner.states, scanner.last_index = list(tail.states), tail.last_index + shift
     index, setpoint, measurement, state = night.head
     new = index > tail.last_index + shift
     scanner.update(Record("", 0.0, night.interval, index[new].astype(np.int64), setpoint[new], measurement[new], None,
@@ -164,28 +120,18 @@ def resume(tail: Tail, night: Carry, shift: int) -> tuple[Segments, float | None
     if night.first is None:
         done = scanner.smooth.ended
         return done, float(index[-1]) if len(index) else 0.0, None
-    at, error, sp = night.edge
-    closed, left = segment(np.array([error]), np.array([sp]), np.array([at]), scanner.smooth.open)
+    left, first, done = scanner.smooth.open, night.first, scanner.smooth.ended
     assert left is not None
-    first = night.first
-    merged = replace(left, sign=first.sign, area=left.area + first.area, e_max=max(left.e_max, first.e_max),
-                     move=left.move + first.move, last_index=first.last_index, last_error=first.last_error,
-                     last_setpoint=first.last_setpoint)
-    done = Segments.join([scanner.smooth.ended, closed])
+    merged = replace(first, begin=left.begin, crossed=left.crossed, area=left.area + first.area,
+                     e_max=max(left.e_max, first.e_max), move=left.move + first.move)
     if night.first_end is None:
         own = night.tail
         return done, None, None if own is None else Tail(merged, own.states, own.last_index)
-    whole = Segments(np.array([merged.begin]), np.array([night.first_end]), np.array([merged.area]),
-                     np.array([merged.e_max]), np.array([merged.sign], np.int64), np.array([merged.move]),
-                     np.array([merged.crossed and night.first_whole]))
+    whole = merged.ended(night.first_end, merged.crossed and night.first_whole)
     return Segments.join([done, whole]), night.first_end, None
 
 
-def _join(blocks: list[Record], name: str) -> FloatArray:
-    return np.concatenate([np.zeros(0), *(getattr(b, name).astype(float) for b in blocks)])
-
-
-def pack(value: Carry) -> bytes:
+def pack(value: Carry | Tail) -> bytes:
     """Return `value` as bytes: MessagePack, compressed; the same value gives the same bytes."""
     return zlib.compress(msgspec.msgpack.encode(value, enc_hook=lambda array: array.astype("<f8").tobytes()), 6)
 

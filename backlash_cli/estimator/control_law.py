@@ -16,7 +16,6 @@ from scipy.signal import lfilter
 from ..record import FloatArray, IntArray
 
 OWN, PROPORTIONAL, INTEGRAL, SETPOINT, DERIVATIVE = range(5)  # places in the sums; the output itself comes first
-FINEST_STEP = 2.0  # from one filter time of the first search to the next
 AROUND = 8  # filter times tried around the best, twice
 GROUPS = 20  # at most so many leave-one-out groups of windows for the scatter
 ILL_CONDITIONED = 1e9  # ratio of the largest to the smallest eigenvalue from which the terms cannot be told apart
@@ -194,40 +193,33 @@ def fit_law(rows: LawRows, form: LawForm, filter_time: float = 0.0) -> LawFit | 
     return LawFit(form, values / scale, left, float(weights @ left / (weights @ own)), filter_time, weights, sums)
 
 
-def search_filter(
-    rows: LawRows, form: LawForm, longest: float, *, step: float = 2.0, near: float | None = None
-) -> list[LawFit]:
+def search_filter(rows: LawRows, form: LawForm, longest: float, *, step: float = 2.0,
+                  near: float | None = None) -> list[LawFit]:
     """Fits over a geometric grid of filter times 0 .. `longest` [s], or a finer one around `near`; best first."""
     shortest = 0.25 * rows.interval
-    fits: list[LawFit] = []
     if near is None:
-        steps = np.arange(int(np.log(max(longest / shortest, 1.0)) / np.log(FINEST_STEP)) + 1)
-        grid = (shortest * FINEST_STEP**steps).tolist()
-        every = round(np.log(step) / np.log(FINEST_STEP))
-        fits = _fits(rows, form, [0.0, *grid[::every]])
-    elif near > 0.0:
-        apart = step ** (2.0 / (AROUND + 1))
-        fits = _fits(rows, form, [near * apart ** (k - (AROUND - 1) / 2) for k in range(AROUND)])
-        if fits:
-            best = min(fits, key=lambda fit: fit.unexplained).filter_time
-            closer = apart ** (2.0 / (AROUND + 1))
-            fits += _fits(rows, form, [best * closer ** (k - (AROUND - 1) / 2) for k in range(AROUND)])
+        count = int(np.log(max(longest / shortest, 1.0)) / np.log(step)) + 1
+        fits = _fits(rows, form, [0.0, *(shortest * step ** np.arange(count)).tolist()])
+    else:
+        fits = []
+        for _ in range(2 if near > 0.0 else 0):
+            step **= 2.0 / (AROUND + 1)
+            fits += _fits(rows, form, [near * step ** (k - (AROUND - 1) / 2) for k in range(AROUND)])
+            near = min(fits, key=lambda fit: fit.unexplained).filter_time if fits else near
     return sorted(fits, key=lambda fit: fit.unexplained)
 
 
 def _fits(rows: LawRows, form: LawForm, times: list[float]) -> list[LawFit]:
-    fits = [fit_law(rows, form, t) for t in times]
-    return [fit for fit in fits if fit is not None]
+    return [fit for t in times if (fit := fit_law(rows, form, t)) is not None]
 
 
 def settle_filter(rows: LawRows, form: LawForm, share: float) -> list[LawFit]:
     """The fit whose filter time is `share` of the Ti it gives (the smallest such), then neighbours for the interval."""
     filter_time = 0.0
-    fits: list[LawFit | None] = []
     for _ in range(8):
-        fits = [fit_law(rows, form, filter_time)]
-        if fits[0] is None or not np.isfinite(fits[0].reset_time):
+        fits = _fits(rows, form, [filter_time])
+        if not fits or not np.isfinite(fits[0].reset_time):
             return []
         filter_time = share * fits[0].reset_time
-    fits += [fit_law(rows, form, t) for t in (0.0, 2.0 * filter_time)]
-    return [fit for fit in fits if fit is not None and np.isfinite(fit.reset_time)]
+    fits += _fits(rows, form, [0.0, 2.0 * filter_time])
+    return [fit for fit in fits if np.isfinite(fit.reset_time)]

@@ -1,6 +1,8 @@
-"""The estimator as published: one dead-band estimate per half period, the two gates of the paper, and their tally.
+"""The estimator as published: one dead-band estimate per half period, the two gates of the paper, and their tally; and
+the oscillation detector: many large half periods of the control error within a supervision time.
 
-T. Haegglund, Automatic on-line estimation of backlash in control loops, J. Process Control 17 (2007) 489-499.
+T. Haegglund, Automatic on-line estimation of backlash in control loops, J. Process Control 17 (2007) 489-499; A
+control-loop performance monitor, Control Engineering Practice 3 (1995) 1543-1551.
 """
 
 from __future__ import annotations
@@ -9,57 +11,31 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..half_periods import ErrorScanner, Segments, double_lag
-from ..record import FloatArray, LoopSettings, Record
+from ..record import LoopSettings, Record
 from ..results import Estimate, Estimates
-from .oscillation import least_area
 from .rule import INCOMPLETE, OK, SLOW_ENOUGH, TOO_SHORT, WHY, dead_band, gate, mean_error
 
 DEFAULT_KP = 1.5  # section 4: errors below 20 % for 1 < Kp < 3.4
+AMPLITUDE = 0.01  # a: an oscillation of 1 % of span must count
+ENOUGH = 10  # this many half periods within the supervision time are an oscillation
+SUPERVISION = 50.0  # supervision time in integral times
 
 
-@dataclass(frozen=True, eq=False)
-class HalfPeriods:
-    """Half periods with their estimates, (half_periods,) arrays; seconds and spans.
+def estimate(segments: Segments, interval: float, settings: LoopSettings, start: float = 0.0) -> Estimates:
+    """Return the estimates (15) of all half periods of a record that begins at `start` (UTC epoch seconds).
 
-    begin: seconds since the record's start. refused: place in WHY of the gate that refused it, else OK.
+    The settings must hold K and Ti (Kp defaults to 1.5).
     """
-
-    begin: FloatArray
-    duration: FloatArray
-    dy: FloatArray
-    e_max: FloatArray
-    d: FloatArray
-    direction: NDArray[np.int64]
-    setpoint_move: FloatArray
-    refused: NDArray[np.uint8]
-
-    @property
-    def why(self) -> NDArray[np.str_]:
-        """The name of the gate that refused each half period, else "ok"."""
-        return np.array(WHY)[self.refused]
-
-    def __len__(self) -> int:
-        return len(self.begin)
-
-
-def estimate(segments: Segments, interval: float, settings: LoopSettings) -> HalfPeriods:
-    """Return the estimates (15) of all half periods; the settings must hold K and Ti (Kp defaults to 1.5)."""
     K, Ti, Kp = settings.K, settings.Ti, settings.Kp or DEFAULT_KP
     assert K is not None and Ti is not None
     s = segments
     duration = (s.end - s.begin) * interval
     dy = mean_error(s.area * interval, duration)
     d = dead_band(dy, duration, K, Ti, Kp)
-    return HalfPeriods(s.begin * interval, duration, dy, s.e_max, d, s.direction, s.setpoint_move,
-                       gate(duration, dy, s.e_max, s.complete, d, Ti))
-
-
-def no_half_periods() -> HalfPeriods:
-    """Of a record that the rule cannot be asked of."""
-    return estimate(Segments.join([]), 1.0, LoopSettings(K=1.0, Ti=1.0))
+    return Estimates(start, s.begin * interval, duration, dy, s.e_max, d, s.direction.astype(np.int8),
+                     gate(duration, dy, s.e_max, s.complete, d, Ti), WHY)
 
 
 def error_scanner(settings: LoopSettings, interval: float, *, every: bool = True) -> ErrorScanner:
@@ -83,36 +59,60 @@ def published_estimates(record: Record) -> tuple[Estimate, ...]:
     """
     scanner = error_scanner(record.settings, record.interval)
     scanner.update(record)
-    h = estimate(scanner.smooth.finish(), record.interval, record.settings)
-    why = h.why.tolist()
-    return tuple(
-        Estimate(record.start + float(h.begin[i]), record.start + float(h.begin[i] + h.duration[i]),
-                 float(h.duration[i]), float(h.dy[i]), float(h.e_max[i]), float(h.d[i]), int(h.direction[i]),
-                 why[i] == "ok", why[i])
-        for i in range(len(h)) if h.refused[i] not in (TOO_SHORT, INCOMPLETE)
-    )
+    found = estimate(scanner.smooth.finish(), record.interval, record.settings, record.start)
+    return tuple(found.select((found.why != TOO_SHORT) & (found.why != INCOMPLETE)))
 
 
-def tally(h: HalfPeriods, left_out: int, start: float, seconds: float) -> dict[str, Any]:
+def tally(h: Estimates, left_out: int, seconds: float) -> dict[str, Any]:
     """Return counts and estimates by their names in a LoopReport.
 
-    left_out: half periods too short to be kept. start: of the record. seconds: of it that were used.
+    left_out: half periods too short to be kept. seconds: of the record that were used.
     """
-    counts = np.bincount(h.refused, minlength=len(WHY)).tolist()
+    counts = np.bincount(h.why, minlength=len(WHY)).tolist()
     everything, accepted = len(h) + left_out, counts[OK]
-    rejected = {WHY[code]: n for code, n in enumerate(counts) if n and code != OK}
-    if left_out:
-        rejected["too_short"] = rejected.get("too_short", 0) + left_out
-    codes = tuple(sorted(WHY[code] for code, n in enumerate(counts) if n))
-    places = np.array([codes.index(code) if code in codes else 0 for code in WHY], dtype=np.uint8)
-    listed = np.flatnonzero(h.refused != TOO_SHORT)
+    long = len(h) - counts[TOO_SHORT] - counts[INCOMPLETE]
+    counts[TOO_SHORT] += left_out
     return {
         "half_periods": everything,
-        "long_half_periods": len(h) - counts[TOO_SHORT] - counts[INCOMPLETE],
+        "long_half_periods": long,
         "detections": accepted,
         "detection_rate": accepted / max(everything, 1),
         "detections_per_hour": accepted / max(seconds / 3600.0, 1e-12),
-        "rejected": dict(sorted(rejected.items())),
-        "estimates": Estimates(start, h.begin[listed], h.duration[listed], h.dy[listed], h.e_max[listed], h.d[listed],
-                               h.direction[listed].astype(np.int8), places[h.refused[listed]], codes),
+        "rejected": dict(sorted((WHY[code], n) for code, n in enumerate(counts) if n and code != OK)),
+        "estimates": h.select(h.why != TOO_SHORT),
     }
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """What the detector saw: `present`, share of the record in it, period [s] and mean amplitude [span]."""
+
+    present: bool
+    share: float
+    period: float | None = None
+    amplitude: float | None = None
+
+
+def least_area(Ti: float) -> float:
+    """Return the integral of |e| over a half period [span s] above which it counts: that of a sine of period Ti."""
+    return 2.0 * AMPLITUDE / (2.0 * np.pi / Ti)
+
+
+def detect_oscillation(segments: Segments, interval: float, Ti: float) -> Oscillation:
+    """Count half periods with IAE > 2 a / w, w = 2 pi / Ti, forgetting over 50 Ti: x <- lambda x + 1.
+
+    segments: half periods of the error after the measurement filter alone.
+    """
+    large = np.flatnonzero(segments.complete & (segments.area * interval > least_area(Ti)))
+    ages = segments.end[large] * interval / (SUPERVISION * Ti)
+    counts = np.exp(np.logaddexp.accumulate(ages) - ages)  # one counts 1/e after the supervision time
+    inside = counts >= ENOUGH
+    if not inside.any():
+        return Oscillation(False, 0.0)
+    span = float(segments.end[-1] - segments.begin[0]) * interval
+    # the half periods that filled the counter belong to the oscillation as well
+    member = np.convolve(inside, np.ones(ENOUGH))[ENOUGH - 1 :] > 0.0
+    of_large = large[member]
+    dt = (segments.end[of_large] - segments.begin[of_large]) * interval
+    amplitude = 0.5 * np.pi * np.median(segments.area[of_large] * interval / dt)
+    return Oscillation(True, float(min(1.0, dt.sum() / span)), 2.0 * float(np.median(dt)), float(amplitude))

@@ -5,12 +5,16 @@ is known. It is fitted in its level form, with one offset per window of about te
 is averaged out and slow changes from outside do not matter; the filter time is searched for. What the record cannot
 settle (filter, scan rate of the controller) widens the intervals.
 
-    identify(record) -> Identification | Note          settings_of(survey) -> the same, after a Survey of all blocks
+    identify(record) -> Identification | Note         with_constant_setpoint(record) -> the record, where SP stood still
 
 A Note says why the settings cannot be read: no_output, output_constant, too_short, not_this_controller,
 proportional_part_unseen.
 An Identification may carry notes: gain_uncertain, sampling_too_coarse, interpolated, one_frequency; `separate` is
 False where only K/Ti is to be relied on.
+
+A record without setpoint: integral action holds the mean of PV at it. With that level in its place a PI or PID
+controller of a loop whose setpoint never moved explains the recorded output almost to the last digit; where the
+setpoint moved, it does not, and nothing is assumed.
 """
 
 from __future__ import annotations
@@ -21,7 +25,7 @@ from math import isfinite
 
 import numpy as np
 
-from ..record import FloatArray, LoopSettings, Note, Record
+from ..record import FloatArray, LoopSettings, Note, Record, SampleState
 from .control_law import (
     DERIVATIVE,
     INTEGRAL,
@@ -33,7 +37,7 @@ from .control_law import (
     search_filter,
     settle_filter,
 )
-from .survey import LEVELS, OUTPUT, ROWS, SLOWER, Survey
+from .survey import LEVELS, ROWS, SLOWER, rows, with_all_signals
 
 LEAST_ROWS = 60
 MOSTLY_OWN = 0.2  # share of interpolated samples that leaves the P part visible
@@ -56,10 +60,9 @@ WIDE = 2.0  # ratio of the ends of an interval that is worth a note
 COARSEST = 1.0  # rows per Ti below which the P part is not seen any more
 T95 = (np.inf, np.inf, 12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26, 2.23, 2.2, 2.18, 2.16, 2.14, 2.13, 2.12)
 DIGITS = 6  # of identified settings
-AT_ONE_FREQUENCY = Note(
-    "one_frequency",
-    "the loop moves at one frequency only: K and Ti can only be told apart by assuming the measurement filter (Ti/10)",
-)
+PROVEN = 0.98  # share of OP explained by a constant setpoint; with a moving one 0.975 at most in 23 loops
+AT_ONE_FREQUENCY = Note("one_frequency", "the loop moves at one frequency only: K and Ti can only be told apart by "
+                        "assuming the measurement filter (Ti/10)")
 
 
 @dataclass(frozen=True)
@@ -108,53 +111,45 @@ class Identification:
 
 
 def identify(record: Record) -> Identification | Note:
-    """Read K, Ti, Td and setpoint weight of the controller from setpoint, measurement and output of one loop."""
-    survey = Survey(record.interval)
-    survey.update(record)
-    return settings_of(survey)
+    """Read K, Ti, Td and setpoint weight of the controller from setpoint, measurement and output of one loop.
 
-
-def settings_of(survey: Survey) -> Identification | Note:
-    """Return the settings that a survey of the whole record shows, or a Note that says why they cannot be read."""
-    if not survey.with_output:
+    A Note says why they cannot be read.
+    """
+    if record.output is None or not np.isfinite(record.output).any():
         return Note("no_output", "the record has no controller output, so K and Ti cannot be read from it")
-    if survey.used and not survey.spread(OUTPUT):
+    use = with_all_signals(record)
+    if use.any() and not np.ptp(record.output[use]):
         return Note("output_constant", "the controller output never moves, so K and Ti cannot be read from it")
-    finest = law_rows(survey, 0)
+    finest = law_rows(record, 0)
     if finest is None:
-        return Note(
-            "too_short",
-            f"fewer than {LEAST_ROWS} usable samples with setpoint, PV and output: K and Ti cannot be read from them",
-        )
-    found = find_settings(lambda level: law_rows(survey, level) if level else finest, survey.interval)
-    if isinstance(found, Note) or survey.used_filled <= MOSTLY_OWN * survey.used:
+        return Note("too_short", f"fewer than {LEAST_ROWS} usable samples with setpoint, PV and output: K and Ti "
+                    "cannot be read from them")
+    found = _found(record, finest)
+    share = float(np.mean(record.state[use] == SampleState.FILLED))
+    if isinstance(found, Note) or share <= MOSTLY_OWN:
         return found
-    share = survey.used_filled / survey.used
     message = f"{100 * share:.0f} % of the samples are interpolated: only K/Ti is known"
     return replace(found, notes=(*found.notes, Note("interpolated", message, {"share": share})))
 
 
-def law_rows(survey: Survey, level: int) -> LawRows | None:
+def law_rows(record: Record, level: int) -> LawRows | None:
     """Return one picture of the record, None where it has too few rows, or there is none so slow."""
     if level >= LEVELS:
         return None
-    index, values = survey.rows(level)
-    return LawRows(index, values, survey.interval * SLOWER**level) if len(index) >= LEAST_ROWS else None
+    index, values = rows(record, level)
+    return LawRows(index, values, record.interval * SLOWER**level) if len(index) >= LEAST_ROWS else None
 
 
-def find_settings(picture: Callable[[int], LawRows | None], interval: float) -> Identification | Note:
-    """Find K, Ti and Td from pictures of one record; `interval` is that of the samples [s].
-
-    picture: gives that of a level, 0 the finest, None where there is none; there is one of level 0.
-    """
-    found = _time_scale(picture)
-    if isinstance(found, Note):
-        return found
-    rows, form, longest = found
-    averaged = rows.interval > interval
+def _found(record: Record, finest: LawRows) -> Identification | Note:
+    """Find K, Ti and Td from pictures of the record, of which this is the finest."""
+    time_scale = _time_scale(record, finest)
+    if isinstance(time_scale, Note):
+        return time_scale
+    rows, form, longest = time_scale
+    averaged = rows is not finest
     ways = [form]
     if not averaged:
-        phases = (0.25, 0.0, 0.5) if longest < UNSETTLED * interval else (0.0,)
+        phases = (0.25, 0.0, 0.5) if longest < UNSETTLED * record.interval else (0.0,)
         ways = [*(replace(form, phase=phase) for phase in phases), replace(form, phase=0.0, shift=1)]
     fits = _most_plausible([search_filter(rows, way, longest) for way in ways])
     if not fits:
@@ -168,40 +163,36 @@ def find_settings(picture: Callable[[int], LawRows | None], interval: float) -> 
         fits = settle_filter(rows, replace(form, shift=0), FILTER_SHARE)
         return summarise(rows, fits, averaged, (AT_ONE_FREQUENCY,)) if fits else AT_ONE_FREQUENCY
     refined = search_filter(rows, fits[0].form, longest, near=fits[0].filter_time)
-    fits = sorted(refined, key=lambda fit: fit.unexplained) + fits
+    fits = [*refined, *fits]
     best = fits[0]
     if not isfinite(best.reset_time) or best.unexplained > 1.0 - LEAST_EXPLAINED:
         return _refused(1.0 - best.unexplained)
     # A filter as slow as the controller itself cannot be told from integral action: no fit is excluded then.
     unclear = best.filter_time > UNCLEAR_FILTER * best.reset_time
-    plausible = fits if unclear else [fit for fit in fits if best.better_than(fit) <= PLAUSIBLE]
-    result = summarise(rows, plausible, averaged)
+    result = summarise(rows, [fit for fit in fits if unclear or best.better_than(fit) <= PLAUSIBLE], averaged)
     by_chance = result.K.ci95[0] < 0.0 < result.K.ci95[1] and result.r2 < SURELY_EXPLAINED
     return _refused(result.r2, by_chance=True) if by_chance else result
 
 
-def _time_scale(picture: Callable[[int], LawRows | None]) -> tuple[LawRows, LawForm, float] | Note:
+def _time_scale(record: Record, rows: LawRows) -> tuple[LawRows, LawForm, float] | Note:
     """Find the picture of the record in which Ti is SLOWEST rows at most, the form of the fit, and the longest Tf."""
-    rows = picture(0)
-    assert rows is not None
     level, Ti, explained = 0, FIRST_WINDOW / WINDOW * rows.interval, 0.0
     for _ in range(8):
         h = rows.interval
         window = window_of(WINDOW * Ti / h, len(rows.index))
         longest = min(LONGEST_FILTER * Ti, 0.1 * window * h)
-        moves = bool(np.ptp(rows.signals[0]) > 0)
-        terms = (PROPORTIONAL, INTEGRAL, SETPOINT) if moves else (PROPORTIONAL, INTEGRAL)
-        phase = 0.5 if level else 0.0 if Ti >= 10.0 * h else 0.25
-        form = LawForm(terms, window, min(int(np.ceil(5.0 * longest / h)) + 1, window), 0, phase)
-        fits = search_filter(rows, form, longest, step=4.0)
-        if not fits and moves:  # the setpoint moved between the windows only
-            form = replace(form, terms=(PROPORTIONAL, INTEGRAL))
-            fits = search_filter(rows, form, longest, step=4.0)
+        settle, phase = min(int(np.ceil(5.0 * longest / h)) + 1, window), 0.5 if level else 0.25 * (Ti < 10.0 * h)
+        fits: list[LawFit] = []
+        for terms in ((PROPORTIONAL, INTEGRAL, SETPOINT), (PROPORTIONAL, INTEGRAL)):
+            # without a setpoint that moves inside a window its weight cannot be told
+            if not fits and (SETPOINT not in terms or np.ptp(rows.signals[0]) > 0):
+                form = LawForm(terms, window, settle, 0, phase)
+                fits = search_filter(rows, form, longest, step=4.0)
         if not fits:
             return _refused(0.0)
         before, explained = Ti, 1.0 - fits[0].unexplained
         Ti = fits[0].reset_time
-        slower = None if Ti <= SLOWEST * h else picture(level + 1)
+        slower = None if Ti <= SLOWEST * h else law_rows(record, level + 1)
         if slower is not None:
             rows, level = slower, level + 1
             Ti = Ti if isfinite(Ti) else FIRST_WINDOW / WINDOW * rows.interval
@@ -239,23 +230,20 @@ def derivative_is_real(pid: LawFit, pi: LawFit) -> bool:
 
 def _refused(explained: float, *, by_chance: bool = False) -> Note:
     if explained > LEAST_EXPLAINED and not by_chance:
-        return Note(
-            "proportional_part_unseen",
+        code, message = "proportional_part_unseen", (
             "the output follows the sum of the control error, but no P part shows: the data are compressed, "
-            "interpolated or too coarse, so K and Ti cannot be read from them",
-            {"r2": explained},
-        )
-    return Note(
-        "not_this_controller",
-        f"a PI or PID controller of these signals explains {100 * max(explained, 0.0):.0f} % of the output's motion: "
-        "other signals, manual operation, limits or feedforward move it, or the columns do not belong together",
-        {"r2": explained},
-    )
+            "interpolated or too coarse, so K and Ti cannot be read from them")
+    else:
+        code, message = "not_this_controller", (
+            f"a PI or PID controller of these signals explains {100 * max(explained, 0.0):.0f} % of the output's "
+            "motion: other signals, manual operation, limits or feedforward move it, or the columns do not belong "
+            "together")
+    return Note(code, message, {"r2": explained})
 
 
 def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[Note, ...] = ()) -> Identification:
     """Values of the first fit; intervals from its scatter, from the other fits, and from what sampling hides."""
-    best = fits[0]
+    best, terms = fits[0], fits[0].form.terms
     # Not in the scatter: which part of the newest error the output already contains, and at coarse rates the
     # noise between the samples, which the controller saw and the record did not.
     coarse = 0.0 if averaged else rows.interval / best.reset_time
@@ -276,31 +264,49 @@ def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[No
             high = max(high, value + reach, value * stretch + reach)
         return Identified(float(quantity(best.values)), (low, high))
 
-    terms = best.form.terms
-    zero = Identified(0.0, (0.0, 0.0))
+    def over_gain(term: int) -> Identified:
+        return interval_of(lambda v: v[..., terms.index(term)] / v[..., 0], systematic)
+
     has_d = DERIVATIVE in terms
-    weighs = SETPOINT in terms and coarse < NOISE_UNSEEN
     gain = interval_of(lambda v: v[..., 0], systematic + 0.15 * coarse, 1.0 / attenuation)
     ends = sorted(abs(x) for x in gain.ci95)
     if gain.ci95[0] * gain.ci95[1] <= 0 or ends[1] > WIDE * ends[0]:
         message = f"K is known to {gain.ci95[0]:.3g}..{gain.ci95[1]:.3g} only (Ti likewise); K/Ti is known better"
         notes = (*notes, Note("gain_uncertain", message, {"low": gain.ci95[0], "high": gain.ci95[1]}))
     if coarse > 1.0 / COARSEST:
-        message = (
-            f"the samples are {rows.interval:g} s apart and Ti is about {best.reset_time:.2g} s: "
-            "too few to tell K and Ti apart; only K/Ti is known"
-        )
+        message = (f"the samples are {rows.interval:g} s apart and Ti is about {best.reset_time:.2g} s: too few to "
+                   "tell K and Ti apart; only K/Ti is known")
         notes = (*notes, Note("sampling_too_coarse", message, {"interval": rows.interval, "Ti": best.reset_time}))
     return Identification(
         K=gain,
         Ti=interval_of(lambda v: v[..., 0] / v[..., 1], systematic + 0.15 * coarse, 1.0 / attenuation),
-        Td=interval_of(lambda v: v[..., terms.index(DERIVATIVE)] / v[..., 0], systematic) if has_d else zero,
+        Td=over_gain(DERIVATIVE) if has_d else Identified(0.0, (0.0, 0.0)),
         ratio=interval_of(lambda v: v[..., 1], systematic),
-        b=interval_of(lambda v: v[..., terms.index(SETPOINT)] / v[..., 0], systematic) if weighs else None,
-        Tf=best.filter_time,
-        r2=1.0 - best.unexplained,
-        n=len(rows.index),
-        interval=rows.interval,
-        form="ideal PID" if has_d else "ideal PI",
-        notes=notes,
-    )
+        b=over_gain(SETPOINT) if SETPOINT in terms and coarse < NOISE_UNSEEN else None,
+        Tf=best.filter_time, r2=1.0 - best.unexplained, n=len(rows.index), interval=rows.interval,
+        form="ideal PID" if has_d else "ideal PI", notes=notes)
+
+
+def with_constant_setpoint(record: Record) -> Record:
+    """Return the record with a constant setpoint where none was recorded and the output shows that it stood still."""
+    held = None if np.isfinite(record.setpoint).any() else at_mean(record)
+    found = None if held is None else identify(held)
+    if held is None or not isinstance(found, Identification) or found.r2 < PROVEN:
+        return record
+    level, (low, high) = float(held.setpoint[0]), record.settings.pv_range
+    note = Note(
+        "assumed_setpoint", "no setpoint (SP) in the data; it is taken as constant at the mean of PV, "
+        f"{low + level * (high - low):.4g}: with that a controller of K = {found.K.value:.3g} and Ti = "
+        f"{found.Ti.value:.3g} s explains {100.0 * found.r2:.2f} % of the output's motion",
+        {"setpoint": level, "r2": found.r2})
+    return replace(held, notes=(*(n for n in record.notes if n.code != "no_setpoint"), note))
+
+
+def at_mean(record: Record) -> Record | None:
+    """Return the record with the mean of PV as its setpoint, None with too few usable samples."""
+    use = record.usable & np.isfinite(record.measurement)
+    if record.output is not None:
+        use &= np.isfinite(record.output)
+    if np.count_nonzero(use) < LEAST_ROWS:
+        return None
+    return replace(record, setpoint=np.full(len(record), float(record.measurement[use].mean())))

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray
-from .wave import between, crossings, detrended
+from .wave import crossings, detrended
 
 POINTS = 128
 HARMONICS = np.arange(1, 10)
@@ -28,8 +28,6 @@ MODEL_ERROR = 0.003  # of the fundamental: how well two lags and a dead time can
 DELAYS = np.linspace(0.0, 0.4, 21)  # all in periods
 FIRST_LAGS = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 50.0])
 SECOND_LAGS = np.array([0.0, 0.02, 0.05, 0.1, 0.2])
-INTEGRATOR = 1.0  # first lag over period from which no levelling off shows within a cycle
-LEVELS_OFF = 0.4  # and below which it does
 GAPS = np.linspace(0.05, 0.95, 19)  # of the output's swing
 EVEN_SURE = 4.0  # power of the even harmonics over their scatter
 EVEN_LARGE = 0.5  # and over the fundamental: a sawtooth; noise in a valve's cycles does not make them as large
@@ -64,25 +62,16 @@ class CycleTest:
         """What remains with the best gap, in units of the scatter (1: explained)."""
         return self.misfit * self.left
 
-    @property
-    def integrating(self) -> bool:
-        """The process that fits does not level off within a cycle."""
-        return self.first_lag > INTEGRATOR
 
-    @property
-    def levels_off(self) -> bool:
-        """The process that fits levels off within a cycle; between the two nothing can be said."""
-        return self.first_lag < LEVELS_OFF
-
-
-def compare_mean_cycle(
-    measurement: FloatArray, output: FloatArray, period: float, action: float = 0.0
-) -> CycleTest | None:
+def compare_mean_cycle(measurement: FloatArray, output: FloatArray, period: float,
+                       action: float = 0.0) -> CycleTest | None:
     """Compare the mean cycle of PV with that of OP through a linear process, with and without a gap in the valve.
 
     action: sign of the controller gain K, 0 where it is not known; it is then read from the phase. With PI control
     OP leads PV by 90 to 180 degrees for a positive K and lags it by up to 90 degrees for a negative one.
     """
+    from ..kernels import play
+
     pv, op = detrended(measurement, period), detrended(output, period)
     pv_cycles, op_cycles = _cycles(pv, op, period)
     if len(pv_cycles) < LEAST_CYCLES:
@@ -93,9 +82,12 @@ def compare_mean_cycle(
     scatter = np.sum(np.abs(parts - target) ** 2, axis=0) / (n * (n - 1))
     weight = 1.0 / (scatter + (MODEL_ERROR * np.abs(target[0])) ** 2)
     mean_output = op_cycles.mean(0)
-    sign = np.sign(action) or _action(target[0], np.fft.rfft(mean_output)[1])
+    # by how much OP leads PV; of an unknown sign the middle of the quadrant decides
+    lead = target[0].conj() * np.fft.rfft(mean_output)[1]
+    sign = np.sign(action) or (1.0 if np.cos(np.angle(lead) - 0.75 * np.pi) > 0 else -1.0)
     gaps = np.concatenate([[0.0], GAPS]) * np.ptp(mean_output)
-    through = np.array([np.fft.rfft(_played(mean_output, d))[HARMONICS] / POINTS for d in gaps])
+    twice = np.tile(mean_output, 2)  # behind a gap it has settled after one cycle
+    through = np.array([np.fft.rfft(play(twice, d, twice[0])[POINTS:])[HARMONICS] / POINTS for d in gaps])
     left, first_lags = _best_processes(target, np.asarray(sign * through, dtype=np.complex128), weight)
     misfit = left / len(HARMONICS)
     best = int(misfit.argmin())
@@ -104,41 +96,21 @@ def compare_mean_cycle(
     even = float(np.mean((np.abs(target) ** 2 / np.maximum(scatter, 1e-300))[EVEN]))
     lopsided = even > EVEN_SURE and float(np.sqrt(np.sum(size[EVEN] ** 2))) > EVEN_LARGE
     return CycleTest(float(misfit[0]), share, float(gaps[best]), float(first_lags[best]), n,
-                     float(np.sqrt(np.sum(size[1:] ** 2))), not lopsided,
-                     _integral_phase(target[0], sign * np.fft.rfft(mean_output)[1]))
+                     float(np.sqrt(np.sum(size[1:] ** 2))), not lopsided, float(-np.degrees(np.angle(-sign * lead))))
 
 
-def _integral_phase(pv: complex, op: complex) -> float:
-    """Degrees by which OP, turned to a positive K, lags -PV."""
-    return float(-np.degrees(np.angle(-op * np.conj(pv))))
-
-
-def _action(pv: complex, op: complex) -> float:
-    """Sign of the controller gain from the fundamentals of PV and OP, the middle of the quadrant deciding."""
-    return 1.0 if np.cos(np.angle(op * np.conj(pv)) - 0.75 * np.pi) > 0 else -1.0
-
-
-def _cycles(pv: FloatArray, op: FloatArray, period: float) -> tuple[FloatArray, FloatArray]:
-    """(cycles, POINTS) of both signals between rising zero crossings of PV."""
+def _cycles(pv: FloatArray, op: FloatArray, period: float) -> list[FloatArray]:
+    """Both signals between rising zero crossings of PV, (cycles, POINTS) each."""
     at, rising = crossings(pv, period)
     starts = at[rising]
     length = np.diff(starts)
     typical = np.flatnonzero((length > 0.6 * period) & (length < 1.5 * period))
-    grid = np.arange(POINTS) / POINTS
-    time = starts[typical, None] + grid * length[typical, None]
-    return between(pv, time), between(op, time)
+    time = starts[typical, None] + np.arange(POINTS) / POINTS * length[typical, None]
+    return [np.interp(time, np.arange(len(x)), x) for x in (pv, op)]
 
 
-def _played(cycle: FloatArray, d: float) -> FloatArray:
-    """One period of a repeated cycle behind a gap d, after it has settled."""
-    from ..kernels import play
-
-    return np.asarray(play(np.concatenate([cycle, cycle]), d, float(cycle[0]))[len(cycle) :])
-
-
-def _best_processes(
-    target: NDArray[np.complex128], through: NDArray[np.complex128], weight: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _best_processes(target: NDArray[np.complex128], through: NDArray[np.complex128],
+                    weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """For each gap the weighted squares that the best process leaves, and its first lag [periods].
 
     through: (gaps, harmonics) of the output behind each gap. Dead time and lags from a grid, then twice finer.

@@ -6,52 +6,32 @@ it. On 300 simulated loops this took away a quarter of the false clusters and ne
 controller passes on to its output walks the valve to and fro across its gap, so that the integral part has less to
 travel: the estimates (15) fall by about three times its standard deviation, and that is added to their centre.
 
-    read_half_periods(half_periods, settings, interval, noise) -> Reading
+    read_half_periods(estimates, moved, settings, interval, noise) -> cluster, notes
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtr
 
 from ..record import FloatArray, LoopSettings, Note
-from ..results import Cluster
-from .haegglund import DEFAULT_KP, HalfPeriods
-from .recording import Storage
-from .rule import BELOW_NOISE, OK, SETPOINT_MOVE, SLOW_ENOUGH, WHY
+from ..results import Cluster, Estimates
+from .haegglund import DEFAULT_KP
+from .rule import OK, SLOW_ENOUGH
 
 FLOOR = 3.0  # smallest mean error of a half period, in standard deviations of the filtered error
 AFTER_MOVE = 2.0  # integral times: a half period shorter than this passes a setpoint move on to the next
 DITHER = 3.0  # 2.3 to 3.4 on the publication's second example with noise of six strengths, d of 3, 5 and 10 %
 MATTERS = 0.1  # of the estimate: smaller corrections are made and not told
 LEAST_GAP = 5.0  # smallest dead band in standard deviations of the output's noise: below, the valve never rests
-FILLED = 0.2  # share of interpolated samples from which the noise on PV is not known
 CLOSE = 0.35  # estimates within +-35 % of the centre belong together
 SEVERAL = 4  # fewest estimates of a group beside another
 A_QUARTER = 0.25
-REFUSED = {SETPOINT_MOVE: "the setpoint moved", BELOW_NOISE: "the error is no larger than noise"}
+REFUSED = {"setpoint_move": "the setpoint moved", "below_noise": "the error is no larger than noise"}
 FEWEST = 4  # estimates in each of two directions that can be compared
-
-
-@dataclass(frozen=True)
-class Reading:
-    """half_periods: with SETPOINT_MOVE and BELOW_NOISE among the refusals. cluster: the densest group of estimates,
-    the effect of noise on OP added, None without any. notes: groups, directions and noise worth telling."""
-
-    half_periods: HalfPeriods
-    cluster: Cluster | None
-    notes: tuple[Note, ...] = ()
-
-
-def known_noise(pv: Storage, filled: float) -> float:
-    """Standard deviation of the fast noise on PV, 0 where a recorder's kinks would pass for it.
-
-    filled: share of samples that were interpolated.
-    """
-    return pv.noise if pv.kind == "samples" and filled < FILLED else 0.0
 
 
 def filtered_noise(noise: float, interval: float, Ti: float) -> float:
@@ -75,68 +55,52 @@ def output_noise(noise: float, interval: float, settings: LoopSettings) -> float
     return abs(settings.K or 0.0) * noise * float(np.sqrt(share * (1.0 + (settings.Td / Tf) ** 2)))
 
 
-def read_half_periods(h: HalfPeriods, settings: LoopSettings, interval: float, noise: float) -> Reading:
-    """Return what the half periods of a loop say. noise: standard deviation of the fast noise on PV [span]."""
-    assert settings.K is not None and settings.Ti is not None
+def read_half_periods(h: Estimates, moved: FloatArray, settings: LoopSettings, interval: float,
+                      noise: float) -> tuple[Cluster | None, tuple[Note, ...]]:
+    """Return the densest group of estimates, the effect of noise on OP added, None without any; and notes on groups,
+    directions and noise worth telling.
+
+    moved: (half_periods,) how far the setpoint moved [span]. noise: standard deviation of the fast noise on PV [span].
+    """
+    assert settings.Ti is not None
     floor = FLOOR * filtered_noise(noise, interval, settings.Ti)
-    why = h.refused.copy()
-    used = why == OK
-    accepted = int(np.count_nonzero(used))
-    if not accepted:
-        return Reading(h, None)
-    if h.setpoint_move.any():
-        why[used & _setpoint_moved(h, settings)] = SETPOINT_MOVE
-    why[(why == OK) & (h.dy <= floor)] = BELOW_NOISE
-    used = why == OK
+    accepted = h.why == OK
+    moving = accepted & _setpoint_moved(h, moved, settings)
+    quiet = accepted & ~moving & (h.dy <= floor)
+    used = accepted & ~moving & ~quiet
+    notes = []
+    if moving.any() or quiet.any():
+        counts = {"setpoint_move": np.count_nonzero(moving), "below_noise": np.count_nonzero(quiet)}
+        told = " and ".join(f"{REFUSED[code]} in {n}" for code, n in counts.items() if n)
+        notes.append(Note("half_periods_set_aside", f"of {np.count_nonzero(accepted)} half periods that pass the "
+                          f"published gates some do not count: {told}", {code: float(n) for code, n in counts.items()}))
     sd = output_noise(noise, interval, settings)
     d = h.d[used] + DITHER * sd
-    cluster, aside = densest(d), _set_aside(why, accepted)
-    if aside:
-        h = replace(h, refused=why)
+    cluster = densest(d)
     if cluster is None:
-        return Reading(h, None, aside)
-    limit = _limit(settings, floor, sd)
-    notes = [*aside, *_groups(d, cluster), *_directions(d, h.direction[used])]
+        return None, tuple(notes)
+    notes += [*_groups(d), *_directions(d, h.direction[used])]
     if DITHER * sd > MATTERS * cluster.d:
         notes.append(Note(
             "dither", f"noise of about {100 * sd:.2g} % on OP walks the valve across its gap; the estimates (15) read "
             f"low by about three times that, and {100 * DITHER * sd:.2g} % was added to their centre",
             {"output_noise": sd, "added": DITHER * sd}))
-    return Reading(h, replace(cluster, limit_of_detection=limit), tuple(notes))
-
-
-def _set_aside(why: NDArray[np.uint8], accepted: int) -> tuple[Note, ...]:
-    """A note on the half periods that pass the publication's gates and still do not count."""
-    counts = {WHY[code]: int(np.count_nonzero(why == code)) for code in REFUSED}
-    if not sum(counts.values()):
-        return ()
-    told = " and ".join(f"{text} in {n}" for text, n in zip(REFUSED.values(), counts.values(), strict=True) if n)
-    return (Note("half_periods_set_aside", f"of {accepted} half periods that pass the published gates some do not "
-                 f"count: {told}", {code: float(n) for code, n in counts.items()}),)
-
-
-def _limit(settings: LoopSettings, floor: float, sd: float) -> float:
-    """Smallest dead band that half periods of just 5 Ti could show above the noise."""
+    # the smallest dead band that half periods of just 5 Ti could show above the noise
     shown = (abs(settings.K or 0.0) * SLOW_ENOUGH - 1.0 / abs(settings.Kp or DEFAULT_KP)) * floor
-    return max(shown, LEAST_GAP * sd)
+    return replace(cluster, limit_of_detection=max(shown, LEAST_GAP * sd)), tuple(notes)
 
 
-def _setpoint_moved(h: HalfPeriods, settings: LoopSettings) -> NDArray[np.bool_]:
+def _setpoint_moved(h: Estimates, moved: FloatArray, settings: LoopSettings) -> NDArray[np.bool_]:
     """Where the setpoint moved inside the half period, or just before it, by too much for the estimate."""
-    assert settings.Ti is not None
-    moved = h.setpoint_move.copy()
-    if len(h) > 1:
-        end = h.begin[:-1] + h.duration[:-1]
-        near = (np.abs(h.begin[1:] - end) < 1e-6 * settings.Ti) & (h.duration[:-1] < AFTER_MOVE * settings.Ti)
-        moved[1:] += np.where(near, h.setpoint_move[:-1], 0.0)
-    return np.asarray(moved / abs(settings.Kp or DEFAULT_KP) > CLOSE * h.d)
+    Ti = settings.Ti or 0.0
+    near = np.abs(np.diff(h.begin) - h.dt_s[:-1]) < 1e-6 * Ti
+    before = np.append(0.0, np.where(near & (h.dt_s[:-1] < AFTER_MOVE * Ti), moved[:-1], 0.0))[: len(moved)]
+    return np.asarray((moved + before) / abs(settings.Kp or DEFAULT_KP) > CLOSE * h.d)
 
 
-def _groups(d: FloatArray, first: Cluster) -> list[Note]:
-    """A note where the estimates gather in several places. first: the densest of them."""
-    if np.count_nonzero(np.abs(d / first.d - 1.0) > CLOSE) < SEVERAL:
-        return []
-    found = gathered(d, first)
+def _groups(d: FloatArray) -> list[Note]:
+    """A note where the estimates gather in several places."""
+    found = gathered(d)
     if len(found) < 2:
         return []
     told = " and ".join(f"{100 * c.d:.2g} % ({c.n})" for c in found)
@@ -145,16 +109,11 @@ def _groups(d: FloatArray, first: Cluster) -> list[Note]:
                  "between operating points, or changed, or some of them come from load", values)]
 
 
-def _directions(d: FloatArray, direction: NDArray[np.int64]) -> list[Note]:
+def _directions(d: FloatArray, direction: NDArray[np.int8]) -> list[Note]:
     """A note where the estimates of one direction lie clear of those of the other."""
-    above = direction == 1
-    upwards, downwards = d[above], d[~above]
-    if min(len(upwards), len(downwards)) < FEWEST:
-        return []
-    up, down = densest(upwards), densest(downwards)
-    if up is None or down is None or min(up.n, down.n) < FEWEST:
-        return []
-    if up.ci95[0] <= down.ci95[1] and down.ci95[0] <= up.ci95[1]:
+    up, down = densest(d[direction == 1]), densest(d[direction != 1])
+    if (up is None or down is None or min(up.n, down.n) < FEWEST
+            or (up.ci95[0] <= down.ci95[1] and down.ci95[0] <= up.ci95[1])):
         return []
     return [Note("directions_differ", f"the estimates (15) are {100 * up.d:.2g} % with the error above zero and "
                  f"{100 * down.d:.2g} % below: the gap is not the same both ways, or a load leans on one side",
@@ -175,27 +134,22 @@ def densest(d: FloatArray) -> Cluster | None:
     most = int(np.argmax(highs - lows))
     members = values[lows[most] : highs[most]]
     q1, centre, q3 = np.quantile(members, [0.25, 0.5, 0.75]).tolist()
-    return Cluster(centre, median_interval(members), (q3 - q1) / centre, len(members),
-                   len(members) / len(values))
+    return Cluster(centre, median_interval(members), (q3 - q1) / centre, len(members), len(members) / len(values))
 
 
-def gathered(d: FloatArray, first: Cluster | None = None) -> tuple[Cluster, ...]:
+def gathered(d: FloatArray) -> list[Cluster]:
     """Return all groups of at least SEVERAL estimates and a quarter of them each, the largest first.
 
-    Each is the densest of what the groups before it left. Neighbours whose intervals touch are one group. first: the
-    densest of all, where that is known already.
+    Each is the densest of what the groups before it left. Neighbours whose intervals touch are one group.
     """
     found: list[Cluster] = []
     left = d[d > 0]
     total = len(left)
-    while len(left) >= SEVERAL:
-        group = first if first is not None and not found else densest(left)
-        if group is None or group.n < max(SEVERAL, A_QUARTER * total):
-            break
+    while (group := densest(left)) is not None and group.n >= max(SEVERAL, A_QUARTER * total):
         if all(group.ci95[0] > c.ci95[1] or group.ci95[1] < c.ci95[0] for c in found):
             found.append(replace(group, share=group.n / total))
         left = left[np.abs(left / group.d - 1.0) > CLOSE]
-    return tuple(found)
+    return found
 
 
 def median_interval(values: FloatArray, level: float = 0.95) -> tuple[float, float]:

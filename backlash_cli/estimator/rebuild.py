@@ -50,4 +50,6 @@ def at_once(lag: DoubleLag) -> DoubleLag:
     In simulated loops the rebuilt output is off by a fifth to a hundredth of what it is off with `lag`; where PV is
     recorded much less often than the controller reads it, by as much.
     """
-    return lag if lag.is_identity else DoubleLag(np.append(lag.numerator[1:], 0.0), lag.denominator)
+    if lag.numerator[0] != 0.0:  # no filter
+        return lag
+    return DoubleLag(np.append(lag.numerator[1:], 0.0), lag.denominator)

@@ -19,8 +19,8 @@ SLOW_ENOUGH = 5.0  # gate dt >= 5 Ti: the signals are slow, the valve moves thro
 SHAPE_LIMIT = 2.0  # gate e_max < 2 dy: a half period flattened by the dead band, not a load disturbance
 
 # Why a half period is refused, as it is named in reports; inside, its place here.
-WHY = ("ok", "shape", "too_short", "incomplete", "not_positive", "setpoint_move", "below_noise")
-OK, SHAPE, TOO_SHORT, INCOMPLETE, NOT_POSITIVE, SETPOINT_MOVE, BELOW_NOISE = range(len(WHY))
+WHY = ("ok", "shape", "too_short", "incomplete", "not_positive")
+OK, SHAPE, TOO_SHORT, INCOMPLETE, NOT_POSITIVE = range(len(WHY))
 
 
 def mean_error(area: ArrayLike, duration: ArrayLike) -> FloatArray:

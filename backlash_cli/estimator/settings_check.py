@@ -1,7 +1,7 @@
 """Do the controller settings of the metadata make the recorded output? If not: which usual mix-up of units would?
 
     check_settings(record.settings, identify(record)) -> tuple[Note, ...]      (empty: nothing to complain about)
-    check_quickly(survey, settings) -> the same; one fit instead of a search where that leaves no doubt
+    check_quickly(record, settings) -> the same; one fit instead of a search where that leaves no doubt
 
 The comparison rests on K/Ti, which a record settles to a few per cent; K and Ti apart are used to tell the mix-ups
 from each other. Codes, each with `values` "factor" (K/Ti as given over as identified), "K" and "Ti" (as identified,
@@ -23,25 +23,15 @@ wrong by that factor):
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import ceil, isfinite, log
+from math import ceil, exp, isfinite, log
 
 import numpy as np
 
-from ..record import LoopSettings, Note
+from ..record import LoopSettings, Note, Record
 from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawForm, fit_law
-from .identify import (
-    SLOWEST,
-    WINDOW,
-    Identification,
-    Identified,
-    derivative_is_real,
-    law_rows,
-    settings_of,
-    window_of,
-)
-from .survey import LEVELS, SLOWER, Survey
+from .identify import SLOWEST, WINDOW, Identification, Identified, derivative_is_real, identify, law_rows, window_of
+from .survey import LEVELS, SLOWER
 
 AGREES = log(1.15)  # findings: K/Ti is identified to 4-8 % in nine loops of ten
 SURE = log(1.05)  # by so much at least the interval must lie away from the value given
@@ -73,37 +63,44 @@ class MixUp:
 
 def check_settings(settings: LoopSettings, found: Identification | Note) -> tuple[Note, ...]:
     """Compare K, Ti and Td of the metadata with those read from the record; an empty answer means they agree."""
-    K, Ti = _given(settings, "K"), _given(settings, "Ti")
+    K, Ti = (None if settings.source.get(name) in ("identified", "data") else getattr(settings, name) or None
+             for name in ("K", "Ti"))
     if K is None and Ti is None:
         return ()
     if isinstance(found, Note):
         message = f"the settings could not be checked against the data: {found.message}"
         return (Note("settings_unchecked", message, {"why": found.code}),)
     notes = []
-    if K is not None and K * found.K.value < 0 and _sign_is_sure(found):
-        notes.append(_sign(K, found))
+    if K is not None and K * found.K.value < 0 and all(x.ci95[0] * x.ci95[1] > 0 for x in (found.K, found.ratio)):
+        action = "reverse (K positive)" if found.K.value > 0 else "direct (K negative)"
+        message = f"K = {K:g} has the wrong sign: the output moves like that of a controller with {action} action"
+        notes.append(_note("settings_action_sign", message, found, -1.0, "warn"))
     if K is not None and Ti is not None:
         notes += _both(abs(K), Ti, settings, found)
     elif Ti is not None:
         notes += _one("Ti", Ti, found.Ti, found)
     elif K is not None:
         notes += _one("K", abs(K), _magnitude(found.K), found)
-    notes += _derivative(settings, found)
+    low, high = found.Td.ci95
+    # only where the data show a D part: its absence cannot be told from a filter
+    if found.Td.value > 0 and not low / 1.5 <= settings.Td <= high * 1.5:
+        message = f"Td = {settings.Td:g} s, but the data show {found.Td.value:.3g} s ({low:.3g}..{high:.3g})"
+        notes.append(Note("settings_derivative", message, {"Td": found.Td.value, "severity": "warn"}))
     return tuple(notes)
 
 
-def check_quickly(survey: Survey, settings: LoopSettings) -> tuple[Note, ...]:
+def check_quickly(record: Record, settings: LoopSettings) -> tuple[Note, ...]:
     """Return what is wrong with the settings given, as `check_settings` does; an empty answer means they agree."""
-    return () if follows(survey, settings) else check_settings(settings, settings_of(survey))
+    return () if follows(record, settings) else check_settings(settings, identify(record))
 
 
-def follows(survey: Survey, settings: LoopSettings) -> bool:
+def follows(record: Record, settings: LoopSettings) -> bool:
     """Whether the recorded output is what a controller with these settings makes, within noise and rounding."""
     K, Ti, Tf = settings.K, settings.Ti, settings.filter_time
-    if not K or not Ti or Tf is None or Ti < LEAST_PER_TI * survey.interval:
+    if not K or not Ti or Tf is None or Ti < LEAST_PER_TI * record.interval:
         return False
-    level = min(max(ceil(log(Ti / (SLOWEST * survey.interval)) / log(SLOWER)), 0), LEVELS - 1)
-    rows = law_rows(survey, level)
+    level = min(max(ceil(log(Ti / (SLOWEST * record.interval)) / log(SLOWER)), 0), LEVELS - 1)
+    rows = law_rows(record, level)
     if rows is None or not np.ptp(rows.signals[2]) > 0.0:
         return False
     given_D = (DERIVATIVE,) if settings.Td > 0.0 else ()
@@ -116,26 +113,13 @@ def follows(survey: Survey, settings: LoopSettings) -> bool:
         fit = fit_law(rows, form, Tf)
     if fit is None or len(fit.sums) < FEWEST_WINDOWS or fit.unexplained > 1.0 - WELL_EXPLAINED:
         return False
-    if fit.gain * K <= 0.0 or fit.ratio * K <= 0.0:
-        return False
-    if abs(log(fit.ratio * Ti / K)) > SAME_RATIO or abs(log(fit.gain / K)) > SAME_GAIN:
+    if (fit.gain * K <= 0.0 or fit.ratio * K <= 0.0
+            or abs(log(fit.ratio * Ti / K)) > SAME_RATIO or abs(log(fit.gain / K)) > SAME_GAIN):
         return False
     if given_D:
-        Td = fit.values[-1] / fit.gain
-        return bool(settings.Td / 1.3 <= Td <= 1.3 * settings.Td)
+        return bool(settings.Td / 1.3 <= fit.values[-1] / fit.gain <= 1.3 * settings.Td)
     with_D = fit_law(rows, replace(form, terms=(*form.terms, DERIVATIVE)), Tf)
     return with_D is None or not derivative_is_real(with_D, fit)
-
-
-def _given(settings: LoopSettings, name: str) -> float | None:
-    value = getattr(settings, name)
-    if settings.source.get(name) in ("identified", "data"):
-        return None
-    return value if value else None
-
-
-def _sign_is_sure(found: Identification) -> bool:
-    return found.K.ci95[0] * found.K.ci95[1] > 0 and found.ratio.ci95[0] * found.ratio.ci95[1] > 0
 
 
 def _magnitude(x: Identified) -> Identified:
@@ -145,23 +129,17 @@ def _magnitude(x: Identified) -> Identified:
 
 def _distance(given: float, x: Identified) -> tuple[float, float]:
     """Logarithm of given / identified, and its distance from 0 that the interval leaves no doubt about."""
-    offset = log(given / x.value)
     nearest = log(given / min(max(given, x.ci95[0]), x.ci95[1])) if x.ci95[1] > 0 else 0.0
-    return offset, abs(nearest)
+    return log(given / x.value), abs(nearest)
 
 
-def _values(found: Identification, factor: float, severity: str) -> dict[str, float | str]:
-    return {"factor": factor, "K": found.K.value, "Ti": found.Ti.value, "severity": severity}
+def _note(code: str, message: str, found: Identification, factor: float, severity: str) -> Note:
+    return Note(code, message, {"factor": factor, "K": found.K.value, "Ti": found.Ti.value, "severity": severity})
 
 
-def _severity(offset: float) -> str:
-    return "contradict" if abs(offset) > CONTRADICTS else "warn"
-
-
-def _sign(K: float, found: Identification) -> Note:
-    action = "reverse (K positive)" if found.K.value > 0 else "direct (K negative)"
-    message = f"K = {K:g} has the wrong sign: the output moves like that of a controller with {action} action"
-    return Note("settings_action_sign", message, _values(found, -1.0, "warn"))
+def _times(offset: float) -> str:
+    factor = exp(offset)
+    return f"{factor:.3g} times" if factor > 1 else f"1/{1 / factor:.3g} of"
 
 
 def _both(K: float, Ti: float, settings: LoopSettings, found: Identification) -> list[Note]:
@@ -173,41 +151,41 @@ def _both(K: float, Ti: float, settings: LoopSettings, found: Identification) ->
     coarse = Ti < COARSE * found.interval
     mix_up = _best(K, Ti, settings, gain, ratio, coarse) if abs(offset) > AGREES and sure > SURE else None
     of_spans = mix_up is not None and mix_up.known and abs(offset - log(mix_up.gain / mix_up.reset)) < CLOSE
+    factor = K / Ti / ratio.value
     if abs(offset) <= AGREES or sure <= (SURE if clear or of_spans else CONTRADICTS):
-        if found.separate and abs(apart) > GAIN_APART and sure_apart > AGREES:
-            message = (
-                f"K = {K:g} and Ti = {Ti:g} s are both {_times(apart)} what the data show "
-                f"(K {gain.value:.3g}, Ti {found.Ti.value:.3g} s); their quotient agrees"
-            )
-            return [Note("settings_gain", message, _values(found, K / Ti / ratio.value, "warn"))]
-        return []
+        if not (found.separate and abs(apart) > GAIN_APART and sure_apart > AGREES):
+            return []
+        return [_note("settings_gain", f"K = {K:g} and Ti = {Ti:g} s are both {_times(apart)} what the data show "
+                      f"(K {gain.value:.3g}, Ti {found.Ti.value:.3g} s); their quotient agrees", found, factor, "warn")]
     if mix_up is not None:
-        return [_note(mix_up, offset, found)]
+        return [_note(mix_up.code, f"{mix_up.words} (the data show K {found.K.value:.3g}, Ti {found.Ti.value:.3g} s)",
+                      found, mix_up.gain / mix_up.reset, "contradict" if abs(offset) > CONTRADICTS else "warn")]
     if coarse:
         message = f"Ti = {Ti:g} s and samples {found.interval:g} s apart: too coarse to check the settings"
         return [Note("settings_unchecked", message, {"why": "sampling_too_coarse"})]
     beyond = abs(offset) > CONTRADICTS and sure > AGREES
-    message = (
-        f"K/Ti of the metadata is {_times(offset)} what the data show (K {gain.value:.3g}, Ti {found.Ti.value:.3g} s, "
-        f"K/Ti {ratio.value:.3g} +- {50 * (ratio.ci95[1] - ratio.ci95[0]) / ratio.value:.0f} %): check the settings"
-    )
-    code = "settings_contradicted" if beyond else "settings_disagree"
-    return [Note(code, message, _values(found, K / Ti / ratio.value, "contradict" if beyond else "warn"))]
+    return [_note("settings_contradicted" if beyond else "settings_disagree",
+                  f"K/Ti of the metadata is {_times(offset)} what the data show (K {gain.value:.3g}, Ti "
+                  f"{found.Ti.value:.3g} s, K/Ti {ratio.value:.3g} +- {100 * width:.0f} %): check the settings",
+                  found, factor, "contradict" if beyond else "warn")]
 
 
-def _note(mix_up: MixUp, offset: float, found: Identification) -> Note:
-    values = _values(found, mix_up.gain / mix_up.reset, _severity(offset))
-    return Note(mix_up.code, f"{mix_up.words} (the data show K {found.K.value:.3g}, Ti {found.Ti.value:.3g} s)", values)
+def _one(name: str, given: float, x: Identified, found: Identification) -> list[Note]:
+    offset, sure = _distance(given, x)
+    if abs(offset) <= GAIN_APART or sure <= AGREES or not isfinite(offset):
+        return []
+    code = "settings_contradicted"
+    message = (f"{name} = {given:g} is {_times(offset)} what the data show ({x.value:.3g}, {x.ci95[0]:.3g}.."
+               f"{x.ci95[1]:.3g})")
+    if name == "Ti" and abs(abs(offset) - log(60.0)) < EXPLAINED:
+        size = "small: given in minutes?" if offset < 0 else "large: seconds taken for minutes?"
+        code = "settings_ti_minutes"
+        message = f"Ti = {given:g} s looks 60 times too {size} (the data show {x.value:.3g} s)"
+    return [_note(code, message, found, given / x.value, "contradict")]
 
 
-def _times(offset: float) -> str:
-    factor = 2.718281828459045**offset
-    return f"{factor:.3g} times" if factor > 1 else f"1/{1 / factor:.3g} of"
-
-
-def _best(
-    K: float, Ti: float, settings: LoopSettings, gain: Identified, ratio: Identified, coarse: bool
-) -> MixUp | None:
+def _best(K: float, Ti: float, settings: LoopSettings, gain: Identified, ratio: Identified,
+          coarse: bool) -> MixUp | None:
     """The mix-up that explains both K/Ti and K best; the simpler one when two do alike."""
     doubt = max(log(max(gain.ci95[1], gain.value) / gain.value), log(gain.value / max(gain.ci95[0], gain.value / 5)))
     best, best_misfit = None, 1.0
@@ -222,65 +200,28 @@ def _best(
     return best
 
 
-def _mix_ups(K: float, Ti: float, settings: LoopSettings, true_gain: float) -> Iterator[MixUp]:
+def _mix_ups(K: float, Ti: float, settings: LoopSettings, true_gain: float) -> list[MixUp]:
     """Single mistakes first, then one of K together with one of Ti."""
     pv_span = abs(settings.pv_range[1] - settings.pv_range[0])
     op_span = abs(settings.op_range[1] - settings.op_range[0])
-    of_gain = [
-        MixUp(
-            "settings_proportional_band",
-            K * K / 100.0,
-            1.0,
-            f"K = {K:g} looks like a proportional band of {K:g} % (gain {100 / K:.3g})",
-        )
-    ]
-    for factor, unit in (
-        (op_span / pv_span, "output units per measurement unit"),
-        (pv_span / op_span, "measurement units per output unit"),
-        (op_span, "output units per span of the measurement"),
-        (1.0 / pv_span, "output span per measurement unit"),
-    ):
-        if abs(log(factor)) > AGREES:
-            words = f"K = {K:g} looks like a gain in {unit} (per span {K / factor:.3g})"
-            of_gain.append(MixUp("settings_engineering_gain", factor, 1.0, words, True))
-    of_reset = [
-        MixUp(code, 1.0, factor, f"Ti = {Ti:g} {words}")
-        for code, factor, words in (
-            ("settings_ti_minutes", 1.0 / 60.0, "s looks 60 times too small: given in minutes?"),
-            ("settings_ti_minutes", 60.0, "s looks 60 times too large: seconds taken for minutes?"),
-            ("settings_ti_repeats", Ti * Ti, f"looks like repeats per second (Ti {1 / Ti:.3g} s)"),
-            ("settings_ti_repeats", Ti * Ti / 60.0, f"looks like repeats per minute (Ti {60 / Ti:.3g} s)"),
-            ("settings_form", 1.0 / true_gain, "s looks like that of the parallel form, 1/Ki (Ti = K/Ki)"),
-        )
-    ]
-    yield from of_reset[:1]
-    yield from of_gain
-    yield from of_reset[1:]
-    for a in of_gain:
-        for b in of_reset[:4]:
-            code = a.code if abs(log(a.gain)) > abs(log(b.reset)) else b.code
-            yield MixUp(code, a.gain, b.reset, f"{a.words}, and {b.words}")
-
-
-def _one(name: str, given: float, x: Identified, found: Identification) -> list[Note]:
-    offset, sure = _distance(given, x)
-    if abs(offset) <= GAIN_APART or sure <= AGREES or not isfinite(offset):
-        return []
-    if name == "Ti" and abs(abs(offset) - log(60.0)) < EXPLAINED:
-        size = "small: given in minutes?" if offset < 0 else "large: seconds taken for minutes?"
-        message = f"Ti = {given:g} s looks 60 times too {size} (the data show {x.value:.3g} s)"
-        return [Note("settings_ti_minutes", message, _values(found, given / x.value, "contradict"))]
-    reach = f"{x.value:.3g}, {x.ci95[0]:.3g}..{x.ci95[1]:.3g}"
-    message = f"{name} = {given:g} is {_times(offset)} what the data show ({reach})"
-    return [Note("settings_contradicted", message, _values(found, given / x.value, "contradict"))]
-
-
-def _derivative(settings: LoopSettings, found: Identification) -> list[Note]:
-    """Only where the data show a D part: its absence cannot be told from a filter."""
-    if found.Td.value <= 0:
-        return []
-    low, high = found.Td.ci95
-    if low / 1.5 <= settings.Td <= high * 1.5:
-        return []
-    message = f"Td = {settings.Td:g} s, but the data show {found.Td.value:.3g} s ({low:.3g}..{high:.3g})"
-    return [Note("settings_derivative", message, {"Td": found.Td.value, "severity": "warn"})]
+    of_gain = [MixUp("settings_proportional_band", K * K / 100.0, 1.0,
+                     f"K = {K:g} looks like a proportional band of {K:g} % (gain {100 / K:.3g})")]
+    of_gain += [
+        MixUp("settings_engineering_gain", factor, 1.0,
+              f"K = {K:g} looks like a gain in {unit} (per span {K / factor:.3g})", True)
+        for factor, unit in (
+            (op_span / pv_span, "output units per measurement unit"),
+            (pv_span / op_span, "measurement units per output unit"),
+            (op_span, "output units per span of the measurement"),
+            (1.0 / pv_span, "output span per measurement unit"),
+        ) if abs(log(factor)) > AGREES]
+    of_reset = [MixUp(code, 1.0, factor, f"Ti = {Ti:g} {words}") for code, factor, words in (
+        ("settings_ti_minutes", 1.0 / 60.0, "s looks 60 times too small: given in minutes?"),
+        ("settings_ti_minutes", 60.0, "s looks 60 times too large: seconds taken for minutes?"),
+        ("settings_ti_repeats", Ti * Ti, f"looks like repeats per second (Ti {1 / Ti:.3g} s)"),
+        ("settings_ti_repeats", Ti * Ti / 60.0, f"looks like repeats per minute (Ti {60 / Ti:.3g} s)"),
+        ("settings_form", 1.0 / true_gain, "s looks like that of the parallel form, 1/Ki (Ti = K/Ki)"),
+    )]
+    both = [MixUp(a.code if abs(log(a.gain)) > abs(log(b.reset)) else b.code, a.gain, b.reset,
+                  f"{a.words}, and {b.words}") for a in of_gain for b in of_reset[:4]]
+    return [of_reset[0], *of_gain, *of_reset[1:], *both]

@@ -6,13 +6,12 @@ confidence, disagreement is said, and neither number is averaged into the other.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from ..record import Note
 from ..results import NOTHING_SAID, Cluster, Confirmation, Verdict
 from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, read, times
-from .oscillation import Oscillation
+from .haegglund import Oscillation
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
 AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share
@@ -44,6 +43,26 @@ class Findings:
     output_step: float = 0.0
     reading: tuple[Note, ...] = ()
     manual: Confirmation | Note | None = None
+
+    @property
+    def limits(self) -> tuple[Note, ...]:
+        """What keeps a finding from being more than a suspicion."""
+        return tuple(note for note in self.quality if note.values.get("effect") == LIMITED)
+
+    @property
+    def tight(self) -> Cluster | None:
+        """The cluster, where enough of the estimates are alike."""
+        c = self.cluster
+        return c if c is not None and c.n >= ENOUGH and c.spread < 0.5 and c.share >= 0.5 else None
+
+    @property
+    def swinging(self) -> tuple[Note, ...]:
+        """A note where the loop oscillates most of the time."""
+        share, period = self.oscillation.share, self.oscillation.period or 0.0
+        if not self.oscillation.present or share <= 0.5:
+            return ()
+        return (Note("oscillation", f"the control error oscillates with a period of {period:.3g} s during {share:.0%} "
+                     "of the record", {"period_s": period, "share": share}),)
 
 
 @dataclass(frozen=True)
@@ -123,7 +142,7 @@ def _missing(c: Confirmation, tested: Decision, output_step: float) -> str:
 def _joined(f: Findings, c: Confirmation) -> bool:
     """Do the test in manual and normal operation see the same dead band, each with too little evidence alone?"""
     other = f.confirmation
-    if not isinstance(other, Confirmation) or any(n.values.get("effect") == LIMITED for n in f.quality):
+    if not isinstance(other, Confirmation) or f.limits:
         return False
     lacking = {note.code for one in (c, other) for note in read(one, output_step=f.output_step).against}
     return lacking <= TOO_FEW and max(c.ci95[0], other.ci95[0]) <= min(c.ci95[1], other.ci95[1])
@@ -151,8 +170,8 @@ def _in_automatic(f: Findings) -> Decision:
         return Decision(Verdict.CANNOT_TELL, blocking, 0.0, f.cluster)
     if isinstance(f.confirmation, Confirmation):
         return _from_confirmation(f, f.confirmation)
-    if _swings(f):
-        return Decision(Verdict.OSCILLATING, (_swinging(f),), 0.8, f.cluster)
+    if f.swinging:
+        return Decision(Verdict.OSCILLATING, f.swinging, 0.8, f.cluster)
     if isinstance(f.confirmation, Note):
         verdict = Verdict.INSUFFICIENT_DATA if f.confirmation.code == TOO_LITTLE else Verdict.CANNOT_TELL
         return Decision(verdict, (f.confirmation,), 0.0, f.cluster)
@@ -160,19 +179,17 @@ def _in_automatic(f: Findings) -> Decision:
 
 
 def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
-    reading = read(c, output_step=f.output_step)
-    limits = tuple(note for note in f.quality if note.values.get("effect") == LIMITED)
+    reading, limits = read(c, output_step=f.output_step), f.limits
     sure = confidence(float(c.details["evidence"]), by_hand(c))
     reasons = [_explained(c), LOOK_ALIKE, *_side_by_side(f, c), *f.reading]
     small = limits and f.detections < ENOUGH and c.ci95[1] < HARMLESS  # a reconstructed PV imitates such sizes
     if reading.clear and not small:
         if limits and not _agreement(f, c):
             return Decision(Verdict.SUSPECTED, (reasons[0], *limits, *reasons[1:]), 0.5, _final(f, c))
-        swinging = (_swinging(f),) if _swings(f) else ()
-        return Decision(Verdict.BACKLASH, (*reasons, *swinging, *limits), sure, _final(f, c))
-    if _swings(f):
+        return Decision(Verdict.BACKLASH, (*reasons, *f.swinging, *limits), sure, _final(f, c))
+    if f.swinging:
         found = reasons[:1] if reading.some else [_not_explained(c)]
-        return Decision(Verdict.OSCILLATING, (_swinging(f), *found, *reading.against, *limits), 0.7, None)
+        return Decision(Verdict.OSCILLATING, (*f.swinging, *found, *reading.against, *limits), 0.7, None)
     if reading.some and not small:
         return Decision(Verdict.SUSPECTED, (*reasons, *reading.against, *limits), min(sure, 0.75), _final(f, c))
     return _nothing_found(f, c, limits)
@@ -194,9 +211,11 @@ def _nothing_found(f: Findings, c: Confirmation, limits: tuple[Note, ...]) -> De
         return Decision(Verdict.CANNOT_TELL, (few, *limits), 0.0, None)
     seen = Note("limit_of_detection", f"a dead band of {100 * limit:.2g} % of span or more would have been seen",
                 {"limit": limit})
-    cluster = Cluster(0.0, (0.0, limit), 0.0, 0, 0.0, limit)
-    return Decision(Verdict.NO_BACKLASH, (_not_explained(c), seen, *_unexplained_cluster(f), *limits),
-                    HEALTHY if not limits else 0.6, cluster)
+    others = () if f.tight is None else (
+        Note("half_periods_only", f"{f.tight.n} half periods of the error alone would give {100 * f.tight.d:.2g} %, "
+             "but PV follows OP without it: they come from load or setpoint", {"published": f.tight.d}),)
+    return Decision(Verdict.NO_BACKLASH, (_not_explained(c), seen, *others, *limits), 0.6 if limits else HEALTHY,
+                    Cluster(0.0, (0.0, limit), 0.0, 0, 0.0, limit))
 
 
 def _from_half_periods(f: Findings) -> Decision:
@@ -204,10 +223,9 @@ def _from_half_periods(f: Findings) -> Decision:
     if f.long_half_periods == 0:
         note = Note("no_long_half_periods", "the control error never stays on one side for 5 Ti or longer")
         return Decision(Verdict.NO_BACKLASH, (note,), 0.5, f.cluster)
-    if _cluster_is_tight(f.cluster):
-        assert f.cluster is not None
-        note = Note("estimates_agree", f"{f.cluster.n} of {f.detections} estimates gather at "
-                    f"{100 * f.cluster.d:.2g} % of span; PV was not tested against OP")
+    if f.tight is not None:
+        note = Note("estimates_agree", f"{f.tight.n} of {f.detections} estimates gather at "
+                    f"{100 * f.tight.d:.2g} % of span; PV was not tested against OP")
         return Decision(Verdict.SUSPECTED, (note, *f.reading), 0.5, f.cluster)
     note = Note("estimates_scatter", f"{f.detections} detections, not enough of them alike")
     return Decision(Verdict.CANNOT_TELL, (note,), 0.0, f.cluster)
@@ -222,47 +240,32 @@ def _final(f: Findings, c: Confirmation) -> Cluster:
     return Cluster(c.d, c.ci95, spread, n, share, limit)
 
 
-def _cluster_is_tight(cluster: Cluster | None) -> bool:
-    return cluster is not None and cluster.n >= ENOUGH and cluster.spread < 0.5 and cluster.share >= 0.5
-
-
 def _agreement(f: Findings, c: Confirmation) -> bool:
-    return _cluster_is_tight(f.cluster) and f.cluster is not None and abs(f.cluster.d / c.d - 1.0) <= AGREE
+    return f.tight is not None and abs(f.tight.d / c.d - 1.0) <= AGREE
 
 
-def _side_by_side(f: Findings, c: Confirmation) -> Iterator[Note]:
-    if f.cluster is None or f.cluster.n < ENOUGH:
-        return
-    values: dict[str, float | str] = {"published": f.cluster.d, "confirmed": c.d, "n": float(f.cluster.n)}
+def _side_by_side(f: Findings, c: Confirmation) -> tuple[Note, ...]:
+    of = f.cluster
+    if of is None or of.n < ENOUGH:
+        return ()
+    code, message = "methods_differ", (
+        f"the published rule on half periods of the error gives {100 * of.d:.2g} % ({of.n} similar estimates); it "
+        "reads low with noise on OP and high with setpoint moves and changing load, so the number from PV against OP "
+        "is reported")
     if _agreement(f, c):
-        yield Note("methods_agree", f"{f.cluster.n} half periods of the error give {100 * f.cluster.d:.2g} % by the "
-                   "published rule, in agreement", values)
-    else:
-        yield Note("methods_differ", f"the published rule on half periods of the error gives {100 * f.cluster.d:.2g} % "
-                   f"({f.cluster.n} similar estimates); it reads low with noise on OP and high with setpoint moves and "
-                   "changing load, so the number from PV against OP is reported", values)
-
-
-def _unexplained_cluster(f: Findings) -> Iterator[Note]:
-    if _cluster_is_tight(f.cluster):
-        assert f.cluster is not None
-        yield Note("half_periods_only", f"{f.cluster.n} half periods of the error alone would give "
-                   f"{100 * f.cluster.d:.2g} %, but PV follows OP without it: they come from load or setpoint",
-                   {"published": f.cluster.d})
-
-
-def _strength(evidence: float) -> str:
-    """Say a log-likelihood ratio [nats] in words; 3 and 6 times what is asked for at least are clear and strong."""
-    return "strong" if evidence > 6 * CALLED else "clear" if evidence > 3 * CALLED else "some"
+        code, message = "methods_agree", (
+            f"{of.n} half periods of the error give {100 * of.d:.2g} % by the published rule, in agreement")
+    return (Note(code, message, {"published": of.d, "confirmed": c.d, "n": float(of.n)}),)
 
 
 def _explained(c: Confirmation) -> Note:
     evidence, crossings = float(c.details["evidence"]), float(c.details["crossings"])
     rebuilt = " (OP rebuilt from SP, PV, K and Ti)" if c.details.get("output") == "rebuilt" else ""
+    # three and six times what is asked for at least are clear and strong
+    strength = "strong" if evidence > 6 * CALLED else "clear" if evidence > 3 * CALLED else "some"
     return Note("play_fits", f"PV follows OP through a dead band of {100 * c.d:.2g} % of span ({100 * c.ci95[0]:.2g} "
-                f"to {100 * c.ci95[1]:.2g} %) better than OP itself ({_strength(evidence)} "
-                f"evidence, OP went back through it {times(crossings)}){rebuilt}",
-                {"d": c.d, "evidence": evidence, "crossings": crossings})
+                f"to {100 * c.ci95[1]:.2g} %) better than OP itself ({strength} evidence, OP went back through it "
+                f"{times(crossings)}){rebuilt}", {"d": c.d, "evidence": evidence, "crossings": crossings})
 
 
 LOOK_ALIKE = Note("play_or_stiction", "play or stiction: a sticking valve that lags behind OP in the same way looks "
@@ -272,13 +275,3 @@ LOOK_ALIKE = Note("play_or_stiction", "play or stiction: a sticking valve that l
 def _not_explained(c: Confirmation) -> Note:
     return Note("play_does_not_fit", "PV follows OP without a dead band as well as with one",
                 {"evidence": float(c.details["evidence"])})
-
-
-def _swings(f: Findings) -> bool:
-    return f.oscillation.present and f.oscillation.share > 0.5
-
-
-def _swinging(f: Findings) -> Note:
-    period = f.oscillation.period or 0.0
-    return Note("oscillation", f"the control error oscillates with a period of {period:.3g} s during "
-                f"{f.oscillation.share:.0%} of the record", {"period_s": period, "share": f.oscillation.share})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,17 +16,12 @@ LEAST_HALF_PERIODS = 6
 
 @dataclass(frozen=True)
 class Wave:
-    """One signal's oscillation: period [samples] and height, the autocorrelation one period on.
+    """One signal's oscillation: height, the autocorrelation one period on; sustained, the same five periods on (1: the
+    same for ever, 0: forgotten); half_period, (POINTS,) median shape between zero crossings, mean 1."""
 
-    sustained: autocorrelation five periods on (1: the same for ever, 0: forgotten). half_period: (POINTS,) median
-    shape between zero crossings, mean 1. n: half periods in it.
-    """
-
-    period: float
     height: float
     sustained: float
     half_period: FloatArray
-    n: int
 
 
 def autocorrelation(values: FloatArray, other: FloatArray | None = None, lags: int | None = None) -> FloatArray:
@@ -68,14 +62,11 @@ def find_period(values: FloatArray) -> tuple[float, float]:
     """
     r = autocorrelation(values, lags=max(len(values) // 3, 2))
     below = np.flatnonzero(r < 0.0)
-    if not len(below):
-        return 0.0, 0.0
-    after = int(below[0]) + np.flatnonzero(r[below[0] :] > 0.0)
+    after = below[0] + np.flatnonzero(r[below[0] :] > 0.0) if len(below) else below
     if not len(after):
         return 0.0, 0.0
     end = after[0] + np.flatnonzero(r[after[0] :] < 0.0)
-    stop = int(end[0]) if len(end) else len(r)
-    k = int(after[0] + np.argmax(r[after[0] : stop]))
+    k = int(after[0] + np.argmax(r[after[0] : end[0] if len(end) else len(r)]))
     if k + 1 >= len(r):
         return 0.0, 0.0
     bend = r[k - 1] - 2.0 * r[k] + r[k + 1]
@@ -106,7 +97,7 @@ def wave(values: FloatArray, period: float, height: float) -> Wave | None:
         return None
     grid = (np.arange(POINTS) + 0.5) / POINTS
     begin, lasts = crossing[:-1][typical, None], length[typical, None]
-    shapes = between(flat, begin + grid * lasts)
+    shapes = np.interp(begin + grid * lasts, np.arange(len(flat)), flat)
     mean = shapes.mean(1, keepdims=True)
     shapes /= np.where(mean == 0.0, 1.0, mean)
     far, near = round(5.0 * period), max(round(period / 8.0), 2)  # the period is not known to the sample
@@ -115,12 +106,7 @@ def wave(values: FloatArray, period: float, height: float) -> Wave | None:
         n, flat = len(values), values - values.mean()
         sustained = max(float(flat[:-k] @ flat[k:]) * n / (n - k) for k in range(far - near, far + near + 1))
         sustained /= float(flat @ flat)
-    return Wave(period, height, sustained, np.median(shapes, axis=0), int(typical.sum()))
-
-
-def between(values: FloatArray, at: FloatArray) -> FloatArray:
-    """Values at positions between the samples [samples], on straight lines; those of the ends beyond them."""
-    return np.asarray(np.interp(at, np.arange(len(values)), values))
+    return Wave(height, sustained, np.median(shapes, axis=0))
 
 
 def crossings(flat: FloatArray, period: float) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -131,28 +117,15 @@ def crossings(flat: FloatArray, period: float) -> tuple[FloatArray, NDArray[np.b
     return at + smooth[at] / (smooth[at] - smooth[at + 1]), sign[at + 1]
 
 
-def sine_misfit(shape: FloatArray) -> float:
-    """Sum of squares that the best half sine leaves of a half period."""
-    grid = (np.arange(len(shape)) + 0.5) / len(shape)
-    base = np.sin(np.pi * grid)
-    return float(np.sum((shape - base * (shape @ base) / (base @ base)) ** 2))
+def misfits(shape: FloatArray) -> list[float]:
+    """Sums of squares that the best half sine, the best constant and the best triangle leave of a half period.
 
-
-def square_misfit(shape: FloatArray) -> float:
-    """Sum of squares that the best constant leaves of a half period."""
-    return float(np.sum((shape - shape.mean()) ** 2))
-
-
-def triangle_misfit(shape: FloatArray) -> float:
-    """Sum of squares that the best triangle, peak anywhere, leaves of a half period (He et al. 2007)."""
-    bases, squares = _triangles(len(shape))
-    along = (bases @ shape) / squares
-    return float(np.sum((shape - bases * along[:, None]) ** 2, axis=1).min())
-
-
-@cache
-def _triangles(points: int) -> tuple[FloatArray, FloatArray]:
-    """Triangles with different peaks, (peaks, points), and the sum of squares of each."""
-    grid, peaks = (np.arange(points) + 0.5) / points, np.linspace(0.1, 0.9, 33)[:, None]
-    bases = np.minimum(grid / peaks, (1.0 - grid) / (1.0 - peaks))
-    return bases, np.sum(bases * bases, axis=1)
+    The triangle may have its peak anywhere (He et al. 2007).
+    """
+    grid, peaks = (np.arange(len(shape)) + 0.5) / len(shape), np.linspace(0.1, 0.9, 33)[:, None]
+    left = []
+    for bases in (np.sin(np.pi * grid)[None], np.ones((1, len(shape))),
+                  np.minimum(grid / peaks, (1.0 - grid) / (1.0 - peaks))):
+        along = (bases @ shape) / np.sum(bases * bases, axis=1)
+        left.append(float(np.sum((shape - bases * along[:, None]) ** 2, axis=1).min()))
+    return left

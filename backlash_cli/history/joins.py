@@ -51,11 +51,7 @@ def join(before: Carry, start_before: float, night: Carry, start: float, setting
             or not first - 1 <= tail.last_index + shift <= last):
         return [], -math.inf, None
     done, until, own_tail = resume(tail, night, shift)
-    found = estimate(done, h, settings)
-    halves = [Estimate(start + b, start + b + dt, dt, dy, e_max, d, int(direction), why == "ok", str(why))
-              for b, dt, dy, e_max, d, direction, why in zip(
-                  found.begin.tolist(), found.duration.tolist(), found.dy.tolist(), found.e_max.tolist(),
-                  found.d.tolist(), found.direction, found.why, strict=True) if why != "too_short"]
+    halves = [e for e in estimate(done, h, settings, start) if e.why != "too_short"]
     return halves, math.inf if until is None else start + until * h, own_tail
 
 

@@ -6,7 +6,7 @@ Times are UTC epoch seconds, signals normalised: a dead band is in spans of the 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
@@ -66,6 +66,11 @@ class Estimates(Sequence[Estimate]):
 
     def __len__(self) -> int:
         return len(self.begin)
+
+    def select(self, wanted: NDArray[np.bool_]) -> Estimates:
+        """Return some of them; wanted: (half_periods,)."""
+        return replace(self, begin=self.begin[wanted], dt_s=self.dt_s[wanted], dy=self.dy[wanted], d=self.d[wanted],
+                       e_max=self.e_max[wanted], direction=self.direction[wanted], why=self.why[wanted])
 
     def __getitem__(self, at: int | slice) -> Any:
         if isinstance(at, slice):

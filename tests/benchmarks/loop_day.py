@@ -16,8 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from backlash_cli.estimator.confirm import ConfirmationScanner
-from backlash_cli.estimator.haegglund import error_scanner, estimate
-from backlash_cli.estimator.oscillation import detect_oscillation
+from backlash_cli.estimator.haegglund import detect_oscillation, error_scanner, estimate
 from backlash_cli.estimator.quality import quality_of
 from backlash_cli.estimator.settings_check import check_quickly
 from backlash_cli.estimator.survey import Survey
@@ -50,16 +49,14 @@ def half_periods(record: Record) -> object:
 
 def quality(record: Record) -> object:
     """What the recorder did to the signals, shares, gaps."""
-    survey = Survey(record.interval, slower=False)
+    survey = Survey()
     survey.update(record)
-    return quality_of(survey, record.settings.Ti)
+    return quality_of(survey, record, record.settings.Ti)
 
 
 def settings_check(record: Record) -> object:
     """Do the settings given make the recorded output?"""
-    survey = Survey(record.interval)
-    survey.update(record)
-    return check_quickly(survey, record.settings)
+    return check_quickly(record, record.settings)
 
 
 def confirmation(record: Record) -> object:

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from backlash_cli.estimator.identify import settings_of
+from backlash_cli.estimator.identify import identify
 from backlash_cli.estimator.settings_check import check_settings, follows
-from backlash_cli.estimator.survey import Survey
 from backlash_cli.record import FloatArray, LoopSettings, Note, Record, record_from_arrays
 from tests.estimator.closed_loop import Loop, run
 
@@ -143,12 +142,10 @@ def main(loops: int = 60, seed: int = 1) -> None:
         passed: Counter[str] = Counter()
         for case in cases:
             record = recorded(case, recorder)
-            survey = Survey(record.interval)
-            survey.update(record)
-            found = settings_of(survey)
+            found = identify(record)
             K, Ti = case.loop.K, case.loop.Ti
             for name, (code, settings) in mistakes(rng, K, Ti).items():
-                quick = follows(survey, settings)
+                quick = follows(record, settings)
                 passed[name] += quick
                 codes = [] if quick else [note.code for note in check_settings(settings, found)]
                 right = not codes if not code else code in codes

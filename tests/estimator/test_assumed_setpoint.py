@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.assumed_setpoint import at_mean, with_constant_setpoint
-from backlash_cli.estimator.identify import identify
+from backlash_cli.estimator.identify import at_mean, identify, with_constant_setpoint
 from backlash_cli.record import LoopSettings, Record
 from backlash_cli.scanning import scan
 from tests.benchmarks.random_loops import draw

@@ -37,8 +37,8 @@ def joined(record, cuts, offset=0):
             done, until, passed = resume(tail, carry, before - first)
             until = np.inf if until is None else until
             own = [(start, d) for start, d in own if start - part.start >= until * part.interval - 1e-6]
-            h = estimate(done, part.interval, report.settings)
-            own += [(part.start + b, d) for b, d, why in zip(h.begin, h.d, h.why, strict=True) if why == "ok"]
+            joint = estimate(done, part.interval, report.settings, part.start)
+            own += [(e.start, e.d) for e in joint if e.accepted]
         found.update(own)
         tail, before = passed or carry.tail, first
     return np.array(sorted(found.items()))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backlash_cli import read
-from backlash_cli.estimator.cycle_verdict import with_oscillation
+from backlash_cli.estimator.diagnosis import with_oscillation
 from backlash_cli.record import LoopSettings, Note
 from backlash_cli.results import LoopReport, Verdict
 from backlash_cli.scanning import scan

@@ -8,15 +8,7 @@ import pytest
 
 from backlash_cli.estimator.diagnosis import SUM_OF_BOTH, Diagnosis, diagnose
 from backlash_cli.estimator.mean_cycle import compare_mean_cycle
-from backlash_cli.estimator.wave import (
-    find_period,
-    moving_mean,
-    regularity,
-    sine_misfit,
-    square_misfit,
-    triangle_misfit,
-    wave,
-)
+from backlash_cli.estimator.wave import find_period, misfits, moving_mean, regularity, wave
 from backlash_cli.record import Record, record_from_arrays
 from tests.benchmarks.cycling_loops import draw
 from tests.benchmarks.diagnosis_benchmark import judged
@@ -100,10 +92,10 @@ def test_a_direct_acting_loop_looks_the_same() -> None:
 def test_shapes_fit_themselves() -> None:
     grid = (np.arange(64) + 0.5) / 64
     sine, triangle = np.sin(np.pi * grid), np.minimum(grid / 0.3, (1 - grid) / 0.7)
-    assert sine_misfit(3 * sine) == pytest.approx(0, abs=1e-12)
-    assert square_misfit(np.full(64, 2.0)) == 0.0
-    assert triangle_misfit(triangle) == pytest.approx(0, abs=1e-3)
-    assert triangle_misfit(sine) > 0.1 and sine_misfit(triangle) > 0.1
+    assert misfits(3 * sine)[0] == pytest.approx(0, abs=1e-12)
+    assert misfits(np.full(64, 2.0))[1] == 0.0
+    assert misfits(triangle)[2] == pytest.approx(0, abs=1e-3)
+    assert misfits(sine)[2] > 0.1 and misfits(triangle)[0] > 0.1
 
 
 @pytest.mark.parametrize("period", [12.0, 40.5, 333.3])

@@ -50,11 +50,11 @@ def test_the_estimates_are_the_rule_half_period_by_half_period():
         dt = (end[k] - begin[k]) * h
         dy = area[k] * h / dt if dt else 0.0
         d = (abs(K) * dt / Ti - 1.0 / Kp) * dy
-        np.testing.assert_allclose([found.begin[k], found.duration[k], found.dy[k], found.d[k]],
+        np.testing.assert_allclose([found.begin[k], found.dt_s[k], found.dy[k], found.d[k]],
                                    [begin[k] * h, dt, dy, d], rtol=1e-12, atol=1e-15)
         why = ("incomplete" if not complete[k] else "too_short" if dt < 5 * Ti else "shape" if e_max[k] >= 2 * dy
                else "ok" if d > 0.0 else "not_positive")
-        assert found.why[k] == why
+        assert found[k].why == why
     assert len(set(found.why)) == 5
 
 
@@ -65,4 +65,4 @@ def test_an_exact_dead_band_transit_gives_d_back():
     s = Segments(np.array([0.0]), np.array([duration]), np.array([e0 * duration]), np.array([e0]),
                  np.array([1]), np.array([0.0]), np.array([True]))
     found = estimate(s, 1.0, LoopSettings(K=K, Ti=Ti, Kp=Kp))
-    assert found.d[0] == pytest.approx(d, rel=1e-12) and found.why[0] == "ok"
+    assert found.d[0] == pytest.approx(d, rel=1e-12) and found[0].why == "ok"

@@ -2,15 +2,11 @@ from __future__ import annotations
 
 import csv
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from backlash_cli.estimator.identify import identify, settings_of
-from backlash_cli.estimator.survey import Survey
+from backlash_cli.estimator.identify import identify
 from backlash_cli.record import LoopSettings, Note, Record, SampleState, record_from_arrays
 from tests.shared_data import shared_data
 
@@ -112,24 +108,6 @@ def test_units_scale_the_gain_and_nothing_else() -> None:
     a, b = identified(record), identified(scaled)
     assert b.K.value * 9 == pytest.approx(a.K.value, rel=1e-6)
     assert b.Ti.value == pytest.approx(a.Ti.value, rel=1e-6)
-
-
-@settings(max_examples=15, deadline=None)
-@given(st.lists(st.integers(1, 39_999), max_size=6, unique=True))
-def test_the_cut_into_blocks_does_not_matter(cuts: list[int]) -> None:
-    record = LONG
-    scanner = Survey(record.interval)
-    bounds = [0, *sorted(cuts), len(record)]
-    for first, last in pairwise(bounds):
-        scanner.update(record.slice(first, last))
-    found = settings_of(scanner)
-    assert not isinstance(found, Note) and not isinstance(WHOLE, Note)
-    assert found.K.value == pytest.approx(WHOLE.K.value, rel=1e-9)
-    assert found.ratio.ci95 == pytest.approx(WHOLE.ratio.ci95, rel=1e-6)
-
-
-LONG = run(Loop(), 40_000, load=load_steps(40_000))
-WHOLE = identify(LONG)
 
 
 def test_a_record_without_output_says_so() -> None:

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.identify import settings_of
+from backlash_cli.estimator.identify import identify
 from backlash_cli.estimator.settings_check import check_quickly, check_settings, follows
-from backlash_cli.estimator.survey import Survey
-from backlash_cli.record import LoopSettings, Record, SampleState
+from backlash_cli.record import LoopSettings, SampleState
 
 from .closed_loop import Loop, load_steps, run
 
@@ -19,22 +18,16 @@ GIVEN = LoopSettings(K=0.6, Ti=20.0, pv_range=(0.0, 150.0), op_range=(0.0, 100.0
 RECORD = run(Loop(), 9000, load=load_steps(9000, 0.1))
 
 
-def surveyed(record: Record) -> Survey:
-    survey = Survey(record.interval)
-    survey.update(record)
-    return survey
-
-
 def test_right_settings_pass() -> None:
-    assert follows(surveyed(RECORD), GIVEN)
+    assert follows(RECORD, GIVEN)
 
 
 def test_right_settings_pass_with_a_moving_setpoint_and_with_rounded_values() -> None:
     steps = 0.5 + 0.05 * (np.arange(9000) // 900 % 2)
     moved = run(Loop(), 9000, setpoint=steps)
     assert moved.output is not None
-    assert follows(surveyed(moved), GIVEN)
-    assert follows(surveyed(replace(moved, output=np.round(moved.output, 3))), GIVEN)
+    assert follows(moved, GIVEN)
+    assert follows(replace(moved, output=np.round(moved.output, 3)), GIVEN)
 
 
 @pytest.mark.parametrize(
@@ -51,30 +44,29 @@ def test_right_settings_pass_with_a_moving_setpoint_and_with_rounded_values() ->
     ],
 )
 def test_wrong_settings_do_not(wrong: dict[str, float]) -> None:
-    assert not follows(surveyed(RECORD), replace(GIVEN, **wrong))
+    assert not follows(RECORD, replace(GIVEN, **wrong))
 
 
 def test_a_derivative_part_that_is_not_given_does_not_pass() -> None:
     record = run(Loop(Td=4.0), 9000, load=load_steps(9000, 0.1))
-    survey = surveyed(record)
-    assert not follows(survey, GIVEN)
-    assert follows(survey, replace(GIVEN, Td=4.0))
+    assert not follows(record, GIVEN)
+    assert follows(record, replace(GIVEN, Td=4.0))
 
 
 def test_an_output_that_something_else_moves_does_not_pass() -> None:
     assert RECORD.output is not None
     other = replace(RECORD, output=RECORD.output + 0.05 * np.sin(np.arange(9000) / 37.0))
-    assert not follows(surveyed(other), GIVEN)
+    assert not follows(other, GIVEN)
 
 
 def test_without_output_or_with_too_little_of_it_nothing_passes() -> None:
-    assert not follows(surveyed(replace(RECORD, output=None)), GIVEN)
-    assert not follows(surveyed(RECORD.slice(0, 50)), GIVEN)
+    assert not follows(replace(RECORD, output=None), GIVEN)
+    assert not follows(RECORD.slice(0, 50), GIVEN)
     manual = np.full(9000, SampleState.MANUAL, dtype=np.uint8)
-    assert not follows(surveyed(replace(RECORD, state=manual)), GIVEN)
+    assert not follows(replace(RECORD, state=manual), GIVEN)
 
 
 @pytest.mark.parametrize("Ti", [20.0, 1200.0, 20.0 / 60.0])
 def test_the_answer_is_that_of_the_full_comparison(Ti: float) -> None:
-    survey, settings = surveyed(RECORD), replace(GIVEN, Ti=Ti)
-    assert check_quickly(survey, settings) == check_settings(settings, settings_of(survey))
+    settings = replace(GIVEN, Ti=Ti)
+    assert check_quickly(RECORD, settings) == check_settings(settings, identify(RECORD))

@@ -183,7 +183,7 @@ LONG = run(Loop(), 30_000, load=load_steps(30_000, 0.1))
 @given(st.lists(st.integers(1, 29_999), max_size=6, unique=True))
 def test_the_cut_into_blocks_does_not_matter(cuts: list[int]) -> None:
     whole = data_quality(LONG, 20.0)
-    survey = Survey(1.0)
+    survey = Survey()
     for first, last in pairwise([0, *sorted(cuts), len(LONG)]):
         survey.update(LONG.slice(first, last))
-    assert quality_of(survey, 20.0) == replace(whole, output_reversals_per_hour=None)
+    assert quality_of(survey, survey.kept, 20.0) == replace(whole, output_reversals_per_hour=None)

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.estimator.survey import LEVELS, ROWS, SLOTS, SLOWER, STATES, Survey
+from backlash_cli.estimator.survey import LEVELS, MOST, ROWS, SLOTS, SLOWER, STATES, Survey, measured, rows
 from backlash_cli.record import Record, SampleState
 
 
-def surveyed(record: Record, cuts: list[int]) -> Survey:
-    survey = Survey(record.interval)
+def surveyed(record: Record, cuts: list[int], most: int = MOST) -> Survey:
+    survey = Survey(most)
     for first, last in pairwise([0, *sorted(min(cut, len(record)) for cut in cuts), len(record)]):
         survey.update(record.slice(first, last))
     return survey
@@ -34,21 +34,19 @@ def made(seed: int, n: int, doubtful: float) -> Record:
 
 def counted(record: Record) -> dict[str, int]:
     """What the survey counts, by hand."""
-    r, y, u = record.setpoint, record.measurement, record.output
+    r = record.setpoint
     use = record.state <= SampleState.FILLED
     known = r[use & np.isfinite(r)]
-    mine = use & np.isfinite(r) & np.isfinite(y) & np.isfinite(u)
     steps = np.diff(record.index)
     return {"first": record.index[0], "last": record.index[-1], "gaps": np.sum(steps > 2),
             "longest": max(steps.max(initial=0), 0) if (steps > 1).any() else 0, "moves": np.sum(np.diff(known) != 0),
-            "used": np.sum(mine), "used_filled": np.sum(mine & (record.state == SampleState.FILLED)),
-            "with_setpoint": np.sum(np.isfinite(r)), "with_output": np.sum(np.isfinite(u))}
+            "used": np.sum(use), "samples": len(record), "with_setpoint": np.sum(np.isfinite(r))}
 
 
-def means(index: np.ndarray, rows: np.ndarray) -> dict[int, np.ndarray]:
+def means(index: np.ndarray, values: np.ndarray) -> dict[int, np.ndarray]:
     """Means over the groups of SLOWER rows that are complete."""
     groups: dict[int, list[np.ndarray]] = {}
-    for at, row in zip(index.tolist(), rows, strict=True):
+    for at, row in zip(index.tolist(), values, strict=True):
         groups.setdefault(at // SLOWER, []).append(row)
     return {at: np.mean(group, axis=0) for at, group in groups.items() if len(group) == SLOWER}
 
@@ -61,37 +59,41 @@ def test_counts_ranges_and_pictures_are_those_of_the_samples(seed, n, doubtful, 
     survey = surveyed(record, cuts)
     assert {name: getattr(survey, name) for name in counted(record)} == counted(record)
     np.testing.assert_array_equal(survey.states, np.bincount(record.state, minlength=STATES))
-    use = record.usable
-    for column, values in enumerate((record.setpoint, record.measurement, record.output)):
-        there = values[use & np.isfinite(values)]
-        assert survey.spread(column) == pytest.approx(np.ptp(there) if len(there) else 0.0)
+    for values, spread in zip((record.measurement, record.output), survey.ranges, strict=True):
+        there = values[record.usable & np.isfinite(values)]
+        assert spread == pytest.approx(np.ptp(there) if len(there) else 0.0)
     signals = np.column_stack([record.setpoint, record.measurement, record.output])
-    mine = use & np.isfinite(signals).all(1)
-    index, rows = survey.rows(0)
+    mine = record.usable & np.isfinite(signals).all(1)
+    index, values = rows(survey.kept, 0)
     np.testing.assert_array_equal(index, record.index[mine])
-    np.testing.assert_array_equal(rows.T, signals[mine])
-    expected = dict(zip(index.tolist(), rows.T, strict=True))
+    np.testing.assert_array_equal(values.T, signals[mine])
+    expected = dict(zip(index.tolist(), values.T, strict=True))
     for level in range(1, LEVELS):
         expected = means(np.array(list(expected)), np.array(list(expected.values())).reshape(-1, 3))
-        index, rows = survey.rows(level)
+        index, values = rows(survey.kept, level)
         assert index.tolist() == list(expected)
-        np.testing.assert_allclose(rows.T, np.array(list(expected.values())).reshape(-1, 3), atol=1e-12)
+        np.testing.assert_allclose(values.T, np.array(list(expected.values())).reshape(-1, 3), atol=1e-12)
 
 
-def test_of_a_long_record_an_even_choice_of_stretches_is_kept_wherever_it_is_cut():
+@given(st.lists(st.integers(0, 3000), max_size=6), st.integers(1, 3500))
+@settings(max_examples=30, deadline=None)
+def test_the_last_samples_are_kept_wherever_the_record_is_cut(cuts, most):
+    record = made(3, 3000, 0.05)
+    kept = surveyed(record, cuts, most).kept
+    for name in ("index", "setpoint", "measurement", "output", "state"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(record, name)[-most:])
+
+
+def test_of_a_long_record_an_even_choice_of_stretches_is_looked_at():
     record = made(1, 40 * ROWS, 0.0)
-    whole, cut = surveyed(record, []), surveyed(record, [1000, 1001, 20_000])
-    index, rows = whole.rows(0)
+    index, values = rows(record, 0)
     assert np.unique(index // ROWS).tolist() == list(range(0, 41, 4)) and len(np.unique(index // ROWS)) <= SLOTS
-    for level in range(LEVELS):
-        np.testing.assert_array_equal(whole.rows(level)[1], cut.rows(level)[1])
-    np.testing.assert_array_equal(rows[1], record.measurement[np.isin(record.index, index)])
+    np.testing.assert_array_equal(values[1], record.measurement[np.isin(record.index, index)])
+    assert np.unique(measured(record)[0] // ROWS).tolist() == list(range(0, 41, 8))
 
 
 def test_a_record_without_output_has_samples_and_no_rows():
-    survey = Survey(1.0)
     record = replace(made(2, 3000, 0.0), output=None)
-    survey.update(record)
-    index, measured, at, outputs = survey.measured()
-    np.testing.assert_array_equal(measured, record.measurement[record.state == SampleState.GOOD])
-    assert len(at) == len(outputs) == len(survey.rows(0)[0]) == 0 and len(index) == len(measured)
+    index, values, at, outputs = measured(record)
+    np.testing.assert_array_equal(values, record.measurement[record.state == SampleState.GOOD])
+    assert len(at) == len(outputs) == len(rows(record, 0)[0]) == 0 and len(index) == len(values)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from backlash_cli.estimator.oscillation import Oscillation
+from backlash_cli.estimator.haegglund import Oscillation
 from backlash_cli.estimator.verdict import Findings, decide
 from backlash_cli.record import Note
 from backlash_cli.results import Cluster, Confirmation, Verdict
