@@ -20,8 +20,8 @@ with a pipe the flow becomes q / sqrt(a + (1 - a) q^2), a the share of the press
 [0.0, 0.818, 1.0]
 
 Curved sensor: PV is not proportional to what is measured, for example a flow whose root was never taken. Shown is
-x + c x (1 - x) for a true value x within its span: c > 0 is steep at the low end, as a root is (sqrt(x) is about
-c = 0.9 above a tenth of the span), c < 0 at the high end, as a square is.
+x + c x (1 - x) for a true x within its span: c > 0 is steep at the low end, as a root is (sqrt(x) is about c = 0.9
+above a tenth of the span), c < 0 at the high end, as a square is.
 
 >>> SENSOR_CURVE.apply([0.0, 0.25, 0.5, 1.0], SENSOR_CURVE.pack(curvature=0.8), interval=1.0).round(3).tolist()
 [0.0, 0.4, 0.7, 1.0]

@@ -69,7 +69,7 @@ def test_show_gives_a_file_that_makes_the_same_record(run, tmp_path):
         (["exmple-2", "--out", "x.csv"], "did you mean example-2"),
         (["example-2"], "--out FILE"),
         (["example-2", "--out", "x.xlsx"], "cannot write 'x.xlsx'"),
-        (["missing.toml", "--out", "x.csv"], "cannot read the file: No such file or directory -> give a TOML file"),
+        (["missing.toml", "--out", "x.csv"], "cannot be read: No such file or directory -> check the path"),
         (["unstable.toml", "--out", "x.csv"], "unstable"),
         (["typo.toml", "--out", "x.csv"], "unknown key 'duratoin' -> did you mean duration"),
         (["two.toml", "--out", "x.csv"], "different times.*--layout long"),

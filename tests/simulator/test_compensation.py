@@ -307,7 +307,7 @@ def test_process_file_that_cannot_be(tmp_path, content):
     file.write_text(content)
     with pytest.raises(MetadataError):
         parse_process(str(file))
-    with pytest.raises(MetadataError, match="cannot read"):
+    with pytest.raises(MetadataError, match="cannot be read"):
         parse_process(str(tmp_path / "none.toml"))
 
 

@@ -95,7 +95,7 @@ def test_wrong_scenario_files_are_refused(old, new, says):
 def test_unknown_scenario_names_the_nearest():
     with pytest.raises(UsageError, match="did you mean example-2"):
         load_scenarios("exmaple-2")
-    with pytest.raises(MetadataError, match="cannot read"):
+    with pytest.raises(MetadataError, match="cannot be read"):
         load_scenarios("no_such_file.toml")
 
 
