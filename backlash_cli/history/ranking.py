@@ -59,6 +59,7 @@ def _placed(wear: Wear, recent: Sequence[Night], factor: float, last: float, hor
         n.confidence for n in recent if n.verdict is Verdict.NO_BACKLASH]
     confidence = float(np.sum(answers)) / max(len(recent), 1)
     days_left = (wear.limit_date[0] - last) / DAY if wear.limit_date else np.inf
+    expected, ratio = 0.0, None
     if now is None:
         action = "leave" if silent and silent >= 0.5 * len(recent) else "check"
         if action == "leave":
@@ -70,33 +71,30 @@ def _placed(wear: Wear, recent: Sequence[Night], factor: float, last: float, hor
             reasons = sorted({code for _, code in wear.gaps[-RECENT:]})
             words = ["No night gave an answer" + (f": {', '.join(reasons)}." if reasons else "."),
                      "See the reasons of the last night and mend the export or the settings."]
-        return ORDER.index(action), 0.0, wear.loop, Place(
-            wear.loop, 0, action, TITLES[action], tuple(words), None, confidence)
-    low, high = now.level_ci95
-    if silent > 0.5 * len(recent):
-        action = "watch" if now.level > limit.value else "leave"
-    elif low > limit.value and confidence >= AGREE and now.nights >= ENOUGH:
-        action = "pull"
-    elif now.level > limit.value or days_left <= horizon:
-        action = "room"
     else:
+        (low, high), ratio = now.level_ci95, now.level / limit.value
         near = now.growing or now.level > NEAR * limit.value or wear.state == "too_few_nights"
-        action = "watch" if near else "leave"
-    where = "all above" if low > limit.value else "all below" if high < limit.value else "on both sides of"
-    words = [f"Dead band {percent(now.level)}, {now.level / limit.value:.1f} times the limit of {percent(limit.value)} "
-             f"({limit.source}).",
-             f"95 % interval {percent(max(low, 0.0))} to {percent(high)}: {where} the limit.",
-             f"Confidence {confidence:.0%} over the last {len(recent)} nights"
-             + (f"; {silent} of them saw no dead band." if silent else "."),
-             _trend_words(wear, now, days_left, horizon)]
-    if factor > 1.1:
-        words.append("The valve moves more than most: it wears faster and its dead band does more harm.")
-    elif factor < 0.9:
-        words.append("The valve moves less than most.")
-    # only growth that is sure counts
-    expected = max(now.level + (now.slope * horizon if now.growing and now.slope else 0.0), 0.0) / limit.value
+        if silent > 0.5 * len(recent):
+            action = "watch" if now.level > limit.value else "leave"
+        elif low > limit.value and confidence >= AGREE and now.nights >= ENOUGH:
+            action = "pull"
+        else:
+            action = "room" if now.level > limit.value or days_left <= horizon else "watch" if near else "leave"
+        where = "all above" if low > limit.value else "all below" if high < limit.value else "on both sides of"
+        words = [f"Dead band {percent(now.level)}, {ratio:.1f} times the limit of {percent(limit.value)} "
+                 f"({limit.source}).",
+                 f"95 % interval {percent(max(low, 0.0))} to {percent(high)}: {where} the limit.",
+                 f"Confidence {confidence:.0%} over the last {len(recent)} nights"
+                 + (f"; {silent} of them saw no dead band." if silent else "."),
+                 _trend_words(wear, now, days_left, horizon)]
+        if factor > 1.1:
+            words.append("The valve moves more than most: it wears faster and its dead band does more harm.")
+        elif factor < 0.9:
+            words.append("The valve moves less than most.")
+        # only growth that is sure counts
+        expected = max(now.level + (now.slope * horizon if now.growing and now.slope else 0.0), 0.0) / limit.value
     return ORDER.index(action), -expected * confidence * factor, wear.loop, Place(
-        wear.loop, 0, action, TITLES[action], tuple(words), now.level / limit.value, confidence)
+        wear.loop, 0, action, TITLES[action], tuple(words), ratio, confidence)
 
 
 def _trend_words(wear: Wear, now: Segment, days_left: float, horizon: float) -> str:

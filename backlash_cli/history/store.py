@@ -32,9 +32,6 @@ _EVIDENCE = {"cluster": ("d", "n", "share", "spread"), "confirmation": ("d", "de
 class History(Database):
     """An open history with its nights, half periods, repairs and runs; see Database for how it is opened."""
 
-    def __enter__(self) -> History:
-        return self
-
     def add(self, *results: ScanResult, export: tuple[str, str] | None = None) -> Outcome:
         """Store scans at once: all of them are in the file afterwards, or none; nights that are known with the same
         content stay untouched.

@@ -165,6 +165,20 @@ def test_a_version_1_file_is_brought_up_to_date(tmp_path):
         assert old.execute("PRAGMA user_version").fetchone()[0] == len(STEPS)
 
 
+def test_a_version_2_file_forgets_the_joins_that_it_kept(tmp_path):
+    reports = cut(RECORD, [500, 3000])
+    filled(tmp_path / "fresh.db", reports)
+    filled(tmp_path / "old.db", reports)
+    with sqlite3.connect(tmp_path / "old.db") as db:
+        db.execute("CREATE TABLE joins (loop TEXT, start REAL, end REAL, of TEXT, until REAL, tail BLOB)")
+        db.execute("INSERT INTO half_periods SELECT loop, night_start, night_end, 1, start - 30, end, dt_s, dy, e_max, "
+                   "d, direction, accepted, why FROM half_periods")
+        db.execute("PRAGMA user_version = 2")
+    with History(tmp_path / "fresh.db") as fresh, History(tmp_path / "old.db") as old:
+        assert old.half_periods("FIC101") == fresh.half_periods("FIC101") != []
+    assert sorted(dump(tmp_path / "old.db")) == sorted(dump(tmp_path / "fresh.db"))
+
+
 def refused(path, **options):
     with pytest.raises(BacklashError) as caught:
         History(path, **options)
