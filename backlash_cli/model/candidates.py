@@ -19,7 +19,7 @@ from ..effects.fitting import Values
 from ..effects.process import delayed_lag, lag_transposed
 from ..record import FloatArray
 from .fit import Fit, Solver, descend, finished, fit, free_numbers, get, linear_values, put, refit_noise
-from .pipeline import Part, Shape, as_tuple, moved_output, predict, regressors
+from .pipeline import Part, Shape, moved_output, predict
 from .problem import Problem
 from .score import Judge, jumpy
 
@@ -29,8 +29,6 @@ LOOSE = 0.05
 # a lag longer than this part of the record is hardly that of the process; parts of the record that it may be instead
 SLOW_FOR_RECORD, QUICK = 100.0, (150.0, 500.0)
 SWEEP = 17
-# trials whose numbers differ by less than this share are one
-SAME = 0.01
 # starts of each kind of an effect with many valleys from which random trials go out, and how many
 KEEP_JUMPY, WANDERINGS = 4, 120
 # gain in deviance of a look-alike below which an effect with many valleys is not searched for
@@ -52,25 +50,21 @@ class Clue:
 
     def __init__(self, solver: Solver, shape: Shape, known: Mapping[str, Values], entering: FloatArray | None = None
                  ) -> None:
-        self._problem, self._shape, self._white = solver.problem, shape, solver.white
         problem = solver.problem
+        self._problem, self._shape, self._solver, self._white = problem, shape, solver, solver.white
         self.output = moved_output(problem, shape.parts) if entering is None else entering
         self.measurement: FloatArray = problem.measurement
         self.used: NDArray[np.bool_] = problem.used
-        self.interval = problem.interval
-        self.lag = shape.lag
-        self.duration = problem.duration
+        self.interval, self.lag, self.duration, self.known = problem.interval, shape.lag, problem.duration, known
         # pushes that come sooner than the loop can answer are one event, and its shape that of the process
         usual = min(max(shape.lag, problem.settings.Ti or 0.0), MOST_APART * problem.duration)
         self.apart = max(int(usual / problem.interval), 2)
-        self.known = known
 
     def _space(self) -> tuple[FloatArray, FloatArray]:
         """Return an orthonormal basis of the model's whitened columns (samples, columns) and the whitened rest."""
-        Z = self._white.columns(np.column_stack([regressors(self._problem, self._shape), self._problem.measurement]))
-        Q, _ = np.linalg.qr(Z[:, :-1])
-        rest = Z[:, -1] - Q @ (Q.T @ Z[:, -1])
-        return Q, rest
+        Q, _ = np.linalg.qr(self._solver.columns(self._shape))
+        rest = self._solver.rest(self._shape)[2]
+        return Q, rest - Q @ (Q.T @ rest)
 
     def step_times(self, count: int) -> list[tuple[float, ...]]:
         """Return sets of 1..count times at which a step load explains most of what the model misses."""
@@ -98,12 +92,9 @@ class Clue:
         sets = []
         for _ in range(count):
             chosen.append(best(chosen))
-            for _sweep in range(2 if len(chosen) > 1 else 0):
-                before = list(chosen)
-                for i in range(len(chosen)):
-                    chosen[i] = best(chosen[:i] + chosen[i + 1 :])
-                if chosen == before:
-                    break
+            # the others are looked at again, now that this one is there
+            for i in range(len(chosen) - 1):
+                chosen[i] = best(chosen[:i] + chosen[i + 1 :])
             sets.append(tuple(self.interval * k for k in sorted(chosen)))
         return sets
 
@@ -159,8 +150,9 @@ def candidate(
     problem, known, valleys = judge.problem, known or {}, jumpy(effect)
     values = {name: next(part.values for part in fitted.shape.parts if part.effect.name == name)
               for name, fitted in known.items()}
-    # a noise that hides little as well: with hardly any load, the fit must follow PV at all periods
-    ground, noises = base.shape, [base.noise, *([replace(base.noise, ratio=LOOSE)] if base.noise.ratio > LOOSE else [])]
+    # a noise that hides little as well: with hardly any random load, the fit must follow PV at all periods
+    loose = [] if effect.fitting.linear or base.noise.ratio <= LOOSE else [replace(base.noise, ratio=LOOSE)]
+    ground, noises = base.shape, [base.noise, *loose]
     if valleys:
         # a look-alike with smooth slopes shows cheaply where to look, and whether to look at all
         likes = [known[name] for name in effect.fitting.siblings if name in known]
@@ -170,8 +162,7 @@ def candidate(
         ground, noises = replace(ground, lag=like.shape.lag, delay=like.shape.delay), [like.noise]
     trials: list[Fit] = []
     random = np.random.default_rng(problem.seed)
-    for noise in noises:
-        solver = Solver(problem, noise)
+    for solver in (Solver(problem, noise) for noise in noises):
         entering = predict(problem, ground, solver.solve(ground)[0]) if effect.stage == Stage.SENSOR else None
         parts = starts(effect, Clue(solver, ground, values, entering), problem.columns)
         for shape in scan(solver, ground, parts, KEEP_JUMPY if valleys else 1):
@@ -185,21 +176,10 @@ def candidate(
     hopeful = [trial for trial in trials if believed(problem, trial)]
     if hopeful and not valleys and judge.score(hopeful[0]) > judge.score(base) + HOPELESS:
         return hopeful[0]
-    last = (hopeful or trials)[:2]
-    last = last[:1] if last and same_place(last[0], last[-1]) else last
-    found = [fit(problem, trial.shape, trial.noise) for trial in last]
+    found = [fit(problem, trial.shape, trial.noise) for trial in (hopeful or trials)[:2]]
     # slopes may end where the effect is another; how well it does where it is itself must be known all the same
     told = [fitted for fitted in found if believed(problem, fitted)] or (hopeful if valleys else [])
     return min(told, key=judge.score, default=None)
-
-
-def same_place(one: Fit, other: Fit) -> bool:
-    """True when two trials came to the same numbers, so that only one of them needs to be fitted to the end."""
-    if [kind_of(part) for part in one.shape.parts] != [kind_of(part) for part in other.shape.parts]:
-        return False
-    here, there = ([f.shape.lag, f.shape.delay, *(v for part in f.shape.parts for value in part.values.values()
-                    for v in as_tuple(value))] for f in (one, other))  # fmt: skip
-    return bool(np.allclose(here, there, rtol=SAME, atol=1e-9))
 
 
 def plausible(shape: Shape, values: Sequence[Values] = (), travel: Callable[[float], float] = lambda _: np.inf
@@ -231,10 +211,10 @@ def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Sha
             lags += [solver.problem.duration / share for share in QUICK]
     trials = [[replace(shape, lag=lag).with_part(part) for part in parts] for lag in lags]
     costs = [cost for same in trials for cost in solver.rss_of_many(same)]
-    flat = [trial for same in trials for trial in same]
     found: dict[object, list[Shape]] = {}
     for place in np.argsort(costs, kind="stable").tolist():
-        found.setdefault(kind_of(parts[place % len(parts)]), []).append(flat[place])
+        at, which = divmod(place, len(parts))
+        found.setdefault(kind_of(parts[which]), []).append(trials[at][which])
     return [shape for shapes in found.values() for shape in shapes[:keep]]
 
 
@@ -275,7 +255,7 @@ def table(judge: Judge, base: Fit, effects: Iterable[Effect]) -> dict[str, Fit]:
             continue
         like = [part.effect for part in base.shape.parts if effect.name in part.effect.fitting.siblings]
         if any(jumpy(other) or jumpy(effect) for other in like):
-            # one valve has one friction; `search.rivals` sees whether the look-alike does better
+            # one valve has one friction; `search.in_place` sees whether the look-alike does better
             continue
         if jumpy(effect) and out:
             # a search with many valleys is dear: only where its smooth look-alike is among the good ones

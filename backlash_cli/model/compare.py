@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray, Note, Record
-from ..results import Comparison, Fitness, FittedEffect, FittedParameter, Model, Series
+from ..results import Comparison, Fitness, FittedParameter, Model, Series
 from .fit import BENT_ROUNDS, predicted_by, with_load
 from .holdout import better, folds
-from .intervals import process_parameters
+from .intervals import described, process_parameters
 from .locate import regions
 from .pipeline import Part, Shape, as_tuple, moved_output, regressors, sensed_slopes, through
 from .problem import FEWEST_SAMPLES, Problem, finer, problem_from_record
@@ -58,7 +58,8 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
     return Comparison(
         record.loop, base, problem.floor, fitness=fitness, fitted=model is None,
         seen=float(np.mean(known[problem.used])),
-        where=regions(problem, distance(problem, recorders, predicted), shape), effects=tuple(map(as_given, parts)),
+        where=regions(problem, distance(problem, recorders, predicted), shape),
+        effects=tuple(described(part, part.values) for part in parts),
         unexplained=unexplained(fitness.rmse_holdout, base.rmse_holdout, problem.floor), reasons=reasons,
         warnings=notes(problem, record, model), series=series_of(problem, predicted, shape), settings=record.settings,
         model=kept)
@@ -133,14 +134,6 @@ def matched(problem: Problem, model: Model, shape: Shape) -> tuple[Shape, FloatA
             shape = best(place, name, turn)
             shape = best(place, name, as_tuple(shape.parts[place].values[name])[0] + turn / 16.0)
     return shape, predict(shape)[0]
-
-
-def as_given(part: Part) -> FittedEffect:
-    """Return an effect of a model file with its numbers as they stand."""
-    e = part.effect
-    values = {q.name: FittedParameter(part.values[q.name], q.unit, None, q.meaning, q.nuisance)
-              for q in e.parameters if q.name in part.values}
-    return FittedEffect(e.name, values, part.column, e.sentence, e.fitting.meaning, str(e.stage))
 
 
 def unexplained(rmse: float, base: float, floor: float) -> float:

@@ -18,14 +18,14 @@ from . import recorder
 from .candidates import candidate
 from .compare import notes, series_of, unexplained
 from .fit import Fit, fit, predicted_by
-from .holdout import Tested, better, least_squares, tested
+from .holdout import Tested, better, tested
 from .intervals import fitted_effects, process_parameters
 from .locate import regions
 from .pipeline import Part
 from .problem import Problem, finer, problem_from_record
 from .reasons import marked, too_little, with_reasons
 from .saved_model import in_ranges_of, kept_model, parts_of, shape_of
-from .score import ENOUGH, judge_for
+from .score import ENOUGH, Judge
 from .search import WEAK, Found, baseline, families, search
 
 STILL = ("PV follows OP by only {:.1f} times its noise: too little motion to tell what is missing. Choose a period "
@@ -98,7 +98,7 @@ def looked(
     start = base if model is None else fit(seen, replace(shape_of(model, given), delay=base.shape.delay), base.noise)
     by_user = [*start.shape.names]
     if chosen:
-        judge = judge_for(seen, base.shape.lag)
+        judge = Judge(seen, base.shape.lag)
         for effect in chosen:
             if effect.fitting.bounds is None and effect.name not in start.shape.names:
                 start = candidate(judge, start, effect, must=True) or start
@@ -183,7 +183,7 @@ def tried(seen: Problem, found: Found, plain: Tested, accepted: Sequence[str]) -
     out = []
     before = found.judge.score(found.baseline)
     for name, trial in found.first.items():
-        best = tested(seen, least_squares(seen, trial), rounds=1)
+        best = tested(seen, trial, rounds=1)
         effect = next(e for e in fitted_effects(seen, trial) if e.effect == name)
         gain = before - found.judge.score(trial)
         gone = float(np.clip(1.0 - (best.rmse_holdout / plain.rmse_holdout) ** 2, 0.0, 1.0))

@@ -11,7 +11,7 @@ from ..effects import Parameter
 from ..effects.process import delayed_lag
 from ..record import FloatArray
 from .levenberg import downhill
-from .noise import Noise, fit_noise, fitted_noise, known_load, whitener
+from .noise import Noise, fit_noise, known_load, whitener
 from .pipeline import (
     Shape,
     as_tuple,
@@ -170,7 +170,7 @@ class Solver:
         G[0, 1:] = G[1:, 0] = x @ self._others
         G[0, 0] = x @ x
         b = np.concatenate([[x @ self._y], self._cross])
-        self._x, self._G = x, G
+        self._G = G
         c = self.inverse(b[:, None])[:, 0]
         return c, max(self._yy - float(c @ (2.0 * b - G @ c)), 1e-300), x
 
@@ -202,12 +202,8 @@ class Solver:
         self._solved(columns[:, 0])
         return found, max(best, 1e-300), columns[:, 0]
 
-    def cross(self, Z: FloatArray) -> FloatArray:
-        """Return the columns of the shape solved last times those of Z (samples, numbers), (columns, numbers)."""
-        return np.vstack([self._x @ Z, self._others.T @ Z])
-
     def inverse(self, B: FloatArray) -> FloatArray:
-        """Return (columns, numbers) that the shape solved last turns into B."""
+        """Return (columns, numbers) that the inner products of the shape solved last turn into B."""
         scale = 1.0 / np.sqrt(np.maximum(self._G.diagonal(), 1e-300))[:, None]
         A = self._G * scale * scale.T
         # a trace of damping, so that a column that does nothing gets the coefficient 0
@@ -247,8 +243,8 @@ class Solver:
 
     def rest(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened rest (samples,) of a shape."""
-        c, rss, x = self.solve(shape)
-        return c, rss, self._y - c[0] * x - self._others @ c[1:]
+        c, rss, _ = self.solve(shape)
+        return c, rss, self._y - self.columns(shape) @ c
 
 
 def descend(solver: Solver, shape: Shape, *, rounds: int = 8, hold: Free | None = None) -> Shape:
@@ -270,7 +266,7 @@ def curvature(solver: Solver, shape: Shape, free: list[Free]) -> tuple[FloatArra
     """
     _, _, rest = solver.rest(shape)
     Z = slopes(solver, shape, free)
-    B = solver.cross(Z)
+    B = solver.columns(shape).T @ Z
     return Z.T @ Z - B.T @ solver.inverse(B), -Z.T @ rest
 
 
@@ -318,8 +314,7 @@ def finished(problem: Problem, shape: Shape, noise: Noise) -> Fit:
 
 def raw_error(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatArray:
     """Return measured minus predicted PV (samples,), 0 where nothing was measured."""
-    error: FloatArray = np.where(problem.used, problem.measurement - predict(problem, shape, coefficients), 0.0)
-    return error
+    return np.where(problem.used, problem.measurement - predict(problem, shape, coefficients), 0.0)
 
 
 def predicted_by(problem: Problem, fitted: Fit, seen: Problem | None = None) -> FloatArray:
@@ -336,8 +331,9 @@ def with_load(seen: Problem, predicted: FloatArray, noise: Noise | None) -> Floa
     """
     if not seen.by_load:
         return predicted
-    error, h = seen.measurement - predicted, seen.interval
-    return predicted + known_load(error, seen.used, h, noise or fitted_noise(error, seen.used, h), seen.ahead)
+    error, h, span = np.where(seen.used, seen.measurement - predicted, 0.0), seen.interval, seen.duration
+    noise = noise or fit_noise(error, seen.used, h, Noise(1.0, 0.03 * span, 0.003 * span))
+    return predicted + known_load(error, seen.used, h, noise, seen.ahead)
 
 
 def linear_values(problem: Problem, fitted: Fit) -> list[dict[str, float | tuple[float, ...]]]:

@@ -60,22 +60,15 @@ def tested(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, r
     return Tested(fitted, *(float(np.sqrt(e @ e / max(e.size, 1))) for e in (error, np.concatenate(unseen))))
 
 
-def least_squares(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> Fit:
-    """Return the fit with the smallest error itself, load or not: what a plain model can do at its best.
+def better(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> Tested:
+    """Return the likeliest fit, or that of the smallest error itself where it predicts unseen samples better by 3 %.
 
     In a loop driven by its load the smallest error is that of a wrong model, so that the fit stays as it is.
     """
-    if problem.by_load:
-        return fitted
-    seen, noise = fitted_problem(problem, recorders), Noise(1e-3, fitted.noise.slow, fitted.noise.fast)
-    shape = descend(Solver(seen, noise), fitted.shape, rounds=6)
-    return finished(seen, shape, noise)
-
-
-def better(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, rounds: int = 2) -> Tested:
-    """Return the likeliest fit, or that of least squares where it predicts unseen samples clearly better (3 %)."""
-    likely = tested(problem, fitted, recorders, rounds=rounds)
+    likely = tested(problem, fitted, recorders)
     if problem.by_load:
         return likely
-    plain = tested(problem, least_squares(problem, fitted, recorders), recorders, rounds=rounds)
+    seen, noise = fitted_problem(problem, recorders), Noise(1e-3, fitted.noise.slow, fitted.noise.fast)
+    shape = descend(Solver(seen, noise), fitted.shape, rounds=6)
+    plain = tested(problem, finished(seen, shape, noise), recorders)
     return plain if plain.rmse_holdout < 0.97 * likely.rmse_holdout else likely

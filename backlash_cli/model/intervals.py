@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from ..effects import Effect, Parameter, Stage
+from ..effects.fitting import Values
 from ..record import FloatArray
 from ..results import FittedEffect, FittedParameter
+from ..results.explain import Interval
 from .fit import Fit, Free, Solver, descend, free_numbers, get, linear_values, put, slopes
 from .locate import turning_points
 from .pipeline import Part, as_tuple
@@ -141,29 +144,36 @@ def fitted_effects(
     ends = profile(problem, fitted, known) if careful else {}
     wide = {key: NORMAL_95 * number.deviation for key, number in known.items()}
     others = iter((NORMAL_95 * solved[3 + len(problem.holes) :] / abs(fitted.gain)).tolist())
-    parts, values = (*fitted.shape.parts, *recorders), linear_values(problem, fitted)
+    values = linear_values(problem, fitted)
     for place, part in enumerate(fitted.shape.parts):
         for name in part.effect.fitting.linear:
             for item in range(len(as_tuple(values[place][name]))):
                 own = [next(others) for _ in range(2 if part.effect.fitting.phase else 1)]
                 wide[place, name, item] = float(np.sqrt(np.mean(np.square(own))))
-    out = []
-    for place, part in enumerate(parts):
-        e, found = part.effect, values[place] if place < len(values) else part.values
-        parameters = {}
-        for q in e.parameters:
-            if q.name not in found or (q.nuisance and q.many and not found[q.name]):
-                continue
-            numbers, intervals = as_tuple(found[q.name]), []
-            for item, v in enumerate(numbers):
-                off = wide.get((place, q.name, item), np.nan)
-                intervals.append(widened(problem, e, q, v, ends.get((place, q.name, item), (v - off, v + off))))
-            ci = None if None in intervals or not intervals else tuple(intervals) if q.many else intervals[0]
-            level = e.stage == Stage.VALVE and q.unit == "span" and not np.isfinite(q.neutral)
-            parameters[q.name] = FittedParameter(
-                numbers if q.many else numbers[0], q.unit, ci, q.meaning, q.nuisance, level)  # type: ignore[arg-type]
-        out.append(FittedEffect(e.name, parameters, part.column, e.sentence, e.fitting.meaning, str(e.stage)))
-    return out
+
+    def interval(place: int, q: Parameter, item: int, value: float) -> Interval | None:
+        off = wide.get((place, q.name, item), np.nan)
+        found = ends.get((place, q.name, item), (value - off, value + off))
+        return widened(problem, fitted.shape.parts[place].effect, q, value, found)
+
+    found = [described(part, values[i], partial(interval, i)) for i, part in enumerate(fitted.shape.parts)]
+    return [*found, *(described(part, part.values) for part in recorders)]
+
+
+def described(part: Part, values: Values, interval: Callable[[Parameter, int, float], Interval | None] = lambda *_: None
+              ) -> FittedEffect:
+    """Return an effect with numbers and units; interval: of one value of a parameter, none by default."""
+    e, parameters = part.effect, {}
+    for q in e.parameters:
+        if q.name not in values or (q.nuisance and q.many and not values[q.name]):
+            continue
+        numbers = as_tuple(values[q.name])
+        intervals = [interval(q, item, number) for item, number in enumerate(numbers)]
+        ci = None if None in intervals or not intervals else tuple(intervals) if q.many else intervals[0]
+        level = e.stage == Stage.VALVE and q.unit == "span" and not np.isfinite(q.neutral)
+        parameters[q.name] = FittedParameter(numbers if q.many else numbers[0], q.unit, ci,  # type: ignore[arg-type]
+                                             q.meaning, q.nuisance, level)
+    return FittedEffect(e.name, parameters, part.column, e.sentence, e.fitting.meaning, str(e.stage))
 
 
 def process_parameters(problem: Problem, fitted: Fit) -> dict[str, FittedParameter]:

@@ -7,15 +7,10 @@ OP comes from outside, so that PV can be compared with what a whole model of the
 
     PV = gain x answer(stem) + curvature x answer(stem squared) + load + noise,    stem = play(OP, d)
 
-answer: one of some fifty, a lag, a second one, dead time, or an integrator beside which PV may drift. Load and noise:
-those of `noise.Whitener`, the likelihood of `explain`; the load wanders without limit, smoothly or not. Everything
-that is not linear in the model is tried: answer and noise first, with a few dead bands, and the best of these with all
-dead bands and three places of the stem in its gap. All is the same for d = 0, and the gain in likelihood is evidence.
-
-The classical reading of the test (the step after a turn moves PV less than the next) is what makes it grow; a stretch
-in which OP stands, or moves one way, adds nothing. Evidence must hold for normal errors and for those with long tails
-(Student's t): a load that jumps at the right moment convinces one of the two at most. The judgement is that of
-`criteria.read`, as of all Confirmations.
+with one of some fifty answers (a lag, a second one, dead time, or an integrator beside which PV may drift) and the load
+and noise of `noise.Whitener`. All is the same for d = 0, and the gain in likelihood is evidence: for normal errors and
+for those with long tails, as a load that jumps at the right moment convinces one of the two at most. The judgement is
+that of `criteria.read`, as of all Confirmations.
 """
 
 from __future__ import annotations
@@ -23,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,8 +136,7 @@ class _Blocks:
         return both[0], X, np.concatenate(weights)
 
 
-@dataclass(frozen=True)
-class _Fits:
+class _Fits(NamedTuple):
     """Models of PV fitted to it: each (models,), coefficients (models, columns)."""
 
     normal: FloatArray
@@ -248,8 +243,8 @@ def _fitted(data: _Blocks, widths: Sequence[float] | FloatArray, models: Sequenc
         y, X, weights = data.whitened(noise, data.columns(stems, [answer]))
         one, _ = _likelihoods(X, y, weights, rounds)
         wrong = np.where(one.coefficients[:, 0] * K < 0.0, -1e9, 0.0) if K else 0.0
-        fits.append((one.normal + wrong, one.student + wrong, one.coefficients, one.variance, one.deviation))
-    return _Fits(*(np.array(part) for part in zip(*fits, strict=True)))
+        fits.append(one._replace(normal=one.normal + wrong, student=one.student + wrong))
+    return _Fits(*map(np.array, zip(*fits, strict=True)))
 
 
 def _likelihoods(X: FloatArray, y: FloatArray, weights: FloatArray, rounds: int = ROUNDS) -> tuple[_Fits, FloatArray]:

@@ -117,12 +117,6 @@ def fit_noise(error: FloatArray, used: NDArray[np.bool_], h: float, first: Noise
     return Noise(found.ratio, max(found.slow, found.fast), min(found.slow, found.fast))
 
 
-def fitted_noise(error: FloatArray, used: NDArray[np.bool_], h: float) -> Noise:
-    """Return the noise of greatest likelihood for the error (samples,) of a model that brings no noise of its own."""
-    span = h * len(error)
-    return fit_noise(np.where(used, error, 0.0), used, h, Noise(1.0, 0.03 * span, 0.003 * span))
-
-
 def known_load(error: FloatArray, used: NDArray[np.bool_], h: float, noise: Noise, ahead: int) -> FloatArray:
     """Return the load in PV (samples,) as known `ahead` samples before, from what a model missed until then.
 

@@ -119,13 +119,8 @@ def through(problem: Problem, parts: Sequence[Part], signal: FloatArray) -> Floa
         if effect.fitting.whole is not None:
             signal = effect.fitting.whole(signal, p, problem.interval)
         else:
-            signal = effect.apply(signal, p, problem.interval, series=series_of(problem, part))
+            signal = effect.apply(signal, p, problem.interval, series=problem.columns.get(part.column, ()))
     return signal
-
-
-def series_of(problem: Problem, part: Part) -> FloatArray:
-    """Return the samples of the measured column of an effect that needs one, (samples,); else none."""
-    return problem.columns[part.column] if part.column else np.empty(0)
 
 
 def load_columns(problem: Problem, part: Part) -> list[FloatArray]:
@@ -144,7 +139,7 @@ def load_columns(problem: Problem, part: Part) -> list[FloatArray]:
                     units = {**none, name: (*zeros[:i], 1.0, *zeros[i + 1 :])}
                     p = effect.pack({**part.values, **units, **({fitting.phase: turn} if fitting.phase else {})})
                     out.append(effect.apply(np.zeros(problem.samples), p, problem.interval,
-                                            series=series_of(problem, part)))
+                                            series=problem.columns.get(part.column, ())))
         return out
 
     key = (effect.name, part.column, *((k, v if k not in none else len(none[k])) for k, v in part.values.items()))

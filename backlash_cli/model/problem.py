@@ -6,10 +6,9 @@ A model that predicts PV from OP alone can be judged by its error only where OP 
 the loop answers to its load, OP is a mirror of that load: there a wrong model with a small gain has the smaller error
 (Ljung, System Identification, section 13.4: output error is biased in closed loop, prediction errors are not).
 
-The controller moved the valve by OP as it was, the historian may have kept it rounded. Where the record stays at one
-level for a while and then at the next, OP crossed the middle between them at that time; between such times it went on
-evenly, and where it turned it came on average as far as the level. Whether the valve got the rounded OP or the one
-before rounding is not known beforehand: a search tries both.
+The controller moved the valve by OP as it was, the historian may have kept it rounded. Where the record goes from one
+level to the next, OP crossed the middle between them; where it turned it came on average as far as the level. Whether
+the valve got the rounded OP or the one before rounding is not known beforehand: a search tries both.
 """
 
 from __future__ import annotations

@@ -193,21 +193,22 @@ def _process(
 
 def _of_process(model: Model, now: Tested) -> list[str]:
     """Name gain and time constant where they differ from the kept ones."""
-    both = [("gain", now.fit.gain, model.Kp, ""), ("time constant", now.fit.shape.lag, model.tau, " s")]
-    far = [one for one in both if abs(one[1] - one[2]) > ABOUT * abs(one[2])]
-    return [f"{name} {here:.3g}{unit} (kept: {kept:.3g}{unit})" for name, here, kept, unit in far]
+    return _told([("gain", now.fit.gain, model.Kp, ""), ("time constant", now.fit.shape.lag, model.tau, " s")])
 
 
 def _changes(before: Shape, after: Shape) -> list[str]:
-    """Name the numbers of effects that differ by more than ABOUT, in words; signs, starts and events left out."""
-    said = []
+    """Name the numbers of effects that differ, in words; signs, starts and events left out."""
+    rows = []
     for old, new in zip(before.parts, after.parts, strict=True):
         for q in old.effect.parameters:
             one, other = old.values.get(q.name), new.values.get(q.name)
-            if not isinstance(one, float) or not isinstance(other, float) or q.nuisance or old.is_linear:
-                continue
-            if np.isfinite([one, other]).all() and abs(one - other) > ABOUT * abs(one):
+            if isinstance(one, float) and isinstance(other, float) and not q.nuisance and not old.is_linear:
                 scale, unit = UNITS.get(q.unit, (1.0, "" if q.unit == "1" else f" {q.unit}"))
-                name = old.effect.name.replace("_", " ")
-                said.append(f"{name} {q.name} = {scale * other:.3g}{unit} (kept: {scale * one:.3g}{unit})")
-    return said
+                rows.append((f"{old.effect.name.replace('_', ' ')} {q.name} =", scale * other, scale * one, unit))
+    return _told(rows)
+
+
+def _told(rows: Sequence[tuple[str, float, float, str]]) -> list[str]:
+    """Say of each name, number here, kept number and unit how they differ, where it is by more than ABOUT."""
+    return [f"{name} {here:.3g}{unit} (kept: {kept:.3g}{unit})" for name, here, kept, unit in rows
+            if np.isfinite([here, kept]).all() and abs(here - kept) > ABOUT * abs(kept)]

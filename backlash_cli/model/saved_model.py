@@ -36,9 +36,8 @@ def reference(effect: Effect) -> str:
     if any(effect is own for own in EFFECTS):
         return ""
     module = getattr(effect.step, "__module__", "")
-    names = [name for name, value in vars(sys.modules.get(module)).items() if value is effect
-             ] if module in sys.modules else []
-    return f"{module}:{names[0]}" if names else ""
+    names = vars(sys.modules[module]).items() if module in sys.modules else ()
+    return next((f"{module}:{name}" for name, value in names if value is effect), "")
 
 
 def apart(model: Model, problem: Problem) -> bool:
@@ -77,35 +76,25 @@ def parts_of(model: Model, problem: Problem) -> tuple[Part, ...]:
     """
     out = []
     later = 0.0 if model.start is None else problem.start - model.start
-    elsewhere = apart(model, problem)
     for entry in model.effects:
         effect = load_effect(entry.reference)
-        if elsewhere and of_its_day(effect):
+        if of_its_day(effect) and apart(model, problem):
             continue
         if entry.column and entry.column not in problem.columns:
             known = ", ".join(problem.columns) or "none"
-            raise LoopError(
-                f"the model uses the measured column {entry.column}, which this record does not have",
-                where=problem.loop, remedy=f"columns here: {known}; or take {effect.name} out of the model file",
-                code="missing_column",
-            )  # fmt: skip
+            raise LoopError(f"the model uses the measured column {entry.column}, which this record does not have",
+                            where=problem.loop, code="missing_column",
+                            remedy=f"columns here: {known}; or take {effect.name} out of the model file")
         values = {q.name: entry.parameters.get(q.name, () if q.many else q.neutral) for q in effect.parameters}
-        out.append(Part(effect, _moved(effect, values, later), entry.column))
+        if effect.fitting.linear:
+            # what is told in seconds from the first sample; what ended before stays as a constant push
+            values |= {q.name: tuple(max(t - later, 0.0) for t in as_tuple(values[q.name])) for q in effect.parameters
+                       if q.many and q.unit == "s"}
+        if effect.fitting.phase and "period" in values and later:
+            turn = 2.0 * np.pi * later / as_tuple(values["period"])[0] + as_tuple(values[effect.fitting.phase])[0]
+            values[effect.fitting.phase] = float(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi)
+        out.append(Part(effect, values, entry.column))
     return in_order(out)
-
-
-def _moved(effect: Effect, values: dict[str, float | tuple[float, ...]], later: float
-           ) -> dict[str, float | tuple[float, ...]]:
-    """Move what is told in seconds from the first sample; what ended before the record stays as a constant push."""
-    if later == 0.0 or not effect.fitting.linear:
-        return values
-    for q in effect.parameters:
-        if q.many and q.unit == "s":
-            values[q.name] = tuple(max(t - later, 0.0) for t in as_tuple(values[q.name]))
-    if effect.fitting.phase and "period" in values:
-        turn = 2.0 * np.pi * later / as_tuple(values["period"])[0] + as_tuple(values[effect.fitting.phase])[0]
-        values[effect.fitting.phase] = float(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi)
-    return values
 
 
 def in_ranges_of(record: Record, model: Model) -> Record:
@@ -114,13 +103,12 @@ def in_ranges_of(record: Record, model: Model) -> Record:
     A day on which PV went higher is guessed a longer range; the numbers of a model mean something on their own only.
     """
     s = record.settings
-    wanted = {"pv_range": model.pv_range, "op_range": model.op_range}
-    now = {"pv_range": s.pv_range, "op_range": s.op_range}
-    other = {k: (float(v[0]), float(v[1])) for k, v in wanted.items()
-             if v is not None and s.source.get(k) == "data" and tuple(v) != tuple(now[k])}
+    other = {key: (float(span[0]), float(span[1])) for key in ("pv_range", "op_range")
+             if (span := getattr(model, key)) is not None and s.source.get(key) == "data"
+             and tuple(span) != tuple(getattr(s, key))}
     if not other:
         return record
-    pv, op = (other.get(k, now[k]) for k in ("pv_range", "op_range"))
+    pv, op = (other.get(key, getattr(s, key)) for key in ("pv_range", "op_range"))
     PV, OP = ((span[1] - span[0]) / (was[1] - was[0]) for span, was in ((pv, s.pv_range), (op, s.op_range)))
 
     def moved(values: FloatArray, was: tuple[float, float], span: tuple[float, float]) -> FloatArray:
@@ -132,8 +120,7 @@ def in_ranges_of(record: Record, model: Model) -> Record:
     return replace(
         record, settings=settings, notes=told, setpoint=moved(record.setpoint, s.pv_range, pv),
         measurement=moved(record.measurement, s.pv_range, pv),
-        output=None if record.output is None else moved(record.output, s.op_range, op),
-    )
+        output=None if record.output is None else moved(record.output, s.op_range, op))
 
 
 def shape_of(model: Model, parts: Sequence[Part]) -> Shape:
@@ -146,7 +133,8 @@ def coefficients_of(model: Model, problem: Problem, shape: Shape) -> FloatArray:
     out: list[float] = []
     for part in shape.parts:
         phase = part.effect.fitting.phase
+        turns = (0.0, 0.5 * np.pi) if phase else (0.0,)
         turn = as_tuple(part.values[phase])[0] if phase else 0.0
-        for value in [v for name in part.effect.fitting.linear for v in as_tuple(part.values[name])]:
-            out += [value * np.cos(turn), value * np.sin(turn)] if phase else [value]
+        out += [v * np.cos(turn - more) for name in part.effect.fitting.linear for v in as_tuple(part.values[name])
+                for more in turns]
     return np.concatenate([[model.Kp, model.offset, 0.0], np.zeros(len(problem.holes)), model.Kp * np.array(out)])

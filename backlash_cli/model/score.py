@@ -9,7 +9,7 @@ import numpy as np
 
 from ..effects import Effect
 from .fit import Fit
-from .pipeline import Part, Shape, as_tuple
+from .pipeline import Shape, as_tuple
 from .problem import Problem, trust
 
 # a load behind the process forgets within about three lags, so that six lags hold one independent error
@@ -30,8 +30,7 @@ def jumpy(effect: Effect) -> bool:
 
 @dataclass(frozen=True)
 class Judge:
-    """Scores fits of the loop `problem`. log_samples: ln of the usable samples. stretches: independent errors in the
-    record. sign: of the gain of the process, which is that of the controller; 0 when the settings do not tell.
+    """Scores fits of the loop `problem`, whose process has about the time constant `lag` [s].
 
     The deviance knows how well each sample follows from those before it. A random load that may wander without
     limit explains a drift or a step as well as the real cause does; it does not predict PV from OP. The error of
@@ -40,40 +39,33 @@ class Judge:
     """
 
     problem: Problem
-    log_samples: float
-    stretches: float
-    sign: float = 0.0
+    lag: float
 
     def price(self, shape: Shape) -> float:
-        """Return what the values of all effects cost, in units of deviance (Schwarz 1978: ln n for each)."""
-        return sum(self.price_of(part) for part in shape.parts)
+        """Return what the values of all effects cost, in units of deviance (Schwarz 1978: ln n for each).
 
-    def price_of(self, part: Part) -> float:
-        """Return the price of one effect; a value picked from all places of the record costs twice, and narrow
-        valleys, of which one is always deep by chance, cost two values more, as does an effect that is seldom."""
-        fitting = part.effect.fitting
-        total = 2.0 if jumpy(part.effect) or fitting.seldom else 0.0
-        for q in part.effect.parameters:
-            value = part.values.get(q.name)
-            if value is None or q.choices or (q.nuisance and not q.many) or not np.all(np.isfinite(as_tuple(value))):
-                continue
-            total += len(as_tuple(value)) * (2.0 if q.name in fitting.dear else 1.0)
-        return total * self.log_samples
+        A value picked from all places of the record costs twice, and narrow valleys, of which one is always deep by
+        chance, cost two values more, as does an effect that is seldom.
+        """
+        total = 0.0
+        for part in shape.parts:
+            fitting = part.effect.fitting
+            total += 2.0 if jumpy(part.effect) or fitting.seldom else 0.0
+            for q in part.effect.parameters:
+                numbers = as_tuple(part.values.get(q.name, ()))
+                if not q.choices and (q.many or not q.nuisance) and np.all(np.isfinite(numbers)):
+                    total += len(numbers) * (2.0 if q.name in fitting.dear else 1.0)
+        return total * float(np.log(np.count_nonzero(self.problem.used)))
 
     def score(self, fitted: Fit) -> float:
         """Return deviance plus price plus prediction error: smaller is better."""
+        problem = self.problem
+        stretches = problem.duration / (LAGS_PER_STRETCH * max(self.lag, problem.interval))
+        stretches = min(max(stretches, LEAST_STRETCHES), MOST_STRETCHES) * trust(problem.driven)
         # a loop under control has a process of the sign of its controller; the mirror image is the controller itself
-        wrong = WRONG_WAY if self.sign * fitted.gain < 0.0 else 0.0
-        return wrong + fitted.deviance + self.price(fitted.shape) + self.stretches * 2.0 * float(np.log(fitted.rmse))
+        wrong = WRONG_WAY if (problem.settings.K or problem.settings.Kp or 0.0) * fitted.gain < 0.0 else 0.0
+        return wrong + fitted.deviance + self.price(fitted.shape) + stretches * 2.0 * float(np.log(fitted.rmse))
 
     def best(self, fits: Sequence[Fit]) -> Fit:
         """Return the fit of the smallest score."""
         return min(fits, key=self.score)
-
-
-def judge_for(problem: Problem, lag: float) -> Judge:
-    """Return the judge of a loop whose process has about the time constant `lag` [s]."""
-    stretches = problem.duration / (LAGS_PER_STRETCH * max(lag, problem.interval))
-    within = float(np.clip(stretches, LEAST_STRETCHES, MOST_STRETCHES))
-    sign = float(np.sign(problem.settings.K or problem.settings.Kp or 0.0))
-    return Judge(problem, float(np.log(np.count_nonzero(problem.used))), within * trust(problem.driven), sign)

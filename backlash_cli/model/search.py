@@ -13,9 +13,9 @@ from .candidates import candidate, table, wander
 from .fit import Fit, Solver, descend, fit, refit_noise
 from .holdout import better
 from .noise import Noise
-from .pipeline import Part, Shape, as_tuple, load_regressors, predict
+from .pipeline import Part, Shape, load_regressors, predict
 from .problem import Problem
-from .score import ENOUGH, Judge, judge_for, jumpy
+from .score import ENOUGH, Judge, jumpy
 
 # another effect that scores worse by less than this cannot be told apart
 ALIKE = 20.0
@@ -25,8 +25,8 @@ WEAK = 100.0
 # friction (LuGre, Karnopp; tests/benchmarks/hidden_strangers.py) jumps less than the model of a sticking valve
 SHARE_ALIKE = 0.09
 MOST_EFFECTS = 4
-# scores closer than this are the same
-SAME_SCORE = 1e-6
+# gain in score for which an effect changes places with another
+WORTH_A_SWAP = 3.0
 # lags this close (natural logarithm) are the same
 SAME_LAG = 0.02
 # without an effect that is worth telling, the error on unseen samples is at least this many times larger
@@ -97,7 +97,7 @@ def baseline(problem: Problem) -> Fit:
             if all(abs(np.log(shape.lag / other)) > SAME_LAG for other in seen):
                 found.append(fit(problem, shape, refit_noise(solver, shape, Noise(1.0, 3.0 * lag, lag))))
             seen.append(shape.lag)
-    return judge_for(problem, min(f.shape.lag for f in found)).best(found)
+    return Judge(problem, min(f.shape.lag for f in found)).best(found)
 
 
 def search(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
@@ -105,17 +105,20 @@ def search(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
 
     Where the usual effects leave more than noise and load, the seldom ones are tried, too.
     """
-    judge = judge_for(problem, min(start.shape.lag, problem.settings.Ti or start.shape.lag))
+    judge = Judge(problem, min(start.shape.lag, problem.settings.Ti or start.shape.lag))
     usual, seldom = ([e for e in effects if e.fitting.seldom is rare] for rare in (False, True))
     now, first, known = start, dict[str, Fit](), list[Fit]()
     while len(now.shape.parts) < MOST_EFFECTS:
         trials = table(judge, now, usual)
-        first = first or trials
-        best = next_best(judge, now, [*trials.values()])
-        if best is None:
+        first, known = first or trials, [*known, *trials.values()]
+        worth = [t for t in sorted(trials.values(), key=judge.score) if judge.score(t) <= judge.score(now) - ENOUGH]
+        if not worth:
             break
-        known += [*trials.values(), best]
-        now = best
+        if problem.by_load:
+            # the likeliest model of a load need not be the one that knows what comes a short way ahead
+            limit = better(problem, now).rmse_holdout
+            worth = [t for t in worth if better(problem, t).rmse_holdout < limit] or worth
+        now = worth[0]
     found = settled(Found(start, first, longest_first(judge, now), {}, judge, Left()), effects, known)
     final, names = found.final, {effect.name for effect in seldom}
     others = [there for (_, other), there in found.instead.items() if other in names]
@@ -136,14 +139,13 @@ def settled(found: Found, effects: Sequence[Effect], known: list[Fit]) -> Found:
     now, without = prune(judge, found.final, found.baseline, known)
     if judge.problem.by_load and without and (
             better(judge.problem, now).rmse_holdout > better(judge.problem, found.baseline).rmse_holdout):
-        # the likeliest model of a load need not be the one that knows what comes
         now, without = found.baseline, {}
     for _ in range(MOST_EFFECTS):
         found = replace(found, final=now, without=without, left=left_by(judge.problem, now), instead={})
         found = replace(found, instead=in_place(found, effects))
         known += found.instead.values()
         swaps = [there for (_, other), there in found.instead.items() if other not in seldom]
-        if not swaps or judge.score(judge.best(swaps)) >= judge.score(now) - SAME_SCORE:
+        if not swaps or judge.score(judge.best(swaps)) >= judge.score(now) - WORTH_A_SWAP:
             break
         now = judge.best(swaps)
         without = left_out(judge, now, found.baseline, known)
@@ -173,20 +175,6 @@ def in_place(found: Found, effects: Sequence[Effect]) -> dict[tuple[str, str], F
                 if there is not None:
                     instead[name, other] = there
     return instead
-
-
-def next_best(judge: Judge, now: Fit, trials: Sequence[Fit]) -> Fit | None:
-    """Return the model to go on with, one more effect in it; None when nothing is worth it.
-
-    Where OP answers to the load, an effect must also lower the error a short way ahead: the likeliest model of a load
-    need not be the one that knows what comes.
-    """
-    problem = judge.problem
-    worth = [t for t in sorted(trials, key=judge.score) if judge.score(now) - judge.score(t) >= ENOUGH]
-    if problem.by_load and worth:
-        limit = better(problem, now).rmse_holdout
-        worth = [t for t in worth if better(problem, t).rmse_holdout < limit] or worth
-    return worth[0] if worth else None
 
 
 def longest_first(judge: Judge, now: Fit) -> Fit:
@@ -250,7 +238,7 @@ def prune(judge: Judge, now: Fit, start: Fit, known: Sequence[Fit]) -> tuple[Fit
     """Take out effects that are not worth their price, the least worthy first; return also the fits without each."""
     problem = judge.problem
     while True:
-        now = thinned(judge, best_known(judge, now, known))
+        now = best_known(judge, now, known)
         parts = {part.effect.name: part for part in now.shape.parts}
         without = left_out(judge, now, start, known)
         # an effect whose numbers ended where it does nothing is no effect, whatever the fit around it gained
@@ -268,21 +256,3 @@ def prune(judge: Judge, now: Fit, start: Fit, known: Sequence[Fit]) -> tuple[Fit
         if not lower or min(lower.values()) >= (WORTH_AHEAD if problem.by_load else WORTH_TELLING):
             return now, without
         now = without[min(lower, key=lambda name: lower[name])]
-
-
-def thinned(judge: Judge, now: Fit) -> Fit:
-    """Take out single events, such as one of several load steps, that are not worth their place and size."""
-    for place, part in enumerate(now.shape.parts):
-        many = [q.name for q in part.effect.parameters if q.many and q.name in part.values]
-        while part.effect.fitting.dear and many:
-            values = {name: as_tuple(now.shape.parts[place].values[name]) for name in many}
-            count = len(values[many[0]])
-            if count < 2:
-                break
-            fewer = [{name: v[:i] + v[i + 1 :] for name, v in values.items()} for i in range(count)]
-            best = judge.best([fit(judge.problem, now.shape.with_values(place, **less), now.noise, rounds=1)
-                               for less in fewer])
-            if judge.score(best) > judge.score(now):
-                break
-            now = best
-    return now

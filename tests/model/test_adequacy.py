@@ -12,7 +12,7 @@ from backlash_cli.model.candidates import candidate
 from backlash_cli.model.intervals import unseen_travel
 from backlash_cli.model.problem import Memory, problem_from_record
 from backlash_cli.model.recorder import only_reports, recorded_floor, recorders
-from backlash_cli.model.score import judge_for
+from backlash_cli.model.score import Judge
 from backlash_cli.model.search import baseline
 from backlash_cli.record import FloatArray, LoopSettings, Record, record_from_arrays
 
@@ -40,7 +40,7 @@ def test_what_is_missing_shows_in_what_it_goes_with_until_it_is_there() -> None:
     plain = baseline(problem)
     before = left_by(problem, plain)
     assert before.goes_with[0].startswith("the direction of travel") and not before.adequate([])
-    right = candidate(judge_for(problem, 20.0), plain, load_effect("backlash"))
+    right = candidate(Judge(problem, 20.0), plain, load_effect("backlash"))
     assert right is not None
     after = left_by(problem, right)
     assert after.goes_with == () and after.adequate([])

@@ -118,7 +118,7 @@ def test_output_that_was_not_rounded_is_left_alone(output):
 
 def test_a_gain_of_the_wrong_sign_is_no_model():
     from backlash_cli.model.problem import problem_from_record
-    from backlash_cli.model.score import judge_for
+    from backlash_cli.model.score import Judge
     from backlash_cli.model.search import baseline
 
     # OP answers to a load only: PV against OP slopes the wrong way, which is the controller and not the process
@@ -136,4 +136,5 @@ def test_a_gain_of_the_wrong_sign_is_no_model():
     assert problem.by_load
     found = baseline(problem)
     assert found.gain > 0.0
-    assert judge_for(problem, 20.0).sign == 1.0
+    judge, mirrored = Judge(problem, 20.0), replace(found, coefficients=-found.coefficients)
+    assert judge.score(found) < judge.score(mirrored)
