@@ -13,7 +13,7 @@ import pandas as pd
 import statsmodels.api as sm
 
 from backlash_cli import read
-from backlash_cli.estimator.confirm import ConfirmationScanner
+from backlash_cli.estimator.confirm import Study, confirm, study
 from backlash_cli.estimator.exclusion import LIMITS, signs
 from backlash_cli.results import Confirmation
 
@@ -27,13 +27,12 @@ def table(folder: str | Path) -> pd.DataFrame:
     for file in sorted(Path(folder).glob("f*.csv.gz")):
         for record in read(file, loops=str(file).replace(".csv.gz", ".loops.toml")):
             true = truth.loc[record.loop]
-            scanner = ConfirmationScanner(record.settings, record.interval)
-            scanner.update(record)
-            found = scanner.finish()
+            found, asked = confirm(record), study(record, record.settings)
             if true.truth == "stick" or not isinstance(found, Confirmation) or found.details["trace"]:
                 continue
+            assert isinstance(asked, Study)
             for L in LIMITS:
-                rows.append([true.d >= L, *signs(scanner.tests, L, scanner.length, scanner.span)[:-1]])
+                rows.append([true.d >= L, *signs(asked.tests, L, asked.length, asked.span)[:-1]])
     columns = ["there", "gain", "short", "tied", "length", "span over limit", "limit", "deviation"]
     return pd.DataFrame(rows, columns=columns)
 

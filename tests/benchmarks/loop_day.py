@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from backlash_cli.estimator.confirm import ConfirmationScanner
+from backlash_cli.estimator.confirm import confirm
 from backlash_cli.estimator.haegglund import detect_oscillation, error_scanner, estimate
 from backlash_cli.estimator.quality import quality_of
 from backlash_cli.estimator.settings_check import check_quickly
@@ -61,9 +61,7 @@ def settings_check(record: Record) -> object:
 
 def confirmation(record: Record) -> object:
     """PV against OP through a dead band."""
-    scanner = ConfirmationScanner(record.settings, record.interval)
-    scanner.update(record)
-    return scanner.finish()
+    return confirm(record)
 
 
 def quick_scan(record: Record) -> object:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.confirm import ConfirmationScanner, confirm, memory
+from backlash_cli.estimator.confirm import confirm, memory
 from backlash_cli.record import LoopSettings, Note, Record, SampleState
 from backlash_cli.results import Confirmation, Verdict
 from backlash_cli.scanning import scan
@@ -31,15 +30,6 @@ def worn() -> Record:
 @pytest.fixture(scope="module")
 def healthy() -> Record:
     return loop(0.0)
-
-
-def test_any_cut_of_the_record_gives_the_same_answer(worn: Record):
-    whole = confirm(worn)
-    scanner = ConfirmationScanner(worn.settings, worn.interval)
-    edges = [0, 1, 17, 1234, 1235, 4001, len(worn)]
-    for low, high in pairwise(edges):
-        scanner.update(worn.slice(low, high))
-    assert scanner.finish() == whole
 
 
 def test_the_size_is_found_with_op_and_without(worn: Record):
