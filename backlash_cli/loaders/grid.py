@@ -188,8 +188,13 @@ class Times:
         return self._order
 
     def grid(self, probe: FloatArray) -> Grid:
-        """Return the uniform grid of these stamps. Raises LoopError when there is none."""
-        self._grid = self._grid or make_grid(self.order(probe))
+        """Return the uniform grid of these stamps. Raises LoopError when there is none.
+
+        Loops share one where all rows are in order; repeated rows are told apart by each loop's own PV.
+        """
+        if self._order is None or self._grid is None or self._order.rows is not None:
+            self._order = None
+            self._grid = make_grid(self.order(probe))
         return self._grid
 
 

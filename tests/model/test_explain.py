@@ -142,18 +142,12 @@ def test_an_effect_from_outside_takes_part_like_the_rest() -> None:
     assert found.effects[0].parameters["bend"].value == pytest.approx(6.0, rel=0.05)
 
 
-def test_fast_valve_kernels_equal_the_steps() -> None:
-    from backlash_cli.effects import backlash, stiction
+def test_the_fast_gap_equals_its_steps() -> None:
+    from backlash_cli.effects import backlash
 
-    u = steps(400)
-    for effect, values in (
-        (backlash.EFFECT, {"d": 0.05, "position": 0.3}),
-        (stiction.EFFECT, {"S": 0.06, "J": 0.03, "position": -0.4, "restick": 0.0}),
-        (stiction.EFFECT, {"S": 0.06, "J": 0.03, "position": -0.4, "restick": 1.0}),
-    ):
-        p = effect.pack(values)
-        assert effect.fitting.whole is not None
-        assert effect.fitting.whole(u, p, 1.0) == pytest.approx(effect.apply(u, p, 1.0), abs=1e-15)
+    u, p = steps(400), backlash.EFFECT.pack(d=0.05, position=0.3)
+    assert backlash.EFFECT.fitting.whole is not None
+    assert backlash.EFFECT.fitting.whole(u, p, 1.0) == pytest.approx(backlash.EFFECT.apply(u, p, 1.0), abs=1e-15)
     assert backlash.EFFECT.apply(u, backlash.EFFECT.pack(d=0.05), 1.0) == pytest.approx(gap(u, 0.05))
 
 
