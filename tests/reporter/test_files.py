@@ -103,7 +103,8 @@ def test_full_disk_for_real():
 
 
 WRITER = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell without job control starts its children deaf to it
 from backlash_cli.reporter.files import write_text
 content = [chr(65 + k) * 4_000_000 for k in range(8)]
 print("ready", flush=True)
