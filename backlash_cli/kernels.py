@@ -42,40 +42,34 @@ def gap_means(u: NDArray[Any], widths: NDArray[Any], size: int, count: int) -> N
     u: (samples,) controller output; widths: (widths,) dead bands in its units; returns (widths, blocks) of
     play(u) - u. The stem begins in the middle of its gap.
     """
-    out = np.empty((len(widths), count))
-    for j in range(len(widths)):
-        half, x = 0.5 * widths[j], u[0]
-        for b in range(count):
-            total = 0.0
-            for i in range(b * size, (b + 1) * size):
-                v = u[i]
-                if x < v - half:
-                    x = v - half
-                elif x > v + half:
-                    x = v + half
-                total += x - v
-            out[j, b] = total / size
-    return out
+    out = np.zeros((len(widths), count))
+    half, x = 0.5 * widths, np.full(len(widths), u[0])
+    for i in range(count * size):
+        v = u[i]
+        for j in range(len(widths)):
+            x[j] = min(max(x[j], v - half[j]), v + half[j])
+            out[j, i // size] += x[j] - v
+    return out / size
 
 
 @numba.njit(cache=True)
 def forgetting_gap_means(u: NDArray[Any], widths: NDArray[Any], rates: NDArray[Any], size: int,
                          count: int) -> NDArray[Any]:
-    """The same for gaps that forget: -clip(u - slow mean of u, half a width), `rates` (widths,) per sample.
+    """The same for gaps that forget: -clip(u - slow mean of u, half a width), (rates, widths, blocks).
 
-    Like a dead band in shape, but it depends on how fast OP moves, which no gap does: what explains PV as well as
-    this one does is no valve.
+    rates: of the mean per sample. Like a dead band in shape, but it depends on how fast OP moves, which no gap does:
+    what explains PV as well as this one does is no valve.
     """
-    out = np.empty((len(widths), count))
-    for j in range(len(widths)):
-        half, mean = 0.5 * widths[j], u[0]
-        for b in range(count):
-            total = 0.0
-            for i in range(b * size, (b + 1) * size):
-                mean += rates[j] * (u[i] - mean)
-                total -= min(max(u[i] - mean, -half), half)
-            out[j, b] = total / size
-    return out
+    out = np.zeros((len(rates), len(widths), count))
+    half = 0.5 * widths
+    for k in range(len(rates)):
+        mean = u[0]
+        for i in range(count * size):
+            mean += rates[k] * (u[i] - mean)
+            away = u[i] - mean
+            for j in range(len(widths)):
+                out[k, j, i // size] -= min(max(away, -half[j]), half[j])
+    return out / size
 
 
 @numba.njit(cache=True)

@@ -68,43 +68,33 @@ def gaps_tested(p: Predictor, widths: FloatArray, K: float | None, Ti: float, in
     from ..kernels import gap_means
 
     G = p.lagged(lambda u, size, count: gap_means(u, widths, size, count))
-    lags, n = p.lags.count, p.rows
-    flat = G.reshape(len(widths) * lags, n)
-    H, w = p.columns, p.weights
-    weighted = H * w
-    cross = weighted @ flat.T
-    solved = p.inverse @ cross
-    on_error = flat @ (w * p.error)
-    on_target = flat @ (w * p.target)
-    target, square = weighted @ p.target, float(w @ p.target**2)
+    H, w, n, at = p.columns, p.weights, p.rows, p.past_output
     floor = p.loss - float(w @ p.error**2)
-    at = p.past_output
-    stretch = np.minimum(np.arange(n) * STRETCHES // n, STRETCHES - 1)
-    rows = []
-    for j in range(len(widths)):
-        here = slice(j * lags, (j + 1) * lags)
-        X = flat[here]
-        own = (X * w) @ X.T
-        left = own - cross[:, here].T @ solved[:, here]
-        gram = p.gram.copy()
-        gram[at] += cross[:, here].T
-        gram[:, at] += cross[:, here]
-        gram[at, at] += own
-        right = target.copy()
-        right[at] += on_target[here]
-        b: FloatArray = np.asarray(np.linalg.solve(gram, right), dtype=np.float64)
-        tied = 0.5 * n * np.log(p.loss / max(float(square - b @ right) + floor, 1e-300))
-        to_output = b[at]
-        size, found = float(to_output @ left @ to_output), float(to_output @ on_error[here])
-        share = found / max(size, 1e-300)
-        gain = -0.5 * n * np.log(max(1.0 - share * found / p.loss, 1e-9))
-        column = to_output @ X - (solved[:, here] @ to_output) @ H
-        sums = np.bincount(stretch, column * w * (p.error - share * column), STRETCHES)
-        deviation = float(np.sqrt(sums @ sums)) / max(size, 1e-300)
-        possible = LEAST_SHARE < share < MOST_SHARE and _possible(p, b, K, Ti, interval)
-        rows.append((gain, share, deviation, tied, possible, share * found / p.loss))
-    columns = np.array(rows, dtype=float).T
-    return GapTest(widths, columns[0], columns[1], columns[2], columns[3], columns[4] > 0.0, columns[5])
+    weighted, weighted_gaps = H * w, G * w
+    cross = np.moveaxis((weighted @ G.reshape(-1, n).T).reshape(len(H), len(widths), -1), 1, 0)
+    own = weighted_gaps @ np.swapaxes(G, 1, 2)
+    solved = p.inverse @ cross
+    gram = np.repeat(p.gram[None], len(widths), axis=0)
+    gram[:, at] += np.swapaxes(cross, 1, 2)
+    gram[:, :, at] += cross
+    gram[:, at, at] += own
+    right = np.repeat((weighted @ p.target)[None], len(widths), axis=0)
+    right[:, at] += weighted_gaps @ p.target
+    b: FloatArray = np.asarray(np.linalg.solve(gram, right[..., None])[..., 0], dtype=np.float64)
+    left = float(w @ p.target**2) - np.sum(b * right, axis=1) + floor
+    to_output = b[:, at]
+    unexplained = own - np.swapaxes(cross, 1, 2) @ solved
+    size = np.maximum(np.sum(to_output * (unexplained @ to_output[..., None])[..., 0], axis=1), 1e-300)
+    found = np.sum(to_output * (weighted_gaps @ p.error), axis=1)
+    share = found / size
+    column = (to_output[:, None] @ G)[:, 0] - (solved @ to_output[..., None])[..., 0] @ H
+    begins = -(-np.arange(STRETCHES) * n // STRETCHES)
+    sums = np.add.reduceat(column * w * (p.error - share[:, None] * column), begins, axis=1)
+    possible = np.array([LEAST_SHARE < x < MOST_SHARE and _possible(p, own_b, K, Ti, interval)
+                         for x, own_b in zip(share, b, strict=True)])
+    gain = -0.5 * n * np.log(np.maximum(1.0 - share * found / p.loss, 1e-9))
+    return GapTest(widths, gain, share, np.sqrt(np.sum(sums**2, axis=1)) / size,
+                   0.5 * n * np.log(p.loss / np.maximum(left, 1e-300)), possible, share * found / p.loss)
 
 
 def together(tests: Sequence[GapTest]) -> GapTest:
@@ -128,9 +118,8 @@ def imitations(p: Predictor, widths: FloatArray, Ti: float, interval: float) -> 
     """Gains [nats] of gaps that forget within SCALES of Ti, each with FREE_LAGS free lags: (widths times scales,)."""
     from ..kernels import forgetting_gap_means
 
-    size = np.tile(widths, len(SCALES))
-    rates = np.repeat([min(1.0, interval / (scale * Ti)) for scale in SCALES], len(widths))
-    G = p.lagged(lambda u, block, count: forgetting_gap_means(u, size, rates, block, count),
+    rates = np.minimum(1.0, interval / (np.array(SCALES) * Ti))
+    G = p.lagged(lambda u, size, count: forgetting_gap_means(u, widths, rates, size, count).reshape(-1, count),
                  min(FREE_LAGS, p.lags.count))
     return free_gains(p, G)
 

@@ -34,7 +34,7 @@ def test_gap_means_are_those_of_play_at_full_rate():
 
 def test_gaps_that_forget_are_those_of_a_plain_loop():
     u = recording(300).output
-    found = forgetting_gap_means(u, np.array([1.5]), np.array([0.1]), 5, 60)[0]
+    found = forgetting_gap_means(u, np.array([9.0, 1.5]), np.array([0.3, 0.1]), 5, 60)[1, 1]
     mean, lag = u[0], []
     for value in u:
         mean += 0.1 * (value - mean)
