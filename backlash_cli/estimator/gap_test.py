@@ -131,8 +131,9 @@ def free_gains(p: Predictor, G: FloatArray) -> FloatArray:
     for X in G:
         cross = weighted @ X.T
         left = (X * p.weights) @ X.T - cross.T @ p.inverse @ cross
-        left[np.diag_indices_from(left)] *= 1.0 + 1e-6
-        left[np.diag_indices_from(left)] += 1e-9
+        diagonal = np.einsum("ii->i", left)  # a view
+        diagonal *= 1.0 + 1e-6
+        diagonal += 1e-9
         right = X @ (p.weights * p.error)
         found.append(-0.5 * p.rows * float(np.log(max(1.0 - right @ np.linalg.solve(left, right) / p.loss, 1e-9))))
     return np.array(found)

@@ -263,8 +263,9 @@ def _fitted(H: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, Float
     for again in range(ROUNDS + 1):
         np.multiply(H, w, out=weighted)
         gram = weighted @ H.T
-        gram[np.diag_indices_from(gram)] *= 1.0 + RIDGE
-        gram[np.diag_indices_from(gram)] += 1e-12
+        diagonal = np.einsum("ii->i", gram)  # a view
+        diagonal *= 1.0 + RIDGE
+        diagonal += 1e-12
         b: FloatArray = np.asarray(np.linalg.solve(gram, weighted @ y), dtype=np.float64)
         if again == ROUNDS:
             break
