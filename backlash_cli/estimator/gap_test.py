@@ -30,6 +30,7 @@ STRETCHES = 24  # of the record, for the deviation of the share
 LEAST_SHARE, MOST_SHARE = 0.6, 1.6  # a share outside is no gap, whatever it gains
 LEAST_ANSWER, MOST_ANSWER = 0.02, 20.0  # of PV to OP within 6 Ti, times K: a loop so far off would not have been tuned
 FREE_LAGS = 4  # of an imitation
+NO_ANSWER, UNKNOWN = 1e-9, 1e6  # of the loss: PV answers less to a gap that OP never crossed; deviation of its share
 TIED_COUNTS = 0.1  # of what the tied fit loses; loads that swing lose hundreds of nats there, valves few
 IMITATED = 0.5  # of what imitations gain is taken off
 SCALES = (0.5, 2.0, 8.0)  # memory of the imitations, in integral times
@@ -84,8 +85,10 @@ def gaps_tested(p: Predictor, widths: FloatArray, K: float | None, Ti: float, in
     left = float(w @ p.target**2) - np.sum(b * right, axis=1) + floor
     to_output = b[:, at]
     unexplained = own - np.swapaxes(cross, 1, 2) @ solved
-    size = np.maximum(np.sum(to_output * (unexplained @ to_output[..., None])[..., 0], axis=1), 1e-300)
-    found = np.sum(to_output * (weighted_gaps @ p.error), axis=1)
+    size = np.sum(to_output * (unexplained @ to_output[..., None])[..., 0], axis=1)
+    answered = size > NO_ANSWER * p.loss
+    size = np.where(answered, size, 1.0)
+    found = np.where(answered, np.sum(to_output * (weighted_gaps @ p.error), axis=1), 0.0)
     share = found / size
     column = (to_output[:, None] @ G)[:, 0] - (solved @ to_output[..., None])[..., 0] @ H
     begins = -(-np.arange(STRETCHES) * n // STRETCHES)
@@ -93,7 +96,8 @@ def gaps_tested(p: Predictor, widths: FloatArray, K: float | None, Ti: float, in
     possible = np.array([LEAST_SHARE < x < MOST_SHARE and _possible(p, own_b, K, Ti, interval)
                          for x, own_b in zip(share, b, strict=True)])
     gain = -0.5 * n * np.log(np.maximum(1.0 - share * found / p.loss, 1e-9))
-    return GapTest(widths, gain, share, np.sqrt(np.sum(sums**2, axis=1)) / size,
+    deviation = np.where(answered, np.sqrt(np.sum(sums**2, axis=1)) / size, UNKNOWN)
+    return GapTest(widths, gain, share, deviation,
                    0.5 * n * np.log(p.loss / np.maximum(left, 1e-300)), possible, share * found / p.loss)
 
 

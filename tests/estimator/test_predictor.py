@@ -141,3 +141,13 @@ def test_a_recording_holds_op_and_draws_pv_straight_between_usable_samples():
     assert found.begin == 7 and found.usable.tolist() == [True, False, False, True, False, True]
     assert found.output.tolist() == [2.0, 2.0, 2.0, 3.0, 3.0, 3.0]  # before the first known one, that one
     assert found.measurement.tolist() == pytest.approx([1.0, 2.0, 3.0, 4.0, 6.0, 8.0])
+
+
+def test_a_gap_that_op_never_crosses_is_not_answered_whatever_pv_does():
+    p = predictor([recording(3000)], 5, 30.0, 6000)
+    assert p is not None
+    span = float(np.ptp(recording(3000).output))
+    with np.errstate(all="raise"):
+        found = gaps_tested(p, np.array([3.0, 30.0]) * span, 0.8, 20.0, 1.0)
+    assert found.share.tolist() == found.gain.tolist() == [0.0, 0.0] and not found.possible.any()
+    assert np.all(found.deviation > 1e3)
