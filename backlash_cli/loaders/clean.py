@@ -21,7 +21,7 @@ from ..settings import LoopValues, Settings, settings_of
 from .grid import GAP_FACTOR, MAX_HOLE, SPARSE_SHARE, Grid, Steps, Times, held, linear
 from .join import Faults, Joiner, LoopSeries, Signal, add_faults
 from .options import ReadOptions
-from .order import NAT
+from .order import NAT, Ordered
 from .signals import Axis, Series
 from .states import automatic, judged, state_notes
 
@@ -96,8 +96,9 @@ class _Making:
     notes.
 
     grid, spans, has_output: of the first chunk. place: a stamp near the end of the last one and its grid number. until:
-    the grid number of its last sample. carried: setpoint and mode that still hold. times, bridge, notes: of this chunk:
-    the stamps of the measurement, the longest hole in samples that is filled, and what is to be said of all so far.
+    the grid number of its last sample. carried: setpoint and mode that still hold. times, order, bridge, notes: of this
+    chunk: the stamps of the measurement, as they stand and in time order, the longest hole in samples that is filled,
+    and what is to be said of all so far.
     """
 
     recipe: Recipe
@@ -114,6 +115,7 @@ class _Making:
     faults: Faults = field(default_factory=dict)
     carried: dict[str, float] = field(default_factory=dict)
     times: Times | None = None
+    order: Ordered = field(default_factory=lambda: Ordered(np.zeros(0, np.int64), None))
     bridge: int = 0
     notes: list[Note] = field(default_factory=list)
 
@@ -125,15 +127,16 @@ class _Making:
         if end is not None:
             self.joiner.next_chunk(begin, end)
         pv = _where_recorded(self.joiner.signal(loop.roles["pv"], "pv", loop.name))
+        self.order = pv.times.order(pv.values)
         if self.grid is None:
-            grid = pv.times.grid(pv.values)
+            grid = pv.times.grid(self.order)
             self.grid = replace(grid, index=grid.index[:0], rows=None, recorded=None)
         else:
-            grid = self.grid.laid(pv.times.order(pv.values), self.place)
+            grid = self.grid.laid(self.order, self.place)
         first, last, on_grid = 0, len(grid.index), list(grid.notes)
         if end is not None:
-            first, last = self._own_samples(pv, grid, end)
-            on_grid = self._said_of_grid(pv, grid, begin, end, first, last)
+            first, last = self._own_samples(grid, end)
+            on_grid = self._said_of_grid(grid, begin, end, first, last)
         self.times, self.bridge = pv.times, fill_limit(settings.loop.Ti, grid.interval)
         self.notes = [*self.recipe.notes, *settings.notes, *pv.times.notes, *on_grid]
         self._say(pv)
@@ -171,12 +174,12 @@ class _Making:
                         (*self.notes, *said[0], *missing, *said[1], *on_mode, *said[2]))
         return record if end is None else record.slice(first, last)
 
-    def _own_samples(self, pv: Signal, grid: Grid, end: int) -> tuple[int, int]:
+    def _own_samples(self, grid: Grid, end: int) -> tuple[int, int]:
         """The first sample of a chunk and the one after its last; notes where it ends."""
         first = int(np.searchsorted(grid.index, self.until, side="right"))
         if grid.kind == "regular":
             at = grid.index if grid.rows is None else grid.index[grid.rows >= 0]
-            stamps = pv.times.order(pv.values).stamps[-len(at) :]
+            stamps = self.order.stamps[-len(at) :]
             row = int(np.searchsorted(stamps, end)) - 1
             near = max(row - MARGIN, 0)
             self.place, self.until = (int(stamps[near]), int(at[near])), int(at[row])
@@ -184,9 +187,9 @@ class _Making:
             self.until = (end - 1 - grid.start) // grid.step
         return first, int(np.searchsorted(grid.index, self.until, side="right"))
 
-    def _said_of_grid(self, pv: Signal, grid: Grid, begin: int, end: int, first: int, last: int) -> list[Note]:
+    def _said_of_grid(self, grid: Grid, begin: int, end: int, first: int, last: int) -> list[Note]:
         """What is to be said of the stamps of all chunks so far."""
-        stamps = pv.times.order(pv.values).stamps
+        stamps = self.order.stamps
         own = stamps[max(int(np.searchsorted(stamps, begin)) - 1, 0) : int(np.searchsorted(stamps, end))]
         self.steps += [Steps.of(own)] if len(own) > 1 else []
         self.recorded += last - first if grid.recorded is None else int(grid.recorded[first:last].sum())
@@ -260,7 +263,7 @@ class _Making:
             found = signal.values if rows is None else np.where(rows >= 0, signal.values[rows], np.nan)
             if role == "pv" or not np.isnan(found).any():
                 return found
-        stamps, values = _records(signal)
+        stamps, values = _records(signal, self.order if own else signal.times.order(signal.values))
         known = np.isfinite(values)
         few, limit = (self.bridge + 0.5) * grid.step, float("inf")
         steps = np.diff(stamps[known])
@@ -299,9 +302,8 @@ def fill_limit(Ti: float | None, interval: float) -> int:
     return MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / interval)))
 
 
-def _records(signal: Signal) -> tuple[IntArray, FloatArray]:
+def _records(signal: Signal, order: Ordered) -> tuple[IntArray, FloatArray]:
     """Return (stamps, values) of all records in time order, nan in bad ones; blank cells are no records."""
-    order = signal.times.order(signal.values)
     rows = slice(None) if order.rows is None else order.rows
     values = np.where(np.isfinite(signal.values[rows]), signal.values[rows], np.nan)
     record = ~np.isnan(values) | signal.bad[rows]

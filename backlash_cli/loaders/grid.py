@@ -179,22 +179,21 @@ class Times:
     notes: tuple[Note, ...] = ()
     parts: tuple[int, ...] = ()
     line: int = 0
-    _order: Ordered | None = field(default=None, init=False)
-    _grid: Grid | None = field(default=None, init=False)
+    _order: Ordered | None = field(default=None, init=False)  # where no row is moved or left out, whatever the signal
+    _grid: Grid | None = field(default=None, init=False)  # of that order
 
     def order(self, probe: FloatArray) -> Ordered:
-        """Return the stamps in time order; `probe` is a measured signal of these rows, used the first time."""
-        self._order = self._order or ordered(self.micros, probe, self.parts, self.line)
-        return self._order
+        """Return the stamps in time order; `probe` is the measured signal that tells rows with one stamp apart."""
+        found = self._order or ordered(self.micros, probe, self.parts, self.line)
+        if found.rows is None:
+            self._order = found
+        return found
 
-    def grid(self, probe: FloatArray) -> Grid:
-        """Return the uniform grid of these stamps. Raises LoopError when there is none.
-
-        Loops share one where all rows are in order; repeated rows are told apart by each loop's own PV.
-        """
-        if self._order is None or self._grid is None or self._order.rows is not None:
-            self._order = None
-            self._grid = make_grid(self.order(probe))
+    def grid(self, order: Ordered) -> Grid:
+        """Return the uniform grid of an order of these stamps. Raises LoopError when there is none."""
+        if order is not self._order:
+            return make_grid(order)
+        self._grid = self._grid or make_grid(order)
         return self._grid
 
 

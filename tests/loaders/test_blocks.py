@@ -124,6 +124,16 @@ def test_blocks_of_any_size_give_the_records_of_the_whole_file(tmp_path, text, s
     assert_same(outcome(read, path), outcome(lambda: read_in(path, None, memory, size, 20)))
 
 
+def test_what_is_said_of_a_loop_does_not_hang_on_the_loop_read_before(tmp_path):
+    """Two rows have one stamp; PV differs there in one loop and not in the other."""
+    rows = [f"2026-03-17T08:00:{max(k - 1, 0):02d},1,{k % 7},2,1,{max(k - 1, 0) % 5},2" for k in range(30)]
+    path = tmp_path / "plant.csv"
+    path.write_text("\n".join(["time,A.SP,A.PV,A.OP,B.SP,B.PV,B.OP", *rows]))
+    plant = read(path)
+    told = {loop: next(n for n in plant[loop].notes if n.code == "duplicate_times").values for loop in ("A", "B")}
+    assert told == {"A": {"rows": 1.0, "conflicts": 1.0}, "B": {"rows": 1.0, "conflicts": 0.0}}
+
+
 @st.composite
 def long_text(draw):
     """A long CSV of two loops, in time order or tag by tag, with now and then a cell or a stamp out of the ordinary."""
