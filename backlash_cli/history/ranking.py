@@ -20,18 +20,14 @@ from dataclasses import replace
 import numpy as np
 
 from ..results import Verdict
-from ..results.history import DAY, Night, Place, Segment, Wear, day_of
-from .trend import percent
+from ..results.history import DAY, Night, Place, Wear
 
 HORIZON = 90.0  # days ahead that count as "until the next shutdown" unless given
 AGREE = 0.5
 ENOUGH = 3  # nights with a size that a valve is pulled for
 NEAR = 0.7
 RECENT = 14  # nights that stand for the present
-
-TITLES = {"pull": "Pull at the next shutdown", "room": "Pull if there is room", "watch": "Watch",
-          "leave": "Leave alone", "check": "Check loop and data"}
-ORDER = tuple(TITLES)
+ORDER = ("pull", "room", "watch", "leave", "check")
 
 
 def rank(wears: Sequence[Wear], nights: Mapping[str, Sequence[Night]], horizon: float = HORIZON) -> list[Place]:
@@ -43,73 +39,33 @@ def rank(wears: Sequence[Wear], nights: Mapping[str, Sequence[Night]], horizon: 
     travel = {loop: x for loop, found in moves.items() if found and (x := float(np.median(found)))}
     factor = {loop: float(np.clip(np.sqrt(x / np.median([*travel.values()])), 0.7, 1.5)) for loop, x in travel.items()}
     placed = sorted((_placed(w, recent[w.loop], factor.get(w.loop, 1.0), last, horizon) for w in wears),
-                    key=lambda row: row[:3])
-    return [replace(place, rank=number) for number, (*_, place) in enumerate(placed, 1)]
+                    key=lambda row: (ORDER.index(row[1].action), -row[0], row[1].loop))
+    return [replace(place, rank=number) for number, (_, place) in enumerate(placed, 1)]
 
 
-def _placed(wear: Wear, recent: Sequence[Night], factor: float, last: float, horizon: float
-            ) -> tuple[int, float, str, Place]:
-    """Return what a loop is sorted by, and its place with the words for what decided.
-
-    recent: the last nights since the repair. factor: of its travel. last: time of the plant's last night.
-    """
-    now, limit = wear.now, wear.limit
+def _placed(wear: Wear, recent: Sequence[Night], factor: float, last: float, horizon: float) -> tuple[float, Place]:
+    """Return the score of a loop and its place. recent: the last nights since the repair; last: time of the plant's."""
+    now, limit = wear.now, wear.limit.value
     silent, swinging = (sum(n.verdict is v for n in recent) for v in (Verdict.NO_BACKLASH, Verdict.OSCILLATING))
     answers = [n.confidence for n in recent if n.measured] or [
         n.confidence for n in recent if n.verdict is Verdict.NO_BACKLASH]
     confidence = float(np.sum(answers)) / max(len(recent), 1)
     days_left = (wear.limit_date[0] - last) / DAY if wear.limit_date else np.inf
-    expected, ratio = 0.0, None
+    expected = 0.0
     if now is None:
         action = "leave" if silent and silent >= 0.5 * len(recent) else "check"
-        if action == "leave":
-            words = [f"{silent} of the last {len(recent)} nights saw no dead band."]
-        elif swinging > 0.5 * len(recent):
-            words = [f"The loop oscillated in {swinging} of the last {len(recent)} nights, so its dead band has no "
-                     "size.", "Have the tuning and the source of the oscillation looked at: backlash check."]
-        else:
-            reasons = sorted({code for _, code in wear.gaps[-RECENT:]})
-            words = ["No night gave an answer" + (f": {', '.join(reasons)}." if reasons else "."),
-                     "See the reasons of the last night and mend the export or the settings."]
     else:
-        (low, high), ratio = now.level_ci95, now.level / limit.value
-        near = now.growing or now.level > NEAR * limit.value or wear.state == "too_few_nights"
         if silent > 0.5 * len(recent):
-            action = "watch" if now.level > limit.value else "leave"
-        elif low > limit.value and confidence >= AGREE and now.nights >= ENOUGH:
+            action = "watch" if now.level > limit else "leave"
+        elif now.level_ci95[0] > limit and confidence >= AGREE and now.nights >= ENOUGH:
             action = "pull"
+        elif now.level > limit or days_left <= horizon:
+            action = "room"
         else:
-            action = "room" if now.level > limit.value or days_left <= horizon else "watch" if near else "leave"
-        where = "all above" if low > limit.value else "all below" if high < limit.value else "on both sides of"
-        words = [f"Dead band {percent(now.level)}, {ratio:.1f} times the limit of {percent(limit.value)} "
-                 f"({limit.source}).",
-                 f"95 % interval {percent(max(low, 0.0))} to {percent(high)}: {where} the limit.",
-                 f"Confidence {confidence:.0%} over the last {len(recent)} nights"
-                 + (f"; {silent} of them saw no dead band." if silent else "."),
-                 _trend_words(wear, now, days_left, horizon)]
-        if factor > 1.1:
-            words.append("The valve moves more than most: it wears faster and its dead band does more harm.")
-        elif factor < 0.9:
-            words.append("The valve moves less than most.")
+            near = now.growing or now.level > NEAR * limit or wear.state == "too_few_nights"
+            action = "watch" if near else "leave"
         # only growth that is sure counts
-        expected = max(now.level + (now.slope * horizon if now.growing and now.slope else 0.0), 0.0) / limit.value
-    return ORDER.index(action), -expected * confidence * factor, wear.loop, Place(
-        wear.loop, 0, action, TITLES[action], tuple(words), ratio, confidence)
-
-
-def _trend_words(wear: Wear, now: Segment, days_left: float, horizon: float) -> str:
-    if wear.state == "too_few_nights":
-        nights = now.nights + now.below
-        return f"Only {nights} night{'s' * (nights != 1)} since the last repair or start: too few for a trend."
-    if wear.state != "growing" or now.slope is None:
-        return "No trend: it is not getting worse for sure."
-    rate = f"Grows by {percent(30 * now.slope)} of span a month"
-    if wear.limit_date is None:
-        return f"{rate}, ever slower; if it goes on so it does not reach the limit."
-    if days_left > 3650:
-        return f"{rate}; the limit is years away."
-    day = day_of(wear.limit_date[0]).isoformat()
-    if days_left <= 0:
-        return f"{rate}; it passed the limit about {day}."
-    return (f"{rate}; it reaches the limit about {day}, in {days_left:.0f} days, "
-            f"{'within' if days_left <= horizon else 'after'} the horizon of {horizon:.0f} days.")
+        expected = max(now.level + (now.slope * horizon if now.growing and now.slope else 0.0), 0.0) / limit
+    return expected * confidence * factor, Place(
+        wear.loop, 0, action, now.level / limit if now else None, confidence, len(recent), silent, swinging,
+        tuple(sorted({code for _, code in wear.gaps[-RECENT:]})), factor, days_left, horizon)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..record import FloatArray
 from ..results import Verdict
-from ..results.history import DAY, HeldOut, Limit, Night, Repair, Segment, Wear, day_of, day_text, missing_days
+from ..results.history import DAY, HeldOut, Limit, Night, Repair, Segment, Wear, day_of, missing_days
 from .local_trend import BELIEF, ENOUGH, LEAST, LINE, Nights, Shocks, Trend, find_shocks, fit
 
 SAME_REPAIR = 5  # a drop found this close (in nights) to a marked repair is that repair
@@ -44,7 +44,7 @@ def wear(loop: str, nights: Sequence[Night], marked: Sequence[Repair], limit: Li
     repairs = sorted([*marked, *_found(loop, parts)], key=lambda r: r.time)
     if len(repairs) > len(marked):
         parts = _between(points, repairs)
-    out = Wear(loop, len(nights), limit, "no_estimate", "", tuple(part.segment() for part in parts if part.nights),
+    out = Wear(loop, len(nights), limit, "no_estimate", tuple(part.segment() for part in parts if part.nights),
                tuple(repairs), None, tuple(gaps), tuple(missing_days(covered)))
     # after the last repair nothing may have been measured yet: then no older slope speaks for the valve
     return _outlook(out, parts[-1])
@@ -144,7 +144,7 @@ def _found(loop: str, parts: Sequence[_Part]) -> list[Repair]:
                 continue
             midnight = nights[k].time // DAY * DAY
             time = midnight if midnight > nights[k - 1].time else 0.5 * (nights[k - 1].time + nights[k].time)
-            note = f"found: dead band fell from {percent(before)} to {percent(after)}"
+            note = f"found: dead band fell from {100 * before:.2g} % to {100 * after:.2g} %"
             out.append(Repair(loop, float(time), note, True, before, after))
     return out
 
@@ -209,44 +209,26 @@ def held_out(nights: Nights, shocks: Shocks) -> HeldOut | None:
 
 
 def _outlook(out: Wear, part: _Part) -> Wear:
-    """Return the wear with its state, sentence, model and the date of the limit in epoch seconds."""
-    limit, since, trend = out.limit.value, " since the last repair" if out.repairs else "", part.trend
-    segment = out.current
+    """Return the wear with its state, model and the date of the limit in epoch seconds."""
+    segment, trend = out.current, part.trend
     if not part.nights or segment is None:
-        return replace(out, message=f"no night{since} gives a size of the dead band")
-    over = segment.level > limit
-    now = f"now {percent(segment.level)}, {'above' if over else 'below'} the limit of {percent(limit)}"
+        return out
     if not segment.nights and segment.below >= ENOUGH:
-        return replace(out, state="no_trend", message=f"no night{since} shows a dead band; it is below "
-                       f"{percent(segment.level_ci95[1])}")
-    if trend is None or part.measured is None or segment.slope is None or segment.slope_ci95 is None:
-        n = segment.nights + segment.below
-        said = f"{n} night{'s' * (n != 1)} since the last repair or start"
-        return replace(out, state="too_few_nights", message=f"{said}; a trend needs {ENOUGH} with a size; {now}")
+        return replace(out, state="no_trend")
+    if trend is None or part.measured is None or segment.slope_ci95 is None:
+        return replace(out, state="too_few_nights")
     compared = held_out(part.measured, trend.shocks)
     # a line has to stand both tests: the nights that it has not seen, and all of them against trends that bend
     line = trend.straight >= UNLIKELY * BELIEF[LINE] and not trend.shocks.steps
     line = line and (compared is None or compared.line_holds)
-    out = replace(out, model="line" if line else "local", held_out=compared)
+    out = replace(out, model="line" if line else "local", held_out=compared, state="no_trend")
+    if segment.slope_ci95[0] <= 0 and not (trend.shocks.steps and trend.low[trend.nights - 1] > trend.high[0]):
+        return out
     used = fit(part.measured, trend.shocks, (LINE,)) if line else trend
-    low, high = segment.slope_ci95
-    rate = f"{100 * segment.slope:.2g} % of span per day (95 %: {100 * low:.2g} to {100 * high:.2g})"
-    if low <= 0 and not (trend.shocks.steps and trend.low[trend.nights - 1] > trend.high[0]):
-        word = "falls" if high < 0 else "shows no trend"
-        return replace(out, state="no_trend", message=f"the dead band {word}, {rate}; {now}")
-    grows = f"the dead band grows by {rate}" if low > 0 else f"the dead band grows in steps, of late by {rate}"
-    value, early, late = (DAY * day for day in used.reaches(limit))
+    value, early, late = (DAY * day for day in used.reaches(out.limit.value))
     if not np.isfinite(value):
-        return replace(out, state="growing", message=f"{grows}; {now}, which it does not reach if it goes on so")
-    value_day, first_day, last_day = (day_text(time) or "never" for time in (value, early, late))
-    verb = "was" if value <= out.segments[-1].last else "is"
-    message = (f"{grows}; now {percent(segment.level)}; the limit of {percent(limit)} {verb} reached about "
-               f"{value_day} (between {first_day} and {last_day}), by {MODELS[out.model]}")
-    return replace(out, state="growing", message=message, limit_date=(value, early, late),
-                   forecast=_forecast(used, value / DAY))
-
-
-MODELS = {"line": "a straight line", "local": "a trend that may bend"}
+        return replace(out, state="growing")
+    return replace(out, state="growing", limit_date=(value, early, late), forecast=_forecast(used, value / DAY))
 
 
 def _forecast(trend: Trend, date: float) -> tuple[tuple[float, float, float, float], ...]:
@@ -258,12 +240,3 @@ def _forecast(trend: Trend, date: float) -> tuple[tuple[float, float, float, flo
 def _points(trend: Trend, days: FloatArray) -> tuple[tuple[float, float, float, float], ...]:
     """Return (time, level, low, high) at days."""
     return tuple(zip((days * DAY).tolist(), *(y.tolist() for y in trend.at(days)), strict=True))
-
-
-def percent(value: float) -> str:
-    """Return a dead band in words.
-
-    >>> percent(0.0314)
-    '3.1 %'
-    """
-    return f"{100 * value:.2g} %"
