@@ -145,7 +145,7 @@ class Segment:
     level_first: float = 0.0
     level: float = 0.0  # at the last night
     level_ci95: tuple[float, float] = (0.0, 0.0)
-    path: tuple[tuple[float, float, float, float], ...] = ()  # (time, dead band, low, high) at every night
+    path: tuple[tuple[float, ...], ...] = ()  # (time, dead band, low, high) at every night
 
     @property
     def growing(self) -> bool:
@@ -189,7 +189,7 @@ class Wear:
     missing: tuple[str, ...] = ()  # days between the first and the last night without any export
     model: str = ""  # what the date comes from: "line" (straight) or "local" (a trend that may bend), if any
     held_out: HeldOut | None = None  # the two compared, None with too few nights
-    forecast: tuple[tuple[float, float, float, float], ...] = ()  # (time, dead band, low, high) to a date ahead
+    forecast: tuple[tuple[float, ...], ...] = ()  # (time, dead band, low, high) to a date ahead
 
     @property
     def current(self) -> Segment | None:
