@@ -315,13 +315,10 @@ def _with_shocks(nights: Nights) -> Nights:
             k = _place(nights.size, k, np.flatnonzero(gain[0] >= 0.0).tolist())
         more = replace(nights, steps=nights.steps | ((at == k) & (kind == 0)),
                        apart=nights.apart | ((at == k) & (kind == 1)))
-        if (with_it := _best(more)) <= best:  # a fast bend explains it as well
+        if (with_it := _best(more)) > best:
+            nights, best = more, with_it
+        else:  # a fast bend explains it as well
             refused[kind, k] = True
-            continue
-        nights, best = more, with_it
-        if kind == 0:  # it may explain nights that seemed to lie apart: they are looked at again
-            nights = replace(more, apart=np.zeros(len(nights), bool))
-            best = _best(nights)
     return nights
 
 

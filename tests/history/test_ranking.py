@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from backlash_cli.history.ranking import rank
+from backlash_cli.history.plant import rank
 from backlash_cli.history.store import night_of, night_row
 from backlash_cli.history.trend import wear
 from backlash_cli.reporter.templates import lines
