@@ -11,7 +11,7 @@ and steps are told by the residuals (P. de Jong, J. Penzer, Diagnosing shocks in
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import factorial, inf
 from typing import NamedTuple
 
@@ -84,7 +84,8 @@ CURVES = (*(Way(1, 32.0, r) for r in (-4.5, -3.0, -1.5, 1.5, 3.0)),
 BELIEF = {LINE: 0.1, **dict.fromkeys(CURVES, 0.03), **dict.fromkeys((Way(0, b) for b in (16.0, 8.0, 4.0, 2.0)), 0.07),
           **dict.fromkeys((Way(1, b) for b in (64.0, 32.0, 16.0, 8.0, 4.0, 2.5)), 0.025),
           **dict.fromkeys((Way(2, b) for b in (inf, 16.0, 8.0, 5.0, 3.2)), 0.05)}  # before a look at the nights
-STIFF = (LINE, Way(1, 32.0), Way(1, 16.0), Way(1, 11.0), Way(2), Way(2, 16.0), *CURVES)
+SMOOTH = [way for way in BELIEF if way.order]  # bend, but do not jump
+STIFF = (LINE, Way(1, 32.0), Way(1, 16.0), Way(2), Way(2, 16.0), *CURVES)  # do not follow a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +98,13 @@ class Nights:
     error: FloatArray
     apart: BoolArray
     steps: BoolArray
-    _covariance: dict[Way, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.days)
 
     def part(self, first: int, end: int) -> Nights:
         """Return some of them."""
-        return Nights(*(column[first:end] for column in list(vars(self).values())[:5]))
+        return Nights(*(column[first:end] for column in vars(self).values()))
 
     @property
     def spread(self) -> FloatArray:
@@ -116,29 +116,22 @@ class Nights:
         """Logarithm of the chance of such nights apart and steps, against that of none."""
         return float(self.apart.sum() * np.log(APART) + self.steps.sum() * np.log(STEPS))
 
-    def unknowns(self, way: Way, days: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what a unit of each unknown does to the level at `days` (days, unknowns), and their variance
-        beforehand: level and growth of the curve, how sharp it is, and the walk from night to night and day to day."""
+    def unknowns(self, way: Way, days: FloatArray) -> FloatArray:
+        """Return what each unknown, as large as it usually is, does to the level at `days`, (days, unknowns): level and
+        growth of the curve, how sharp it is, steps, and the walk from night to night and day to day."""
         k, usual = way.order, float(np.median(self.size))
         shapes = way.shapes((days - self.days[0]) / max(float(np.ptp(self.days)), 1.0))
-        columns = np.column_stack([np.ones(len(days)), shapes])
-        prior = np.full(columns.shape[1], (FAR * usual) ** 2)
+        columns = np.column_stack([FAR * usual * np.ones(len(days)), FAR * usual * shapes,
+                                   JUMP * usual * (days[:, None] >= self.days[self.steps])])
         if way.within == inf:
-            return columns, prior
+            return columns
         edges = np.append(self.days, np.unique(days[days > self.days[-1]]))
         since = days[:, None] - 0.5 * (edges[1:] + edges[:-1])
         walk = np.where(since > 0.0, since, 0.0) ** k / factorial(k) * (since > 0.0)
         step = max(float(np.median(np.diff(self.days))), 1e-3)
         # within so many nights it moves the level by as much as one night's error
         gain = np.interp(edges[:-1], self.days, self.error) ** 2 / (way.within ** (2 * k + 2) * step ** (2 * k + 1))
-        return np.column_stack([columns, walk]), np.append(prior, gain * np.diff(edges))
-
-    def covariance(self, way: Way) -> FloatArray:
-        """Return the covariance of the true levels, (nights, nights), before any is measured; steps apart."""
-        if way not in self._covariance:
-            columns, prior = self.unknowns(way, self.days)
-            self._covariance[way] = (columns * prior) @ columns.T
-        return self._covariance[way]
+        return np.column_stack([columns, np.sqrt(gain * np.diff(edges)) * walk])
 
 
 class Fit:
@@ -149,32 +142,25 @@ class Fit:
     """
 
     def __init__(self, nights: Nights, way: Way) -> None:
-        self.nights, self.way, self.jumps = nights, way, nights.days[nights.steps]
-        self.usual = float(np.median(nights.size))
-        self.jump = (JUMP * self.usual) ** 2
-        stepped = (nights.days[:, None] >= self.jumps).astype(float)
-        whole = nights.covariance(way) + self.jump * (stepped @ stepped.T) + np.diag(nights.spread**2)
-        self.root = cho_factor(whole, lower=True, check_finite=False)
+        self.nights, self.way, self.usual = nights, way, float(np.median(nights.size))
+        columns = nights.unknowns(way, nights.days)
+        self.root = cho_factor(columns @ columns.T + np.diag(nights.spread**2), lower=True, check_finite=False)
         off = nights.size - self.usual
         self.pull = cho_solve(self.root, off, check_finite=False)
         total, n = TRUST + float(off @ self.pull), TRUST + len(nights)
         logdet = 2.0 * float(np.log(np.diag(self.root[0])).sum())
         self.evidence, self.scale = -0.5 * logdet - 0.5 * n * float(np.log(total / TRUST)), total / n
-        self.score = self.evidence + float(np.log(BELIEF.get(way, 1.0))) + nights.belief
+        self.score = self.evidence + float(np.log(BELIEF[way])) + nights.belief
 
     def foreseen(self, days: FloatArray, month: float) -> tuple[FloatArray, FloatArray]:
         """Return mean and standard error of the level at `days`, the nights' and later ones, and, last, of the slope
         over the `month` before the last night: (days + 1,) each."""
         n, last = len(days), self.nights.days[-1]
-        asked = np.concatenate([days, [last, last - month], self.nights.days])
-        columns, prior = self.nights.unknowns(self.way, asked)
-        columns = np.column_stack([columns, asked[:, None] >= self.jumps])
-        prior = np.append(prior, np.full(len(self.jumps), self.jump))
-        known = columns[n + 2 :]
-        columns = np.vstack([columns[:n], (columns[n] - columns[n + 1]) / month])
-        cross = (columns * prior) @ known.T
+        columns = self.nights.unknowns(self.way, np.concatenate([days, [last, last - month], self.nights.days]))
+        asked = np.vstack([columns[:n], (columns[n] - columns[n + 1]) / month])
+        cross = asked @ columns[n + 2 :].T
         told = solve_triangular(self.root[0], cross.T, lower=True)
-        mean, variance = cross @ self.pull, columns**2 @ prior - (told**2).sum(axis=0)
+        mean, variance = cross @ self.pull, (asked**2).sum(axis=1) - (told**2).sum(axis=0)
         mean[:-1] += self.usual
         return mean, np.sqrt(self.scale * np.maximum(variance, 0.0))
 
@@ -297,12 +283,13 @@ def find_shocks(nights: Nights) -> Nights:
 
 def _with_shocks(nights: Nights) -> Nights:
     """Mark the shocks of one piece, the clearest first, until nothing is left that a trend cannot explain."""
-    at, best, refused = np.arange(len(nights)), _best(nights), np.zeros((2, len(nights)), bool)
+    at, refused = np.arange(len(nights)), np.zeros((2, len(nights)), bool)
     # log of the rareness of such shocks, and what a size that is not known costs
     of_step = STEPS * float(np.median(nights.error)) / (JUMP * float(np.median(nights.size)))
     cost = np.log(np.array([[of_step], [APART / WIDE]]))
+    fits = [Fit(nights, way) for way in SMOOTH]
     while len(nights) >= 2 * LEAST and refused.sum() < REFUSED:
-        found = max((Fit(nights, way) for way in STIFF), key=lambda f: f.evidence)
+        found = max((f for f in fits if f.way in STIFF), key=lambda f: f.evidence)
         edges = np.array([0, *np.flatnonzero(nights.steps), len(nights)])
         place = np.searchsorted(edges, at, "right")
         narrow = (at - edges[place - 1] < LEAST // 2) | (edges[place] - at < LEAST)
@@ -315,8 +302,9 @@ def _with_shocks(nights: Nights) -> Nights:
             k = _place(nights.size, k, np.flatnonzero(gain[0] >= 0.0).tolist())
         more = replace(nights, steps=nights.steps | ((at == k) & (kind == 0)),
                        apart=nights.apart | ((at == k) & (kind == 1)))
-        if (with_it := _best(more)) > best:
-            nights, best = more, with_it
+        with_it = [Fit(more, way) for way in SMOOTH]
+        if max(f.score for f in with_it) > max(f.score for f in fits):
+            nights, fits = more, with_it
         else:  # a fast bend explains it as well
             refused[kind, k] = True
     return nights
@@ -330,8 +318,3 @@ def _place(size: FloatArray, k: int, allowed: list[int]) -> int:
         return float(abs(high - low) - np.abs(before - high).mean() - np.abs(after - low).mean())
 
     return max((cut for cut in allowed if abs(cut - k) <= 2 * LEAST), key=lambda cut: (sharpness(cut), -abs(cut - k)))
-
-
-def _best(nights: Nights) -> float:
-    """Return how well trends that bend, but do not jump, explain the nights."""
-    return max(Fit(nights, way).score for way in BELIEF if way.order)
