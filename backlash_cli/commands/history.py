@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from ..errors import UsageError
 from . import options
@@ -34,17 +33,10 @@ wear_options = options.together(
 def read_profile(limits: Path | None, loops: Path | None) -> Limits:
     """Read the limits profile; classes that a loops file names (`limit_class`) go before patterns."""
     from ..history.limits import read_limits
-
-    profile = read_limits(limits)
-    if loops is None:
-        return profile
     from ..loaders.sources import read_metadata
 
-    metadata = read_metadata(loops)
-    chosen = {name: str(v.values["limit_class"]) for name, v in metadata.loops.items()
-              if "limit_class" in v.values and "limit_class" not in v.from_defaults}
-    default = metadata.defaults.get("limit_class")
-    return profile.with_classes(chosen, None if default is None else str(default), str(loops))
+    profile = read_limits(limits)
+    return profile if loops is None else profile.with_classes(read_metadata(loops), str(loops))
 
 
 @contextlib.contextmanager
@@ -107,12 +99,11 @@ def report(output: Path, **wear: Any) -> None:
 @loop_option
 @click.option("--runs", is_flag=True, help="List the runs instead of the loops.")
 @options.path("--export", "target", help="Write a table to this .csv or .parquet file.")
-@click.option("--table", metavar="NAME", default="nights", show_default=True,
-              help="What to export: nights, half_periods, repairs or runs.")
+@click.option("--table", metavar="NAME", help="What to export: nights (default), half_periods, repairs or runs.")
 @click.option("--repair", nargs=3, metavar="LOOP DATE NOTE", help="Enter a repair; wear starts anew on that day.")
 @click.option("--remove-repair", nargs=2, metavar="LOOP DATE", help="Take a repair back.")
-def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bool, target: Path | None, table: str,
-            repair: tuple[str, str, str] | None, remove_repair: tuple[str, str] | None) -> None:
+def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bool, target: Path | None,
+            table: str | None, repair: tuple[str, str, str] | None, remove_repair: tuple[str, str] | None) -> None:
     """List what a history holds, export it, or enter repairs.
 
     DB is the file given to scan --history. DATE is a day such as 2026-03-02, or a time in UTC such as
@@ -124,21 +115,21 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
     path = db or named
     if path is None:
         raise UsageError("which history?", remedy="name its file: backlash history backlash.db")
-    if target is None and click.get_current_context().get_parameter_source("table") != ParameterSource.DEFAULT:
+    if target is None and table is not None:
         raise UsageError(f"--table {table}: tables go to a file", remedy=f"add --export {table}.csv")
     with History(path, say=say) as store:
         names = chosen(store, loop)
-        if repair is not None:
+        if repair:
             say(mark(store, *repair))
-        if remove_repair is not None:
+        if remove_repair:
             say(unmark(store, *remove_repair))
         if target is not None:
             from ..reporter.tables import write_rows
 
-            rows = rows_of(store, table, names)
+            rows = rows_of(store, table or "nights", names)
             write_rows(rows, target)
-            say(f"{len(rows)} rows of {table} written to {target}")
-        if repair is None and remove_repair is None and target is None:
+            say(f"{len(rows)} rows of {table or 'nights'} written to {target}")
+        if not (repair or remove_repair or target):
             from ..reporter.history_report import loops_text, runs_text
 
             put(None, runs_text(store.runs()) if runs else loops_text(

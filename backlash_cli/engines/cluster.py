@@ -62,7 +62,15 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
     with contextlib.ExitStack() as stack:
         cluster, wanted = None, 1
         if scheduler is not None:
-            client = _client_of(scheduler)
+            try:
+                client = Client(scheduler, timeout=ANSWER, name="backlash")
+            except ValueError as error:
+                raise UsageError(f"this is no address of a scheduler: {error}", where=f"--scheduler {scheduler}",
+                                 remedy="for example --scheduler tcp://host:8786") from None
+            except Exception as error:
+                raise BacklashError(
+                    f"no scheduler answers: {_said(error)}", where=f"--scheduler {scheduler}", code="no_scheduler",
+                    remedy="check address and network; `dask scheduler` prints its address when it starts") from None
             stack.callback(client.close, timeout=5)
             _check_workers(client, scheduler, say)
         else:
@@ -82,20 +90,6 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
         stack.callback(guard.join, 5)
         stack.callback(ended.set)
         yield client
-
-
-def _client_of(scheduler: str) -> Client:
-    from distributed import Client
-
-    try:
-        return Client(scheduler, timeout=ANSWER, name="backlash")
-    except ValueError as error:
-        raise UsageError(f"this is no address of a scheduler: {error}", where=f"--scheduler {scheduler}",
-                         remedy="for example --scheduler tcp://host:8786") from None
-    except Exception as error:
-        raise BacklashError(f"no scheduler answers: {_said(error)}", where=f"--scheduler {scheduler}",
-                            remedy="check address and network; `dask scheduler` prints its address when it starts",
-                            code="no_scheduler") from None
 
 
 def _check_workers(client: Client, scheduler: str, say: Callable[[str], None]) -> None:
@@ -152,24 +146,28 @@ def watch(client: Any, cluster: Any, wanted: int, say: Callable[[str], None], en
             continue
 
 
+def threads(client: Client) -> int:
+    """Number of loops that a cluster works on at once."""
+    return sum(client.nthreads().values())
+
+
 def on_cluster(client: Client, items: Sequence[Item], work: Callable[[Item], Result],
-               lost: Callable[[Item, Note], Result], ahead: int | None = None,
-               pack: Callable[[Item], Item] = lambda item: item) -> Iterator[Result]:
-    """Yield the result of `work` for every item, in order; at most `ahead` items are on their way at once.
+               lost: Callable[[Item, Note], Result], count: int, pack: Callable[[Item], Item]) -> Iterator[Result]:
+    """Yield the result of `work` for every item, in order.
 
     work: a function that workers can import, and that answers for its own failures. lost: makes the result of an item
-    whose workers died. pack: makes of an item what can be sent to another machine. Raises what `work` raises
-    of BacklashError, and one when the scheduler is gone. Closing the iterator stops the work.
+    whose workers died. count: so many are worked on at once, and nearly as many wait. pack: makes of an item what can
+    be sent to another machine. Raises what `work` raises of BacklashError, and one when the scheduler is gone. Closing
+    the iterator stops the work.
     """
     waiting: list[Future] = []
-    ahead = ahead or 2 * sum(client.nthreads().values())
 
     def send(item: Item) -> Future:
         return client.submit(_worked, work, pickle.dumps(pack(item)), pure=False)
 
     try:
         for position, item in enumerate(items):
-            waiting += [send(coming) for coming in items[position + len(waiting) : position + ahead]]
+            waiting += [send(coming) for coming in items[position + len(waiting) : position + 2 * count - 1]]
             for _ in range(ATTEMPTS):
                 outcome = _outcome(client, waiting[0])
                 if type(outcome).__name__ not in _GONE:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..errors import BacklashError
 from ..history.unfinished import Unfinished
@@ -24,7 +24,7 @@ from ..loaders.join import Joiner, failure
 from ..record import Note, Record
 from ..results import LoopReport, Verdict
 from ..scanning import ScanOptions, scan, scan_blocks
-from .cluster import cores, on_cluster
+from .cluster import cores, on_cluster, threads
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -66,35 +66,37 @@ def analyse(loops: Sequence[Loop], options: ScanOptions | None = None, *, jobs: 
 
 def _analysed(loops: list[Loop], options: ScanOptions, jobs: int | None, keep: Unfinished | None,
               client: Client | None) -> Iterator[Found]:
-    count = processes(loops, jobs, confirm=options.confirm) if client is None else sum(client.nthreads().values())
+    count = processes(loops, jobs, confirm=options.confirm) if client is None else threads(client)
     if count == 1 and client is None:
         yield from analyse_group(loops, options, keep)
         return
     work = partial(_listed, options=options, keep=keep if client is None else None)
 
-    def dealt(groups: list[tuple[Loop, ...]], count: int) -> Iterator[list[Found]]:
-        if client is None:
-            return in_processes(groups, work, lost, count)
-        return on_cluster(client, groups, work, lost, 2 * count - 1, _packed)
-
     def lost(group: tuple[Loop, ...], reason: Note) -> list[Found]:
         """A process died over some loops: each is tried by itself, so that only the one to blame is lost."""
         if len(group) == 1:
             return [failed(group[0], reason)]
-        return [one for found in dealt([(loop,) for loop in group], 1) for one in found]
+        return [one for found in _dealt([(loop,) for loop in group], work, lost, 1, client) for one in found]
 
     size = max(1, min(PER_TASK, len(loops) // (4 * count)))
     groups = [tuple(loops[i : i + size]) for i in range(0, len(loops), size)]
-    for group, found in zip(groups, dealt(groups, count), strict=True):
+    for group, found in zip(groups, _dealt(groups, work, lost, count, client), strict=True):
         for loop, one in zip(group, found, strict=True):
-            if keep is not None and client is not None and isinstance(loop, Recipe) and isinstance(one, LoopReport):
-                keep.add(loop.key, one)
+            if keep is not None and client is not None:
+                keep.add(getattr(loop, "key", ""), one)
             yield one
 
 
-def _packed(group: tuple[Loop, ...]) -> tuple[Loop, ...]:
+def _dealt(items: Sequence[Item], work: Callable[[Item], Result], lost: Callable[[Item, Note], Result], count: int,
+           client: Client | None) -> Iterator[Result]:
+    """Yield the result of `work` for every item, in order, worked out in `count` processes or on the cluster."""
+    return in_processes(items, work, lost, count) if client is None else on_cluster(
+        client, items, work, lost, count, _packed)
+
+
+def _packed(item: Any) -> Any:
     """What is sent to another machine, which has no part in the scratch file of this one."""
-    return tuple(loop.packed() if isinstance(loop, Recipe) else loop for loop in group)
+    return [loop.packed() if isinstance(loop, Recipe) else loop for loop in item] if isinstance(item, tuple) else item
 
 
 def _listed(group: Sequence[Loop], options: ScanOptions, keep: Unfinished | None) -> list[Found]:
@@ -115,8 +117,8 @@ def analyse_group(group: Sequence[Loop], options: ScanOptions, keep: Unfinished 
             yield failed(loop, Note("internal_error", f"reading failed: {type(error).__name__}: {error}"))
             continue
         report = analyse_loop(record, options, long)
-        if keep is not None and isinstance(loop, Recipe):
-            keep.add(loop.key, report)
+        if keep is not None:
+            keep.add(getattr(loop, "key", ""), report)
         yield report
 
 
@@ -153,12 +155,8 @@ def answers(records: Sequence[Record], work: Callable[[Record], Result], *, jobs
     does the work. Closing the iterator stops the work.
     """
     guarded = partial(_answer, work=work)
-    if client is not None:
-        return on_cluster(client, records, guarded, _no_answer)
-    count = max(1, min(len(records), cores() if jobs is None else jobs))
-    if count == 1:
-        return (guarded(record) for record in records)
-    return in_processes(records, guarded, _no_answer, count)
+    count = threads(client) if client else max(1, min(len(records), cores() if jobs is None else jobs))
+    return _dealt(records, guarded, _no_answer, count, client) if count > 1 or client else map(guarded, records)
 
 
 def _answer(record: Record, work: Callable[[Record], Result]) -> Result | Note:

@@ -7,13 +7,16 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 
 from ..errors import MetadataError, nearest
 from ..results.history import Limit
 from ..toml_text import Page, checked, line_of, parsed, read_page
+
+if TYPE_CHECKING:
+    from ..settings import Metadata
 
 
 class _Profile(Page, frozen=True):
@@ -60,16 +63,18 @@ class Limits:
             raise MetadataError(f"no class {name!r}", where=where, remedy=nearest(name, self.classes))
         return name
 
-    def with_classes(self, chosen: Mapping[str, str], default: str | None, where: str) -> Limits:
+    def with_classes(self, settings: Metadata, where: str) -> Limits:
         """Return a copy in which loops have the class that their settings name; the profile's own loops go first.
 
-        chosen: loop -> class, default: class of the loops that have none, both from the loops file `where`.
-        Raises MetadataError for a class that the profile does not know.
+        settings: of the loops file `where`. Raises MetadataError for a class that the profile does not know.
         """
-        where = f"{where}, limit_class"
-        loops = {loop: self.classes[self.known(name, where)] for loop, name in chosen.items()}
-        return replace(self, default=self.default if default is None else self.known(default, where),
-                       loops={**loops, **self.loops})
+        def named(values: Mapping[str, Any]) -> str:
+            return self.known(str(values["limit_class"]), f"{where}, limit_class")
+
+        loops = {loop: self.classes[named(own.values)] for loop, own in settings.loops.items()
+                 if "limit_class" in own.values and "limit_class" not in own.from_defaults}
+        default = named(settings.defaults) if "limit_class" in settings.defaults else self.default
+        return replace(self, default=default, loops={**loops, **self.loops})
 
 
 def read_limits(path: str | Path | None = None) -> Limits:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.special import expit, ndtr
+from scipy.special import expit, ndtr, softmax
 
 from ..record import FloatArray
 from ..results.history import DAY
@@ -85,7 +85,7 @@ BELIEF = {LINE: 0.1, **dict.fromkeys(CURVES, 0.03), **dict.fromkeys((Way(0, b) f
           **dict.fromkeys((Way(1, b) for b in (64.0, 32.0, 16.0, 8.0, 4.0, 2.5)), 0.025),
           **dict.fromkeys((Way(2, b) for b in (inf, 16.0, 8.0, 5.0, 3.2)), 0.05)}  # before a look at the nights
 SMOOTH = [way for way in BELIEF if way.order]  # bend, but do not jump
-STIFF = (LINE, Way(1, 32.0), Way(1, 16.0), Way(2), Way(2, 16.0), *CURVES)  # do not follow a step
+STIFF = (LINE, Way(1, 32.0), Way(1, 16.0), Way(1, 8.0), Way(2), Way(2, 16.0), *CURVES)  # do not follow a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +111,6 @@ class Nights:
         """Standard error of each night, as it counts."""
         return np.where(self.apart, WIDE, 1.0) * self.error
 
-    @property
-    def belief(self) -> float:
-        """Logarithm of the chance of such nights apart and steps, against that of none."""
-        return float(self.apart.sum() * np.log(APART) + self.steps.sum() * np.log(STEPS))
-
     def unknowns(self, way: Way, days: FloatArray) -> FloatArray:
         """Return what each unknown, as large as it usually is, does to the level at `days`, (days, unknowns): level and
         growth of the curve, how sharp it is, steps, and the walk from night to night and day to day."""
@@ -137,8 +132,8 @@ class Nights:
 class Fit:
     """One way to bend through the nights.
 
-    evidence: log likelihood with the scale of the noise integrated out (inverse gamma about 1); scale: mean of that;
-    score: evidence and belief.
+    evidence: log likelihood with the scale of the noise integrated out (inverse gamma about 1); scale: mean of that.
+    score: evidence, and belief in the way and its shocks.
     """
 
     def __init__(self, nights: Nights, way: Way) -> None:
@@ -150,7 +145,8 @@ class Fit:
         total, n = TRUST + float(off @ self.pull), TRUST + len(nights)
         logdet = 2.0 * float(np.log(np.diag(self.root[0])).sum())
         self.evidence, self.scale = -0.5 * logdet - 0.5 * n * float(np.log(total / TRUST)), total / n
-        self.score = self.evidence + float(np.log(BELIEF[way])) + nights.belief
+        rare = nights.apart.sum() * np.log(APART) + nights.steps.sum() * np.log(STEPS)
+        self.score = self.evidence + float(np.log(BELIEF[way]) + rare)
 
     def foreseen(self, days: FloatArray, month: float) -> tuple[FloatArray, FloatArray]:
         """Return mean and standard error of the level at `days`, the nights' and later ones, and, last, of the slope
@@ -175,16 +171,14 @@ class Fit:
 @dataclass(frozen=True, eq=False)
 class Trend:
     """The dead band of `nights` and beyond, over days, (points,) each: level, low and high end of its 95 % interval.
-
-    slope: mean over the last month [span/day], and its interval. straight: how much the nights speak for a line.
-    """
+    slope: mean over the last month [span/day], and its interval. straight: how much the nights speak for a line."""
 
     nights: Nights
     days: FloatArray
     level: FloatArray
     low: FloatArray
     high: FloatArray
-    slope: tuple[float, float, float]
+    slope: tuple[float, ...]
     straight: float
 
     def at(self, days: FloatArray | float) -> FloatArray:
@@ -216,13 +210,15 @@ def fit(nights: Nights, ways: Iterable[Way] = tuple(BELIEF)) -> Trend:
     ways, data = tuple(ways), _thinned(nights)
     tried = [Fit(data, way) for way in ways]
     score = [f.score for f in tried]
-    for k in _maybe_steps(data, max(tried, key=lambda f: f.evidence)):
+    # steps that may be: the likeliest, and those of the last nights where these lie apart
+    size = max(tried, key=lambda f: f.evidence).shocks()[0] * ~data.steps
+    likely = [k for k in np.argsort(-size)[:OPEN] if size[k] > MAYBE]
+    for k in dict.fromkeys([*likely, *(k for k in np.flatnonzero(data.apart) if k > len(data) - LEAST)]):
         after = np.arange(len(data)) - k
         other = replace(data, apart=data.apart & ((after < 0) | (after >= LEAST)), steps=data.steps | (after == 0))
         tried += (doubtful := [Fit(other, way) for way in ways])
         score += [f.score + float(np.log(DOUBT)) for f in doubtful]
-    weight = np.exp(np.array(score) - max(score))
-    weight /= weight.sum()
+    weight = softmax(score)
     straight = float(sum(w for w, f in zip(weight, tried, strict=True) if f.way == LINE))
     days, last = np.append(nights.days, nights.days[-1] + LATER[1:]), nights.days[-1:]
     month = max(min(MONTH, float(last[0] - nights.days[0])), 1e-9)
@@ -235,8 +231,7 @@ def fit(nights: Nights, ways: Iterable[Way] = tuple(BELIEF)) -> Trend:
     mean[:, :-1] += jumps.sum() * later
     error[:, :-1] = np.sqrt(error[:, :-1] ** 2 + (jumps**2).sum() * later)
     found = _quantiles(mean, np.maximum(WIDER * error, 1e-12), weight[speaking])
-    slope, low, high = found[:, -1].tolist()
-    return Trend(nights, days, found[0, :-1], found[1, :-1], found[2, :-1], (slope, low, high), straight)
+    return Trend(nights, days, found[0, :-1], found[1, :-1], found[2, :-1], tuple(found[:, -1].tolist()), straight)
 
 
 def _quantiles(mean: FloatArray, error: FloatArray, weight: FloatArray) -> FloatArray:
@@ -260,14 +255,6 @@ def _thinned(nights: Nights) -> Nights:
     weight = np.add.reduceat(nights.spread**-2, starts)
     days, size = (np.add.reduceat(x * nights.spread**-2, starts) / weight for x in (nights.days, nights.size))
     return Nights(days, size, weight**-0.5, np.zeros(len(starts), bool), nights.steps[starts])
-
-
-def _maybe_steps(nights: Nights, found: Fit) -> list[int]:
-    """Return the positions of steps that may be: the likeliest, and those of the last nights where these lie apart."""
-    size = np.where(nights.steps, 0.0, found.shocks()[0])
-    likely = [int(k) for k in np.argsort(-size)[:OPEN] if size[k] > MAYBE]
-    late = (int(k) for k in np.flatnonzero(nights.apart) if k > len(nights) - LEAST)
-    return list(dict.fromkeys([*likely, *late])) if len(nights) >= ENOUGH else []
 
 
 def find_shocks(nights: Nights) -> Nights:

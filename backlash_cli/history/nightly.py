@@ -22,7 +22,6 @@ from ..toml_text import Page, checked, line_of, parsed, read_page
 
 READING = ("time_format", "timezone", "interpolation", "delimiter", "decimal", "encoding", "layout", "columns",
            "header_row", "only_loops", "good_quality", "auto_modes")
-SCAN_SUFFIXES = (".html", ".json", ".csv", ".parquet")
 _DATE = re.compile(r"\{date(?::([^{}]*))?\}")
 CODES = "YymdjHMSb%"  # of a date, as in strftime; each is written in as many characters every day
 Count = Annotated[int, msgspec.Meta(gt=0, lt=1_000_000)]
@@ -33,7 +32,7 @@ class Outputs(Page, frozen=True):
     scan reports stay."""
 
     report: Path | None = None
-    scan: str | None = None
+    scan: Annotated[str, msgspec.Meta(pattern=r"(?i)\{date.*\.(html|json|csv|parquet)$")] | None = None
     trend: Path | None = None
     keep: Count = 30
 
@@ -83,22 +82,17 @@ def read_config(path: str | Path) -> NightlyConfig:
 
     text, where = read_page(path, "the configuration", f"check the path; {example}"), str(path)
     page = checked(parsed(text, where), NightlyConfig, where, text, remedy=example, hook=beside,
-                   words={"format": "give one of: text, json", "inputs": "give a text in quotes or a list of them"})
+                   words={"format": "give one of: text, json", "inputs": "give a text in quotes or a list of them",
+                          "scan": "the name of a night's report needs its date and an ending: .html, .json, .csv "
+                                  "or .parquet, for example scans/{date}.html"})
     for key in [key for key in page.reading if key not in READING]:
         raise MetadataError(f"unknown key {key!r}", where=line_of(text, where, "reading", key),
                             remedy=nearest(key, READING))
-    scan, line = page.outputs.scan, line_of(text, where, "outputs", "scan")
-    if scan is not None and "{date" not in scan:
-        raise MetadataError("the name of a night's report needs its date", where=line,
-                            remedy='for example scan = "scans/{date}.html"')
-    if scan is not None and Path(scan).suffix.lower() not in SCAN_SUFFIXES:
-        raise MetadataError(f"no report with the ending {Path(scan).suffix!r}", where=line,
-                            remedy=f"one of: {', '.join(SCAN_SUFFIXES)}")
     inputs, fail_on = ((value,) if isinstance(value, str) else value for value in (page.inputs, page.fail_on))
     return msgspec.structs.replace(
         page, path=path, inputs=tuple(str(path.parent / pattern) for pattern in inputs), fail_on=fail_on,
         lock=page.lock if page.lock.name else page.history.with_name(page.history.name + ".lock"),
-        outputs=msgspec.structs.replace(page.outputs, scan=scan and str(path.parent / scan)),
+        outputs=msgspec.structs.replace(page.outputs, scan=page.outputs.scan and str(path.parent / page.outputs.scan)),
         reading={key: tuple(value) if isinstance(value, list) else value for key, value in page.reading.items()})
 
 

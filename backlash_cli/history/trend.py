@@ -10,13 +10,15 @@ The time of a night is the middle of its data; the clock is never asked.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import generic_filter
+from scipy.stats import binom
 
-from ..record import FloatArray
 from ..results import Verdict
 from ..results.history import DAY, HeldOut, Limit, Night, Repair, Segment, Wear, day_of, missing_days
 from .local_trend import BELIEF, ENOUGH, LEAST, LINE, Nights, Trend, find_shocks, fit
@@ -130,7 +132,8 @@ def measurements(sized: Sequence[Night]) -> Nights:
     """
     time, size = np.array([[p.time / DAY, p.d] for p in sized], float).T
     half = np.array([0.5 * (p.ci95[1] - p.ci95[0]) if p.ci95 else np.nan for p in sized])
-    usual, level = _running_median(half), _running_median(size)
+    with warnings.catch_warnings(action="ignore"):  # nights without an interval have none about them
+        usual, level = (generic_filter(x, np.nanmedian, WINDOW, mode="constant", cval=np.nan) for x in (half, size))
     scatter = float(np.median(np.abs(np.diff(size)))) / 0.6745 / 2**0.5 if len(size) > 1 else 0.0
     error = np.where(half > 2.0 * usual, half, usual) / 1.96
     error = np.where(np.isfinite(error), error, np.nanmedian(error) if np.isfinite(error).any() else scatter)
@@ -146,12 +149,6 @@ def measurements(sized: Sequence[Night]) -> Nights:
     return Nights(time, size, error, *np.zeros((2, len(size)), bool))
 
 
-def _running_median(x: FloatArray) -> FloatArray:
-    """Return the median of the WINDOW nights about each night; NaN where none of them has a value."""
-    near = (x[max(0, k - WINDOW // 2) : k + WINDOW // 2 + 1] for k in range(len(x)))
-    return np.array([np.median(v) if len(v := part[np.isfinite(part)]) else np.nan for part in near])
-
-
 def _found(loop: str, parts: Sequence[Part]) -> list[Repair]:
     """Return repairs seen in the data that nobody marked; searched between the marked ones.
 
@@ -160,19 +157,18 @@ def _found(loop: str, parts: Sequence[Part]) -> list[Repair]:
     """
     out = []
     for number, (nights, _, trend) in enumerate(parts):
-        sized, falls = [p for p in nights if p.measured], []
-        if trend is not None:
-            level = trend.level.tolist()
-            falls = [(nights.index(sized[k]), level[k - 1], level[k]) for k in np.flatnonzero(trend.nights.steps)
-                     if _fell(level[k - 1], level[k])]
+        sized = [k for k, p in enumerate(nights) if p.measured]
+        steps = [] if trend is None else [(k, *trend.level[k - 1 : k + 1].tolist()) for k in
+                                          np.flatnonzero(trend.nights.steps)]
+        falls = [(sized[k], before, after) for k, before, after in steps if _fell(before, after)]
         falls += [fall for fall in _falls_silent(nights) if all(abs(fall[0] - k) > WINDOW for k, _, _ in falls)]
         for k, before, after in sorted(falls):
             if (number and k <= SAME_REPAIR) or (number + 1 < len(parts) and len(nights) - k <= SAME_REPAIR):
                 continue
-            midnight, between = nights[k].time // DAY * DAY, 0.5 * (nights[k - 1].time + nights[k].time)
+            last, first = nights[k - 1].time, nights[k].time
+            midnight = first // DAY * DAY
             note = f"found: dead band fell from {100 * before:.2g} % to {100 * after:.2g} %"
-            time = midnight if midnight > nights[k - 1].time else between
-            out.append(Repair(loop, float(time), note, True, before, after))
+            out.append(Repair(loop, midnight if midnight > last else 0.5 * (last + first), note, True, before, after))
     return out
 
 
@@ -182,8 +178,6 @@ def _fell(before: float, after: float) -> bool:
 
 def _falls_silent(part: Sequence[Night]) -> list[tuple[int, float, float]]:
     """Return where nearly all nights fall silent, so many that they cannot have missed the dead band by chance."""
-    from scipy.stats import binom
-
     silent = np.array([p.d is None for p in part], bool)
     value = np.array([p.limit_of_detection if p.d is None else p.d for p in part], float)
     found: list[tuple[int, float, float]] = []

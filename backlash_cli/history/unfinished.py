@@ -21,6 +21,7 @@ import numpy as np
 
 from .._version import __version__
 from ..errors import BacklashError
+from ..record import Note
 from ..results import LoopReport, Verdict
 from .database import check_folder
 
@@ -59,12 +60,12 @@ class Unfinished:
                 if path.stat().st_mtime < time.time() - KEPT:
                     path.unlink()
 
-    def add(self, key: str, report: LoopReport) -> None:
+    def add(self, key: str, report: LoopReport | Note) -> None:
         """Keep the report of a finished loop; one that failed is tried again next time. key: empty, nothing is kept.
 
         A full disk costs no more than the resuming.
         """
-        if not key or report.verdict is Verdict.ERROR:
+        if not key or isinstance(report, Note) or report.verdict is Verdict.ERROR:
             return
         with contextlib.suppress(OSError, TypeError, ValueError, OverflowError):
             text = key.encode() + b" " + to_text(report)
