@@ -23,7 +23,7 @@ from .._version import __version__
 from ..errors import BacklashError
 from ..record import Note
 from ..results import LoopReport, Verdict
-from .database import check_folder
+from .store import check_folder
 
 KEPT = 30 * 86400.0  # seconds; what a stopped scan left is no use any more
 

@@ -14,9 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.errors import BacklashError
-from backlash_cli.history.database import APPLICATION, STEPS
 from backlash_cli.history.joins import active
-from backlash_cli.history.store import History
+from backlash_cli.history.store import APPLICATION, STEPS, History
 from backlash_cli.results import Verdict
 from tests.history.nights import DAY, MARCH, cut, growing, made, result
 from tests.test_scan import RECORD
