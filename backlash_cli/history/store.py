@@ -72,8 +72,7 @@ _WRONG = {
     sqlite3.SQLITE_IOERR: ("the disk reports an error", "check the disk; the history holds what it held before"),
 }
 EARLIEST, LATEST = 6e10, 2.5e11  # epoch seconds: year 68 to 9892
-OF_NIGHT = "(loop, start, end) = (:loop, :start, :end)"
-OF_HALVES = "(loop, night_start, night_end) = (:loop, :start, :end)"
+OF_NIGHT = "WHERE (loop, night_start, night_end) = (:loop, :start, :end)"
 _EVIDENCE = {"cluster": ("d", "n", "share", "spread"), "confirmation": ("d", "delta_bic", "error_reduction"),
              "compensator": ("gain", "scheme", "reason")}  # what the report page shows of a night beside its size
 
@@ -130,12 +129,11 @@ class History:
                         continue
                     row = night_row(report)
                     rows.append(row)
-                    key = {name: row[name] for name in ("loop", "start", "end")}
-                    known = self.rows(f"SELECT digest FROM nights WHERE {OF_NIGHT}", key)
+                    known = self.rows("SELECT digest FROM nights WHERE (loop, start, end) = (:loop, :start, :end)", row)
                     what = "new" if not known else "revised" if known[0]["digest"] != row["digest"] else "unchanged"
                     done[what].append((row["loop"], day_of(0.5 * (row["start"] + row["end"])).isoformat()))
                     if what != "unchanged":
-                        self.rows(f"DELETE FROM half_periods WHERE {OF_HALVES}", key)
+                        self.rows(f"DELETE FROM half_periods {OF_NIGHT}", row)
                         self.insert("nights", [{**row, "carry": report.carry}])
                         self.insert("half_periods", [half_period_row(row, e) for e in report.estimates], "IGNORE")
                 if rows:
@@ -160,36 +158,35 @@ class History:
 
     def nights(self, loop: str) -> list[Night]:
         """Return the nights of a loop in time order; an export inside a longer one is left out."""
-        rows = self.rows("SELECT * FROM nights WHERE loop = ? ORDER BY start, end", [loop])
-        counting = set(active([(row["start"], row["end"]) for row in rows]))
-        return [night_of(row) for row in rows if (row["start"], row["end"]) in counting]
+        return [night_of(row) for row in self._nights(loop)]
+
+    def _nights(self, loop: str) -> list[dict[str, Any]]:
+        rows = {(row["start"], row["end"]): row for row in self.rows("SELECT * FROM nights WHERE loop = ?", [loop])}
+        return [rows[span] for span in active([*rows])]
 
     def half_periods(self, loop: str, days: float = math.inf) -> list[HalfPeriod]:
         """Return the half periods of a loop in time order, each moment once, joined where nights meet.
 
         days: only of nights that end within so many days before the last.
         """
-        spans = active([(row["start"], row["end"]) for row in self.rows(
-            "SELECT start, end FROM nights WHERE loop = ?", [loop])])
-        since = max((end for _, end in spans), default=0.0) - days * DAY
+        rows = self._nights(loop)
+        since = max((row["end"] for row in rows), default=0.0) - days * DAY
         found: list[HalfPeriod] = []
         before: tuple[Carry, float] | None = None
-        for span in spans[max(sum(end <= since for _, end in spans) - 1, 0) :]:
-            key = {"loop": loop, "start": span[0], "end": span[1]}
-            (row,) = self.rows(f"SELECT * FROM nights WHERE {OF_NIGHT}", key)
-            own = self.rows(f"SELECT * FROM half_periods WHERE {OF_HALVES}", key)
+        for row in rows[max(sum(row["end"] <= since for row in rows) - 1, 0) :]:
+            own = self.rows(f"SELECT * FROM half_periods {OF_NIGHT}", row)
             if row["carry"] is None:
                 before = None
             else:
                 carry, settings = unpack(row["carry"]), msgspec.convert(row["settings"], LoopSettings)
-                start = span[0] - float(carry.head[0][0]) * carry.interval
+                start = row["start"] - float(carry.head[0][0]) * carry.interval
                 if before is not None:  # those that go over the cut take the place of the night's own
                     halves, until, tail = join(*before, carry, start, settings)
                     own = [*(r for r in own if r["start"] >= until - 0.002),
                            *({**half_period_row(row, e), "joined": 1} for e in halves)]
                     carry = replace(carry, tail=tail or carry.tail)
                 before = carry, start
-            if span[1] > since:
+            if row["end"] > since:
                 found += msgspec.convert(own, list[HalfPeriod], strict=False)
         return distinct(found)
 
@@ -209,7 +206,8 @@ class History:
     def remove_repair(self, loop: str, time: float) -> bool:
         """Take back a repair; False when there was none."""
         with self.transaction():
-            return bool(self.rows("DELETE FROM repairs WHERE loop = ? AND time = ? RETURNING time", [loop, time]))
+            done = self.db.execute("DELETE FROM repairs WHERE loop = ? AND time = ?", [loop, time]).rowcount
+        return bool(done)
 
     def runs(self) -> list[Run]:
         """Return the runs that added to the history, in the order of their data."""
