@@ -49,7 +49,12 @@ def nightly(config: Path, check: bool) -> int:
     Exit status: 0 done; 1 a fail_on rule was met; 2 wrong use, another job works, or nothing could be read; 3 done,
     but some export or loop could not be analysed.
     """
-    from ..history.nightly import read_config
+    from ..history.nightly import lock, read_config
+    from ..history.plant import plant_history
+    from ..history.store import History
+    from ..reporter.files import write_text
+    from ..reporter.history_report import trend, write_report
+    from ..reporter.scan_report import met, parse_rules
 
     settings = read_config(config)
     if check:
@@ -57,10 +62,37 @@ def nightly(config: Path, check: bool) -> int:
         lines = [f"{e.name}: {', '.join(terminal(path.name) for path in e.files)}\n" for e in found]
         emit("".join([*lines, *(f"{day}: missing\n" for day in missing)]))
         return 0
+    done: Done = defaultdict(list)
+    outputs = settings.outputs
     with open_log(settings.log.file, settings.log.format) as log:
-        summary, status = run(settings, log)
+        limits = read_profile(settings.limits, settings.loops)
+        rules = parse_rules((rule for rule in settings.fail_on if rule != PULL), f"{config}, fail_on")
+        with lock(settings.lock) as stale:
+            if stale:
+                log(stale, "warning")
+            found, done["missing"] = _exports(settings)
+            with History(settings.history, create=True, say=lambda text: log(text, "warning")) as store:
+                newest = _scan_all(settings, found, store, log, done)
+                if not done["scanned"] + done["known"]:
+                    raise InputError(f"none of {len(found)} exports could be read", where=str(config),
+                                     remedy="see the log for the reason of each")
+                plant = plant_history(store, limits, horizon=settings.horizon)
+                for path in filter(None, (outputs.report, outputs.trend)):
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                if outputs.report is not None:
+                    write_report(outputs.report, plant.places, plant.wears, plant.nights, store.recent_half_periods)
+                    log("report", path=str(outputs.report))
+                if outputs.trend is not None:
+                    write_text(outputs.trend, trend(plant.wears, plant.places).json())
+        for day in done["missing"]:
+            log("missing", "warning", night=day)
+        hits = met(rules, newest.loops) if newest else []
+        hits += [p.loop for p in plant.places if p.action == PULL and PULL in settings.fail_on]
+        done["alarm"] = sorted(set(hits))
+        summary = _summary(settings, done, plant)
+        log("done", summary=summary)
     emit(summary + "\n")
-    return status
+    return 1 if hits else 3 if done["failed"] or done["incomplete"] else 0
 
 
 @contextlib.contextmanager
@@ -92,48 +124,6 @@ def open_log(path: Path | None, form: str) -> Iterator[Log]:
 
     with stream or contextlib.nullcontext():
         yield log
-
-
-def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
-    """Do one run and return its summary line and exit status.
-
-    Raises BacklashError when nothing can be done: wrong configuration, another job, no export that can be read.
-    """
-    from ..history.nightly import lock
-    from ..history.plant import plant_history
-    from ..history.store import History
-    from ..reporter.files import write_text
-    from ..reporter.history_report import trend, write_report
-    from ..reporter.scan_report import met, parse_rules
-
-    limits, outputs = read_profile(config.limits, config.loops), config.outputs
-    rules = parse_rules((rule for rule in config.fail_on if rule != PULL), f"{config.path}, fail_on")
-    done: Done = defaultdict(list)
-    with lock(config.lock) as stale:
-        if stale:
-            log(stale, "warning")
-        found, done["missing"] = _exports(config)
-        with History(config.history, create=True, say=lambda text: log(text, "warning")) as store:
-            newest = _scan_all(config, found, store, log, done)
-            if not done["scanned"] + done["known"]:
-                raise InputError(f"none of {len(found)} exports could be read", where=str(config.path),
-                                 remedy="see the log for the reason of each")
-            plant = plant_history(store, limits, horizon=config.horizon)
-            for path in filter(None, (outputs.report, outputs.trend)):
-                path.parent.mkdir(parents=True, exist_ok=True)
-            if outputs.report is not None:
-                write_report(outputs.report, plant.places, plant.wears, plant.nights, store.recent_half_periods)
-                log("report", path=str(outputs.report))
-            if outputs.trend is not None:
-                write_text(outputs.trend, trend(plant.wears, plant.places).json())
-    for day in done["missing"]:
-        log("missing", "warning", night=day)
-    hits = met(rules, newest.loops) if newest else []
-    hits += [p.loop for p in plant.places if p.action == PULL and PULL in config.fail_on]
-    done["alarm"] = sorted(set(hits))
-    summary = _summary(config, done, plant)
-    log("done", summary=summary)
-    return summary, 1 if hits else 3 if done["failed"] or done["incomplete"] else 0
 
 
 def _exports(config: NightlyConfig) -> tuple[list[DatedExport], list[str]]:

@@ -148,7 +148,7 @@ def watch(client: Any, cluster: Any, wanted: int, say: Callable[[str], None], en
 
 def threads(client: Client) -> int:
     """Number of loops that a cluster works on at once."""
-    return sum(client.nthreads().values())
+    return max(1, sum(client.nthreads().values()))
 
 
 def on_cluster(client: Client, items: Sequence[Item], work: Callable[[Item], Result],
