@@ -81,7 +81,7 @@ class Recipe:
         """
         columns: dict[Axis, set[str]] = {}
         for item in chain.from_iterable((*self.series.roles.values(), *self.series.extra.values())):
-            columns.setdefault(item.axis, set()).update(filter(None, (item.column, item.quality)))
+            columns.setdefault(item.axis, set()).update(f"v{i}" for i in (item.column, item.marked) if i >= 0)
         return replace(self, series=self.series.changed(lambda axis: axis.packed(columns[axis])))
 
     @property

@@ -136,7 +136,7 @@ class Joiner:
         faults: Faults = {("not_numbers", item.tag): cells.words(bad, own)}
         if (marks := item.marks()) is not None:
             known = {} if self.only is None else self._marks.setdefault((item.axis.where, item.tag), {})
-            good, notes = good_samples(marks, self.good_quality, item.quality_name, known)
+            good, notes = good_samples(marks, self.good_quality, item.quality, known)
         for code in ("bad_quality", "lone_zeros"):
             wrong = lone_zeros(values) if code == "lone_zeros" else None if good is None or good.all() else ~good
             faults[code, item.tag] = Counter()

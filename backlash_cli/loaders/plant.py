@@ -21,11 +21,9 @@ from ..record import Note, Record
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
 from .join import Joiner, LoopSeries, by_loop, explicit_tags, failure
-from .layouts import Named
 from .options import ReadOptions, check_pattern, parse_since, sample_size
 from .order import NAT, utc_text
-from .scratch import Room
-from .signals import Axis, Series
+from .signals import Axis, Room, Series
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import Reading, signals_of_file
 
@@ -235,7 +233,7 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
     return Recipe(name, series, metadata.fallback() if values is None else values, options, notes)
 
 
-def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Named], bool]:
+def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Series], bool]:
     """Return what says whether a loop that the options do not rule out may use a signal. Which loops are drawn for a
     sample is known only when all files are open."""
     owners, only, matching = explicit_tags(metadata)[0], options.only_loops, options.loops_matching

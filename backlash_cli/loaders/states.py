@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray, Note, SampleState
-from .signals import Cells
+from .cells import Cells
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
 AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..record import FloatArray, IntArray, Note
+from .cells import codes_and_words, is_number, is_text, plain_numbers, to_array
 from .names import plain
-from .numbers import codes_and_words, is_number, is_text, plain_numbers, to_array
 from .options import ReadOptions
 from .order import DAY, HOUR, NAT, SECOND
 
