@@ -8,7 +8,7 @@ the historian means it. Anything else is refused.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -26,51 +26,6 @@ MAX_GROWTH = 200  # grid points per recorded row
 JITTER = (0.3, 1.7)
 _NICE = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 90, 100, 120, 150, 180, 200, 240, 250,
                   300, 360, 400, 450, 480, 500, 600, 720, 750, 800, 900, 1000])
-_NONE: IntArray = np.zeros(0, np.int64)
-
-
-@dataclass(frozen=True, eq=False)
-class Steps:
-    """values: (distinct,) distances of stamps in microseconds, ascending; counts: how often each occurs. first: stamp
-    at the beginning. before_longest: the stamp before the first of the longest distances."""
-
-    values: IntArray
-    counts: IntArray
-    first: int
-    before_longest: int
-
-    @staticmethod
-    def of(stamps: IntArray) -> Steps:
-        """Count the distances of two or more stamps."""
-        steps = np.diff(stamps)
-        if steps.min() == steps.max():
-            values, counts = steps[:1], np.array([len(steps)])
-        else:
-            values, counts = np.unique(steps, return_counts=True)
-        return Steps(values, counts, int(stamps[0]), int(stamps[np.argmax(steps)]))
-
-    @staticmethod
-    def joined(parts: Sequence[Steps]) -> Steps:
-        """Put the distances of several stretches together."""
-        values, place = np.unique(np.concatenate([part.values for part in parts]), return_inverse=True)
-        counts = np.bincount(place, np.concatenate([part.counts for part in parts])).astype(np.int64)
-        return Steps(values, counts, parts[0].first, max(parts, key=lambda part: part.longest).before_longest)
-
-    @property
-    def longest(self) -> int:
-        return int(self.values[-1])
-
-    def share(self, which: NDArray[np.bool_]) -> float:
-        """Return the share of the distances that are of the chosen values."""
-        return float(self.counts[which].sum() / self.counts.sum())
-
-    def mean(self, which: NDArray[np.bool_], of: FloatArray | IntArray) -> float:
-        """Return the mean of something over the distances of the chosen values; of: (distinct,)."""
-        return float(np.sum(of[which] * self.counts[which].astype(np.float64)) / max(self.counts[which].sum(), 1))
-
-    def quantile(self, share: float) -> float:
-        """Return a quantile of the distances."""
-        return float(np.quantile(np.repeat(self.values, self.counts), share))
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +40,9 @@ class Grid:
     start: int
     step: int
     kind: str
-    gap: float
-    steps: Steps
+    gap: float = np.inf
     usual: float = 0.0
-    index: IntArray = field(default_factory=_NONE.copy)
+    index: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     rows: IntArray | None = None
     recorded: NDArray[np.bool_] | None = None
     notes: tuple[Note, ...] = ()
@@ -136,34 +90,42 @@ class Grid:
             np.abs(stamps[after] - times), np.abs(stamps[after - 1] - times)) <= self.step // 2
         return replace(self, index=index, recorded=recorded)
 
-    def said(self, share: float) -> list[Note]:
-        """Return what is to be said of the grid. share: of its points that are recorded."""
-        found: list[Note] = []
-        steps, every = self.steps, self.interval
-        apart = steps.values / self.step
+    def said(self, stamps: IntArray, recorded: NDArray[np.bool_] | None, tally: defaultdict[str, float]) -> list[Note]:
+        """Add to a tally what stamps, and which points are recorded, tell; return what is to be said of all so far."""
+        steps, regular = np.diff(stamps), self.kind == "regular"
+        long = np.flatnonzero(steps >= 1.5 * self.step if regular else steps > self.gap)
+        advance = np.rint(steps[long] / self.step)
+        holes = regular & (advance <= ABSENT_ROWS + 1)
+        if len(long) and steps[long].max() > tally["longest"]:
+            tally["longest"], tally["from"] = steps[long].max(), stamps[long[np.argmax(steps[long])]]
+        near = steps[steps <= self.gap] / self.step if self.kind == "jitter" else np.zeros(0)
+        points = np.zeros(0) if recorded is None else recorded
+        for name, more in {"gaps": np.sum(~holes), "short": np.sum(holes), "absent": np.sum(advance[holes] - 1),
+                           "near": len(near), "sum": near.sum(), "squares": near @ near,
+                           "recorded": np.sum(points), "points": np.size(points)}.items():
+            tally[name] += float(more)
+        found, every = [], self.interval
         if self.kind == "jitter":
-            near = steps.values <= self.gap
-            spread = round(steps.mean(near, (apart - steps.mean(near, apart)) ** 2) ** 0.5, 9)
+            variance = tally["squares"] / max(tally["near"], 1.0) - (tally["sum"] / max(tally["near"], 1.0)) ** 2
+            spread = round(max(variance, 0.0) ** 0.5, 9)
             text = (f"time stamps vary around {every:g} s (standard deviation {100 * spread:.0f} %); values are "
                     f"interpolated to every {every:g} s")
             found.append(Note("resampled", text, {"interval_s": every, "jitter": spread}))
         elif self.kind == "compressed":
+            share = tally["recorded"] / max(tally["points"], 1.0)
             text = (f"samples are irregular, as after exception or swinging-door compression: {100 * share:.0f} % of "
                     f"the grid of {every:g} s was recorded, up to {self.gap / SECOND:g} s are bridged")
             found.append(Note("compressed", text, {"interval_s": every, "recorded_share": share,
                                                    "median_spacing_s": self.usual / SECOND}))
-        advance = np.maximum(1, np.rint(apart))
-        gaps = int(steps.counts[advance > ABSENT_ROWS + 1 if self.kind == "regular" else steps.values > self.gap].sum())
-        if gaps:
+        if gaps := tally["gaps"]:
+            longest = tally["longest"] / SECOND
             found.append(Note(
-                "gaps", f"{gaps} gap{'s' * (gaps > 1)} in the record, the longest {duration(steps.longest / SECOND)} "
-                f"from {utc_text(steps.before_longest)}; nothing is estimated across a gap",
-                {"gaps": float(gaps), "longest_s": float(steps.longest / SECOND)}))
-        holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
-        if self.kind == "regular" and holes.any():
-            absent, short = float(np.sum((advance - 1)[holes] * steps.counts[holes])), int(steps.counts[holes].sum())
-            found.append(Note("missing_rows", f"{absent:.0f} samples are missing in {short} short gaps",
-                              {"samples": absent}))
+                "gaps", f"{gaps:.0f} gap{'s' * (gaps > 1)} in the record, the longest {duration(longest)} from "
+                f"{utc_text(int(tally['from']))}; nothing is estimated across a gap",
+                {"gaps": gaps, "longest_s": longest}))
+        if short := tally["short"]:
+            found.append(Note("missing_rows", f"{tally['absent']:.0f} samples are missing in {short:.0f} short gaps",
+                              {"samples": tally["absent"]}))
         return found
 
 
@@ -202,35 +164,35 @@ def make_grid(order: Ordered) -> Grid:
     if len(order.stamps) < 2:
         raise LoopError(f"only {len(order.stamps)} sample: the record is too short", code="too_few_samples",
                         remedy="export a longer time")
-    grid = _plan(Steps.of(order.stamps)).laid(order)
-    share = 1.0 if grid.recorded is None else float(grid.recorded.mean())
-    return replace(grid, notes=(*order.notes, *grid.said(share)))
+    grid = _plan(order.stamps).laid(order)
+    return replace(grid, notes=(*order.notes, *grid.said(order.stamps, grid.recorded, defaultdict(float))))
 
 
-def _plan(steps: Steps) -> Grid:
+def _plan(stamps: IntArray) -> Grid:
     """Find start, step and kind of the grid, without points."""
-    start, values = steps.first, steps.values
-    usual = int(values[np.argmax(steps.counts)])
-    multiple = values / usual
-    on_grid = np.abs(multiple - np.rint(multiple)) < 0.02
-    if steps.share(values == usual) >= 0.5 and steps.share(on_grid) >= 0.9 and (
-            steps.share(multiple > 1.5) <= SPARSE_SHARE):
-        return Grid(start, usual, "regular", np.inf, steps)
-    middle = steps.quantile(0.5)
-    if steps.share((values >= JITTER[0] * middle) & (values <= JITTER[1] * middle)) >= 0.9:
-        spacing = steps.mean(values <= 1.5 * middle, values)  # the median of coarse stamps (2, 2, 3, 2, 3 s) is not it
-        near = values <= 10 * middle
-        step = _nice(steps.mean(near, values) / steps.mean(near, np.rint(values / spacing)))
-        return Grid(start, step, "jitter", (MAX_HOLE + 1.5) * step, steps)
+    start, steps = int(stamps[0]), np.diff(stamps)
+    if steps.min() == steps.max():
+        return Grid(start, int(steps[0]), "regular")
+    values, counts = np.unique(steps, return_counts=True)
+    usual = int(values[np.argmax(counts)])
+    multiple = steps / usual
+    if np.mean(steps == usual) >= 0.5 and np.mean(np.abs(multiple - np.rint(multiple)) < 0.02) >= 0.9 and (
+            np.mean(multiple > 1.5) <= SPARSE_SHARE):
+        return Grid(start, usual, "regular")
+    low, middle, high = np.quantile(steps, [0.1, 0.5, 0.99]).tolist()
+    if np.mean((steps >= JITTER[0] * middle) & (steps <= JITTER[1] * middle)) >= 0.9:
+        spacing = steps[steps <= 1.5 * middle].mean()  # the median of coarse stamps (2, 2, 3, 2, 3 s) is not it
+        near = steps[steps <= 10 * middle]
+        step = _nice(near.mean() / np.rint(near / spacing).mean())
+        return Grid(start, step, "jitter", (MAX_HOLE + 1.5) * step)
     base = int(np.gcd.reduce(values))
     if base < middle / MAX_GROWTH:
-        base = _nice(steps.quantile(0.1))
-    gap = max(GAP_FACTOR * steps.quantile(0.99), (MAX_HOLE + 1.5) * base)
-    near = values <= gap
-    if float(np.sum(values[near] * steps.counts[near].astype(float))) / base > MAX_GROWTH * (steps.counts.sum() + 1):
-        raise LoopError(f"samples are too irregular: {base / SECOND:g} s to {steps.longest / SECOND:g} s apart",
+        base = _nice(low)
+    gap = max(GAP_FACTOR * high, (MAX_HOLE + 1.5) * base)
+    if steps[steps <= gap].sum(dtype=float) / base > MAX_GROWTH * len(stamps):
+        raise LoopError(f"samples are too irregular: {base / SECOND:g} s to {values[-1] / SECOND:g} s apart",
                         code="irregular", remedy="export at a fixed interval, not interpolated")
-    return Grid(start, base, "compressed", gap, steps, usual=middle)
+    return Grid(start, base, "compressed", gap, middle)
 
 
 def _nice(step: float) -> int:

@@ -228,9 +228,9 @@ _KINDS = {  # what a sample is, later ones count more: (its state, the code of t
 }
 
 
-def state_notes(counts: Counter[str], samples: int, *kinds: str) -> list[Note]:
-    """Say how many of so many samples are of these kinds, in order."""
-    found = []
+def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
+    """Say how many of all "samples" are of these kinds, in order."""
+    found, samples = [], counts["samples"]
     for kind in kinds:
         _, code, text = _KINDS[kind]
         if kind == "wild" and counts[kind] > 0.5 * samples:
