@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from ..errors import LoopError
 from ..record import FloatArray, IntArray, LoopSettings, Note, Record
 from ..settings import LoopValues, Settings, settings_of
-from .grid import GAP_FACTOR, MAX_HOLE, SPARSE_SHARE, Grid, Times, held, linear
+from .grid import GAP_FACTOR, MAX_HOLE, NAT, SPARSE_SHARE, Grid, Ordered, Times, held, linear
 from .join import Faults, Joiner, LoopSeries, Signal, add_faults
 from .options import ReadOptions
-from .order import NAT, Ordered
 from .signals import Axis, Series
 from .states import automatic, judged, state_notes
 

@@ -1,4 +1,6 @@
-"""A uniform grid for stamps that are nearly, or by intention not, uniform, and values brought to its points.
+"""Stamps in time order, a uniform grid for them, and values brought to its points.
+
+Unreadable, far-off, repeated and set-back stamps are found and named. The grid is
 
 regular: the stamps lie on a grid; rows are put at their grid number, nothing is interpolated.
 jitter: at least 90 % of the spacings lie within 0.3 to 1.7 of the usual one; values are interpolated to the grid.
@@ -16,8 +18,14 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..record import FloatArray, IntArray, Note, duration
-from .order import SECOND, Ordered, ordered, utc_text
 
+NAT = np.iinfo(np.int64).min
+SECOND = 1_000_000
+DAY = 86_400 * SECOND
+HOUR = 3600 * SECOND
+OUTLIER_SHARE = 0.01  # of the stamps that may lie far from all others:
+FAR = 10.0  # times the distance of their 5 % and 95 % quantiles, and two days
+CLOCK_CODES = ("dst_repeated_hour", "clock_set_back")
 MAX_HOLE = 5  # absent samples that may be bridged when nothing else is known
 ABSENT_ROWS = 60  # absent samples that get rows of their own; more is a gap
 SPARSE_SHARE = 0.15  # share of spacings longer than one interval that means compression, not loss
@@ -26,6 +34,140 @@ MAX_GROWTH = 200  # grid points per recorded row
 JITTER = (0.3, 1.7)
 _NICE = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 90, 100, 120, 150, 180, 200, 240, 250,
                   300, 360, 400, 450, 480, 500, 600, 720, 750, 800, 900, 1000])
+
+
+@dataclass(frozen=True, eq=False)
+class Ordered:
+    """stamps: strictly increasing microseconds. rows: row of each stamp, None when it is every row in order."""
+
+    stamps: IntArray
+    rows: IntArray | None
+    notes: tuple[Note, ...] = ()
+
+
+def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), line: int = 0) -> Ordered:
+    """Bring stamps into strictly increasing order.
+
+    probe: (rows,) one measured signal of these rows; it tells repeated rows from rows of another time.
+    parts: first rows of further files. line: line of row 0 in its file, for messages. Raises LoopError when no time
+    passes.
+    """
+    if len(micros) and micros.min() != NAT:
+        steps, few = np.diff(micros), len(micros) // 20
+        if (not len(steps) or steps.min() > 0) and not (few and float(micros[-1]) - float(micros[0]) > FAR * (
+                float(micros[-1 - few]) - float(micros[few])) + 2.0 * DAY):
+            return Ordered(micros, None)
+    notes: list[Note] = []
+    rows = np.flatnonzero(micros != NAT)
+    if lost := len(micros) - len(rows):
+        at = f", the first in line {line + int(np.argmax(micros == NAT))}" if line else ""
+        notes.append(_counted("unreadable_times", lost, f"rows without a readable time stamp were dropped{at}"))
+    if not len(rows):
+        raise LoopError("no readable time stamps", remedy="describe them with --time-format", code="no_times")
+    stamps = micros[rows]
+    low, middle, high = np.quantile(stamps.astype(np.float64), [0.05, 0.5, 0.95])
+    far = np.abs(stamps.astype(np.float64) - middle) > FAR * (high - low) + 2.0 * DAY
+    if len(stamps) >= 20 and 0 < far.sum() <= max(3, OUTLIER_SHARE * len(stamps)):  # a clock reset to 1970, a year 9999
+        shown = ", ".join(map(utc_text, stamps[far][:3]))
+        notes.append(_counted("time_outliers", int(far.sum()),
+                              f"rows with implausible time stamps far out of range were dropped ({shown})"))
+        rows, stamps = rows[~far], stamps[~far]
+    if len(stamps) > 1 and stamps.min() == stamps.max():
+        raise LoopError(f"all {len(stamps)} rows carry the same time stamp {utc_text(stamps[0])}", code="constant_time",
+                        remedy="export with full time stamps (the time does not advance)")
+    values, back = probe[rows], np.flatnonzero(np.diff(stamps) < 0)
+    shifted = None if np.isin(rows[back + 1], parts).any() else _clock_set_back(stamps, back, values, notes)
+    if shifted is not None:
+        stamps = shifted
+    elif len(back):
+        turn = np.argsort(stamps, kind="stable")
+        stamps, rows, values = stamps[turn], rows[turn], values[turn]
+        notes.append(Note("unsorted", f"rows were not in time order ({len(back)} steps backwards); they were sorted",
+                          {"steps": float(len(back))}))
+    repeats = np.flatnonzero(np.diff(stamps) == 0)
+    differ = _differ(values[repeats], values[repeats + 1], values)
+    spread = _spread_evenly(stamps) if len(repeats) and differ.mean() > 0.5 else None
+    if spread is not None:
+        notes.append(Note("coarse_stamps", "several rows share each time stamp; they were spread evenly over the time "
+                          "to the next stamp"))
+        stamps = spread
+    elif len(repeats):
+        conflicts = int(differ.sum())
+        more = f", {conflicts} of them with another value" if conflicts else ""
+        notes.append(_counted("duplicate_times", len(repeats), f"rows repeat the time stamp of another row{more}; the "
+                              "first of each is kept", conflicts=float(conflicts)))
+        if conflicts > 0.5 * len(stamps):
+            raise LoopError("most rows repeat a time stamp with another value: the times do not tell the rows apart",
+                            code="constant_time", remedy="export with finer time stamps")
+        # of rows with one stamp the first, or the first that holds a value
+        kept = np.lexsort((~np.isfinite(values), stamps))[np.diff(stamps, prepend=stamps[0] - 1) != 0]
+        stamps, rows = stamps[kept], rows[kept]
+    return Ordered(stamps, rows, tuple(notes))
+
+
+def _counted(code: str, count: int, text: str, **more: float) -> Note:
+    return Note(code, f"{count} {text}", {"rows": float(count), **more})
+
+
+def _clock_set_back(stamps: IntArray, back: IntArray, values: FloatArray, notes: list[Note]) -> IntArray | None:
+    """A clock that was set back while recording: few steps back, and other values for the same stamps.
+
+    The rows went on in file order, so all stamps after the step are moved on by it. In the night of a Sunday one
+    step back of an hour is enough. Returns None when the rows are simply not in order.
+    """
+    if not 0 < len(back) <= max(3, len(stamps) // 2000):
+        return None
+    forward = np.diff(stamps)
+    step = int(np.median(forward[forward > 0])) if np.any(forward > 0) else 0
+    before = stamps[back]
+    lost = before - stamps[back + 1] + step
+    hour = np.abs(lost - HOUR) <= 2 * step
+    day, clock = divmod(int(before[0]), DAY)
+    sunday = len(back) == 1 and (day + 3) % 7 == 6 and clock <= 4 * HOUR and bool(hour[0]) and 2 * step < HOUR
+    turn = np.argsort(stamps, kind="stable")
+    same = np.flatnonzero(np.diff(stamps[turn]) == 0)
+    if not sunday and not (len(same) and _differ(values[turn[same]], values[turn[same + 1]], values).mean() >= 0.5):
+        return None
+    lost[hour] = HOUR
+    out = stamps + np.cumsum(np.bincount(back + 1, lost, len(stamps))).astype(np.int64)
+    if np.any(np.diff(out) < 0):
+        return None
+    for stamp, is_hour, seconds in zip(before, hour, lost / SECOND, strict=True):
+        what = ("time stamps go back one hour (end of daylight saving time?); the repeated hour is kept in file order,"
+                if is_hour else f"the clock jumps backwards by {seconds:g} s with other values for the same time")
+        notes.append(Note(CLOCK_CODES[not is_hour], f"{what} at {utc_text(stamp)}; later stamps are moved on by it",
+                          {"seconds": float(seconds)}))
+    return out
+
+
+def _differ(a: FloatArray, b: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
+    """Whether values differ by more than 0.2 % of the width of what 90 % of all values lie in."""
+    known = values[np.isfinite(values)] if len(a) else values[:0]
+    scale = float(np.subtract(*np.quantile(known, [0.95, 0.05]))) if len(known) else 0.0
+    with np.errstate(invalid="ignore", over="ignore"):
+        return (np.abs(a - b) > 0.002 * scale) & np.isfinite(a) & np.isfinite(b)
+
+
+def _spread_evenly(stamps: IntArray) -> IntArray | None:
+    """Stamps written too coarsely (to the minute): spread the rows of each stamp evenly, if their number is steady."""
+    unique, counts = np.unique(stamps, return_counts=True)
+    if len(unique) < 4:
+        return None
+    inner, steps = counts[1:-1], np.diff(unique)
+    usual, width = int(np.median(inner)), int(np.median(steps))
+    steady = np.mean(np.abs(inner - usual) <= 1) >= 0.95 and np.mean(steps == width) >= 0.9
+    if not 2 <= usual <= width or not steady or counts.max() > usual + 1:
+        return None
+    rank = np.arange(len(stamps)) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = np.where(np.abs(counts - usual) <= 1, counts, usual)
+    share[[0, -1]] = usual
+    rank[: counts[0]] += max(usual - counts[0], 0)
+    return stamps + (rank * width) // np.repeat(share, counts)
+
+
+def utc_text(micros: int) -> str:
+    """Return a stamp as readable text, for messages."""
+    return str(np.datetime64(int(micros) // SECOND, "s")).replace("T", " ")
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..errors import BacklashError
 from ..record import IntArray, Note
 from .cells import Cells, Lexicon
-from .order import NAT
+from .grid import NAT
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
 PIECE = 1 << 20  # rows that are looked at together

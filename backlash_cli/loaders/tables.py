@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from ..errors import BacklashError, InputError
 from ..record import IntArray, Note
 from .cells import BLANK, Cells, Lexicon, codes_and_words, is_number, is_text, stored
+from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
 from .names import signal_role
 from .opening import Text, kind_of, sheets
 from .options import ReadOptions
-from .order import CLOCK_CODES, NAT, ordered
 from .signals import Axis, Piece, Room, Series, Store
 from .sniff import HEAD_LINES, find_dialect
 from .sources import Remote, Source, open_place, stem_of
@@ -34,7 +34,6 @@ from .times import StampReader, micros_of
 
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS = 1 << 22, 1 << 19  # cells and rows of Parquet that are read at once
-MAX_COLUMNS = 100_000
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
 _TWO_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # a name of two levels as pandas writes it
 _WORDS = pa.dictionary(pa.int32(), pa.string())
@@ -47,8 +46,6 @@ class TextTable:
     def __init__(self, text: Text, stem: str, partition: dict[str, str]) -> None:
         self.text, self.where = text, str(text.path)
         self.dialect = dialect = find_dialect(text.head, text.options, self.where)
-        if len(dialect.names) > MAX_COLUMNS:
-            raise InputError(f"{len(dialect.names)} columns are too many", where=self.where)
         self._bad: list[tuple[int | None, int, int]] = []
         first = self._parsed(text.head[dialect.offset : dialect.end], None, threads=False)
         if first.num_rows == 0:
@@ -142,8 +139,6 @@ class ParquetTable:
         file = open_parquet(path)
         about, schema, size = file.metadata, file.schema_arrow, path.stat().st_size
         self.count, decoded = about.num_rows, about.num_rows * about.num_columns * 8
-        if about.num_columns > MAX_COLUMNS:
-            raise InputError(f"{about.num_columns} columns are too many", where=self.where)
         if decoded > options.max_bytes and decoded > MAX_GROWTH * size:
             raise InputError(f"{size} bytes of Parquet expand to {decoded >> 20} MB", where=self.where,
                              remedy="if this is a real export, cut it into parts")

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from datetime import datetime, timedelta
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -20,9 +19,9 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..record import FloatArray, IntArray, Note
 from .cells import codes_and_words, is_number, is_text, plain_numbers, to_array
+from .grid import DAY, HOUR, NAT, SECOND
 from .names import plain
 from .options import ReadOptions
-from .order import DAY, HOUR, NAT, SECOND
 
 LETTER = r"[^\x00-@\[-`{-\x7f]"  # also of other alphabets; \pL takes forty times as long to compile
 _CLOCK = (r"(?P<h>\d{1,2})[:.h](?P<mi>\d{2})(?:[:.](?P<s>\d{2})(?:[.,:](?P<f>\d{1,9})\d*)?)?"
@@ -255,10 +254,12 @@ class StampReader:
         known = np.flatnonzero(micros != NAT)
         if not len(known):
             return micros
+        import pandas as pd
+
         local = micros[known]
-        hours, inverse = np.unique(local // HOUR, return_inverse=True)
-        first, second = (np.array([_offset(zone, hour, fold) for hour in hours.tolist()], np.int64)[inverse]
-                         for fold in (0, 1))
+        walls = pd.DatetimeIndex(local.astype("datetime64[us]"))
+        first, second = (walls.tz_localize(zone, ambiguous=np.full(len(local), summer), nonexistent=pd.Timedelta("1h")
+                                           ).asi8 for summer in (True, False))
         doubled = first != second
         back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
         count = self._back + np.cumsum(back)
@@ -267,7 +268,7 @@ class StampReader:
         self._doubled += int(np.count_nonzero(doubled))
         self._last, self._within, self._back = int(local[-1]), bool(doubled[-1]), int(since[-1])
         out = micros.copy()
-        out[known] = local - np.where(doubled & (since > 0), second, first)
+        out[known] = np.where(doubled & (since > 0), second, first)
         return out
 
     def _seen(self, micros: IntArray, zoned: NDArray[np.bool_]) -> IntArray:
@@ -415,11 +416,3 @@ def micros_of(column: pa.ChunkedArray | pa.Array) -> IntArray:
     usual = pa.time64("us") if pa.types.is_time(kind) else pa.timestamp("us", getattr(kind, "tz", None))
     micros = to_array(pc.fill_null(column.cast(usual, safe=False).cast(pa.int64()), NAT))
     return np.where(np.abs(micros) < LIMIT, micros, NAT)
-
-
-def _offset(zone: ZoneInfo, hour: int, fold: int) -> int:
-    try:
-        moment = (datetime(1970, 1, 1) + timedelta(hours=hour)).replace(tzinfo=zone, fold=fold)
-        return int((moment.utcoffset() or timedelta()).total_seconds() * SECOND)
-    except (OverflowError, ValueError):
-        return 0
