@@ -17,9 +17,8 @@ from ._version import __version__
 from .commands.check import check
 from .commands.history import history, report, trend
 from .commands.nightly import nightly
-from .commands.plan import plan
 from .commands.scan import scan
-from .commands.simulate import compensate, effects, paper, simulate
+from .commands.simulate import compensate, effects, paper, plan, simulate
 from .commands.terminal import say
 from .commands.workbench import compare, explain
 from .errors import BacklashError, nearest
