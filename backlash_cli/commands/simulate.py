@@ -86,10 +86,10 @@ def plan(target: str | None, max_pv_move: str, max_op_move: str, form: str | Non
 def compensate(loop: str, process_text: str | None, dead_band: str | None, html: Path | None, json_file: Path | None,
                **given: Any) -> int:
     """Simulate one loop without and with backlash compensation, and advise a gain or say why none."""
-    from ..compensate import compensate as study_of
     from ..engines.local import answers
     from ..record import Note
     from ..reporter.advice import compensation
+    from ..simulator.compensation import compensate as study_of
     from ..simulator.scenario_file import parse_process
 
     work = partial(study_of, process=parse_process(process_text) if process_text else None,
