@@ -114,14 +114,13 @@ def _run(arguments: list[str]) -> int:
         cli.main(arguments, prog_name="backlash")
     try:
         with cli.make_context("backlash", arguments) as context:
-            code = cli.invoke(context)
+            return cli.invoke(context) or 0
     except click.exceptions.Exit as done:
         return done.exit_code
     except Exception as error:
         if _asked_to_end:  # a library, in the middle of its import for one, answered the stop with an error of its own
             raise KeyboardInterrupt from error
         raise
-    return code if isinstance(code, int) else 0
 
 
 _asked_to_end: list[int] = []  # signals that came (Ctrl-C, SIGTERM, or the terminal was closed)
