@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -126,7 +125,7 @@ def command(function: Callable[..., int | None]) -> click.Command:
     words = PAGE[function.__name__]
     own = words.get("options", {})
     also = [name for entry in words.get("also", ()) for name in PAGE["groups"].get(entry, [entry]) if name not in own]
-    epilog = "\n  ".join(["\b\nExamples:", *words["examples"]])
+    epilog = "\n  ".join([words.get("epilog", "") + "\b\nExamples:", *words["examples"]])
     return click.Command(function.__name__, callback=function, help=words["help"], short_help=words["summary"],
                          epilog=epilog, params=[_parameter(name, own.get(name, {})) for name in [*own, *also]])
 
@@ -144,27 +143,3 @@ def _parameter(name: str, own: Mapping[str, Any]) -> click.Parameter:
         return click.Argument([name], type=kind, **words)
     switch = kind is None and "metavar" not in words
     return click.Option([*flags, name], type=kind, is_flag=switch, **words)
-
-
-# what history.py declares by itself
-Option = Callable[[Callable[..., Any]], Callable[..., Any]]
-
-
-def together(*options: Option) -> Option:
-    """Several options as one."""
-    return lambda command: functools.reduce(lambda made, option: option(made), reversed(options), command)
-
-
-def path(*names: str, help: str, metavar: str = "FILE", **more: Any) -> Option:
-    """An option that takes the path of a file."""
-    return click.option(*names, metavar=metavar, type=click.Path(path_type=Path), help=help, **more)
-
-
-def output(help: str = "Write to this file instead.", metavar: str = "FILE", **more: Any) -> Option:
-    """The option that names the file of the report."""
-    return path("--output", "-o", metavar=metavar, help=help, **more)
-
-
-def verbose(help: str) -> Option:
-    """The option for all there is to say."""
-    return click.option("--verbose", "-v", is_flag=True, help=help)
