@@ -156,7 +156,7 @@ def kept(history: Path | None, scan: Iterable[object], *, resume: bool) -> Itera
 
     with contextlib.closing(Unfinished(history, scan, resume=resume)) as keep:
         yield keep
-        keep.remove()
+        keep.close(ended=True)
 
 
 def remember(result: ScanResult, history: Path, job: Job) -> None:

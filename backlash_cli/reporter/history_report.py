@@ -11,17 +11,17 @@ from typing import Any
 
 from .._version import __version__
 from ..results import Compensator, Verdict
-from ..results.history import DAY, HalfPeriod, Night, Place, Repair, Run, Segment, Wear, day_text
+from ..results.history import DAY, HalfPeriod, Night, Place, Repair, Run, Segment, Wear
 from . import figures as fig
 from .figures import Figure
 from .json_report import fields_of, iso_time
 from .page import LoopPart, PlantPages, is_page
 from .report import Report
 from .safe import picture
-from .templates import screen, sentence
+from .templates import lines, screen, sentence
+from .words import TITLES, day
 
 WIDTH = 160  # lines of names, dates and numbers are not wrapped
-TO_DO = {"pull": "pull", "room": "pull if room", "watch": "watch", "leave": "leave alone", "check": "check"}
 MARKS = {"pull": "bad", "room": "warn", "watch": "warn", "leave": "good", "check": "quiet"}
 DRAWN = 60  # loops with figures in a single file
 RANKED = 40  # loops in the picture of the plant
@@ -38,12 +38,12 @@ def loops_text(nights: Mapping[str, Sequence[Night]], repairs: Mapping[str, Sequ
 
 def runs_text(runs: Sequence[Run]) -> str:
     """Return one line per run that added to the history, in the order of their data."""
-    return screen("runs.txt", width=WIDTH, runs=runs, day_text=day_text)
+    return screen("runs.txt", width=WIDTH, runs=runs)
 
 
 def trend(wears: Mapping[str, Wear], places: Sequence[Place]) -> Report:
     """Return wear and ranking of all loops in the order of repair; verbose: why every loop has its place."""
-    content = {"wears": wears, "places": places, "day_text": day_text, "growth": growth, "to_do": TO_DO}
+    content = {"wears": wears, "places": places, "growth": growth}
     return Report("trend", "", content, lambda: {"loops": [_wear(wears[place.loop], place) for place in places]},
                   width=WIDTH)
 
@@ -52,24 +52,24 @@ def _wear(wear: Wear, place: Place) -> dict[str, Any]:
     """Return one loop's wear with the names of the contract; dead bands are shares of the output span."""
     now, h, date = wear.now, wear.held_out, wear.limit_date
     return {
-        **{name: getattr(wear, name) for name in ("loop", "nights", "state", "message")},
+        "loop": wear.loop, "nights": wear.nights, "state": wear.state, "message": sentence("outlook", wear),
         "slope_per_day": _slope(now),
         "level": None if now is None or now.level_ci95 is None else {"value": now.level, "ci95": now.level_ci95},
         "limit": wear.limit.value, "limit_class": wear.limit.name, "limit_source": wear.limit.source,
         "limit_date": None if date is None else {
-            "value": day_text(date[0]), "ci95": [day_text(date[1]), day_text(date[2])]},
+            "value": day(date[0]), "ci95": [day(date[1]), day(date[2])]},
         "model": wear.model or None,
         "held_out": None if h is None else {
-            "nights": h.nights, "since": day_text(h.since), "straight_line_error": h.line, "local_error": h.local,
+            "nights": h.nights, "since": day(h.since), "straight_line_error": h.line, "local_error": h.local,
             "straight_line_bias": h.bias, "straight_line_holds": h.line_holds},
         "repairs": [{"date": r.date.isoformat(), **fields_of(r, "loop"), "time": iso_time(r.time)}
                     for r in wear.repairs],
-        "segments": [{"start": day_text(s.first), "end": day_text(s.last), "nights": s.nights,
+        "segments": [{"start": day(s.first), "end": day(s.last), "nights": s.nights,
                       "below_detection": s.below, "slope_per_day": _slope(s), "level_start": s.level_first,
                       "level_end": s.level} for s in wear.segments],
         "gaps": [{"date": day, "code": code} for day, code in wear.gaps],
         "missing_days": wear.missing,
-        **{name: getattr(place, name) for name in ("rank", "action", "why")},
+        "rank": place.rank, "action": place.action, "why": lines("why_place", place, wear),
         "ratio_to_limit": place.ratio, "confidence": place.confidence,
     }
 
@@ -93,14 +93,14 @@ def write_report(output: Path, places: Sequence[Place], wears: Mapping[str, Wear
     """
     single = is_page(output)
     times = [n.time for found in nights.values() for n in found]
-    first, last = (day_text(edge(times)) if times else None for edge in (min, max))  # the clock is not asked
+    first, last = (day(edge(times)) if times else None for edge in (min, max))  # the clock is not asked
     subtitle = sentence("made", len(nights), first, last, __version__, len(times))
     loops = [LoopPart(p.loop, MARKS[p.action], sentence("brief_wear", p, wears[p.loop]), "wear_loop.html",
                       partial(_loop, p, wears[p.loop], nights[p.loop], half_periods, not single or p.rank <= DRAWN))
              for p in places]
     content = {"places": places, "wears": wears, "picture": plant_picture(places[:RANKED], wears, nights),
-               "counts": Counter(p.title for p in places), "cut": DRAWN * (single and len(places) > DRAWN),
-               "ranked": RANKED, "weeks": WEEKS, "marks": MARKS, "day_text": day_text, "growth": growth}
+               "counts": Counter(TITLES[p.action] for p in places), "cut": DRAWN * (single and len(places) > DRAWN),
+               "ranked": RANKED, "weeks": WEEKS, "marks": MARKS, "growth": growth}
     told = (places, [[n.digest for n in nights[p.loop]] for p in places], [wears[p.loop] for p in places])
     PlantPages("Valve wear report", subtitle, "wear.html", content, loops).write(output, told)
 
@@ -114,7 +114,7 @@ def plant_picture(places: Sequence[Place], wears: Mapping[str, Wear], nights: Ma
         last = sorted((n.time, n.d) for n in nights[p.loop] if n.d is not None and n.time >= since)
         level = None if now is None else now.level
         rows.append(fig.PlantRow(
-            p.loop, p.title, MARKS[p.action], level, now.level_ci95 if now else None, None, wear.limit.value,
+            p.loop, TITLES[p.action], MARKS[p.action], level, now.level_ci95 if now else None, None, wear.limit.value,
             "" if level else "no size", sentence("brief_wear", p, wear), tuple(last)))
     return fig.plant(rows, "limit")
 

@@ -26,6 +26,9 @@ _SAID = {
     Verdict.ERROR: ("not analysed", "bad"),
 }
 VERDICTS, MARKS = ({verdict: said[k] for verdict, said in _SAID.items()} for k in (0, 1))
+TITLES = {"pull": "Pull at the next shutdown", "room": "Pull if there is room", "watch": "Watch",
+          "leave": "Leave alone", "check": "Check loop and data"}  # of what to do with a valve, and the same in short
+TO_DO = {"pull": "pull", "room": "pull if room", "watch": "watch", "leave": "leave alone", "check": "check"}
 WORSE = 1.15  # share of the error over share of the time, from which a region is worth a line
 SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
 A_DATE = 1e8  # epoch seconds (1973); a record that counts its seconds from zero stays below
@@ -99,9 +102,9 @@ def moment(epoch: float | None) -> str:
     return "–" if text is None else text[:16].replace("T", " ") + " UTC"
 
 
-def day(epoch: float) -> str:
-    """A day, e.g. '2026-03-17'."""
-    return (iso_time(epoch) or "–")[:10]
+def day(epoch: float) -> str | None:
+    """A day, e.g. '2026-03-17'; None outside the calendar (a limit that is thousands of years away)."""
+    return (iso_time(epoch) or "")[:10] or None
 
 
 def advice(report: LoopReport) -> str:
