@@ -25,7 +25,7 @@ SHADES = ("#d1345b2e", "#c777002e", "#2a9d5c2e", "#7a5bc72e", "#0b8a9e2e", "#8d9
 POINTS = 4000  # per line: a page of five steps stays below 3 MB
 DIGITS = 5  # of the span: residuals are small beside it
 USUAL = 0.99  # share of the residuals that the axis shows at least
-SHADED = 6  # kinds of regions offered for shading
+REACH = 5  # samples to each side, for the speed of OP
 BINS = 12
 FEWEST = 8  # samples in a bin that is drawn
 Binned = tuple[FloatArray, FloatArray, FloatArray]  # x, mean and root mean square of a residual [PV span], each (bins,)
@@ -34,10 +34,8 @@ NOTHING: Binned = (np.empty(0), np.empty(0), np.empty(0))
 
 def overlay(series: Series, models: Mapping[str, FloatArray], settings: LoopSettings, noise_floor: float,
             regions: Sequence[Region] = ()) -> Figure:
-    """Measured PV with the prediction of each model, what each leaves, and OP, on one time axis.
-
-    models: name -> PV (samples,); of several, buttons choose which are shown. regions: the worst of them are shaded.
-    """
+    """Measured PV with the prediction of each model, what each leaves, and OP, on one time axis. models: name -> PV
+    (samples,); of several, buttons choose which are shown. regions: the worst of them are shaded."""
     (low, high), last = settings.pv_range, len(models) - 1
     line = partial(fig.over_time, series.time, points=POINTS, digits=DIGITS, connectgaps=False, width=1.4)
     lines = [line(series.setpoint, (low, high), "SP", fig.SETPOINT, width=1.2, dash="dot"),
@@ -55,8 +53,13 @@ def overlay(series: Series, models: Mapping[str, FloatArray], settings: LoopSett
                   line(rest, (0.0, high - low), f"residual, {name}", left, yaxis="y2", showlegend=False, **look)]
         if np.isfinite(rest).any():
             reach = max(reach, (high - low) * float(np.nanquantile(np.abs(rest), USUAL)))
-    shaded = [r for r in (fails(regions) or regions) if r.stretches][:SHADED]
-    lines += [_shading(region, place) for place, region in enumerate(shaded)]
+    shaded = [r for r in (fails(regions) or regions) if r.stretches]
+    for region, shade in zip(shaded, SHADES, strict=False):  # filled behind the residual, switched by the legend
+        ends = [(fig.ms(first), fig.ms(last)) for first, last in region.stretches]
+        lines.append(fig.trace(
+            [x for a, b in ends for x in (a, a, b, b, None)], [0, 1, 1, 0, None] * len(ends), region.region, fig.QUIET,
+            width=0, hover="", hoverinfo="skip", yaxis="y4", fill="tozeroy", fillcolor=shade,
+            visible=True if region is shaded[0] else "legendonly"))
     band = 2 * noise_floor * (high - low)
     panels = fig.axis("PV", domain=[0.52, 1.0]), fig.axis("residual", domain=[0.25, 0.46]), fig.axis(
         "OP", domain=[0.0, 0.19])
@@ -105,23 +108,15 @@ def plane(series: Series, settings: LoopSettings) -> Figure:
     return fig.figure(lines, fig.axis("OP"), fig.axis("PV"), height=440)
 
 
-def _shading(region: Region, place: int) -> Figure:
-    """The stretches of a region as one filled line behind the residual, that the legend can switch."""
-    ends = [(fig.ms(first), fig.ms(last)) for first, last in region.stretches]
-    return fig.trace([x for a, b in ends for x in (a, a, b, b, None)], [0, 1, 1, 0, None] * len(ends), region.region,
-                     fig.QUIET, width=0, hover="", hoverinfo="skip", yaxis="y4", fill="tozeroy",
-                     fillcolor=SHADES[place % len(SHADES)], visible=True if place == 0 else "legendonly")
-
-
 def causes(series: Series, predictions: Mapping[str, FloatArray], noise_floor: float) -> list[tuple[str, str, Figure]]:
-    """The residual of each model against what it may depend on: title, what to look for, figure.
-
-    predictions: model -> PV (samples,).
-    """
+    """The residual of each model against what it may depend on: title, what to look for, figure. predictions: model ->
+    PV (samples,)."""
     h = float(np.median(np.diff(series.time))) if len(series.time) > 1 else 1.0
     since, upward = since_reversal(series.output)
     early = (since >= 0) & (since < np.quantile(since[since >= 0], 0.9) if np.any(since >= 0) else False)
-    speed, clock = 100 * np.abs(smooth_speed(series.output, h)), (series.time - series.time[0]) / 3600.0
+    near = np.clip(np.add(np.arange(len(since)), [[-REACH], [REACH]]), 0, len(since) - 1)
+    (change,), (steps,) = np.diff(series.output[near], axis=0), np.diff(near, axis=0)
+    speed, clock = 100 * np.abs(change) / (np.maximum(steps, 1) * h), (series.time - series.time[0]) / 3600.0
     mean, size, linear = "mean residual", "residual (rms)", "linear"
     shown: list[tuple[str, str, str, str, str, Callable[[FloatArray], dict[str, Binned]]]] = [
         ("Time since OP turned", "time since OP turned [s]", linear, mean,
@@ -186,10 +181,8 @@ def spectrum(residual: FloatArray, h: float) -> Binned:
 
 
 def since_reversal(output: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return samples since OP last turned (-1 before the first turn) and where it goes since (1 up, -1 down).
-
-    A turn counts when OP then goes on by more than its own noise and 2 % of its travel.
-    """
+    """Return samples since OP last turned (-1 before the first turn) and where it goes since (1 up, -1 down). A turn
+    counts when OP then goes on by more than its own noise and 2 % of its travel."""
     from scipy.signal import find_peaks
 
     third, count = np.diff(output, 3), np.arange(len(output))
@@ -202,15 +195,8 @@ def since_reversal(output: FloatArray) -> tuple[FloatArray, IntArray]:
         goes[find_peaks(-sign * whole, prominence=least, plateau_size=1)[1]["left_edges"]] = sign
     turns = np.flatnonzero(goes)
     turns = turns[np.diff(goes[turns], prepend=0) != 0]  # of stops of the same height the first is the turn
-    if not len(turns):
-        return np.full(len(output), -1.0), np.zeros(len(output), dtype=np.int64)
-    last = turns[np.maximum(np.searchsorted(turns, count, side="right") - 1, 0)]
-    return np.where(count < last, -1.0, count - last), np.where(count < last, 0, goes[last])
+    last = np.append(turns, len(output))[np.searchsorted(turns, count, side="right") - 1]  # the end before the first
+    before = count < last
+    return np.where(before, -1.0, count - last), np.where(before, 0, np.append(goes, 0)[last])
 
 
-def smooth_speed(output: FloatArray, h: float, reach: int = 5) -> FloatArray:
-    """Return dOP/dt [span/s] (samples,) over `reach` samples to each side."""
-    n = len(output)
-    low, high = np.maximum(np.arange(n) - reach, 0), np.minimum(np.arange(n) + reach, n - 1)
-    out: FloatArray = (output[high] - output[low]) / (np.maximum(high - low, 1) * h)
-    return out

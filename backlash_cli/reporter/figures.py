@@ -46,11 +46,10 @@ def axis(title: str, **more: Any) -> Figure:
 def trace(x: Sequence[Any], y: Sequence[Any], name: str, colour: str, *, mode: str = "lines", hover: str = "%{y}",
           width: float = 1.5, dash: str = "solid", symbol: str = "circle", size: float = 8, **more: Any) -> Figure:
     """A line, or markers, or both as the mode says."""
-    looks = {"line": {"color": colour, "width": width, "dash": dash} if "lines" in mode else None,
-             "marker": {"color": colour, "symbol": symbol, "size": size} if "markers" in mode else None,
-             "hovertemplate": hover}
-    return {"type": "scatter", "mode": mode, "name": picture(name), "x": x, "y": y,
-            **{key: value for key, value in looks.items() if value}, **more}
+    line = {"line": {"color": colour, "width": width, "dash": dash}} if "lines" in mode else {}
+    marker = {"marker": {"color": colour, "symbol": symbol, "size": size}} if "markers" in mode else {}
+    pointed = {"hovertemplate": hover} if hover else {}
+    return {"type": "scatter", "mode": mode, "name": picture(name), "x": x, "y": y, **line, **marker, **pointed, **more}
 
 
 def dots(points: Sequence[tuple[float, float]], name: str, colour: str, **more: Any) -> Figure:
@@ -61,17 +60,14 @@ def dots(points: Sequence[tuple[float, float]], name: str, colour: str, **more: 
 
 def across(which: str, at: float | tuple[float, float], colour: str, *, name: str = "", width: float = 1.0,
            dash: str = "solid", **more: Any) -> Figure:
-    """A line over the whole panel where the axis `which`, "x" or "y", is `at`; a band from one value to another.
-
-    name: its words in the legend, if it stands there.
-    """
+    """A line over the whole panel where the axis `which`, "x" or "y", is `at`; a band from one value to another. name:
+    its words in the legend, if it stands there."""
     other = "y" if which == "x" else "x"
     low, high = at if isinstance(at, tuple) else (at, at)
     looks: Figure = {"type": "rect", "fillcolor": colour, "opacity": 0.15, "line": {"width": 0}} if isinstance(
         at, tuple) else {"type": "line", "line": {"color": colour, "width": width, "dash": dash}}
-    legend: Figure = {"name": name, "showlegend": True} if name else {}
     return {f"{which}0": low, f"{which}1": high, f"{other}ref": "paper", f"{other}0": 0, f"{other}1": 1, **looks,
-            **legend, **more}
+            **({"name": name, "showlegend": True} if name else {}), **more}
 
 
 def written(text: str, x: float, y: float, **more: Any) -> Figure:
@@ -98,12 +94,18 @@ def trend(record: Record, report: LoopReport, window: slice | None = None, point
     if np.isfinite(marked).any():
         lines.append(line(marked, pv_span, "PV in the half periods used", EVIDENCE, width=3))
     panels, layout = [axis(f"SP, PV ({pv_unit})")], {"hovermode": "x"}  # type: list[Figure], Figure
-    if room is not None and (notes := _sizes_written(used, part, room)):
-        layout["annotations"] = notes
+    if room is not None and used:
+        beside, length, notes = part.time[0], part.time[-1] - part.time[0] or 1.0, []
+        for e in used:  # where they were made, those left out that would hide each other
+            if beside + room * length <= (middle := 0.5 * (e.start + e.end)) <= part.time[0] + 0.98 * length:
+                beside = middle
+                notes.append(written(f"{100 * e.d:.1f} %", ms(middle), 0.99, yref="y domain", yanchor="top",
+                                     textangle=-90, font={"size": 10}))
         both = np.concatenate([part.measurement, part.setpoint])
         low, high = np.nanmin(both), np.nanmax(both)
-        if high > low:
+        if notes and high > low:
             panels[0]["range"] = units(np.array([1.05 * low - 0.05 * high, 1.25 * high - 0.25 * low]), pv_span)
+        layout["annotations"] = notes
     if part.output is not None:
         lines.append(line(part.output, op_span, "OP", OUTPUT, yaxis="y2"))
         d = size(report)
@@ -121,45 +123,28 @@ def trend(record: Record, report: LoopReport, window: slice | None = None, point
 
 def stem_of(output: FloatArray, size: float) -> FloatArray:
     """Return where the stem is, (samples,) [span]: OP through a gap of `size`; it stays where OP is not known."""
+    import pandas as pd
+
     from ..kernels import play
 
-    known = np.isfinite(output)
-    if not known.any():
-        return output
-    last = np.maximum.accumulate(np.where(known, np.arange(len(output)), known.argmax()))
-    return np.asarray(play(output[last], size, float(output[last[0]])))
+    known = pd.Series(output).ffill().bfill().to_numpy(copy=True)
+    return np.asarray(play(known, size, float(known[0]))) if np.isfinite(output).any() else output
 
 
 def stands_still(output: FloatArray, stem: FloatArray, size: float) -> list[tuple[int, int]]:
     """Return (first, last) sample of the stretches in which OP crosses half of the gap or more and the stem stays."""
     if len(stem) < 2:
         return []
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(stem) != 0.0) + 1])
+    starts = np.flatnonzero(np.diff(stem, prepend=np.nan) != 0.0)
     low, high = (f.reduceat(np.where(np.isfinite(output), output, stem), starts) for f in (np.minimum, np.maximum))
     ends = np.append(starts[1:], len(stem)) - 1
     kept = (high - low >= CROSSED * size) & (ends > starts)
     return list(zip(starts[kept].tolist(), ends[kept].tolist(), strict=True))
 
 
-def _sizes_written(used: list[Estimate], part: Record, room: float) -> list[Figure]:
-    """The estimates where they were made, those left out that would hide each other."""
-    notes: list[Figure] = []
-    before = part.time[0]
-    length = part.time[-1] - before or 1.0
-    for e in used:
-        middle = 0.5 * (e.start + e.end)
-        if before + room * length <= middle <= part.time[0] + 0.98 * length:
-            before = middle
-            notes.append(written(f"{100 * e.d:.1f} %", ms(middle), 0.99, yref="y domain", yanchor="top", textangle=-90,
-                                 font={"size": 10}))
-    return notes
-
-
 def plane(record: Record, window: slice, report: LoopReport, points: int = POINTS) -> Figure:
-    """PV against OP: without dead band a line or a cloud, with dead band a leaning box with flat sides.
-
-    Where a size is claimed, it is drawn as wide as it is, with the two flanks of the valve where PV follows it.
-    """
+    """PV against OP: without dead band a line or a cloud, with dead band a leaning box with flat sides. A size that is
+    claimed is drawn as wide as it is, with the two flanks of the valve where PV follows it."""
     (pv_span, pv_unit), (op_span, op_unit) = shown(record.settings.pv_range), shown(record.settings.op_range)
     near, every = record.slice(window.start, window.stop), slice(None, None, max(1, len(record) // points))
     assert record.output is not None and near.output is not None
@@ -185,11 +170,8 @@ def plane(record: Record, window: slice, report: LoopReport, points: int = POINT
 
 
 def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
-    """Return (OP, PV) of both flanks PV = gain (OP -+ d/2) + offset, opening and closing.
-
-    None where PV does not follow. The valve position is OP through a gap of `size`; PV is compared with it at the delay
-    that suits best.
-    """
+    """Return (OP, PV) of both flanks PV = gain (OP -+ d/2) + offset, opening and closing; None where PV does not follow
+    OP through a gap of `size`, with the delay that suits best."""
     from scipy.stats import linregress
 
     if near.output is None:
@@ -199,9 +181,9 @@ def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
     if len(op) < 20 or np.ptp(op) <= size or np.ptp(pv) == 0.0:
         return None
     valve = stem_of(op, size)
-    fits = [linregress(valve[: len(op) - delay], pv[delay:]) for delay in range(0, len(op) // 8, max(1, len(op) // 200))
-            if np.ptp(valve[: len(op) - delay]) > 0.0]
-    best = max(fits, key=lambda fit: fit.rvalue**2, default=None)
+    best = max((linregress(valve[: len(op) - delay], pv[delay:])
+                for delay in range(0, len(op) // 8, max(1, len(op) // 200)) if np.ptp(valve[: len(op) - delay]) > 0.0),
+               key=lambda fit: fit.rvalue**2, default=None)
     if best is None or best.rvalue**2 < FOLLOWS:
         return None
     ends = np.array([op.min(), op.max()])
@@ -255,15 +237,14 @@ def profile(report: LoopReport) -> Figure:
 def close_look(record: Record, report: LoopReport) -> slice:
     """The samples around the most ordinary of the half periods used, a window of about eight of them; without any a
     tenth of the record around its middle, 200 samples at least."""
-    used = [e for e in used_in(record, report) if math.isfinite(e.d)]
+    used = sorted((e for e in used_in(record, report) if math.isfinite(e.d)), key=lambda e: e.d)
     if not used:
         reach, middle = max(len(record) // 20, 100), len(record) // 2
         return slice(max(middle - reach, 0), min(middle + reach, len(record)))
-    ordinary = sorted(used, key=lambda e: e.d)[len(used) // 2]
-    wide = CLOSE_LOOK / 2 * ordinary.dt_s
-    center = 0.5 * (ordinary.start + ordinary.end)
-    first, last = np.searchsorted(record.time, [center - wide, center + wide])
-    return slice(int(first), max(int(last), int(first) + 1))
+    ordinary = used[len(used) // 2]
+    center, wide = 0.5 * (ordinary.start + ordinary.end), CLOSE_LOOK / 2 * ordinary.dt_s
+    first, last = np.searchsorted(record.time, [center - wide, center + wide]).tolist()
+    return slice(first, max(last, first + 1))
 
 
 def known_part(record: Record) -> Record:
@@ -281,9 +262,7 @@ def used_in(record: Record, report: LoopReport) -> list[Estimate]:
 def over_time(time: FloatArray, values: FloatArray, span: tuple[float, float], name: str, colour: str, *,
               index: IntArray | None = None, points: int = POINTS, digits: int = 4, **more: Any) -> Figure:
     """A signal in engineering units; it breaks where it is not known, and where grid numbers of `index` are left out.
-
-    time: (samples,) epoch seconds; values: (samples,) normalised.
-    """
+    time: (samples,) epoch seconds; values: (samples,) normalised."""
     chosen, gaps = thin(np.arange(len(values)) if index is None else index, values, points)
     x = np.insert(time[chosen], gaps, time[chosen][gaps])
     y = np.insert(values[chosen], gaps, np.nan)
@@ -291,10 +270,8 @@ def over_time(time: FloatArray, values: FloatArray, span: tuple[float, float], n
 
 
 def thin(index: IntArray, values: FloatArray, points: int = POINTS) -> tuple[IntArray, list[int]]:
-    """Return which samples to draw, at most `points`, and before which of them the line breaks at a gap.
-
-    index: (samples,) grid numbers, values: (samples,). Of each piece the smallest and the largest value stay.
-    """
+    """Return which samples to draw, at most `points`, and before which of them the line breaks at a gap: the smallest
+    and the largest of each piece. index: (samples,) grid numbers, values: (samples,)."""
     n = len(values)
     chosen = np.arange(n)
     if n > points:

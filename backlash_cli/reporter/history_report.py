@@ -82,10 +82,8 @@ def growth(now: Segment | None) -> float | None:
 
 def write_report(output: Path, places: Sequence[Place], wears: Mapping[str, Wear],
                  nights: Mapping[str, Sequence[Night]], half_periods: Callable[[str], Sequence[HalfPeriod]]) -> None:
-    """Write one .html file, figures for the first 60 places and numbers for all, or a folder for any other name.
-
-    The old report stays until the new one is whole. half_periods: gives the recent half periods of a loop by its name.
-    """
+    """Write one .html file, figures for the first 60 places and numbers for all, or a folder for any other name; the
+    old report stays until the new one is whole. half_periods: gives the recent half periods of a loop by its name."""
     single = is_page(output)
     times = [n.time for found in nights.values() for n in found]
     first, last = (day_text(edge(times)) if times else None for edge in (min, max))  # the clock is not asked

@@ -1,8 +1,7 @@
 """Report pages: one HTML file that holds everything, works from disk and offline, and lets nothing out.
 
-What a page says stands in templates/NAME.html, built from the sections, tables and figures of templates/parts.html.
-All text is escaped by the template engine; scripts are allowed by their fingerprint only, so markup in a tag name can
-neither show nor run.
+What a page says stands in templates/NAME.html. All text is escaped by the template engine; scripts are allowed by their
+fingerprint only, so markup in a tag name can neither show nor run.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import math
 import re
 import shutil
 from collections.abc import Callable, Iterable, Mapping
-from functools import cache, partial
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -40,23 +39,24 @@ def page(template: str, title: str, *, subtitle: str = "", plotly_file: str = ""
     instead of the library inside. back: (address, words) of a link above the title.
     """
     figures: list[str] = []  # as text, a fifth of the memory that their numbers take
-    body = environment("html").get_template(template).render(plot=partial(_plot, figures), cell=cell, **content)
-    script, library = _asset("page.js"), plotly_script() if figures and not plotly_file else ""
+
+    def plot(figure: Any) -> Markup:
+        """Keep a figure as JSON, null for numbers that JSON does not know, and return the place where it is drawn."""
+        figures.append(figure.to_json() if hasattr(figure, "to_json") else
+                       msgspec.json.encode(figure, enc_hook=lambda value: value.tolist()).decode())
+        return Markup('<div class="plot"></div>')
+
+    body = environment("html").get_template(template).render(plot=plot, cell=cell, **content)
+    style, script = (files(__package__).joinpath(f"templates/page.{kind}").read_text("utf-8") for kind in ("css", "js"))
+    library = plotly_script() if figures and not plotly_file else ""
     allowed = [f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in (library, script)
                if s]
     if figures and plotly_file:
         allowed += ["'self'", "file:"]  # a page opened from disk has no origin of its own; file: is its folder
     return environment("html").get_template("page.html").render(
-        title=title, subtitle=subtitle, body=body, style=_asset("page.css"), script=script, allowed=" ".join(allowed),
-        back=back, figures=_packed(f"[{','.join(figures)}]") if figures else "", plotly=library and _packed_plotly(),
+        title=title, subtitle=subtitle, body=body, style=style, script=script, allowed=" ".join(allowed), back=back,
+        figures=_packed(f"[{','.join(figures)}]") if figures else "", plotly=library and _packed_plotly(),
         plotly_file=plotly_file if figures else "")
-
-
-def _plot(figures: list[str], figure: Any) -> Markup:
-    """Keep a figure as JSON, where numbers that JSON does not know are null, and return the place where it is drawn."""
-    figures.append(figure.to_json() if hasattr(figure, "to_json") else
-                   msgspec.json.encode(figure, enc_hook=lambda value: value.tolist()).decode())
-    return Markup('<div class="plot"></div>')
 
 
 @cache
@@ -77,18 +77,12 @@ def _packed(text: str) -> str:
     return base64.b64encode(gzip.compress(text.encode("utf-8"), mtime=0)).decode("ascii")
 
 
-@cache
-def _asset(name: str) -> str:
-    return files("backlash_cli.reporter").joinpath("templates", name).read_text("utf-8")
-
-
 def cell(value: Any, text: str = "") -> dict[str, Any]:
     """Return what a table needs to know of a value: how it is shown and sorted, and whether it is a number."""
     raw = value.item() if hasattr(value, "item") else value
     number = isinstance(raw, int | float) and not isinstance(raw, bool) and math.isfinite(raw)
-    shown = {"None": "–", "True": "yes", "False": "no"}.get(repr(raw), str(raw))
-    if isinstance(raw, float):
-        shown = f"{raw:.4g}" if number else "–"
+    shown = f"{raw:.4g}" if isinstance(raw, float) else str(raw)
+    shown = {"None": "–", "nan": "–", "inf": "–", "-inf": "–", "True": "yes", "False": "no"}.get(repr(raw), shown)
     return {"text": text or shown, "key": repr(raw) if number else "" if shown == "–" else shown, "number": number}
 
 
@@ -107,10 +101,9 @@ def write_pages(folder: Path, told: object, loops: Iterable[str], pages: Iterabl
     """
     mark = hashlib.sha256(repr(told).encode("utf-8", "backslashreplace")).hexdigest()[:12]
     subfolder, names, links = folder / f"loops-{mark}", file_names(loops), {}
-    previous = None  # the subfolder that the present index.html points to
+    before = ""  # the subfolder that the present index.html points to
     with contextlib.suppress(OSError, ValueError):
-        previous = _PAGES.search((folder / "index.html").read_text("utf-8"))
-    before = previous and previous.group()
+        before = "".join(_PAGES.findall((folder / "index.html").read_text("utf-8"))[:1])
     make_folder(subfolder)
     try:
         write_text(subfolder / "plotly.js", plotly_script())

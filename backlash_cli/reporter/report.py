@@ -53,9 +53,7 @@ class Report:
 
     def write(self, output: Path, told: object, step: Callable[[], None] = lambda: None) -> None:
         """Write that page, or for a name without .html a folder: index.html and a page per loop, loaded when opened.
-
-        told: tells this report from others. step: called after each page. The old report is whole until the new one is.
-        """
+        told: tells this report from others. step: called after each page."""
         def pages() -> Iterator[tuple[str, dict[str, str]]]:
             for one in loops:
                 yield one.name, {"html": page(one.template, shorten(one.name, 120), subtitle=one.brief,

@@ -41,10 +41,8 @@ _RULES: dict[str, tuple[Verdict, ...]] = {
 
 
 def check_delivery(form: str | None, output: Path | None, table: str) -> str | None:
-    """Return the form to write, from `form` or else the suffix of `output`; None when neither says.
-
-    Raises UsageError for what cannot be, before any work is done.
-    """
+    """Return the form to write, from `form` or else the suffix of `output`; None when neither says. Raises UsageError
+    for what cannot be, before any work is done."""
     columns_of(table)
     if form is None and output is not None:
         form = _SUFFIXES.get(output.suffix.lower(), "table")
@@ -69,10 +67,8 @@ def render(result: ScanResult, records: Mapping[str, Record], form: str, table: 
 
 def write(result: ScanResult, records: Mapping[str, Record], form: str, output: Path, table: str = "loops", *,
           verbose: bool = False, step: Callable[[], None] = lambda: None) -> None:
-    """Write the report to a file, or as pages to a folder; the old report stays until the new one is whole.
-
-    Raises BacklashError when the place cannot be written.
-    """
+    """Write the report to a file, or as pages to a folder; the old report stays until the new one is whole. Raises
+    BacklashError when the place cannot be written."""
     if form == "parquet":
         with replacing(output) as temporary:
             to_dataframe(result, table).to_parquet(temporary, index=False)
@@ -84,10 +80,8 @@ def write(result: ScanResult, records: Mapping[str, Record], form: str, output: 
 
 def draw(result: ScanResult, records: Mapping[str, Record], folder: Path, step: Callable[[], None] = lambda: None
          ) -> int:
-    """Draw a picture (PNG) of each loop's evidence into `folder`, made if need be; return how many.
-
-    Loops that could not be read have no record and no picture. Raises BacklashError when the place cannot be written.
-    """
+    """Draw a picture (PNG) of the evidence of each loop that was read into `folder`, made if need be; return how many.
+    Raises BacklashError when the place cannot be written."""
     from .still import loop_figure, write_still
 
     make_folder(folder)

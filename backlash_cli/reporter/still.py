@@ -34,11 +34,8 @@ STYLE: Any = {
 
 
 def loop_figure(record: Record, report: LoopReport) -> Picture:
-    """Return the evidence of one loop as a matplotlib Figure.
-
-    Top: the whole record with the half periods that carry the verdict and their estimates. Bottom: a close look with
-    the stretches where the stem stands still, PV against OP with the dead band, and the evidence for each size.
-    """
+    """Return the evidence of one loop: the whole record on top; below a close look with the stretches where the stem
+    stands still, PV against OP with the dead band, and the evidence for each size."""
     record = figures.known_part(record)
     window, confirmed = figures.close_look(record, report), report.confirmation
     words = f"{report.loop}: {VERDICTS[report.verdict]}"
@@ -54,10 +51,8 @@ def loop_figure(record: Record, report: LoopReport) -> Picture:
 
 
 def write_still(path: Path, picture: Picture, dpi: int = DPI) -> None:
-    """Write a picture to a .png or .svg file, whole or not at all, the same bytes for the same picture.
-
-    Raises BacklashError when the place cannot be written.
-    """
+    """Write a picture to a .png or .svg file, whole or not at all, the same bytes for the same picture. Raises
+    BacklashError when the place cannot be written."""
     suffix = path.suffix.lower()
     with replacing(path) as temporary, warnings.catch_warnings():
         # names in scripts that the font does not have, and records so short that there is no room for dates

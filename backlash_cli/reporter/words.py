@@ -4,11 +4,11 @@ a page."""
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
 from operator import itemgetter
-from string import Formatter
 
 from ..record import LoopSettings
 from ..results import Explanation, FittedEffect, FittedParameter, LoopReport, Region, Step, Verdict
@@ -65,15 +65,9 @@ def interval(ci95: tuple[float, float]) -> str:
 
 
 def change(value: float, base: float) -> str:
-    """How far a value is from the one without compensator.
-
-    >>> change(0.8, 1.0), change(3.0, 1.0), change(0.999, 1.0)
-    ('-20 %', '+200 %', '0 %')
-    """
-    if not base > 0.0:
-        return "–"
-    more = round(100.0 * (value / base - 1.0))
-    return f"{more:+d} %" if more else "0 %"
+    """How far a value is from the one without compensator, e.g. '-20 %', '+200 %', '0 %'."""
+    more = round(100.0 * (value / base - 1.0)) if base > 0.0 else None
+    return "–" if more is None else f"{more:+d} %".replace("+0", "0")
 
 
 def counted(number: int, what: str) -> str:
@@ -261,8 +255,5 @@ def fill(template: str, values: Mapping[str, str]) -> str:
     >>> fill("The gap is {d}, {x}.", {"d": "3 %"})
     'The gap is 3 %, none.'
     """
-    try:
-        pieces = list(Formatter().parse(template))
-    except ValueError:
-        return template.replace("{", "").replace("}", "")
-    return "".join(text + ("" if name is None else values.get(name, "none")) for text, name, _, _ in pieces)
+    filled = re.sub(r"\{(\w*)[^{}]*\}", lambda place: values.get(place[1], "none"), template)
+    return re.sub("[{}]", "", filled)
