@@ -32,7 +32,8 @@ from ..record import FloatArray, Note
 from ..results import Confirmation
 from .noise import Noise, whitener
 
-MOST_BLOCKS, FEWEST_BLOCKS = 400, 30  # PV is compared in block means, so many in all
+BLOCKS, FEWEST_BLOCKS = (400, 1000), 30  # PV is compared in block means, so many in all,
+FOR_EACH_STEP = 20  # the more of them the more steps of OP there are: coarse blocks blur the steps
 LEAST_MOTION = 1.5 * NARROWEST  # % of span: OP moved less is no test
 LIMITS = np.geomspace(1.0, 10.0, 14)  # % of span: the limits of detection that are told apart
 LAGS, LONGEST = 7, 0.25  # how many lags are tried, up to which part of the longest test
@@ -208,8 +209,9 @@ def _blocks(recordings: Sequence[Recording], interval: float) -> _Blocks | None:
     count = sum(int(np.count_nonzero(r.usable)) for r in recordings)
     if count < FEWEST_BLOCKS:
         return None
-    size = -(-count // MOST_BLOCKS)
     moved = [r.output[r.usable] for r in recordings]
+    steps = sum(int(np.count_nonzero(np.abs(np.diff(u)) > NARROWEST)) for u in moved)
+    size = -(-count // int(np.clip(FOR_EACH_STEP * steps, *BLOCKS)))
     mean, span = float(np.mean(np.concatenate(moved))), float(max(map(np.ptp, moved)))
     used = tuple(block_means(r.usable.astype(float), size) >= COMPLETE for r in recordings)
     level = [block_means(r.measurement - r.measurement[r.usable].mean(), size) for r in recordings]
@@ -277,7 +279,8 @@ def _likelihoods(X: FloatArray, y: FloatArray, weights: FloatArray, rounds: int 
         error = y - np.einsum("mc,mcr->mr", b, X)
         square = np.maximum(np.mean(weight[:, 0] * error**2, axis=1), 1e-12)
         if not again:
-            normal, variance, first = float(np.log(weights).sum()) - 0.5 * n * np.log(square), square, b
+            normal, variance = float(np.log(weights).sum()) - 0.5 * n * np.log(square), square
+            first = np.asarray(b, dtype=np.float64)
             deviation = np.asarray(np.sqrt(square * np.linalg.inv(gram)[:, 0, 0]), dtype=np.float64)
             if not rounds:
                 return _Fits(normal, normal, first, variance, deviation), error
@@ -285,7 +288,7 @@ def _likelihoods(X: FloatArray, y: FloatArray, weights: FloatArray, rounds: int 
         weight = ((FREEDOM + 1.0) / (FREEDOM + error**2 / square[:, None]))[:, None]
     by_row = -0.5 * ((FREEDOM + 1.0) * np.log1p(error**2 / (FREEDOM * square[:, None])) + np.log(square)[:, None])
     by_row += np.log(weights)
-    return _Fits(normal, by_row.sum(1), np.asarray(first, dtype=np.float64), variance, deviation), by_row
+    return _Fits(normal, by_row.sum(1), first, variance, deviation), by_row
 
 
 def _gains(none: _Fits, some: _Fits) -> FloatArray:

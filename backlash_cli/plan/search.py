@@ -107,8 +107,8 @@ def plan(record: Record, options: PlanOptions | None = None, report: LoopReport 
                           report.verdict)
     except LoopError as error:
         return found if logging else replace(found, options=(PlanOption("logging", f"{error.what}: {error.remedy}"),))
-    return replace(found, model=model_words(subject.healthy),
-                   options=(*logging, *sorted(subject.tried(), key=lambda option: (not option.decides, not option.within_limits))))
+    tried = sorted(subject.tried(), key=lambda option: (not option.decides, not option.within_limits))
+    return replace(found, model=model_words(subject.healthy), options=(*logging, *tried))
 
 
 @dataclass
@@ -218,8 +218,9 @@ class Subject:
                     size = min(len(run.output), len(still.output))
                     pv, op = (float(np.abs(one[:size] - other[:size]).max()) for one, other in (
                         (run.process_output, still.process_output), (run.output, still.output)))
-                    # in manual OP stands where it is put, and the difference is what the controller would have done
-                    played.moves.append((pv, test.move * max(map(abs, test.levels)) if test.kind == "manual_test" else op))
+                    if test.kind == "manual_test":  # all else is what the controller would have done to OP
+                        op = test.move * max(map(abs, test.levels))
+                    played.moves.append((pv, op))
 
     def _option(self, played: Played) -> PlanOption:
         test, n = played.test, max(played.worn.total(), 1)
