@@ -106,9 +106,9 @@ def plant_picture(places: Sequence[Place], wears: Mapping[str, Wear], nights: Ma
     for p in places:
         wear, now = wears[p.loop], wears[p.loop].now
         last = sorted((n.time, n.d) for n in nights[p.loop] if n.d is not None and n.time >= since)
-        rows.append(fig.PlantRow(
-            p.loop, TITLES[p.action], MARKS[p.action], now and now.level, now and now.level_ci95, None, wear.limit.value,
-            "" if now and now.level else "no size", sentence("brief_wear", p, wear), tuple(last)))
+        level, ci95 = (now.level, now.level_ci95) if now else (None, None)
+        rows.append(fig.PlantRow(p.loop, TITLES[p.action], MARKS[p.action], level, ci95, None, wear.limit.value,
+                                 "" if level else "no size", sentence("brief_wear", p, wear), tuple(last)))
     return fig.plant(rows, "limit")
 
 
