@@ -10,13 +10,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from .. import __version__
 from ..errors import BacklashError, InputError
 from ..reporter.safe import terminal
 from .history import read_profile
-from .options import Export
+from .options import Export, command
 from .scan import Job, kept, undated
 from .terminal import emit, say
 
@@ -34,21 +32,9 @@ Log = Callable[..., None]
 Done = dict[str, list[Any]]  # names of exports, and of loop nights, by what happened to them
 
 
-@click.command(short_help="Run the nightly job of a configuration file.",
-               epilog="\b\nExample configuration (nightly.toml):\n  inputs = [\"sample_data/plant.csv\"]\n"
-               "  history = \"backlash.db\"\n  [outputs]\n  report = \"wear.html\"\n\n\b\nExamples:\n"
-               "  backlash nightly nightly.toml\n  backlash nightly nightly.toml --check")
-@click.argument("config", metavar="CONFIG.toml", type=click.Path(path_type=Path))
-@click.option("--check", is_flag=True, help="Only read the configuration and list the exports that would be scanned.")
+@command
 def nightly(config: Path, check: bool) -> int:
-    """Scan the new exports, add them to the history and write the reports, as a configuration file says.
-
-    Prints one line for the cron mail. Late, missing and repeated exports are named; what is known is not scanned
-    again.
-
-    Exit status: 0 done; 1 a fail_on rule was met; 2 wrong use, another job works, or nothing could be read; 3 done,
-    but some export or loop could not be analysed.
-    """
+    """Scan the new exports, add them to the history and write the reports, as a configuration file says."""
     from ..history.nightly import lock, read_config
     from ..history.plant import plant_history
     from ..history.store import History
