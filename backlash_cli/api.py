@@ -73,10 +73,7 @@ def scan_files(inputs: str | PathLike[str] | Sequence[str | PathLike[str]], *,
 
 
 def load_model(path: str | PathLike[str]) -> Model:
-    """Read a model file (TOML), as `explain --save-model` writes it or as written by hand.
-
-    Raises MetadataError with file, line and remedy when it is not understood.
-    """
+    """Read a model file (TOML), as `explain --save-model` writes it or as written by hand. Raises MetadataError."""
     from .model.model_file import parse_model
 
     page = read_page(path, "the model file", "backlash explain ... --save-model FILE writes one")

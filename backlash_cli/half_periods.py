@@ -67,10 +67,7 @@ class DoubleLag:
 
 
 def double_lag(time_constant: float, interval: float) -> DoubleLag:
-    """Return the sampled filter 1/(1 + s T)^2 for T = `time_constant` [s] and sampling `interval` [s].
-
-    Raises ValueError for a negative time constant or an interval that is not positive.
-    """
+    """Return the sampled filter 1/(1 + s T)^2 for T = `time_constant` [s], 0 or more, and sampling `interval` [s]."""
     if interval <= 0 or time_constant < 0:
         raise ValueError(f"need interval > 0 and time constant >= 0, got {interval} and {time_constant}")
     if time_constant == 0:
@@ -188,10 +185,8 @@ def close(open_: OpenHalfPeriod | None) -> Segments:
 
 
 class ErrorTrack:
-    """Half periods of one error signal: those that have ended, and the open one.
-
-    least_area [span samples], least_length [samples]: complete half periods below are counted and not kept.
-    """
+    """Half periods of one error signal: those that have ended, and the open one. Complete ones below `least_area`
+    [span samples] and `least_length` [samples] are counted and not kept."""
 
     def __init__(self, least_area: float = 0.0, least_length: float = 0.0) -> None:
         self.open: OpenHalfPeriod | None = None

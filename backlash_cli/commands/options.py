@@ -72,9 +72,7 @@ def cluster(given: Mapping[str, Any]) -> Iterator[Client | None]:
 
 def size(text: str, where: str, what: str, remedy: str, most: float = sys.float_info.max) -> tuple[float, bool]:
     """Read a size as a person writes it, `0.03` or `3%`: the number, parts of one for percent, and whether it was that.
-
-    Raises UsageError, naming the option `where`, for what is no number, not above 0 or above `most`.
-    """
+    Raises UsageError, naming the option `where`, for what is no number, not above 0 or above `most`."""
     try:
         value = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
     except ValueError:
