@@ -1,13 +1,11 @@
 """Half periods of the control error, block by block: measurement filters, zero crossings, duration, area, peak.
 
 A half period is complete when it begins and ends with a zero crossing of e = ysp - yf. One that touches the start of
-the record, its end, a gap or a sample that must not be used is incomplete: nothing is estimated on it. What is carried
-from block to block are the states of the filters and the open half period, so the cut into blocks does not matter,
-rounding aside.
+the record, its end, a gap or a sample that must not be used is incomplete: nothing is estimated on it. From block to
+block the states of the filters and the open half period are carried, so the cut into blocks does not matter.
 
-Both filters of the method are Y_f(s) = Y(s) / (1 + s T)^2: the measurement filter (3) with T = Tf and the
-estimator's own with T = Ti/2 (Haegglund 2007, eq. 3 and section 4). The sampled signal is held between samples, so
-the discretisation below is exact for it, at any ratio of sampling interval to time constant.
+Both filters of the method are Y_f(s) = Y(s) / (1 + s T)^2: the measurement filter (3) with T = Tf and the estimator's
+own with T = Ti/2 (Haegglund 2007, eq. 3 and section 4), discretised exactly for a signal held between samples.
 """
 
 from __future__ import annotations
@@ -221,8 +219,7 @@ class ErrorScanner:
     measurement is still true, and start afresh at rest after a hole. Half periods end at any sample that must not
     be used.
 
-    least: area [span samples] of plain and length [samples] of smooth half periods below which complete ones are
-    counted and not kept.
+    least: `least_area` of plain and `least_length` of smooth half periods, see ErrorTrack.
     """
 
     def __init__(self, stages: tuple[DoubleLag, DoubleLag], least: tuple[float, float] = (0.0, 0.0)) -> None:
