@@ -36,8 +36,7 @@ def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOpti
     from .engines.local import analyse  # what a scan needs takes a second to load, which models of a loop do without
     from .loaders.plant import OpenPlant
 
-    told: Any = [getattr(plant, name, ()) for name in ("warnings", "failures", "inputs")]
-    warnings, failures, inputs = told
+    warnings, failures, inputs = (getattr(plant, name, ()) for name in ("warnings", "failures", "inputs"))
     loops: Any = plant.recipes if isinstance(plant, OpenPlant) else plant
     loops = (loops,) if isinstance(loops, Record) else tuple(loops)
     reports, lost = [], []

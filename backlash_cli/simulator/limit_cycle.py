@@ -8,7 +8,7 @@ N depends on d/a only. Source: Haegglund (2007), eq. 1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,8 +31,7 @@ def describing_function(ratio: object) -> ComplexArray:
     return np.asarray((real - 1j * square) / np.pi, dtype=np.complex128)
 
 
-@dataclass(frozen=True)
-class LimitCycle:
+class LimitCycle(NamedTuple):
     """A lasting oscillation: period [s], and half of peak to peak [span] of output and measurement."""
 
     period: float
