@@ -1,9 +1,7 @@
 """Loads and noise: what something other than the valve does to the process, or to what is measured.
 
-Load steps: sudden changes at the process input that the controller must make up for.
-
-Each size is in output span: a load step of 0.05 pushes the process like 5 % more output. Time counts from the first
-sample; a step counts from the first sample at or after its time.
+Load steps: sudden changes at the process input that the controller must make up for. Each size is in output span: a
+load step of 0.05 pushes the process like 5 % more output. A step counts from the first sample at or after its time.
 
 >>> p = LOAD_STEP.pack(times=[2.0, 3.0], sizes=[0.5, -0.25])
 >>> LOAD_STEP.apply([0.0, 0.0, 0.0, 0.0, 0.0], p, interval=1.0).tolist()
@@ -26,9 +24,8 @@ External oscillation: another loop or machine swings and shakes this process wit
 >>> EXTERNAL_OSCILLATION.apply([0.5, 0.5, 0.5, 0.5], p, interval=1.0).round(3).tolist()
 [0.5, 0.6, 0.5, 0.4]
 
-Measured disturbance: a further recorded signal pushes the process.
-
-The column's samples follow the state, in its own units; `gain` turns them into output span.
+Measured disturbance: a further recorded signal pushes the process. The column's samples follow the state, in its own
+units; `gain` turns them into output span.
 
 >>> p = MEASURED_DISTURBANCE.pack(gain=0.01)
 >>> MEASURED_DISTURBANCE.apply([0.5, 0.5, 0.5], p, interval=1.0, series=[0.0, 10.0, -10.0]).tolist()
@@ -40,9 +37,8 @@ frequency. A sample is the mean of x over its interval, so what a slower process
 b = inf is white noise, whose mean over h has variance S / h. Given x at the start of an interval, its mean and its
 end value are jointly normal with closed-form moments (Gillespie, Phys. Rev. E 54 (1996) 2084).
 
-Measurement noise: the transmitter's random error, given by density and bandwidth.
-A standard deviation alone says nothing without the time over which the noise holds: white noise of standard
-deviation s held over h seconds has density s^2 h, and it is the density that a filter or a controller feels.
+Measurement noise: the transmitter's random error, given by density and bandwidth. A standard deviation alone says
+nothing: white noise of standard deviation s held over h seconds has density s^2 h, which is what a filter feels.
 
 >>> p = MEASUREMENT_NOISE.pack(density=4e-8)
 >>> MEASUREMENT_NOISE.apply([0.5, 0.5], p, interval=0.01, series=[0.0, 0.0, 0.0, 1.0, 0.0, -1.0]).round(4).tolist()
