@@ -74,10 +74,10 @@ def main() -> None:
 
 def _guarded(arguments: list[str]) -> int:
     """Run one command and return its exit status; click's own entry would answer Ctrl-C and closed pipes its way."""
-    if "_BACKLASH_COMPLETE" in os.environ:
-        cli.main(arguments, prog_name="backlash")
     code, words = 2, ""
     try:
+        if "_BACKLASH_COMPLETE" in os.environ:
+            cli.main(arguments, prog_name="backlash")
         with cli.make_context("backlash", arguments) as context:
             code = cli.invoke(context) or 0
     except click.exceptions.Exit as done:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from ..loaders import Plant, ReadOptions
+    from ..loaders.sources import Remote
 
 
 @dataclass(frozen=True)
@@ -92,18 +93,13 @@ def dead_band(text: str | None, where: str = "--dead-band") -> float | None:
     return None if text is None else size(text, where, "size", "0.03 or 3% is 3 % of the output span", 0.5)[0]
 
 
-class Place(click.ParamType):
-    """A path, or an address such as s3://bucket/plant.parquet."""
+def place(text: str) -> Path | Remote:
+    """Read a path, or an address such as s3://bucket/plant.parquet."""
+    if "://" not in text and "::" not in text:
+        return Path(text)
+    from ..loaders.sources import place
 
-    name = "place"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return a Path, or a Remote for an address."""
-        if isinstance(value, str) and ("://" in value or "::" in value):
-            from ..loaders.sources import place
-
-            return place(value)
-        return Path(value)
+    return place(text)
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -112,7 +108,7 @@ def names(text: str) -> tuple[str, ...]:
 
 
 PAGE = tomllib.loads((resources.files(__package__) / "commands.toml").read_text(encoding="utf-8"))
-TYPES = {"path": click.Path(path_type=Path), "place": Place(), "names": names, "int": int}
+TYPES = {"path": click.Path(path_type=Path), "place": place, "names": names, "int": int}
 
 
 def command(function: Callable[..., int | None]) -> click.Command:
