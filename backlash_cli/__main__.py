@@ -14,10 +14,9 @@ from typing import Any
 import click
 
 from ._version import __version__
-from .commands.check import check
 from .commands.history import history, report, trend
 from .commands.nightly import nightly
-from .commands.scan import scan
+from .commands.scan import check, scan
 from .commands.simulate import compensate, effects, paper, plan, simulate
 from .commands.terminal import say
 from .commands.workbench import compare, explain
@@ -74,22 +73,29 @@ def main() -> None:
 
 
 def _guarded(arguments: list[str]) -> int:
+    """Run one command and return its exit status; click's own entry would answer Ctrl-C and closed pipes its way."""
     code, words = 2, ""
     try:
-        code = _run(arguments)
-    except BacklashError as error:
-        words = f"error: {error}"
-    except click.ClickException as error:
-        error.show()
-    except KeyboardInterrupt as stop:
-        words = "; ".join(["stopped", *getattr(stop, "__notes__", []), "nothing was left half written"])
-        code = 128 + (_asked_to_end[0] if _asked_to_end else signal.SIGINT)
-    except BrokenPipeError:
-        code = 0  # the reader of our output has gone (`| head`): say nothing
-    except MemoryError:
-        words = "error: not enough memory -> give fewer files, or fewer loops with --loop"
-    except Exception as error:
-        if isinstance(error, OSError) and error.filename is None and error.errno in FULL:
+        if "_BACKLASH_COMPLETE" in os.environ:
+            cli.main(arguments, prog_name="backlash")
+        with cli.make_context("backlash", arguments) as context:
+            code = cli.invoke(context) or 0
+    except click.exceptions.Exit as done:
+        code = done.exit_code
+    except (Exception, KeyboardInterrupt) as error:
+        # a library, in the middle of its import for one, may answer a stop with an error of its own
+        if _asked_to_end or isinstance(error, KeyboardInterrupt):
+            words = "; ".join(["stopped", *getattr(error, "__notes__", []), "nothing was left half written"])
+            code = 128 + (_asked_to_end[0] if _asked_to_end else signal.SIGINT)
+        elif isinstance(error, BacklashError):
+            words = f"error: {error}"
+        elif isinstance(error, click.ClickException):
+            error.show()
+        elif isinstance(error, BrokenPipeError):
+            code = 0  # the reader of our output has gone (`| head`): say nothing
+        elif isinstance(error, MemoryError):
+            words = "error: not enough memory -> give fewer files, or fewer loops with --loop"
+        elif isinstance(error, OSError) and error.filename is None and error.errno in FULL:
             words = NOT_WRITTEN.format(error.strerror)
         elif os.environ.get("BACKLASH_DEBUG"):
             raise
@@ -106,21 +112,6 @@ def _guarded(arguments: list[str]) -> int:
     if words:
         say(words)
     return code
-
-
-def _run(arguments: list[str]) -> int:
-    """Run one command and return its exit status; click's own entry would answer Ctrl-C and closed pipes its way."""
-    if "_BACKLASH_COMPLETE" in os.environ:
-        cli.main(arguments, prog_name="backlash")
-    try:
-        with cli.make_context("backlash", arguments) as context:
-            return cli.invoke(context) or 0
-    except click.exceptions.Exit as done:
-        return done.exit_code
-    except Exception as error:
-        if _asked_to_end:  # a library, in the middle of its import for one, answered the stop with an error of its own
-            raise KeyboardInterrupt from error
-        raise
 
 
 _asked_to_end: list[int] = []  # signals that came (Ctrl-C, SIGTERM, or the terminal was closed)

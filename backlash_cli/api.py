@@ -36,8 +36,7 @@ def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOpti
     from .engines.local import analyse  # what a scan needs takes a second to load, which models of a loop do without
     from .loaders.plant import OpenPlant
 
-    told: Any = [getattr(plant, name, ()) for name in ("warnings", "failures", "inputs")]
-    warnings, failures, inputs = told
+    warnings, failures, inputs = (getattr(plant, name, ()) for name in ("warnings", "failures", "inputs"))
     loops: Any = plant.recipes if isinstance(plant, OpenPlant) else plant
     loops = (loops,) if isinstance(loops, Record) else tuple(loops)
     reports, lost = [], []
@@ -73,10 +72,7 @@ def scan_files(inputs: str | PathLike[str] | Sequence[str | PathLike[str]], *,
 
 
 def load_model(path: str | PathLike[str]) -> Model:
-    """Read a model file (TOML), as `explain --save-model` writes it or as written by hand.
-
-    Raises MetadataError with file, line and remedy when it is not understood.
-    """
+    """Read a model file (TOML), as `explain --save-model` writes it or as written by hand. Raises MetadataError."""
     from .model.model_file import parse_model
 
     page = read_page(path, "the model file", "backlash explain ... --save-model FILE writes one")

@@ -20,9 +20,8 @@ _OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settin
 class LoopCheck:
     """What was found about one loop's data and settings. start, end: UTC epoch seconds; signals normalised.
 
-    identified: settings read from the data; unidentified: why they cannot be. settings_notes: disagreements. diagnosis:
-    what an oscillation looks like, None without one. notes: what the loader found or assumed. failure: why the loop
-    could not be checked at all.
+    identified: settings read from the data; unidentified: why not. settings_notes: disagreements. diagnosis: what an
+    oscillation looks like. notes: what the loader found or assumed. failure: why the loop could not be checked at all.
     """
 
     loop: str

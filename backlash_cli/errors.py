@@ -6,10 +6,8 @@ from collections.abc import Iterable
 
 
 class BacklashError(Exception):
-    """Something the user can mend: `what` went wrong, `where` (file, line, column, loop), and the `remedy`.
-
-    `code` is the machine-readable reason that reports carry.
-    """
+    """Something the user can mend: `what` went wrong, `where` (file, line, column, loop), and the `remedy`; `code` is
+    the machine-readable reason that reports carry."""
 
     code = "error"
 

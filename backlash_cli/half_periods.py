@@ -1,13 +1,11 @@
 """Half periods of the control error, block by block: measurement filters, zero crossings, duration, area, peak.
 
 A half period is complete when it begins and ends with a zero crossing of e = ysp - yf. One that touches the start of
-the record, its end, a gap or a sample that must not be used is incomplete: nothing is estimated on it. What is carried
-from block to block are the states of the filters and the open half period, so the cut into blocks does not matter,
-rounding aside.
+the record, its end, a gap or a sample that must not be used is incomplete: nothing is estimated on it. From block to
+block the states of the filters and the open half period are carried, so the cut into blocks does not matter.
 
-Both filters of the method are Y_f(s) = Y(s) / (1 + s T)^2: the measurement filter (3) with T = Tf and the
-estimator's own with T = Ti/2 (Haegglund 2007, eq. 3 and section 4). The sampled signal is held between samples, so
-the discretisation below is exact for it, at any ratio of sampling interval to time constant.
+Both filters of the method are Y_f(s) = Y(s) / (1 + s T)^2: the measurement filter (3) with T = Tf and the estimator's
+own with T = Ti/2 (Haegglund 2007, eq. 3 and section 4), discretised exactly for a signal held between samples.
 """
 
 from __future__ import annotations
@@ -67,10 +65,7 @@ class DoubleLag:
 
 
 def double_lag(time_constant: float, interval: float) -> DoubleLag:
-    """Return the sampled filter 1/(1 + s T)^2 for T = `time_constant` [s] and sampling `interval` [s].
-
-    Raises ValueError for a negative time constant or an interval that is not positive.
-    """
+    """Return the sampled filter 1/(1 + s T)^2 for T = `time_constant` [s], 0 or more, and sampling `interval` [s]."""
     if interval <= 0 or time_constant < 0:
         raise ValueError(f"need interval > 0 and time constant >= 0, got {interval} and {time_constant}")
     if time_constant == 0:
@@ -188,10 +183,8 @@ def close(open_: OpenHalfPeriod | None) -> Segments:
 
 
 class ErrorTrack:
-    """Half periods of one error signal: those that have ended, and the open one.
-
-    least_area [span samples], least_length [samples]: complete half periods below are counted and not kept.
-    """
+    """Half periods of one error signal: those that have ended, and the open one. Complete ones below `least_area`
+    [span samples] and `least_length` [samples] are counted and not kept."""
 
     def __init__(self, least_area: float = 0.0, least_length: float = 0.0) -> None:
         self.open: OpenHalfPeriod | None = None
@@ -226,8 +219,7 @@ class ErrorScanner:
     measurement is still true, and start afresh at rest after a hole. Half periods end at any sample that must not
     be used.
 
-    least: area [span samples] of plain and length [samples] of smooth half periods below which complete ones are
-    counted and not kept.
+    least: `least_area` of plain and `least_length` of smooth half periods, see ErrorTrack.
     """
 
     def __init__(self, stages: tuple[DoubleLag, DoubleLag], least: tuple[float, float] = (0.0, 0.0)) -> None:

@@ -134,10 +134,7 @@ class Record:
 def record_from_arrays(setpoint: object, measurement: object, output: object | None = None, *, interval: float,
                        loop: str = "loop", start: float = 0.0, settings: LoopSettings | None = None,
                        disturbances: Mapping[str, object] | None = None) -> Record:
-    """Make a gap-free Record from normalised arrays; `setpoint` may be one number.
-
-    Raises ValueError when the arrays differ in length.
-    """
+    """Make a gap-free Record from normalised arrays of one length (else ValueError); `setpoint` may be one number."""
     pv = np.asarray(measurement, dtype=np.float64)
     sp = np.broadcast_to(np.asarray(setpoint, dtype=np.float64), pv.shape).copy()
     op = None if output is None else np.asarray(output, dtype=np.float64)

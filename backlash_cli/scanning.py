@@ -40,10 +40,9 @@ class ScanOptions:
 class LoopScanner:
     """Takes the blocks of one loop's record in time order, `update` by `update`, and `finish`es with the report.
 
-    A record cut into blocks anywhere gives the same report as the whole record, rounding aside. Half periods and counts
-    are of all samples; everything else is asked of those that are kept, the last four million (one million without the
-    test of PV against OP). A setpoint or settings that are not given are read from the samples as soon as so many were
-    taken, or at the end.
+    A record cut into blocks anywhere gives the same report, rounding aside. Half periods and counts are of all samples;
+    everything else is asked of those that are kept, the last four million (one million without the test of PV against
+    OP). A setpoint or settings not given are read from the samples as soon as so many were taken, or at the end.
     """
 
     def __init__(self, loop: str, settings: LoopSettings, start: float, interval: float,

@@ -45,10 +45,8 @@ def parsed(text: str, where: str) -> dict[str, Any]:
 
 
 def line_of(text: str, where: str, *way: str | int) -> str:
-    """Name file and line where what the way leads to begins; the file alone where no line does.
-
-    way: names of tables, the number of an entry where there are several, a key.
-    """
+    """Name file and line where what the way leads to begins; the file alone where no line does. way: names of tables,
+    the number of an entry where there are several, a key."""
     here: list[str | int] = []
     entries: Counter[str] = Counter()
     for number, line in enumerate(text.splitlines(), 1):

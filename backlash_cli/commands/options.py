@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from ..loaders import Plant, ReadOptions
+    from ..loaders.sources import Remote
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Export:
 
     @classmethod
     def of(cls, given: dict[str, Any]) -> Export:
-        """Return what the options added by `export` were given."""
+        """Return what INPUT and the options on how to read were given."""
         from ..loaders import ReadOptions
 
         reading = {name: given[name] for name in ReadOptions.__dataclass_fields__ if name in given}
@@ -69,17 +71,16 @@ def cluster(given: Mapping[str, Any]) -> Iterator[Client | None]:
         yield client
 
 
-def size(text: str, where: str, what: str, remedy: str) -> tuple[float, bool]:
+def size(text: str, where: str, what: str, remedy: str, most: float = sys.float_info.max) -> tuple[float, bool]:
     """Read a size as a person writes it, `0.03` or `3%`: the number, parts of one for percent, and whether it was that.
-
-    Raises UsageError, naming the option `where`, for what is no number or not above 0.
-    """
+    Raises UsageError, naming the option `where`, for what is no number, not above 0 or above `most`."""
     try:
         value = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
     except ValueError:
         raise UsageError(f"'{text}' is not a {what}", where=where, remedy=remedy) from None
-    if not 0.0 < value < float("inf"):
-        raise UsageError(f"a {what} of {text} allows nothing", where=where, remedy=f"more than 0: {remedy}")
+    if not 0.0 < value <= most:
+        wrong, allowed = ("is not possible", f"at most {most:g}") if value > most else ("allows nothing", "more than 0")
+        raise UsageError(f"a {what} of {text} {wrong}", where=where, remedy=f"{allowed}: {remedy}")
     return value, text.endswith("%")
 
 
@@ -89,26 +90,16 @@ def dead_band(text: str | None, where: str = "--dead-band") -> float | None:
     >>> dead_band("0.03"), dead_band("3 %")
     (0.03, 0.03)
     """
-    if text is None:
-        return None
-    found, _ = size(text, where, "size", remedy := "0.03 or 3% is 3 % of the output span")
-    if found > 0.5:
-        raise UsageError(f"{text} is not possible", where=where, remedy=f"at most 0.5; {remedy}")
-    return found
+    return None if text is None else size(text, where, "size", "0.03 or 3% is 3 % of the output span", 0.5)[0]
 
 
-class Place(click.ParamType):
-    """A path, or an address such as s3://bucket/plant.parquet."""
+def place(text: str) -> Path | Remote:
+    """Read a path, or an address such as s3://bucket/plant.parquet."""
+    if "://" not in text and "::" not in text:
+        return Path(text)
+    from ..loaders.sources import place
 
-    name = "place"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return a Path, or a Remote for an address."""
-        if isinstance(value, str) and ("://" in value or "::" in value):
-            from ..loaders.sources import place
-
-            return place(value)
-        return Path(value)
+    return place(text)
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -117,7 +108,7 @@ def names(text: str) -> tuple[str, ...]:
 
 
 PAGE = tomllib.loads((resources.files(__package__) / "commands.toml").read_text(encoding="utf-8"))
-TYPES = {"path": click.Path(path_type=Path), "place": Place(), "names": names, "int": int}
+TYPES = {"path": click.Path(path_type=Path), "place": place, "names": names, "int": int}
 
 
 def command(function: Callable[..., int | None]) -> click.Command:

@@ -1,4 +1,4 @@
-"""backlash scan: from historian exports to one verdict per loop, with its reasons; and its nights into a history."""
+"""backlash scan: from historian exports to one verdict per loop and its nights into a history; check: fit for one?"""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
 from .options import Export, cluster, command
-from .terminal import emit, progress, say, say_failures, say_if_first_run, several
+from .terminal import emit, progress, put, say, say_failures, say_if_first_run, several
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -75,6 +75,35 @@ def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Pa
     if hits and not quiet:
         say(f"--fail-on {', '.join(fail_on)}: met by {several(len(hits), 'loop')}: {', '.join(hits[:10])}")
     return 1 if hits else status
+
+
+@command
+def check(form: str | None, output: Path | None, verbose: bool, **given: Any) -> int:
+    """Check data quality and controller settings before trusting a verdict."""
+    from ..check import LoopCheck, check_loop
+    from ..engines.local import answers
+    from ..reporter.check_table import checked
+    from ..results import PlantResult
+
+    plant = Export.of(given).read(compiles=False)
+    loops = []
+    with progress("checking", len(plant), stopped="loops were checked; no report was written") as step:
+        for record, found in zip(plant, answers(plant.records, check_loop, jobs=1), strict=True):
+            loops.append(found if isinstance(found, LoopCheck) else
+                         LoopCheck(record.loop, notes=record.notes, failure=found))
+            step()
+    unread = {str(note.values["loop"]): note for note in plant.failures if note.values.get("loop")}
+    known = {loop.loop for loop in loops}
+    loops += [LoopCheck(name, failure=note) for name, note in unread.items() if name not in known]
+    rest = tuple(note for note in plant.failures if not note.values.get("loop"))
+    result = PlantResult(tuple(loops), plant.inputs, plant.warnings, rest)
+    form = form or ("json" if output is not None and output.suffix.lower() == ".json" else "table")
+    report, coloured = checked(result), output is None and sys.stdout.isatty()
+    put(output, report.json() if form == "json" else report.text(verbose=verbose, colour=coloured),
+        f"{several(len(loops), 'loop')} checked, {form}")
+    failed = [f"{loop.loop}: {loop.failure.message.removeprefix(f'{loop.loop}: ')}" for loop in loops if loop.failure]
+    return say_failures("not checked", failed + [note.message for note in result.failures],
+                        shown=output is not None or form == "json")
 
 
 @contextlib.contextmanager

@@ -121,8 +121,7 @@ def effects(verbose: bool) -> None:
 @command
 def paper(html: Path | None, json_file: Path | None) -> int:
     """Recompute every number of Haegglund (2007): the paper's, ours, the difference, and why where they differ."""
-    from ..estimator.haegglund import published_estimates
     from ..reporter.paper import paper as paper_report
     from ..simulator.paper import reproduce
 
-    return deliver(paper_report(reproduce(published_estimates)), json_file, html)
+    return deliver(paper_report(reproduce()), json_file, html)

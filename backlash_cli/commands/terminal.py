@@ -64,10 +64,7 @@ def say(text: str) -> None:
 
 
 def say_failures(words: str, messages: Sequence[str], *, shown: bool = True) -> int:
-    """Say, unless the report shows them, what could not be done; return the exit status: 3, or 0 where there is none.
-
-    words: such as "not analysed".
-    """
+    """Say, unless the report shows them, what was "not analysed" or the like; return the exit status: 3, 0 for none."""
     for message in messages if shown else ():
         say(f"{words}: {message}")
     return 3 if messages else 0

@@ -2,8 +2,6 @@
 
 Saturation: the valve meets a stop before the end of the output's range.
 
->>> SATURATION.apply([0.1, 0.3, 0.15, 0.9], SATURATION.pack(low=0.2), interval=1.0).tolist()
-[0.2, 0.3, 0.2, 0.9]
 >>> SATURATION.apply([0.1, 0.9], SATURATION.pack(low=0.2, high=0.8), interval=1.0).tolist()
 [0.2, 0.8]
 

@@ -9,10 +9,9 @@ Quantization: transmitter or recorder rounds to a step, or repeats the old value
 >>> QUANTIZATION.apply([0.500, 0.503, 0.508], QUANTIZATION.neutral, interval=1.0).tolist()
 [0.5, 0.503, 0.508]
 
-Exception compression: the recorder keeps the old value until the signal has moved by more than a deviation.
-
-The step holds the last value that was kept. A historian that draws straight lines between kept values instead is
-`simulator.scenario.draw_lines`, which needs the next kept value and therefore the whole record.
+Exception compression: the recorder keeps the old value until the signal has moved by more than a deviation. A
+historian that draws straight lines between kept values instead is `simulator.scenario.draw_lines`, which needs the
+whole record.
 
 >>> p = EXCEPTION_COMPRESSION.pack(deviation=0.01)
 >>> EXCEPTION_COMPRESSION.apply([0.5, 0.505, 0.511, 0.515, 0.5], p, interval=1.0).tolist()
@@ -92,7 +91,6 @@ QUANTIZATION = Effect(
                                if how in ("rounded", "held")],
         meaning="PV is recorded in steps of {step}: what is smaller cannot be seen. Check the transmitter's resolution "
         "and the historian's exception and compression settings."))
-
 
 EXCEPTION_COMPRESSION = Effect(
     "exception_compression", Stage.SENSOR,

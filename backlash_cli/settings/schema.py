@@ -1,7 +1,4 @@
-"""Loop settings as users write them, a TOML page or a CSV table, and what they mean: ideal form, seconds.
-
-They are checked key by key; what is wrong is named with its line.
-"""
+"""Loop settings as users write them, a TOML page or a CSV table, checked key by key, and what they mean."""
 
 from __future__ import annotations
 

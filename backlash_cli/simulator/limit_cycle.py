@@ -8,7 +8,7 @@ N depends on d/a only. Source: Haegglund (2007), eq. 1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,10 +22,7 @@ RATIOS = 1.0 - np.cos(np.linspace(1e-3, np.pi - 1e-3, 20001))
 
 
 def describing_function(ratio: object) -> ComplexArray:
-    """Return N(d/a), complex, for the ratio of dead band to input amplitude, each 0..2.
-
-    Raises UsageError outside 0..2: below half a gap of amplitude the valve does not move.
-    """
+    """Return N(d/a), complex, for the ratio of dead band to input amplitude, each 0..2 (else UsageError)."""
     r = np.asarray(ratio, dtype=np.float64)
     if np.any(r < 0.0) or np.any(r > 2.0):
         raise UsageError("d/a must lie in 0..2", remedy="the amplitude must be at least half the dead band")
@@ -34,8 +31,7 @@ def describing_function(ratio: object) -> ComplexArray:
     return np.asarray((real - 1j * square) / np.pi, dtype=np.complex128)
 
 
-@dataclass(frozen=True)
-class LimitCycle:
+class LimitCycle(NamedTuple):
     """A lasting oscillation: period [s], and half of peak to peak [span] of output and measurement."""
 
     period: float

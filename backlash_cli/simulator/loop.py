@@ -116,10 +116,8 @@ def export(run: Trace) -> Record:
 
 
 def trace(scenario: Scenario) -> Trace:
-    """Simulate a loop and return every signal at the inner step, the true valve position included.
-
-    Raises LoopError (code `unstable_loop`) when the measurement runs away.
-    """
+    """Simulate a loop and return every signal at the inner step, the true valve position included. Raises LoopError
+    (code `unstable_loop`) when the measurement runs away."""
     from ..kernels import COMPENSATOR_STATE, PID_STATE, closed_loop
 
     s, c = scenario, scenario.controller

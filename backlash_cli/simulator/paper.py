@@ -8,7 +8,7 @@ on Example 2 (Figs. 10, 12 to 15), the default Kp, the industrial cases (Figs. 1
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
 from typing import Any
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..estimator.haegglund import DEFAULT_KP, published_estimates
 from ..record import FloatArray, Record
 from ..results import Estimate
 from ..results.paper import Line, Panel, PaperFigure, PaperReport, PaperRow
@@ -40,27 +41,23 @@ SEED = 0  # of the runs that are drawn and whose detections are counted
 # single draw), of the industrial cases
 LOAD_DRAWS, DRAWS, INDUSTRIAL_DRAWS = 6, 16, 12
 TRUE_INDUSTRIAL = 0.03
-DEFAULT_KP = 1.5
 STEP_LENGTH = 20.0  # seconds between the operator's steps of 1 % in the manual test
 SEEN = 0.004  # change of the flow [span] that a person sees in the trend: about four times its noise
 
-Estimator = Callable[[Record], Sequence[Estimate]]
 Numbers = dict[str, float]
 Found = tuple[Numbers, list[PaperFigure]]
-
 
 PAGE = tomllib.loads((resources.files(__package__) / "published.toml").read_text(encoding="utf-8"))
 # every number of the paper with its tolerance
 PUBLISHED = tuple(PaperRow(*row, **PAGE["differs"].get(row[0], {})) for row in PAGE["published"])
 
 
-def reproduce(estimator: Estimator) -> PaperReport:
-    """Recompute the paper; `estimator` returns the published estimates of a record, refused ones included."""
+def reproduce() -> PaperReport:
+    """Recompute the paper."""
     values: Numbers = {}
     figures: list[PaperFigure] = []
     lists: dict[str, str] = {}
-    for more, drawn in (integrating_process(), stable_process(), default_gain(), detections(estimator, lists),
-                        industrial(estimator, lists)):
+    for more, drawn in (integrating_process(), stable_process(), default_gain(), detections(lists), industrial(lists)):
         values |= more
         figures += drawn
     order = list(PAGE["figures"])
@@ -217,7 +214,7 @@ def figure_6(rise: Mapping[float, FloatArray], left: float) -> PaperFigure:
     return figure("fig6", *panels)
 
 
-def detections(estimator: Estimator, lists: dict[str, str]) -> Found:
+def detections(lists: dict[str, str]) -> Found:
     """Return Figs. 10 and 12 to 15; into lists go the single estimates by figure."""
     values: Numbers = {}
     run = trace(example_2(0.05, seed=SEED))
@@ -227,7 +224,7 @@ def detections(estimator: Estimator, lists: dict[str, str]) -> Found:
     below: list[bool] = []
     for key, d in DETECTED.items():
         records = [simulate(example_2(d, seed=SEED + k)) for k in range(DRAWS)]
-        drawn = [[e for e in estimator(record) if e.accepted] for record in records]
+        drawn = [[e for e in published_estimates(record) if e.accepted] for record in records]
         medians = [np.median([e.d for e in found]) for found in drawn if found]
         below += [e.d < d for found in drawn for e in found]
         values[f"{key}_median"] = 100.0 * float(np.mean(medians)) if medians else float("nan")
@@ -245,10 +242,10 @@ def default_gain() -> Found:
     return {"kp_low": float(at_ends[0]), "kp_high": float(at_ends[1])}, [figure("kp", panel)]
 
 
-def industrial(estimator: Estimator, lists: dict[str, str]) -> Found:
+def industrial(lists: dict[str, str]) -> Found:
     """Return Figs. 17 to 19, each number over several draws of noise and load."""
     swinging, fixed = (load_scenarios(name)[0] for name in ("industrial-oscillating", "industrial-fixed"))
-    swing, rest = ([e for k in range(INDUSTRIAL_DRAWS) for e in estimator(simulate(with_seed((s,), k)[0]))]
+    swing, rest = ([e for k in range(INDUSTRIAL_DRAWS) for e in published_estimates(simulate(with_seed((s,), k)[0]))]
                    for s in (swinging, fixed))
     accepted, calm = ([e.d for e in found if e.accepted] for found in (swing, rest))
     values = {"fig18_median": 100.0 * float(np.median(accepted)), "fig18_count": len(accepted) / INDUSTRIAL_DRAWS,
@@ -260,7 +257,7 @@ def industrial(estimator: Estimator, lists: dict[str, str]) -> Found:
     figures = [diagrams("fig17", run.time, slice(None, None, 5), {"flow": run.measurement},
                         {"valve": run.valve, "u": run.output})]
     for key, s in (("fig18", swinging), ("fig19", fixed)):
-        figures.append(recording(key, record := simulate(s), estimator(record), lists))
+        figures.append(recording(key, record := simulate(s), published_estimates(record), lists))
     return {**values, "fig17_d": 100.0 * read_manual_test(run)}, figures
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -39,11 +40,8 @@ def use(name: str | Effect, *, column: str | None = None, **parameters: object) 
 
 @dataclass(frozen=True)
 class Recorder:
-    """An effect between the loop and the export.
-
-    signals: which of SP, PV, OP it treats. lines: the historian joins the values at which the recorded signal
-    changed by straight lines instead of holding them.
-    """
+    """An effect between the loop and the export. signals: which of SP, PV, OP it treats. lines: the historian joins the
+    values at which the recorded signal changed by straight lines instead of holding them."""
 
     applied: Applied
     signals: tuple[str, ...] = ("PV", "OP")
@@ -160,36 +158,29 @@ def every(time: float, step: float, name: str) -> int:
 
 def truth_rows(scenarios: Iterable[Scenario]) -> list[Row]:
     """Return rows (loop, effect, parameter, value, unit), normalised; lists are joined by semicolons."""
-    return [(scenario.name, *row) for scenario in scenarios for row in _rows(scenario)]
+    return [(s.name, effect, name, ";".join(v if isinstance(v, str) else f"{v:.10g}" for v in values), unit)
+            for s in scenarios for effect, name, values, unit in _planted(s) if len(values)]
 
 
-def _rows(s: Scenario) -> Iterator[tuple[str, str, str, str]]:
-    p = s.process
-    yield "process", "gain", _text(p.gain), "PV span/OP span" + ("/s" if p.integrating else "")
-    if p.lags:
-        yield "process", "lags", _text(*p.lags), "s"
-    if len(p.denominator) > 1:
-        yield "process", "numerator", _text(*p.numerator), "1"
-        yield "process", "denominator", _text(*p.denominator), "1"
-    yield "process", "dead_time", _text(p.dead_time), "s"
-    yield "process", "integrating", str(int(p.integrating)), "0 or 1"
+def _planted(s: Scenario) -> Iterator[tuple[str, str, Sequence[Any] | FloatArray, str]]:
+    p, shaped = s.process, len(s.process.denominator) > 1
+    yield "process", "gain", [p.gain], "PV span/OP span" + "/s" * p.integrating
+    yield "process", "lags", p.lags, "s"
+    yield "process", "numerator", p.numerator * shaped, "1"
+    yield "process", "denominator", p.denominator * shaped, "1"
+    yield "process", "dead_time", [p.dead_time], "s"
+    yield "process", "integrating", [p.integrating], "0 or 1"
     placed = [("", s.effects), ("setpoint:", s.setpoint.effects), ("recorder:", [r.applied for r in s.recorder])]
     for place, applied in ((place, applied) for place, chain in placed for applied in chain):
-        parameters, values = applied.effect.parameters, applied.p
+        parameters, effect = applied.effect.parameters, place + applied.effect.name
         lists = sum(q.many for q in parameters)
-        width = (len(values) - len(parameters) + lists) // max(lists, 1)
+        width = (len(applied.p) - len(parameters) + lists) // max(lists, 1)
         ends = np.cumsum([width if q.many else 1 for q in parameters])
-        for q, own in zip(parameters, np.split(values, ends[:-1]), strict=True):
-            if own.size and (not (q.nuisance or q.choices) or own[0] != q.neutral):
+        for q, own in zip(parameters, np.split(applied.p, ends[:-1]), strict=True):
+            if not (q.nuisance or q.choices) or (own != q.neutral).any():
                 # the same effect on a setpoint adds to the measurement's span
-                unit = q.unit.replace("OP span", "PV span") if place == "setpoint:" else q.unit
-                yield place + applied.effect.name, q.name, _text(*own), unit
-        if applied.column is not None:
-            yield place + applied.effect.name, "column", applied.column, ""
+                yield effect, q.name, own, q.unit.replace("OP span", "PV span") if place == "setpoint:" else q.unit
+        yield effect, "column", [] if applied.column is None else [applied.column], ""
     if s.compensator.gain > 0.0:
-        yield "compensator", "gain", _text(s.compensator.gain), "span"
-        yield "compensator", "scheme", str(int(s.compensator.scheme)), "equation"
-
-
-def _text(*values: float) -> str:
-    return ";".join(f"{v:.10g}" for v in values)
+        yield "compensator", "gain", [s.compensator.gain], "span"
+        yield "compensator", "scheme", [s.compensator.scheme], "equation"

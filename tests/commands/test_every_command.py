@@ -1,5 +1,6 @@
 """Walks the commands: a new one without help, summary or example fails at once."""
 
+import inspect
 import re
 import shlex
 
@@ -7,6 +8,7 @@ import click
 import pytest
 
 from backlash_cli.__main__ import cli
+from backlash_cli.commands.options import PAGE
 
 NAMES = list(cli.commands)
 
@@ -46,3 +48,21 @@ def test_command_is_named_in_the_summary_with_a_whole_sentence(name):
 def test_unknown_command_names_the_nearest():
     with pytest.raises(click.UsageError, match="did you mean scan"):
         cli.main(["scna"], standalone_mode=False)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_page_gives_what_the_function_takes(name):
+    command = cli.commands[name]
+    assert command.callback is not None
+    inspect.signature(command.callback).bind(**{p.name: None for p in command.params})
+
+
+def test_nothing_on_the_page_is_left_over():
+    tables = {name: PAGE[name] for name in NAMES}
+    assert set(PAGE) == {"groups", "options", *NAMES}
+    known = {"summary", "help", "epilog", "examples", "also", "options"}
+    assert not {key for words in tables.values() for key in words} - known
+    asked = {entry for words in tables.values() for entry in words.get("also", ())}
+    used = asked | {name for words in tables.values() for name in words.get("options", {})}
+    used |= {name for group in asked & set(PAGE["groups"]) for name in PAGE["groups"][group]}
+    assert not set(PAGE["options"]) - used and not set(PAGE["groups"]) - asked

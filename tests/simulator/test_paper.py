@@ -24,7 +24,7 @@ from backlash_cli.simulator.paper import (
 
 @pytest.fixture(scope="module")
 def report():
-    return reproduce(published_estimates)
+    return reproduce()
 
 
 @pytest.mark.parametrize("number", PUBLISHED, ids=lambda p: p.key)
