@@ -355,10 +355,19 @@ def plant(rows: Sequence[PlantRow], tick: str) -> Figure:
         line["marker"]["line"] = {"width": 3}
         data.append(line)
     sizes, weeks = axis("dead band [% of output span]", rangemode="tozero"), Figure()
-    if any(row.last for row in rows):
-        data += _last_weeks(rows)
+    if times := [t for row in rows for t, _ in row.last]:
         sizes["domain"] = [0.0, 0.6]
         weeks = {"xaxis2": DATES | {"domain": [0.66, 1.0], "showgrid": False, "showticklabels": False}}
+        last, limits = ([], []), ([], [])  # type: tuple[list[Any], list[Any]], tuple[list[Any], list[Any]]
+        for k, row in enumerate(rows):  # a small line per loop within its row, as high as its size over its limit
+            top = 1.2 * max([row.tick or 0.0, *(size for _, size in row.last)])
+            limit = ((min(times), row.tick), (max(times), row.tick)) if row.last and row.tick is not None else ()
+            for (x, y), points in ((last, row.last), (limits, limit)):
+                x += [*(ms(t) for t, _ in points), None][: 2 * len(points)]
+                y += [*(round(k + 0.42 - 0.84 * size / top, 3) for _, size in points), None][: 2 * len(points)]
+        plain: Figure = {"xaxis": "x2", "hoverinfo": "skip", "showlegend": False, "hover": ""}
+        data += [trace(*limits, "", QUIET, width=1, dash="dot", **plain),
+                 trace(*last, "", MEASUREMENT, width=1.6, **plain)]
     names = {"tickvals": [*range(len(rows))], "ticktext": [picture(row.loop, 16) for row in rows],
              "fixedrange": True, "range": [len(rows) - 0.4, -0.6], "zeroline": False}
     return figure(data, sizes, names, height=130 + 26 * len(rows), **weeks)
@@ -370,21 +379,3 @@ def bars(at: Sequence[float], spans: Sequence[tuple[float, float] | None], colou
     below, above = ([round(max(sign * (span[side] - x), 0.0), 4) for x, span in zip(at, both, strict=True)]
                     for side, sign in ((0, -1.0), (1, 1.0)))
     return {"type": "data", "symmetric": False, "color": colour, "array": above, "arrayminus": below, **more}
-
-
-def _last_weeks(rows: Sequence[PlantRow]) -> list[Figure]:
-    """A small line per loop within its row, as high as its size over its limit; the limit dotted across it."""
-    sizes, limits = ([], []), ([], [])  # type: tuple[list[Any], list[Any]], tuple[list[Any], list[Any]]
-    first, last = (edge(t for row in rows for t, _ in row.last) for edge in (min, max))
-    for k, row in enumerate(rows):
-        if not row.last:
-            continue
-        top = 1.2 * max(row.tick or 0.0, *(size for _, size in row.last))
-        parts = [(sizes, row.last)]
-        if row.tick is not None:
-            parts.append((limits, ((first, row.tick), (last, row.tick))))
-        for (x, y), points in parts:
-            x += [*(ms(t) for t, _ in points), None]
-            y += [*(round(k + 0.42 - 0.84 * size / top, 3) for _, size in points), None]
-    plain: Figure = {"xaxis": "x2", "hoverinfo": "skip", "showlegend": False, "hover": ""}
-    return [trace(*limits, "", QUIET, width=1, dash="dot", **plain), trace(*sizes, "", MEASUREMENT, width=1.6, **plain)]
