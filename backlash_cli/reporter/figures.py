@@ -133,8 +133,6 @@ def stem_of(output: FloatArray, size: float) -> FloatArray:
 
 def stands_still(output: FloatArray, stem: FloatArray, size: float) -> list[tuple[int, int]]:
     """Return (first, last) sample of the stretches in which OP crosses half of the gap or more and the stem stays."""
-    if len(stem) < 2:
-        return []
     starts = np.flatnonzero(np.diff(stem, prepend=np.nan) != 0.0)
     low, high = (f.reduceat(np.where(np.isfinite(output), output, stem), starts) for f in (np.minimum, np.maximum))
     ends = np.append(starts[1:], len(stem)) - 1
@@ -174,8 +172,7 @@ def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
     OP through a gap of `size`, with the delay that suits best."""
     from scipy.stats import linregress
 
-    if near.output is None:
-        return None
+    assert near.output is not None
     good = np.isfinite(near.output) & np.isfinite(near.measurement)
     op, pv = near.output[good], near.measurement[good]
     if len(op) < 20 or np.ptp(op) <= size or np.ptp(pv) == 0.0:
@@ -195,8 +192,7 @@ def estimates(report: LoopReport) -> Figure:
     """Every estimate over time in % of the output span: used ones, refused ones with the reason, and the cluster."""
     groups: list[Figure] = []
     looks = (False, "refused", QUIET, "x-thin-open"), (True, "used", EVIDENCE, "circle")
-    for accepted, name, colour, symbol in looks:
-        # finite ones, and of very many the latest
+    for accepted, name, colour, symbol in looks:  # finite ones, and of very many the latest
         chosen = [e for e in report.estimates if e.accepted is accepted and math.isfinite(e.d)][-POINTS:]
         groups.append(dots([(e.start, e.d) for e in chosen], name, colour, symbol=symbol, hover="%{y:.2f} % (%{text})",
                            text=[picture(f"{e.why}, {e.dt_s:.4g} s") for e in chosen]))
@@ -217,10 +213,10 @@ def profile(report: LoopReport) -> Figure:
     """Evidence for each size of dead band, from the test of PV against OP through a dead band of that size."""
     c = report.confirmation
     assert c is not None
-    tried = [(round(100 * d, 4), evidence) for d, evidence in c.profile if d > 0.0]
-    x = [d for d, _ in tried]
-    line = trace(x, [evidence for _, evidence in tried], "", MEASUREMENT, mode="lines+markers", size=5,
-                 showlegend=False, hover="%{x} %: %{y:.3g}")
+    tried = {round(100 * d, 4): evidence for d, evidence in c.profile if d > 0.0}
+    x = [*tried]
+    line = trace(x, [*tried.values()], "", MEASUREMENT, mode="lines+markers", size=5, showlegend=False,
+                 hover="%{x} %: %{y:.3g}")
     shapes = [across("x", (100 * c.ci95[0], 100 * c.ci95[1]), EVIDENCE),
               across("x", 100 * c.d, EVIDENCE, width=2, name=f"PV against OP: {percent(c.d)}")]
     if used := [e.d for e in report.estimates if e.accepted and math.isfinite(e.d)]:
@@ -292,9 +288,9 @@ def means(values: FloatArray, points: int) -> FloatArray:
 
 def units(values: FloatArray, span: tuple[float, float], digits: int = 4) -> list[float | None]:
     """Normalised values in engineering units, with the digits of the span that a plot can show; None: not known."""
-    low, high = span
-    places = max(0, digits - math.floor(math.log10(abs(high - low) or 1.0)))
-    return [v if math.isfinite(v) else None for v in np.round(low + (high - low) * values, places).tolist()]
+    low, width = span[0], span[1] - span[0]
+    places = max(0, digits - math.floor(math.log10(abs(width) or 1.0)))
+    return [v if math.isfinite(v) else None for v in np.round(low + width * values, places).tolist()]
 
 
 def digits(values: FloatArray) -> list[float]:
@@ -349,11 +345,10 @@ def plant(rows: Sequence[PlantRow], tick: str) -> Figure:
         line["marker"] |= {"opacity": [float(x > 0) for x in at],
                            "symbol": ["triangle-left-open" if row.size is None else "circle" for _, row in own]}
         data.append(line)
-    if ticks := [(k, 100 * row.tick) for k, row in enumerate(rows) if row.tick is not None]:
-        line = trace([x for _, x in ticks], [k for k, _ in ticks], tick, QUIET, mode="markers", symbol="line-ns-open",
-                     size=16, hover=f"{tick} %{{x:.2f}} %<extra></extra>")
-        line["marker"]["line"] = {"width": 3}
-        data.append(line)
+    if ticks := {k: 100 * row.tick for k, row in enumerate(rows) if row.tick is not None}:
+        data.append(trace([*ticks.values()], [*ticks], tick, QUIET, mode="markers", symbol="line-ns-open", size=16,
+                          hover=f"{tick} %{{x:.2f}} %<extra></extra>"))
+        data[-1]["marker"]["line"] = {"width": 3}
     sizes, weeks = axis("dead band [% of output span]", rangemode="tozero"), Figure()
     if times := [t for row in rows for t, _ in row.last]:
         sizes["domain"] = [0.0, 0.6]

@@ -55,10 +55,10 @@ def json_text(document: Mapping[str, Any]) -> str:
 
 
 def strict(value: Any) -> Any:
-    """Return `value` as JSON can say it: NaN and infinity as null, arrays as lists, results by the names of their
-    fields (numbers of a Note only where there are any), anything else as text."""
+    """Return `value` as JSON can say it: numbers to ten digits, NaN and infinity as null, arrays as lists, results by
+    the names of their fields (numbers of a Note only where there are any), anything else as text."""
     if isinstance(value, float):
-        return shown(value)
+        return rounded if math.isfinite(rounded := float(f"{value:.10g}")) else None
     if isinstance(value, str):
         return str(value) if value.isascii() else value.encode("utf-8", "backslashreplace").decode()
     if value is None or isinstance(value, int):
@@ -79,12 +79,6 @@ def fields_of(value: Any, *without: str) -> dict[str, Any]:
     return {f.name: getattr(value, f.name) for f in fields(value) if f.repr and f.name not in without}
 
 
-def shown(value: float) -> float | None:
-    """A number to the ten digits that reports show; None for what is none."""
-    rounded = float(f"{value:.10g}")
-    return rounded if math.isfinite(rounded) else None
-
-
 def iso_time(epoch: float | None) -> str | None:
     """Return UTC epoch seconds as ISO 8601 text, with a fraction only where there is one; None if not a date.
 
@@ -93,7 +87,7 @@ def iso_time(epoch: float | None) -> str | None:
     """
     if epoch is None or not abs(epoch) < NO_DATE:
         return None
-    return str(np.datetime64(round(1000.0 * epoch), "ms")).replace(".000", "") + "Z"
+    return f"{np.datetime64(round(1000.0 * epoch), 'ms')}Z".replace(".000", "")
 
 
 def judged(found: results.Judged) -> dict[str, Any]:
