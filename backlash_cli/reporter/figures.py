@@ -26,7 +26,6 @@ STEM = "#0b8a9e"
 GREEN = "#2a9d5c"
 COLOURS = {"bad": EVIDENCE, "warn": OUTPUT, "good": GREEN, "quiet": QUIET}  # by mark
 Figure = dict[str, Any]
-Flank = tuple[FloatArray, FloatArray]
 DATES: Figure = {"type": "date"}
 
 
@@ -167,7 +166,7 @@ def plane(record: Record, window: slice, report: LoopReport, points: int = POINT
     return figure(lines, axis(f"OP ({op_unit})"), y_axis, height=420)
 
 
-def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
+def flanks(near: Record, size: float) -> list[tuple[FloatArray, FloatArray]] | None:
     """Return (OP, PV) of both flanks PV = gain (OP -+ d/2) + offset, opening and closing; None where PV does not follow
     OP through a gap of `size`, with the delay that suits best."""
     from scipy.stats import linregress
@@ -184,8 +183,7 @@ def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
     if best is None or best.rvalue**2 < FOLLOWS:
         return None
     ends = np.array([op.min(), op.max()])
-    opening, closing = (best.slope * (ends - side * size / 2) + best.intercept for side in (1, -1))
-    return (ends, opening), (ends, closing)
+    return [(ends, best.slope * (ends - side * size / 2) + best.intercept) for side in (1, -1)]
 
 
 def estimates(report: LoopReport) -> Figure:
