@@ -297,11 +297,7 @@ def digits(values: FloatArray) -> list[float]:
 
 
 def shown(span: tuple[float, float]) -> tuple[tuple[float, float], str]:
-    """The span that is shown, and words for its axis: per cent where no engineering range is known.
-
-    >>> shown((0.0, 1.0)), shown((0.0, 900.0))
-    (((0.0, 100.0), '%'), ((0.0, 900.0), 'span 0–900'))
-    """
+    """The span that is shown, and words for its axis: per cent where no engineering range is known."""
     span = (0.0, 100.0) if span == (0.0, 1.0) else span
     return span, "%" if span == (0.0, 100.0) else f"span {span[0]:g}–{span[1]:g}"
 
