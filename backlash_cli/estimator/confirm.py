@@ -183,7 +183,7 @@ def _confirmation(s: Study) -> Confirmation:
         "share_deviation": float(deviation[at]),
         "edge": float(at in (0, len(grid) - 1)), "rows": float(sum(p.rows for p in best.predictions)),
         "block_s": best.predictions[0].size * s.interval, "output_range": s.span / 100.0,
-        "crossings": float(sum(gap_crossings(r.output, d) for r in s.recordings)),
+        "crossings": float(sum(gap_crossings(r.output[r.usable], d) for r in s.recordings)),  # in automatic
         "recordings": float(len(s.recordings)), "trace": float(evidence >= TRACE),
         "sign_known": float(s.settings.K is not None), "output": "rebuilt" if s.rebuilt else "recorded",
     }

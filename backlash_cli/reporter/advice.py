@@ -24,7 +24,7 @@ ADVICE, TEST = (
 GAINS = ("Gain [%]", "of d", "Mean error", "Peak error", "Valve travel", "OP travel", "Reversals", "Limit cycle")
 KINDS = {"wait": "wait", "setpoint_steps": "setpoint steps", "manual_test": "test in manual", "logging": "logging"}
 COLUMNS = ("loop", "verdict", "target", "kind", "decides", "power", "clears", "false_alarm", "missed", "repeats",
-           "duration_s", "move", "levels", "hold_s", "op_move", "pv_move", "text")
+           "duration_s", "move", "levels", "hold_s", "op_move", "pv_move", "within_limits", "text")
 
 
 def compensation(study: CompensationStudy) -> Report:

@@ -11,17 +11,17 @@ from typing import Any
 
 from .._version import __version__
 from ..results import Compensator, Verdict
-from ..results.history import DAY, HalfPeriod, Night, Place, Repair, Run, Segment, Wear, day_text
+from ..results.history import DAY, HalfPeriod, Night, Place, Repair, Run, Segment, Wear
 from . import figures as fig
 from .figures import Figure
 from .json_report import fields_of, iso_time
 from .page import is_page
 from .report import LoopPart, Report
 from .safe import picture
-from .templates import screen, sentence
+from .templates import lines, screen, sentence
+from .words import TITLES, day
 
 WIDTH = 160  # lines of names, dates and numbers are not wrapped
-TO_DO = {"pull": "pull", "room": "pull if room", "watch": "watch", "leave": "leave alone", "check": "check"}
 MARKS = {"pull": "bad", "room": "warn", "watch": "warn", "leave": "good", "check": "quiet"}
 DRAWN = 60  # loops with figures in a single file
 RANKED = 40  # loops in the picture of the plant
@@ -43,26 +43,27 @@ def runs_text(runs: Sequence[Run]) -> str:
 
 def trend(wears: Mapping[str, Wear], places: Sequence[Place]) -> Report:
     """Return wear and ranking of all loops in the order of repair; verbose: why every loop has its place."""
-    return Report("trend", "", {"wears": wears, "places": places, "growth": growth, "to_do": TO_DO},
+    return Report("trend", "", {"wears": wears, "places": places, "growth": growth},
                   lambda: {"loops": [_wear(wears[place.loop], place) for place in places]}, width=WIDTH)
 
 
 def _wear(wear: Wear, place: Place) -> dict[str, Any]:
     """Return one loop's wear with the names of the contract; dead bands are shares of the output span."""
-    now, h, date = wear.now, wear.held_out, wear.limit_date and [*map(day_text, wear.limit_date)]
+    now, h, date = wear.now, wear.held_out, wear.limit_date and [*map(day, wear.limit_date)]
     return {
-        **{name: getattr(wear, name) for name in ("loop", "nights", "state", "message")},
-        **{name: getattr(place, name) for name in ("rank", "action", "why", "confidence")},
+        "message": sentence("outlook", wear), "why": lines("why_place", place, wear),
+        **{name: getattr(wear, name) for name in ("loop", "nights", "state")},
+        **{name: getattr(place, name) for name in ("rank", "action", "confidence")},
         "ratio_to_limit": place.ratio, "slope_per_day": _slope(now),
-        "level": now and {"value": now.level, "ci95": now.level_ci95},
+        "level": None if now is None or now.level_ci95 is None else {"value": now.level, "ci95": now.level_ci95},
         "limit": wear.limit.value, "limit_class": wear.limit.name, "limit_source": wear.limit.source,
         "limit_date": date and {"value": date[0], "ci95": date[1:]}, "model": wear.model or None,
         "held_out": h and {
-            "nights": h.nights, "since": day_text(h.since), "straight_line_error": h.line, "local_error": h.local,
+            "nights": h.nights, "since": day(h.since), "straight_line_error": h.line, "local_error": h.local,
             "straight_line_bias": h.bias, "straight_line_holds": h.line_holds},
         "repairs": [{"date": r.date.isoformat(), **fields_of(r, "loop"), "time": iso_time(r.time)}
                     for r in wear.repairs],
-        "segments": [{"start": day_text(s.first), "end": day_text(s.last), "nights": s.nights,
+        "segments": [{"start": day(s.first), "end": day(s.last), "nights": s.nights,
                       "below_detection": s.below, "slope_per_day": _slope(s), "level_start": s.level_first,
                       "level_end": s.level} for s in wear.segments],
         "gaps": [{"date": day, "code": code} for day, code in wear.gaps], "missing_days": wear.missing}
@@ -84,8 +85,8 @@ def write_report(output: Path, places: Sequence[Place], wears: Mapping[str, Wear
     old report stays until the new one is whole. half_periods: gives the recent half periods of a loop by its name."""
     single = is_page(output)
     times = [n.time for found in nights.values() for n in found]
-    first, last = (day_text(edge(times)) if times else None for edge in (min, max))  # the clock is not asked
-    content = {"places": places, "wears": wears, "counts": Counter(p.title for p in places), "ranked": RANKED,
+    first, last = (day(edge(times)) if times else None for edge in (min, max))  # the clock is not asked
+    content = {"places": places, "wears": wears, "counts": Counter(TITLES[p.action] for p in places), "ranked": RANKED,
                "cut": DRAWN * (single and len(places) > DRAWN), "weeks": WEEKS, "marks": MARKS, "growth": growth}
     told = (places, [[n.digest for n in nights[p.loop]] for p in places], [wears[p.loop] for p in places])
     Report("wear", "Valve wear report", content, drawn=lambda: {
@@ -103,9 +104,9 @@ def plant_picture(places: Sequence[Place], wears: Mapping[str, Wear], nights: Ma
     for p in places:
         wear, now = wears[p.loop], wears[p.loop].now
         last = sorted((n.time, n.d) for n in nights[p.loop] if n.d is not None and n.time >= since)
-        rows.append(fig.PlantRow(
-            p.loop, p.title, MARKS[p.action], now.level if now else None, now.level_ci95 if now else None, None,
-            wear.limit.value, "" if now and now.level else "no size", sentence("brief_wear", p, wear), tuple(last)))
+        level, ci95 = (now.level, now.level_ci95) if now else (None, None)
+        rows.append(fig.PlantRow(p.loop, TITLES[p.action], MARKS[p.action], level, ci95, None, wear.limit.value,
+                                 "" if level else "no size", sentence("brief_wear", p, wear), tuple(last)))
     return fig.plant(rows, "limit")
 
 

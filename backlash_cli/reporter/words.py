@@ -12,7 +12,6 @@ from operator import itemgetter
 
 from ..record import LoopSettings
 from ..results import Explanation, FittedEffect, FittedParameter, LoopReport, Region, Step, Verdict
-from ..results.history import day_text  # noqa: F401  of the templates
 from .json_report import iso_time
 from .safe import terminal
 
@@ -20,6 +19,9 @@ from .safe import terminal
 VERDICTS = {**{verdict: verdict.replace("_", " ") for verdict in Verdict}, Verdict.INSUFFICIENT_DATA: "too little data",
             Verdict.ERROR: "not analysed"}
 MARKS = dict(zip(VERDICTS, ("bad", "warn", "good", "warn", "quiet", "quiet", "bad"), strict=True))
+TITLES = {"pull": "Pull at the next shutdown", "room": "Pull if there is room", "watch": "Watch",
+          "leave": "Leave alone", "check": "Check loop and data"}  # of what to do with a valve, and the same in short
+TO_DO = {"pull": "pull", "room": "pull if room", "watch": "watch", "leave": "leave alone", "check": "check"}
 WORSE = 1.15  # share of the error over share of the time, from which a region is worth a line
 SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
 A_DATE = 1e8  # epoch seconds (1973); a record that counts its seconds from zero stays below
@@ -83,6 +85,11 @@ def joined(texts: Iterable[object], between: str = ", ") -> str:
 def moment(epoch: float | None) -> str:
     """A time as '2026-03-17 08:00 UTC'."""
     return (text[:16].replace("T", " ") + " UTC") if (text := iso_time(epoch)) else "–"
+
+
+def day(epoch: float) -> str | None:
+    """A day, e.g. '2026-03-17'; None outside the calendar (a limit that is thousands of years away)."""
+    return (iso_time(epoch) or "")[:10] or None
 
 
 def advice(report: LoopReport) -> str:

@@ -35,6 +35,7 @@ class PlanOption:
     false_alarm: float | None = None  # share with a healthy valve that are called `backlash`
     missed: float | None = None  # share with a worn valve that are called `no_backlash`
     repeats: int = 0  # of each kind
+    within_limits: bool = True  # False: it moves PV or OP further than was allowed
     worn: Course | None = field(default=None, repr=False)  # what to expect
     healthy: Course | None = field(default=None, repr=False)
 

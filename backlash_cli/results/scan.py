@@ -140,7 +140,7 @@ class LoopReport:
     detection_rate: float = 0.0
     detections_per_hour: float = 0.0
     rejected: Mapping[str, int] = field(default_factory=dict)
-    estimates: Sequence[Estimate] = ()
+    estimates: Estimates | tuple[Estimate, ...] = ()
     cluster: Cluster | None = None
     confirmation: Confirmation | None = None
     compensator: Compensator | None = None
