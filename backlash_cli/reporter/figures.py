@@ -352,8 +352,8 @@ def plant(rows: Sequence[PlantRow], tick: str) -> Figure:
             top = 1.2 * max([row.tick or 0.0, *(size for _, size in row.last)])
             limit = ((min(times), row.tick), (max(times), row.tick)) if row.last and row.tick is not None else ()
             for (x, y), points in ((last, row.last), (limits, limit)):
-                x += [*(ms(t) for t, _ in points), None][: 2 * len(points)]
-                y += [*(round(k + 0.42 - 0.84 * size / top, 3) for _, size in points), None][: 2 * len(points)]
+                x += [ms(t) for t, _ in points] + [None] * bool(points)  # no number: the line ends
+                y += [round(k + 0.42 - 0.84 * size / top, 3) for _, size in points] + [None] * bool(points)
         plain: Figure = {"xaxis": "x2", "hoverinfo": "skip", "showlegend": False, "hover": ""}
         data += [trace(*limits, "", QUIET, width=1, dash="dot", **plain),
                  trace(*last, "", MEASUREMENT, width=1.6, **plain)]
