@@ -1,5 +1,4 @@
-"""Comparison, explanation and the summary of a plant: which effect is missing in how many loops, and why not in the
-others."""
+"""Comparison, explanation and the summary of a plant: which effect is missing where, and why not elsewhere."""
 
 from __future__ import annotations
 

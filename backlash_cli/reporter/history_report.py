@@ -1,5 +1,4 @@
-"""The report of a history, for the person who plans repairs: order of repair and wear of every loop, as text, JSON and
-pages; and what a history holds."""
+"""The report of a history, for the person who plans repairs: order of repair and wear of every loop; what it holds."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Names and texts that come from files, made harmless for terminals, spreadsheets, pictures and file systems.
 
 A tag name is data: it may hold escape sequences, formulas, markup or `../`. Every reporter sends foreign text through
-one of these functions (HTML pages escape by themselves, through the template engine).
+one of these functions (pages escape by themselves).
 """
 
 from __future__ import annotations

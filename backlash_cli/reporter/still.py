@@ -111,9 +111,13 @@ def _draw(part: Any, words: str, data: Sequence[Figure], layout: Figure, *, narr
                                  or [(0.0, 0.0)])
         room = max(0.0, 60.0 / 86400.0 - (high.max() - low.min())) / 2.0
         panels[-1].set_xlim(low.min() - room, high.max() + room)
-    for note in layout.get("annotations", ()):
-        _annotation(panels[0], note, dates)
-    panels[0].set_title(terminal(words), loc="left")
+    top = panels[0]
+    for note in layout.get("annotations", ()):  # words at a place of the data, or of the panel where they refer to it
+        across, up = note.get("xref") == "paper", note.get("yref", "y") in ("paper", "y domain")
+        top.text(note["x"] if across else _numbers([note["x"]], dates)[0], note["y"], html.unescape(note["text"]),
+                 transform=top.transAxes if across and up else top.get_xaxis_transform() if up else top.transData,
+                 rotation=-note.get("textangle", 0), ha=note.get("xanchor", "center"), va=note.get("yanchor", "center"))
+    top.set_title(terminal(words), loc="left")
     handles = {label: handle for one in panels for handle, label in zip(*one.get_legend_handles_labels(), strict=True)}
     if handles:
         place = {"loc": "outside lower center", "ncols": 2} if narrow else {"loc": "outside upper right", "ncols": 6}
@@ -155,15 +159,6 @@ def _shape(axes: dict[str, Axes], shape: Figure, dates: bool) -> None:
             line, stroke = shape["line"], one.axvline if upright else one.axhline
             stroke(low, color=line["color"], linewidth=0.8 * line["width"], linestyle=DASHES[line["dash"]], label=label)
         label = "_"
-
-
-def _annotation(one: Axes, note: Figure, dates: bool) -> None:
-    """Words at a place of the data, or of the panel where they refer to it."""
-    across, up = note.get("xref") == "paper", str(note.get("yref", "y")) in ("paper", "y domain")
-    x = note["x"] if across else _numbers([note["x"]], dates)[0]
-    one.text(x, note["y"], html.unescape(note["text"]), rotation=-note.get("textangle", 0),
-             transform=one.transAxes if across and up else one.get_xaxis_transform() if up else one.transData,
-             ha=note.get("xanchor", "center"), va=note.get("yanchor", "center"))
 
 
 def _numbers(values: Sequence[Any], dates: bool = False) -> Any:

@@ -1,5 +1,4 @@
-"""How verdicts, sizes, times, errors, effects and their parameters are said to a person, the same on a terminal and on
-a page."""
+"""How verdicts, sizes, times, errors and effects are said to a person, the same on a terminal and on a page."""
 
 from __future__ import annotations
 
