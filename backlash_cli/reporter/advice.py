@@ -1,5 +1,4 @@
-"""Advice to a person: what a compensator would do to one loop, and what would decide the loops that are not decided, as
-sheets to print."""
+"""Advice to a person: what a compensator would do to a loop; what would decide undecided loops, as sheets to print."""
 
 from __future__ import annotations
 

@@ -1,10 +1,9 @@
-"""Comparison, explanation and the summary of a plant: which effect is missing in how many loops, and why not in the
-others."""
+"""Comparison, explanation and the summary of a plant: which effect is missing where, and why not elsewhere."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -96,18 +95,17 @@ class Tally:
 
 def tallies(plant: PlantExplanation) -> list[Tally]:
     """Return all gaps in the valve together, then each effect that was tried, most accepted first."""
+    def tally(*names: str) -> Tally:
+        have = {x.loop: [e.notes for e in x.effects if e.effect in names] for x in plant.loops}
+        why = Counter(reason(x, names).code for x in plant.loops if not have[x.loop])
+        why += Counter(not_explained=len(plant.failures))
+        return Tally(" or ".join(map(plain_name, sorted(names))), tuple(loop for loop in have if have[loop]),
+                     tuple(loop for loop, notes in have.items() if any(notes)), dict(why.most_common()))
+
     tried = [one for x in plant.loops for one in (*x.effects, *x.candidates)]
-    gaps = list(dict.fromkeys(one.effect for one in tried if one.gap is not None))
-    single = [_tally(plant, [name]) for name in dict.fromkeys(one.effect for one in tried)]
-    return [_tally(plant, gaps)] * (len(gaps) > 1) + sorted(single, key=lambda t: -len(t.loops))
-
-
-def _tally(plant: PlantExplanation, names: Sequence[str]) -> Tally:
-    have = {x.loop: [e.notes for e in x.effects if e.effect in names] for x in plant.loops}
-    why = Counter(reason(x, names).code for x in plant.loops if not have[x.loop])
-    why += Counter(not_explained=len(plant.failures))
-    return Tally(" or ".join(map(plain_name, sorted(names))), tuple(loop for loop in have if have[loop]),
-                 tuple(loop for loop, notes in have.items() if any(notes)), dict(why.most_common()))
+    gaps = {one.effect for one in tried if one.gap is not None}
+    single = [tally(name) for name in dict.fromkeys(one.effect for one in tried)]
+    return [tally(*gaps)] * (len(gaps) > 1) + sorted(single, key=lambda t: -len(t.loops))
 
 
 def reason(x: Explanation, names: Iterable[str]) -> Note:
@@ -120,14 +118,8 @@ def reason(x: Explanation, names: Iterable[str]) -> Note:
 
 def valve_reason(x: Explanation) -> Note | None:
     """Return why no gap was found in the valve of a loop; None where one was accepted."""
-    gaps = [c.effect for c in x.candidates if c.gap is not None]
-    return None if any(e.gap is not None for e in x.effects) else reason(x, gaps)
-
-
-def counts(plant: PlantExplanation) -> dict[str, int]:
-    """Return in how many loops each effect is missing, most first; "nothing" counts the loops that lack none."""
-    found = Counter(e.effect for x in plant.loops for e in x.effects)
-    return {**dict(found.most_common()), **+Counter(nothing=sum(not x.effects for x in plant.loops))}
+    found = any(e.gap is not None for e in x.effects)
+    return None if found else reason(x, [c.effect for c in x.candidates if c.gap is not None])
 
 
 def to_csv(plant: PlantExplanation) -> str:
@@ -157,7 +149,8 @@ def _numbers(x: Explanation, *, brief: bool = True) -> str:
 def summary(plant: PlantExplanation) -> Report:
     """Return which effects are missing in how many loops, why each is not in the others, and which gaps are small; the
     page takes `links`, the addresses of the loops' own pages."""
-    found, told = counts(plant), tallies(plant)
+    told, found = tallies(plant), dict(Counter(e.effect for x in plant.loops for e in x.effects).most_common())
+    found |= +Counter(nothing=sum(not x.effects for x in plant.loops))
     content = {"plant": plant, "links": {}, "told": told, "counts": found,
                "said": {x.loop: _numbers(x) for x in plant.loops},
                "still": sum(any(n.code in SILENT for n in x.reasons) for x in plant.loops)}

@@ -26,7 +26,6 @@ STEM = "#0b8a9e"
 GREEN = "#2a9d5c"
 COLOURS = {"bad": EVIDENCE, "warn": OUTPUT, "good": GREEN, "quiet": QUIET}  # by mark
 Figure = dict[str, Any]
-Flank = tuple[FloatArray, FloatArray]
 DATES: Figure = {"type": "date"}
 
 
@@ -133,8 +132,6 @@ def stem_of(output: FloatArray, size: float) -> FloatArray:
 
 def stands_still(output: FloatArray, stem: FloatArray, size: float) -> list[tuple[int, int]]:
     """Return (first, last) sample of the stretches in which OP crosses half of the gap or more and the stem stays."""
-    if len(stem) < 2:
-        return []
     starts = np.flatnonzero(np.diff(stem, prepend=np.nan) != 0.0)
     low, high = (f.reduceat(np.where(np.isfinite(output), output, stem), starts) for f in (np.minimum, np.maximum))
     ends = np.append(starts[1:], len(stem)) - 1
@@ -169,13 +166,12 @@ def plane(record: Record, window: slice, report: LoopReport, points: int = POINT
     return figure(lines, axis(f"OP ({op_unit})"), y_axis, height=420)
 
 
-def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
+def flanks(near: Record, size: float) -> list[tuple[FloatArray, FloatArray]] | None:
     """Return (OP, PV) of both flanks PV = gain (OP -+ d/2) + offset, opening and closing; None where PV does not follow
     OP through a gap of `size`, with the delay that suits best."""
     from scipy.stats import linregress
 
-    if near.output is None:
-        return None
+    assert near.output is not None
     good = np.isfinite(near.output) & np.isfinite(near.measurement)
     op, pv = near.output[good], near.measurement[good]
     if len(op) < 20 or np.ptp(op) <= size or np.ptp(pv) == 0.0:
@@ -187,16 +183,14 @@ def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
     if best is None or best.rvalue**2 < FOLLOWS:
         return None
     ends = np.array([op.min(), op.max()])
-    opening, closing = (best.slope * (ends - side * size / 2) + best.intercept for side in (1, -1))
-    return (ends, opening), (ends, closing)
+    return [(ends, best.slope * (ends - side * size / 2) + best.intercept) for side in (1, -1)]
 
 
 def estimates(report: LoopReport) -> Figure:
     """Every estimate over time in % of the output span: used ones, refused ones with the reason, and the cluster."""
     groups: list[Figure] = []
     looks = (False, "refused", QUIET, "x-thin-open"), (True, "used", EVIDENCE, "circle")
-    for accepted, name, colour, symbol in looks:
-        # finite ones, and of very many the latest
+    for accepted, name, colour, symbol in looks:  # finite ones, and of very many the latest
         chosen = [e for e in report.estimates if e.accepted is accepted and math.isfinite(e.d)][-POINTS:]
         groups.append(dots([(e.start, e.d) for e in chosen], name, colour, symbol=symbol, hover="%{y:.2f} % (%{text})",
                            text=[picture(f"{e.why}, {e.dt_s:.4g} s") for e in chosen]))
@@ -217,10 +211,10 @@ def profile(report: LoopReport) -> Figure:
     """Evidence for each size of dead band, from the test of PV against OP through a dead band of that size."""
     c = report.confirmation
     assert c is not None
-    tried = [(round(100 * d, 4), evidence) for d, evidence in c.profile if d > 0.0]
-    x = [d for d, _ in tried]
-    line = trace(x, [evidence for _, evidence in tried], "", MEASUREMENT, mode="lines+markers", size=5,
-                 showlegend=False, hover="%{x} %: %{y:.3g}")
+    tried = {round(100 * d, 4): evidence for d, evidence in c.profile if d > 0.0}
+    x = [*tried]
+    line = trace(x, [*tried.values()], "", MEASUREMENT, mode="lines+markers", size=5, showlegend=False,
+                 hover="%{x} %: %{y:.3g}")
     shapes = [across("x", (100 * c.ci95[0], 100 * c.ci95[1]), EVIDENCE),
               across("x", 100 * c.d, EVIDENCE, width=2, name=f"PV against OP: {percent(c.d)}")]
     if used := [e.d for e in report.estimates if e.accepted and math.isfinite(e.d)]:
@@ -292,9 +286,9 @@ def means(values: FloatArray, points: int) -> FloatArray:
 
 def units(values: FloatArray, span: tuple[float, float], digits: int = 4) -> list[float | None]:
     """Normalised values in engineering units, with the digits of the span that a plot can show; None: not known."""
-    low, high = span
-    places = max(0, digits - math.floor(math.log10(abs(high - low) or 1.0)))
-    return [v if math.isfinite(v) else None for v in np.round(low + (high - low) * values, places).tolist()]
+    low, width = span[0], span[1] - span[0]
+    places = max(0, digits - math.floor(math.log10(abs(width) or 1.0)))
+    return [v if math.isfinite(v) else None for v in np.round(low + width * values, places).tolist()]
 
 
 def digits(values: FloatArray) -> list[float]:
@@ -303,11 +297,7 @@ def digits(values: FloatArray) -> list[float]:
 
 
 def shown(span: tuple[float, float]) -> tuple[tuple[float, float], str]:
-    """The span that is shown, and words for its axis: per cent where no engineering range is known.
-
-    >>> shown((0.0, 1.0)), shown((0.0, 900.0))
-    (((0.0, 100.0), '%'), ((0.0, 900.0), 'span 0–900'))
-    """
+    """The span that is shown, and words for its axis: per cent where no engineering range is known."""
     span = (0.0, 100.0) if span == (0.0, 1.0) else span
     return span, "%" if span == (0.0, 100.0) else f"span {span[0]:g}–{span[1]:g}"
 
@@ -349,16 +339,24 @@ def plant(rows: Sequence[PlantRow], tick: str) -> Figure:
         line["marker"] |= {"opacity": [float(x > 0) for x in at],
                            "symbol": ["triangle-left-open" if row.size is None else "circle" for _, row in own]}
         data.append(line)
-    if ticks := [(k, 100 * row.tick) for k, row in enumerate(rows) if row.tick is not None]:
-        line = trace([x for _, x in ticks], [k for k, _ in ticks], tick, QUIET, mode="markers", symbol="line-ns-open",
-                     size=16, hover=f"{tick} %{{x:.2f}} %<extra></extra>")
-        line["marker"]["line"] = {"width": 3}
-        data.append(line)
+    if ticks := {k: 100 * row.tick for k, row in enumerate(rows) if row.tick is not None}:
+        data.append(trace([*ticks.values()], [*ticks], tick, QUIET, mode="markers", symbol="line-ns-open", size=16,
+                          hover=f"{tick} %{{x:.2f}} %<extra></extra>"))
+        data[-1]["marker"]["line"] = {"width": 3}
     sizes, weeks = axis("dead band [% of output span]", rangemode="tozero"), Figure()
-    if any(row.last for row in rows):
-        data += _last_weeks(rows)
+    if times := [t for row in rows for t, _ in row.last]:
         sizes["domain"] = [0.0, 0.6]
         weeks = {"xaxis2": DATES | {"domain": [0.66, 1.0], "showgrid": False, "showticklabels": False}}
+        last, limits = ([], []), ([], [])  # type: tuple[list[Any], list[Any]], tuple[list[Any], list[Any]]
+        for k, row in enumerate(rows):  # a small line per loop within its row, as high as its size over its limit
+            top = 1.2 * max([row.tick or 0.0, *(size for _, size in row.last)])
+            limit = ((min(times), row.tick), (max(times), row.tick)) if row.last and row.tick is not None else ()
+            for (x, y), points in ((last, row.last), (limits, limit)):
+                x += [ms(t) for t, _ in points] + [None] * bool(points)  # no number: the line ends
+                y += [round(k + 0.42 - 0.84 * size / top, 3) for _, size in points] + [None] * bool(points)
+        plain: Figure = {"xaxis": "x2", "hoverinfo": "skip", "showlegend": False, "hover": ""}
+        data += [trace(*limits, "", QUIET, width=1, dash="dot", **plain),
+                 trace(*last, "", MEASUREMENT, width=1.6, **plain)]
     names = {"tickvals": [*range(len(rows))], "ticktext": [picture(row.loop, 16) for row in rows],
              "fixedrange": True, "range": [len(rows) - 0.4, -0.6], "zeroline": False}
     return figure(data, sizes, names, height=130 + 26 * len(rows), **weeks)
@@ -370,21 +368,3 @@ def bars(at: Sequence[float], spans: Sequence[tuple[float, float] | None], colou
     below, above = ([round(max(sign * (span[side] - x), 0.0), 4) for x, span in zip(at, both, strict=True)]
                     for side, sign in ((0, -1.0), (1, 1.0)))
     return {"type": "data", "symmetric": False, "color": colour, "array": above, "arrayminus": below, **more}
-
-
-def _last_weeks(rows: Sequence[PlantRow]) -> list[Figure]:
-    """A small line per loop within its row, as high as its size over its limit; the limit dotted across it."""
-    sizes, limits = ([], []), ([], [])  # type: tuple[list[Any], list[Any]], tuple[list[Any], list[Any]]
-    first, last = (edge(t for row in rows for t, _ in row.last) for edge in (min, max))
-    for k, row in enumerate(rows):
-        if not row.last:
-            continue
-        top = 1.2 * max(row.tick or 0.0, *(size for _, size in row.last))
-        parts = [(sizes, row.last)]
-        if row.tick is not None:
-            parts.append((limits, ((first, row.tick), (last, row.tick))))
-        for (x, y), points in parts:
-            x += [*(ms(t) for t, _ in points), None]
-            y += [*(round(k + 0.42 - 0.84 * size / top, 3) for _, size in points), None]
-    plain: Figure = {"xaxis": "x2", "hoverinfo": "skip", "showlegend": False, "hover": ""}
-    return [trace(*limits, "", QUIET, width=1, dash="dot", **plain), trace(*sizes, "", MEASUREMENT, width=1.6, **plain)]

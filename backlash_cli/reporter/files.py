@@ -6,7 +6,6 @@ import contextlib
 import errno
 import functools
 import os
-import re
 import secrets
 import stat
 import time
@@ -16,7 +15,6 @@ from pathlib import Path
 from ..errors import BacklashError
 
 LEFT_BEHIND = 86400.0  # seconds; no run takes a day to write one file
-_TEMPORARY = re.compile(r"\.backlash-[0-9a-f]{12}\.tmp")
 _MENDED = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), ("the disk is full", "free some space, or write to another disk")),
     **dict.fromkeys((errno.EACCES, errno.EPERM), ("no permission to write there", "choose another place")),
@@ -94,11 +92,10 @@ def _told(path: str | os.PathLike[str]) -> Iterator[None]:
 @functools.cache
 def _sweep(folder: Path) -> None:
     """Remove, once per run and folder, the temporary files that runs left there which were killed outright."""
-    for path in folder.glob(".backlash-*.tmp"):
+    for path in folder.glob(f".backlash-{12 * '[0-9a-f]'}.tmp"):
         with contextlib.suppress(OSError):
             about = path.lstat()
-            old = stat.S_ISREG(about.st_mode) and about.st_mtime < time.time() - LEFT_BEHIND
-            if old and _TEMPORARY.fullmatch(path.name):
+            if stat.S_ISREG(about.st_mode) and about.st_mtime < time.time() - LEFT_BEHIND:
                 path.unlink()
 
 

@@ -1,5 +1,4 @@
-"""The report of a history, for the person who plans repairs: order of repair and wear of every loop, as text, JSON and
-pages; and what a history holds."""
+"""The report of a history, for the person who plans repairs: order of repair and wear of every loop; what it holds."""
 
 from __future__ import annotations
 
@@ -43,9 +42,8 @@ def runs_text(runs: Sequence[Run]) -> str:
 
 def trend(wears: Mapping[str, Wear], places: Sequence[Place]) -> Report:
     """Return wear and ranking of all loops in the order of repair; verbose: why every loop has its place."""
-    content = {"wears": wears, "places": places, "growth": growth}
-    return Report("trend", "", content, lambda: {"loops": [_wear(wears[place.loop], place) for place in places]},
-                  width=WIDTH)
+    return Report("trend", "", {"wears": wears, "places": places, "growth": growth},
+                  lambda: {"loops": [_wear(wears[place.loop], place) for place in places]}, width=WIDTH)
 
 
 def _wear(wear: Wear, place: Place) -> dict[str, Any]:
@@ -71,9 +69,8 @@ def _wear(wear: Wear, place: Place) -> dict[str, Any]:
 
 
 def _slope(segment: Segment | None) -> dict[str, Any]:
-    if segment is None or segment.slope_ci95 is None:
-        return {"value": None, "ci95": [None, None]}
-    return {"value": segment.slope, "ci95": segment.slope_ci95}
+    ci95 = segment.slope_ci95 if segment else None
+    return {"value": segment.slope if segment and ci95 else None, "ci95": ci95 or [None, None]}
 
 
 def growth(now: Segment | None) -> float | None:
@@ -127,7 +124,7 @@ def _loop(place: Place, wear: Wear, nights: Sequence[Night], half_periods: Calla
 
 def _wear_figure(nights: Sequence[Night], wear: Wear) -> Figure:
     """Return dead band over time in % of the output span, with the lines between repairs and the limit."""
-    first, last = min(n.time for n in nights), max([*(n.time for n in nights), *(p[0] for p in wear.forecast)])
+    times = [*(n.time for n in nights), *(p[0] for p in wear.forecast)]
     limit, lines = 100 * wear.limit.value, []
     for suspected, name, symbol in ((False, "night", "circle"), (True, "suspected", "circle-open")):
         own = [n for n in nights if n.measured and (n.verdict is Verdict.SUSPECTED) is suspected]
@@ -141,7 +138,7 @@ def _wear_figure(nights: Sequence[Night], wear: Wear) -> Figure:
         lines += _band(path, "wear", shown=number == 0, width=3)  # the level between repairs
     if wear.forecast:  # what comes if it goes on, to the limit or as far as the figure goes
         lines += _band(wear.forecast, "if it goes on", dash="dot", width=2)
-    lines.append(fig.trace([fig.ms(first), fig.ms(last)], [limit, limit], f"limit {limit:.2g} %", fig.OUTPUT,
+    lines.append(fig.trace([fig.ms(min(times)), fig.ms(max(times))], [limit, limit], f"limit {limit:.2g} %", fig.OUTPUT,
                            dash="dash", width=2, hoverinfo="name", hover=""))
     words = [fig.written(picture("repair found" if r.found else f"repair: {r.note}" if r.note else "repair", 30),
                          fig.ms(r.time), 1.0, yref="paper", xanchor="left", yanchor="top", xshift=4)
@@ -156,11 +153,10 @@ def _half_period_figure(half_periods: Sequence[HalfPeriod]) -> Figure:
     """Return the accepted estimates of the half periods over time, in % of the output span."""
     groups = []
     for joined, name, symbol in ((False, "half period", "circle"), (True, "across the cut of two nights", "diamond")):
-        part = [p for p in half_periods if p.accepted and p.joined is joined]
-        groups.append(fig.dots([(p.start, p.d) for p in part], name, fig.EVIDENCE, symbol=symbol, size=6,
-                               hover="%{y:.2f} % (%{text})", text=[f"{p.dt_s:.4g} s long" for p in part]))
-    return fig.figure([g for g in groups if g["x"]], fig.DATES, fig.axis(
-        "estimate [% of output span]", rangemode="tozero"), height=320)
+        if part := [p for p in half_periods if p.accepted and p.joined is joined]:
+            groups.append(fig.dots([(p.start, p.d) for p in part], name, fig.EVIDENCE, symbol=symbol, size=6,
+                                   hover="%{y:.2f} % (%{text})", text=[f"{p.dt_s:.4g} s long" for p in part]))
+    return fig.figure(groups, fig.DATES, fig.axis("estimate [% of output span]", rangemode="tozero"), height=320)
 
 
 def _band(path: Sequence[tuple[float, ...]], name: str, *, shown: bool = True, **line: Any) -> list[Figure]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import results
 from .._version import __version__
-from ..record import FloatArray, Note
+from ..record import Note
 
 SCHEMA_VERSION = 1
 NO_DATE = 2.5e11  # seconds from 1970 beyond which a time is no date (year 9892)
@@ -41,9 +41,7 @@ def loop(report: results.LoopReport) -> dict[str, Any]:
 
 def half_periods(found: Iterable[results.Estimate]) -> list[dict[str, Any]]:
     """Return half periods as strict values."""
-    rows = [*map(vars, found)]
-    starts, ends = (times(np.array([row[name] for row in rows])) for name in ("start", "end"))
-    return [strict({**row, "start": start, "end": end}) for row, start, end in zip(rows, starts, ends, strict=True)]
+    return [strict({**vars(e), "start": iso_time(e.start), "end": iso_time(e.end)}) for e in found]
 
 
 def header() -> dict[str, Any]:
@@ -57,10 +55,10 @@ def json_text(document: Mapping[str, Any]) -> str:
 
 
 def strict(value: Any) -> Any:
-    """Return `value` as JSON can say it: NaN and infinity as null, arrays as lists, results by the names of their
-    fields (numbers of a Note only where there are any), anything else as text."""
+    """Return `value` as JSON can say it: numbers to ten digits, NaN and infinity as null, arrays as lists, results by
+    the names of their fields (numbers of a Note only where there are any), anything else as text."""
     if isinstance(value, float):
-        return shown(value)
+        return rounded if math.isfinite(rounded := float(f"{value:.10g}")) else None
     if isinstance(value, str):
         return str(value) if value.isascii() else value.encode("utf-8", "backslashreplace").decode()
     if value is None or isinstance(value, int):
@@ -81,28 +79,15 @@ def fields_of(value: Any, *without: str) -> dict[str, Any]:
     return {f.name: getattr(value, f.name) for f in fields(value) if f.repr and f.name not in without}
 
 
-def shown(value: float) -> float | None:
-    """A number to the ten digits that reports show; None for what is none."""
-    rounded = float(f"{value:.10g}")
-    return rounded if math.isfinite(rounded) else None
-
-
 def iso_time(epoch: float | None) -> str | None:
-    """Return UTC epoch seconds as ISO 8601 text, with a fraction only where there is one; None if not a date."""
-    return None if epoch is None else times(np.array([epoch]))[0]
+    """Return UTC epoch seconds as ISO 8601 text, with a fraction only where there is one; None if not a date.
 
-
-def times(epoch: FloatArray) -> list[str | None]:
-    """The same for many.
-
-    >>> times(np.array([0.0, 1.5, np.nan]))
-    ['1970-01-01T00:00:00Z', '1970-01-01T00:00:01.500Z', None]
+    >>> iso_time(0.0), iso_time(1.5), iso_time(math.nan)
+    ('1970-01-01T00:00:00Z', '1970-01-01T00:00:01.500Z', None)
     """
-    known = np.abs(epoch) < NO_DATE
-    milliseconds = np.rint(1000.0 * np.where(known, epoch, 0.0)).astype("datetime64[ms]")
-    stamps = np.datetime_as_string(milliseconds, unit="ms").tolist()
-    return [stamp.replace(".000", "") + "Z" if there else None
-            for stamp, there in zip(stamps, known.tolist(), strict=True)]
+    if epoch is None or not abs(epoch) < NO_DATE:
+        return None
+    return f"{np.datetime64(round(1000.0 * epoch), 'ms')}Z".replace(".000", "")
 
 
 def judged(found: results.Judged) -> dict[str, Any]:
@@ -111,28 +96,23 @@ def judged(found: results.Judged) -> dict[str, Any]:
     first, last = (s.time[[0, -1]].tolist() if s is not None and len(s.time) else (None, None))
     effects = [{"effect": f.effect, "confidence": f.confidence or None, **_fitted(f), "sentence": f.sentence,
                 "notes": f.notes} for f in found.effects]
-    own = _explanation(found) if isinstance(found, results.Explanation) else _comparison(found)
+    if isinstance(found, results.Explanation):
+        tried = ("effect", "rmse_holdout", "error_reduction", "evidence", "verdict", "why")
+        own = {"candidates": [{**{name: getattr(c, name) for name in tried}, **_fitted(c)} for c in found.candidates],
+               "margin": found.margin and dict(zip(("evidence", "runner_up"), found.margin, strict=True))}
+    else:  # the fields of an explanation: no candidates, and the model's effects as they stand
+        assert isinstance(found, results.Comparison)
+        steps: list[dict[str, Any]] = [{"added": None, **fields_of(found.baseline, "parameters")}]
+        if not found.fitted:
+            name = effects[-1]["effect"] if effects else "model"
+            steps.append({"added": name, **fields_of(found.fitness, "parameters"), "chosen": "user"})
+        own = {"candidates": [], "steps": steps, "missing_effect": None}
     return {
         **header(), **fields_of(found), "start": iso_time(first), "end": iso_time(last), "effects": effects,
         "samples": None if s is None else s.used.sum(), "model": kept and {
             **fields_of(kept), "start": iso_time(kept.start), "end": iso_time(kept.end),
             "effects": [{"effect": e.reference, "column": e.column or None, **e.parameters} for e in kept.effects]},
         **own}
-
-
-def _explanation(e: results.Explanation) -> dict[str, Any]:
-    tried = ("effect", "rmse_holdout", "error_reduction", "evidence", "verdict", "why")
-    return {"candidates": [{**{name: getattr(c, name) for name in tried}, **_fitted(c)} for c in e.candidates],
-            "margin": e.margin and dict(zip(("evidence", "runner_up"), e.margin, strict=True))}
-
-
-def _comparison(c: Any) -> dict[str, Any]:
-    """The fields of an explanation: no candidates, and the model's effects as they stand."""
-    steps: list[dict[str, Any]] = [{"added": None, **fields_of(c.baseline, "parameters")}]
-    if not c.fitted:
-        name = c.effects[-1].effect if c.effects else "model"
-        steps.append({"added": name, **fields_of(c.fitness, "parameters"), "chosen": "user"})
-    return {"candidates": [], "steps": steps, "missing_effect": None}
 
 
 def _fitted(found: results.FittedEffect) -> dict[str, Any]:

@@ -93,11 +93,10 @@ def is_page(output: Path) -> bool:
 
 def write_pages(folder: Path, told: object, loops: Iterable[str], pages: Iterable[tuple[str, Mapping[str, str]]],
                 index: Callable[..., str]) -> None:
-    """Write the files of each loop, (loop, {suffix: text}), into a subfolder and then index.html.
+    """Write the files of each loop, (loop, {suffix: text}), into a subfolder and then index.html, in one step: until
+    then the old report is whole. Pages of older runs, except those of the report just replaced, are removed at the end.
 
-    told: tells this report from others by what it says. index: gives the HTML of index.html for the `links` to the
-    loops' pages and the `plotly_file`. It is replaced last, in one step: until then the old report is whole. Pages of
-    older runs, except those of the report just replaced, are removed at the end.
+    told: tells this report from others. index: gives the HTML of index.html for `links` to the pages and `plotly_file`.
     """
     mark = hashlib.sha256(repr(told).encode("utf-8", "backslashreplace")).hexdigest()[:12]
     subfolder, names, links = folder / f"loops-{mark}", file_names(loops), {}

@@ -1,7 +1,7 @@
 """Names and texts that come from files, made harmless for terminals, spreadsheets, pictures and file systems.
 
 A tag name is data: it may hold escape sequences, formulas, markup or `../`. Every reporter sends foreign text through
-one of these functions (HTML pages escape by themselves, through the template engine).
+one of these functions (pages escape by themselves).
 """
 
 from __future__ import annotations
@@ -67,31 +67,23 @@ def picture(text: object, limit: int = 80) -> str:
     return html.escape(terminal(text, limit), quote=False)
 
 
-def file_name(name: str) -> str:
-    """Return a file name (no folder, no suffix) for a loop: letters, digits, `.`, `-`, `_`, at most 60 characters.
-
-    A name that had to be changed carries a short fingerprint, so that different loops never share a file.
-
-    >>> file_name("FIC101"), file_name("../../etc/x")
-    ('FIC101', 'etc_x-56da1a2e')
-    """
-    plain = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._-")[:60]
-    if plain and plain == name and plain.split(".")[0].lower() not in _RESERVED:
-        return plain
-    return f"{plain[:50] or 'loop'}-{_mark(name)}"
-
-
-def _mark(name: str) -> str:
-    return hashlib.sha256(name.encode("utf-8", "backslashreplace")).hexdigest()[:8]
-
-
 def file_names(names: Iterable[str]) -> dict[str, str]:
-    """Return name -> file name for a plant, different also where the file system ignores upper and lower case."""
+    """Return name -> file name (no folder, no suffix): letters, digits, `.`, `-`, `_`, at most 60 characters.
+
+    A name that had to be changed carries a short fingerprint, so that different loops never share a file, also where
+    the file system ignores upper and lower case.
+
+    >>> file_names(["FIC101", "../../etc/x", "fic101"])
+    {'FIC101': 'FIC101', '../../etc/x': 'etc_x-56da1a2e', 'fic101': 'fic101-1b4fc58a'}
+    """
     given: dict[str, str] = {}
-    taken: set[str] = set()
+    taken = {""}
     for name in dict.fromkeys(names):
-        given[name] = file_name(name)
-        while given[name].lower() in taken:
-            given[name] = f"{given[name][:60]}-{_mark(name + given[name])}"
-        taken.add(given[name].lower())
+        plain = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._-")[:60]
+        stem = plain.lower()
+        if plain != name or stem in taken or stem.split(".")[0] in _RESERVED or re.search("-[0-9a-f]{8}$", stem):
+            mark = hashlib.sha256(name.encode("utf-8", "backslashreplace")).hexdigest()[:8]
+            plain = f"{plain[:50] or 'loop'}-{mark}"
+        taken.add(stem)
+        given[name] = plain
     return given

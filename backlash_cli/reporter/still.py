@@ -73,44 +73,51 @@ def still(title: str, rows: Sequence[Sequence[tuple[str, Figure]]], heights: Seq
         stripes = whole.subfigures(len(rows), 1, height_ratios=heights, squeeze=False)[:, 0]
         for row, stripe in zip(rows, stripes, strict=True):
             for (words, figure), part in zip(row, stripe.subfigures(1, len(row), squeeze=False)[0], strict=True):
-                _draw(part, words, figure, narrow=len(row) > 1)
+                _draw(part, words, figure["data"], figure["layout"], narrow=len(row) > 1)
     return whole
 
 
-def _draw(part: Any, words: str, figure: Figure, *, narrow: bool) -> None:
+def _draw(part: Any, words: str, data: Sequence[Figure], layout: Figure, *, narrow: bool) -> None:
     """One figure: its vertical axes below each other over one horizontal one, as their domains say."""
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
     from matplotlib.ticker import FixedLocator
 
-    layout = figure["layout"]
-    domains = {key.replace("axis", ""): axis.get("domain", [0.0, 1.0]) for key, axis in layout.items()
-               if key.startswith("yaxis") and "overlaying" not in axis}
-    names = sorted(domains, key=lambda name: -domains[name][0])
-    panels = part.subplots(len(names), 1, sharex=True, squeeze=False,
-                           height_ratios=[domains[n][1] - domains[n][0] for n in names])[:, 0]
-    axes: dict[str, Axes] = dict(zip(names, panels, strict=True))
+    scales = {key.replace("axis", ""): axis for key, axis in layout.items()
+              if key.startswith("yaxis") and "overlaying" not in axis}
+    heights = [high - low for low, high in (axis.get("domain", (0.0, 1.0)) for axis in scales.values())]
+    panels = part.subplots(len(scales), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+    axes: dict[str, Axes] = dict(zip(scales, panels, strict=True))
     dates = layout["xaxis"].get("type") == "date"
-    for trace in figure["data"]:
+    for trace in data:
         if trace.get("visible", True) is True:
             name = trace.get("yaxis", "y")
             _trace(axes[layout[name.replace("y", "yaxis")].get("overlaying", name)], trace, dates)
     for shape in layout.get("shapes", ()):
         _shape(axes, shape, dates)
-    for one, which, axis in [(panels[-1], "x", layout["xaxis"]),
-                             *((axes[name], "y", layout[name.replace("y", "yaxis")]) for name in names)]:
+    for one, which, axis in [(panels[-1], "x", layout["xaxis"]), *((axes[n], "y", scales[n]) for n in scales)]:
         one.set(**{f"{which}label": axis.get("title", {}).get("text", "")})
         if axis.get("type") == "log":
             one.set(**{f"{which}scale": "log"})
-            getattr(one, f"{which}axis").set(major_locator=FixedLocator(axis["tickvals"]), major_formatter="{x:g}",
-                                             minor_formatter="")
+            getattr(one, f"{which}axis").set(major_locator=FixedLocator(axis.get("tickvals", [])),
+                                             major_formatter="{x:g}", minor_formatter="")
         if "range" in axis:
             one.set(**{f"{which}lim": axis["range"]})
         if axis.get("autorange") == "reversed":
             one.invert_yaxis()
-    if dates:
-        _dates(panels, 5 if narrow else 10)
-    for note in layout.get("annotations", ()):
-        _annotation(panels[0], note, dates)
-    panels[0].set_title(terminal(words), loc="left")
+    if dates:  # a minute at least
+        locator = AutoDateLocator(maxticks=5 if narrow else 10)
+        panels[-1].xaxis.set(major_locator=locator, major_formatter=ConciseDateFormatter(locator))
+        low, high = np.transpose([one.dataLim.intervalx for one in panels if np.isfinite(one.dataLim.intervalx).all()]
+                                 or [(0.0, 0.0)])
+        room = max(0.0, 60.0 / 86400.0 - (high.max() - low.min())) / 2.0
+        panels[-1].set_xlim(low.min() - room, high.max() + room)
+    top = panels[0]
+    for note in layout.get("annotations", ()):  # words at a place of the data, or of the panel where they refer to it
+        across, up = note.get("xref") == "paper", note.get("yref", "y") in ("paper", "y domain")
+        top.text(note["x"] if across else _numbers([note["x"]], dates)[0], note["y"], html.unescape(note["text"]),
+                 transform=top.transAxes if across and up else top.get_xaxis_transform() if up else top.transData,
+                 rotation=-note.get("textangle", 0), ha=note.get("xanchor", "center"), va=note.get("yanchor", "center"))
+    top.set_title(terminal(words), loc="left")
     handles = {label: handle for one in panels for handle, label in zip(*one.get_legend_handles_labels(), strict=True)}
     if handles:
         place = {"loc": "outside lower center", "ncols": 2} if narrow else {"loc": "outside upper right", "ncols": 6}
@@ -152,28 +159,6 @@ def _shape(axes: dict[str, Axes], shape: Figure, dates: bool) -> None:
             line, stroke = shape["line"], one.axvline if upright else one.axhline
             stroke(low, color=line["color"], linewidth=0.8 * line["width"], linestyle=DASHES[line["dash"]], label=label)
         label = "_"
-
-
-def _annotation(one: Axes, note: Figure, dates: bool) -> None:
-    """Words at a place of the data, or of the panel where they refer to it."""
-    across, up = note.get("xref") == "paper", str(note.get("yref", "y")) in ("paper", "y domain")
-    x = note["x"] if across else _numbers([note["x"]], dates)[0]
-    one.text(x, note["y"], html.unescape(note["text"]), rotation=-note.get("textangle", 0),
-             transform=one.transAxes if across and up else one.get_xaxis_transform() if up else one.transData,
-             ha=note.get("xanchor", "center"), va=note.get("yanchor", "center"))
-
-
-def _dates(panels: Sequence[Axes], most: int) -> None:
-    """Dates on the lowest panel, and room for a minute at least."""
-    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-
-    locator = AutoDateLocator(maxticks=most)
-    panels[-1].xaxis.set(major_locator=locator, major_formatter=ConciseDateFormatter(locator))
-    spans = np.array([one.dataLim.intervalx for one in panels])
-    if (known := np.isfinite(spans).all(axis=1)).any():
-        low, high = spans[known].min(), spans[known].max()
-        room = max(0.0, 60.0 / 86400.0 - (high - low)) / 2.0
-        panels[-1].set_xlim(low - room, high + room)
 
 
 def _numbers(values: Sequence[Any], dates: bool = False) -> Any:

@@ -1,8 +1,7 @@
 """The templates of all reports, the words they have in common, and reports for a terminal.
 
-What a report says on a terminal stands in templates/NAME.txt. A line of it is a paragraph, wrapped and indented as it
-begins, or as far as `hang`; `style("bold")` in front of a line or of a cell colours it; `table` makes a table of its
-lines, cells parted by |.
+A line of templates/NAME.txt is a paragraph, wrapped and indented as it begins, or as far as `hang`; `style("bold")` in
+front of a line or of a cell colours it; `table` makes a table of its lines, cells parted by |.
 """
 
 from __future__ import annotations
@@ -72,7 +71,16 @@ def screen(template: str, *, colour: bool = False, width: int = WIDTH, **content
         return Markup(f"\x02{name}\x02" if name else "")
 
     def table(columns: str, caller: Callable[[], str], most: int | None = None) -> Markup:
-        tables.append(_table(columns.split("|"), caller().splitlines(), most))
+        """The last column is wrapped; > in front of a title: justified to the right. most: width of the first."""
+        made = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+        titles = [*map(str.strip, columns.split("|"))]
+        for place, title in enumerate(titles):
+            how: dict[str, Any] = {"overflow": "fold", "ratio": 1} if place == len(titles) - 1 else {
+                "no_wrap": True, "overflow": "ellipsis", "max_width": None if place else most}
+            made.add_column(title.removeprefix(">"), justify="right" if title.startswith(">") else "left", **how)
+        for row in caller().splitlines():
+            made.add_row(*(_styled(cell.strip())[1] for cell in row.split("|")))
+        tables.append(made)
         return Markup("\x00\n")
 
     text = environment("txt").get_template(template).render(table=table, style=style, hang=Markup("\t"), **content)
@@ -91,16 +99,3 @@ def _styled(text: str) -> tuple[Text, Text]:
     """What stands in front of a paragraph, and the paragraph."""
     ((lead, style, words),) = _STYLED.findall(text.replace("\ue000", "|"))
     return Text(lead.replace("\t", "")), Text(words, style=style)
-
-
-def _table(columns: list[str], rows: list[str], most: int | None) -> Table:
-    """The last column is wrapped; > in front of a title: numbers, justified to the right. most: width of the first."""
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
-    for place, title in enumerate(map(str.strip, columns)):
-        last = place == len(columns) - 1
-        table.add_column(title.removeprefix(">"), justify="right" if title.startswith(">") else "left",
-                         no_wrap=not last, overflow="fold" if last else "ellipsis", ratio=1 if last else None,
-                         max_width=None if place else most)
-    for row in rows:
-        table.add_row(*(_styled(cell.strip())[1] for cell in row.split("|")))
-    return table

@@ -1,5 +1,4 @@
-"""How verdicts, sizes, times, errors, effects and their parameters are said to a person, the same on a terminal and on
-a page."""
+"""How verdicts, sizes, times, errors and effects are said to a person, the same on a terminal and on a page."""
 
 from __future__ import annotations
 
@@ -139,11 +138,8 @@ def quantity(p: FittedParameter, stage: str, settings: LoopSettings, start: floa
 
     start: epoch seconds from which the times of several events count.
 
-    >>> d = FittedParameter(0.0302, "span", (0.0295, 0.031))
-    >>> quantity(d, "valve", LoopSettings())
+    >>> quantity(FittedParameter(0.0302, "span", (0.0295, 0.031)), "valve", LoopSettings())
     '3.02 % of OP span (95 %: 2.95 to 3.10 %)'
-    >>> quantity(d, "valve", LoopSettings(), brief=True)
-    '3.02 %'
     """
     if isinstance(p.value, tuple):
         if p.unit == "s" and start is not None and start > A_DATE:
@@ -183,11 +179,7 @@ def _each(p: FittedParameter) -> list[FittedParameter]:
 
 
 def clock_times(times: Sequence[float]) -> str:
-    """Moments of events, the day said once.
-
-    >>> clock_times([1773734400.0, 1773738000.5])
-    '2026-03-17 08:00:00, 09:00:00 UTC'
-    """
+    """Moments of events, the day said once: '2026-03-17 08:00:00, 09:00:00 UTC'."""
     stamps = [(iso_time(float(round(time))) or "–").rstrip("Z").partition("T") for time in times[:SHOWN_EVENTS]]
     said = (f"{day} {', '.join(clock for *_, clock in stamps)}" for day, stamps in groupby(stamps, itemgetter(0)))
     return ", ".join(said) + _more(times) + " UTC"

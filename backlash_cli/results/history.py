@@ -112,7 +112,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What adding a run changed: nights by what happened to them, as (loop, day) pairs."""
+    """What adding a run changed: nights by what happened to them, as (loop, day) pairs; loops without a time."""
 
     new: tuple[tuple[str, str], ...] = ()
     unchanged: tuple[tuple[str, str], ...] = ()
@@ -120,13 +120,9 @@ class Outcome:
     untimed: tuple[str, ...] = ()
 
     def sentence(self) -> str:
-        """Say it in words.
-
-        >>> Outcome(new=(("FIC101", "2026-03-02"),)).sentence()
-        '1 night new'
-        """
-        parts = [f"{len(found)} night{'s' if len(found) > 1 else ''} {word}" for found, word in (
-            (self.new, "new"), (self.unchanged, "known and unchanged"), (self.revised, "revised")) if found]
+        """Say it in words."""
+        done = ((self.new, "new"), (self.unchanged, "known and unchanged"), (self.revised, "revised"))
+        parts = [f"{len(found)} night{'s' * (len(found) > 1)} {word}" for found, word in done if found]
         if self.untimed:
             parts.append(f"{len(self.untimed)} loops without a time, not stored: {', '.join(self.untimed[:5])}")
         return ", ".join(parts) or "nothing to add"

@@ -151,9 +151,12 @@ class LoopReport:
 
     @property
     def limit_of_detection(self) -> float | None:
-        """Smallest dead band [span] that this record would have shown, None where it is not known."""
-        known = (found.limit_of_detection for found in (self.confirmation, self.cluster) if found is not None)
-        return next((limit for limit in known if limit is not None), None)
+        """Smallest dead band [span] that this record would have shown, None where it is not known; of a size that is
+        called, the cluster's, which is never above it."""
+        called = self.verdict in (Verdict.BACKLASH, Verdict.SUSPECTED)
+        first, second = (self.cluster, self.confirmation) if called else (self.confirmation, self.cluster)
+        limits = (found.limit_of_detection for found in (first, second) if found is not None)
+        return next((limit for limit in limits if limit is not None), None)
 
 
 @dataclass(frozen=True)

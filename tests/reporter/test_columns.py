@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.reporter.json_report import half_periods, iso_time, json_parts, loop, strict, times, to_json
+from backlash_cli.reporter.json_report import half_periods, iso_time, json_parts, loop, strict, to_json
 from backlash_cli.reporter.tables import csv_parts, to_dataframe
 from backlash_cli.results import Estimate, LoopReport, ScanResult, Verdict
 from backlash_cli.results.scan import Estimates
@@ -21,16 +21,14 @@ DATES = st.integers(-10**12, 4 * 10**12).map(lambda ms: ms / 1000.0)
 
 
 @given(st.lists(DATES | st.sampled_from([float("nan"), float("inf"), 1e12, 1e300]), max_size=30))
-def test_times_are_written_as_one_by_one(values):
-    found = times(np.array(values, dtype=float))
-    for stamp, value in zip(found, values, strict=True):
+def test_times_are_utc_to_the_millisecond(values):
+    for value in values:
+        stamp = iso_time(value)
         if not abs(value) < 2e11:
             assert stamp is None or 2e11 <= abs(value) < 3e11
-        else:
-            assert stamp == iso_time(value)
-            if value > -6e10:
-                at = datetime.fromtimestamp(round(value, 3), UTC)
-                assert datetime.fromisoformat(stamp) == at and stamp.endswith("Z")
+        elif value > -6e10:
+            at = datetime.fromtimestamp(round(value, 3), UTC)
+            assert datetime.fromisoformat(stamp) == at and stamp.endswith("Z")
 
 
 @st.composite

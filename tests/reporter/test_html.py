@@ -118,6 +118,12 @@ def test_the_picture_of_the_plant_has_sizes_intervals_bounds_and_words():
     assert sizes["error_x"]["arrayminus"] == pytest.approx([0.5, 0.2])
     assert found["no backlash (1)"]["x"] == [0.4] and found["no backlash (1)"]["text"] == ["below 0.40 %"]
     assert found["cannot tell (1)"]["text"] == ["cannot tell"] and not found["cannot tell (1)"]["showlegend"]
+    one = loops[0]
+    assert one.confirmation is not None and one.cluster is not None
+    seen = replace(one, confirmation=replace(one.confirmation, limit_of_detection=0.09),
+                   cluster=replace(one.cluster, limit_of_detection=0.05))
+    ticks = scan_report.plant_picture([seen])["data"][-1]
+    assert ticks["name"] == "limit of detection" and ticks["x"] == [5.0]  # a size that is called is never below it
 
 
 @pytest.mark.parametrize("loops", [12, scan_report.DRAWN])

@@ -188,7 +188,6 @@ def test_the_close_look_shows_the_stem_and_where_it_stands_still() -> None:
 def test_no_flanks_where_pv_does_not_follow_the_valve() -> None:
     noise = np.random.default_rng(1).normal(size=N)
     assert flanks(replace(record(), measurement=0.5 + 0.01 * noise), 0.03) is None
-    assert flanks(record(output=False), 0.03) is None
     assert flanks(record().slice(0, 10), 0.03) is None
 
 
