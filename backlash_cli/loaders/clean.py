@@ -93,10 +93,10 @@ class Recipe:
 class _Making:
     """Makes the record of a loop, or chunk after chunk of it: what a chunk goes on from, and what is counted for notes.
 
-    grid, spans, has_output: of the first chunk. place: a stamp near the end of the last one and its grid number. until:
-    the grid number of its last sample. carried: setpoint and mode that still hold. times, order, bridge, notes: of this
-    chunk: the stamps of the measurement, as they stand and in time order, the longest hole in samples that is filled,
-    and what is to be said of all so far.
+    grid, spans, has_output: of the first chunk. known: stamps of the last one and their grid numbers. until: the number
+    of its last sample. carried: setpoint and mode that still hold. times, order, bridge, notes: of this chunk: the
+    stamps of the measurement, as they stand and in time order, the longest hole in samples that is filled, and what is
+    to be said of all so far.
     """
 
     recipe: Recipe
@@ -104,7 +104,7 @@ class _Making:
     grid: Grid | None = None
     spans: tuple[LoopSettings, list[Note]] | None = None
     has_output: bool = False
-    place: tuple[int, int] = (0, 0)
+    known: tuple[IntArray, IntArray] = (np.zeros(1, np.int64), np.zeros(1, np.int64))
     until: int = -1
     counts: Counter[str] = field(default_factory=Counter)
     tally: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
@@ -124,7 +124,11 @@ class _Making:
             self.joiner.next_chunk(begin, end)
         pv = _where_recorded(self.joiner.signal(loop.roles["pv"], "pv", loop.name))
         self.order = pv.times.order(pv.values)
-        grid = pv.times.grid(self.order) if self.grid is None else self.grid.laid(self.order, self.place)
+        if self.grid is None:
+            grid = pv.times.grid(self.order)
+        else:
+            row = min(int(np.searchsorted(self.known[0], self.order.stamps[0])), len(self.known[1]) - 1)
+            grid = self.grid.laid(self.order, int(self.known[1][row]))
         self.grid = self.grid or replace(grid, index=grid.index[:0], rows=None, recorded=None)
         first, last, on_grid = (0, len(grid.index), grid.notes) if end is None else self._own_samples(grid, begin, end)
         self.times, self.bridge = pv.times, fill_limit(settings.loop.Ti, grid.interval)
@@ -168,13 +172,10 @@ class _Making:
         """The first sample of a chunk, the one after its last, and what is to be said of all stamps so far; notes where
         it ends."""
         stamps, first = self.order.stamps, int(np.searchsorted(grid.index, self.until, side="right"))
+        self.until = (end - 1 - grid.start) // grid.step
         if grid.kind == "regular":
-            at = grid.index if grid.rows is None else grid.index[grid.rows >= 0]
-            row = int(np.searchsorted(stamps, end)) - 1 - (len(stamps) - len(at))
-            near = max(row - MARGIN, 0)
-            self.place, self.until = (int(stamps[near - len(at)]), int(at[near])), int(at[row])
-        else:
-            self.until = (end - 1 - grid.start) // grid.step
+            self.known = stamps, grid.index if grid.rows is None else grid.index[grid.rows >= 0]
+            self.until = int(self.known[1][np.searchsorted(stamps, end) - 1])
         last, begun = int(np.searchsorted(grid.index, self.until, side="right")), int(np.searchsorted(stamps, begin))
         own = stamps[max(begun - 1, 0) : int(np.searchsorted(stamps, end))]
         return first, last, grid.said(own, None if grid.recorded is None else grid.recorded[first:last], self.tally)

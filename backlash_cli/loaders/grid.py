@@ -199,24 +199,19 @@ class Grid:
         """Seconds between points."""
         return self.step / SECOND
 
-    def laid(self, order: Ordered, before: tuple[int, int] | None = None) -> Grid:
-        """Return the grid with its points among stamps. before: a stamp and its grid number, to go on from."""
+    def laid(self, order: Ordered, number: int = 0) -> Grid:
+        """Return the grid with its points among stamps. number: of the first stamp on a regular grid."""
         stamps, rows = order.stamps, order.rows
         if self.kind != "regular":
             return self._between(stamps)
-        stamp, number = before or (int(stamps[0]) - self.step, -1)
-        if before is not None:
-            begin = int(np.searchsorted(stamps, stamp, side="right"))
-            rows = np.arange(begin, len(stamps)) if rows is None else rows[begin:]
-            stamps = stamps[begin:]
-        advance = np.maximum(1, np.rint(np.diff(stamps, prepend=stamp) / self.step).astype(np.int64))
+        advance = np.maximum(1, np.rint(np.diff(stamps, prepend=stamps[0] - self.step) / self.step).astype(np.int64))
         holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
         if holes.any():
             own = np.arange(len(stamps))
             absent = np.repeat(own, np.where(holes, advance - 1, 0))  # the row after each absent one
             advance = np.insert(np.where(holes, 1, advance), absent, 1)
             rows = np.insert(own if rows is None else rows, absent, -1)
-        return replace(self, index=number + np.cumsum(advance), rows=rows)
+        return replace(self, index=number - 1 + np.cumsum(advance), rows=rows)
 
     def _between(self, stamps: IntArray) -> Grid:
         """The grid with the points between the first and last stamp of every stretch without a gap."""

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import io
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
-from itertools import islice
+from functools import cache, lru_cache
 
 from ..errors import InputError
 from .names import LOOP, TAG, VALUE, is_time_name, plain, signal_role, split_tag
@@ -204,6 +202,7 @@ def _fit(cells: Sequence[str], width: int) -> list[str]:
     return names + [""] * (width - len(names))
 
 
+@lru_cache(1 << 14)
 def kind(cell: str) -> str:
     """Return "empty", "time" (date, with or without clock), "clock", "number" or "text".
 
@@ -229,14 +228,13 @@ def split_line(line: str, delimiter: str) -> list[str]:
 def lines_of(text: bytes | bytearray) -> list[Line]:
     """Return (line number from 1, offset in bytes, text) of the first logical lines; quotes may hold line ends."""
     found: list[Line] = []
-    lines = list(islice(io.TextIOWrapper(io.BytesIO(text), "utf-8", newline=""), 2 * HEAD_LINES))
-    at = offset = 0
+    lines, at, offset = bytes(text).splitlines(keepends=True)[: 2 * HEAD_LINES], 0, 0
     while at < len(lines) and len(found) <= HEAD_LINES:
-        count = 1
-        if lines[at].count('"') % 2:  # an open quote: go on to the line that closes it, if one comes soon
-            count = next((k for k in range(2, 9) if "".join(lines[at : at + k]).count('"') % 2 == 0), 1)
-        line = "".join(lines[at : at + count])
-        found.append((at + 1, offset, line.rstrip("\r\n")))
-        offset += len(line.encode())
+        line, count = lines[at], 1
+        if line.count(b'"') % 2:  # an open quote: go on to the line that closes it, if one comes soon
+            count = next((k for k in range(2, 9) if b"".join(lines[at : at + k]).count(b'"') % 2 == 0), 1)
+            line = b"".join(lines[at : at + count])
+        found.append((at + 1, offset, line.decode().rstrip("\r\n")))
+        offset += len(line)
         at += count
     return found
