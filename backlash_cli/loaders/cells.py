@@ -48,8 +48,8 @@ class Lexicon:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Cells of a column. values: (rows,) the number in each, nan where there is none. codes: (rows,) place in the
-    lexicon of the text in each, -1 where there is none; None where the column holds no text at all."""
+    """Cells of a column. values: (rows,) nan where there is no number. codes: (rows,) place of a text in the lexicon,
+    or -1."""
 
     values: FloatArray
     codes: NDArray[np.int32] | None = None
@@ -71,8 +71,8 @@ class Cells:
         return len(self._used[0]) > 0
 
     def numbers(self) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return (values, bad): the cells as numbers, nan where there is none, and True where something stands that is
-        no good number (a digital state, inf, another unit than most cells have); a blank cell is not bad."""
+        """Return (values, bad): the cells as numbers, and where something stands that is none (a digital state, inf, a
+        unit other than most have); a blank cell is nan and not bad."""
         flags = np.isinf(self.values)
         if not self.is_text:
             return self.values, flags
@@ -127,11 +127,8 @@ def to_array(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
 
 def stored(column: pa.ChunkedArray | pa.Array, words: dict[str, int], decimal: str = ".", *, written: bool = False
            ) -> tuple[FloatArray, NDArray[np.int32] | None]:
-    """Return (values, codes) of a column of any type: its numbers, nan where there are none, and the places in `words`
-    of the texts that are no plain numbers, None where there are none. New texts are added to `words`.
-
-    written: the column was read from text, where nan and inf stand for something else than an empty cell.
-    """
+    """Return (values, codes) of a column: (rows,) its numbers, or nan, and places in `words` of texts that are no plain
+    numbers, None where there are none. written: read from text, where nan and inf stand for no empty cell."""
     kind = column.type
     if is_number(kind) or pa.types.is_boolean(kind) or pa.types.is_null(kind):
         values = to_array(column if pa.types.is_float64(kind) else column.cast(pa.float64(), safe=False))

@@ -1,7 +1,4 @@
-"""One loop: its signals on one uniform grid, normalised, every sample with its state, everything assumed in notes.
-
-A loop longer than CHUNK rows is made in chunks of that size: its grid and spans are those of the first one.
-"""
+"""One loop: its signals on one uniform grid, normalised, every sample with its state, everything assumed in notes."""
 
 from __future__ import annotations
 
@@ -33,8 +30,8 @@ LONGEST_FILL = 60  # samples, however slow the controller
 
 @dataclass(frozen=True)
 class Recipe:
-    """All that makes the record of one loop; its samples are read when it is made. It can be sent to another process of
-    this machine. key: by which a finished report of the loop is known again, where such are kept."""
+    """All that makes the record of one loop, when its turn comes, also in another process of this machine. key: by
+    which a finished report of the loop is known again, where such are kept."""
 
     loop: str
     series: LoopSeries
@@ -52,8 +49,8 @@ class Recipe:
         return self.rows > CHUNK and all(_one_after_the_other(_in_turn(items)) for items in self.series.roles.values())
 
     def chunks(self) -> Iterator[Record]:
-        """Yield the record of a long loop in chunks; the notes of the last one are those of the whole. Raises
-        BacklashError when the loop cannot be read."""
+        """Yield the record of a long loop in chunks; the notes of the last are those of the whole. Raises
+        BacklashError."""
         making, axes = _Making(self, Joiner(self.options.good_quality)), _in_turn(self.series.roles["pv"])
         begins = [int(axis.read(row, row + 1)[0]) for axis in axes for row in range(0, len(axis), CHUNK)]
         ends = [*begins[1:], (axes[-1].last() or 0) + 1]
@@ -76,8 +73,7 @@ class Recipe:
         return replace(self, key=hashlib.sha256(whole.encode("utf-8", "backslashreplace")).hexdigest()[:32])
 
     def packed(self) -> Recipe:
-        """Return the recipe with its samples, to be sent to another machine; columns of Parquet files are read there.
-        """
+        """Return the recipe with its samples, for another machine; columns of Parquet files are read there."""
         columns: dict[Axis, set[str]] = {}
         for item in chain.from_iterable((*self.series.roles.values(), *self.series.extra.values())):
             columns.setdefault(item.axis, set()).update(f"v{i}" for i in (item.column, item.marked) if i >= 0)
@@ -91,13 +87,11 @@ class Recipe:
 
 @dataclass
 class _Making:
-    """Makes the record of a loop, or chunk after chunk of it: what a chunk goes on from, and what is counted for notes.
+    """Makes the record of a loop, or chunk after chunk of it, on the grid and with the spans of the first one.
 
-    grid, spans, has_output: of the first chunk. known: stamps of the last one and their grid numbers. until: the number
-    of its last sample. carried: setpoint and mode that still hold. times, order, bridge, notes: of this chunk: the
-    stamps of the measurement, as they stand and in time order, the longest hole in samples that is filled, and what is
-    to be said of all so far.
-    """
+    known, until: stamps of the last chunk with their grid numbers, and the number of its last sample. carried: setpoint
+    and mode that still hold. times, order, bridge: of the measurement in this chunk, and the longest hole that is
+    filled."""
 
     recipe: Recipe
     joiner: Joiner
@@ -116,8 +110,7 @@ class _Making:
     notes: list[Note] = field(default_factory=list)
 
     def record(self, loop: LoopSeries, begin: int = NAT, end: int | None = None) -> Record:
-        """Make the record of the whole loop, or of the chunk between two stamps from rows around it. Raises LoopError
-        when it has no measurement, no times or no usable scale."""
+        """Make the record of a loop, or of its chunk between two stamps from rows around it. Raises LoopError."""
         refuse_missing(loop)
         settings, first_chunk = settings_of(self.recipe.values), self.grid is None
         if end is not None:
@@ -169,8 +162,7 @@ class _Making:
         return record if end is None else record.slice(first, last)
 
     def _own_samples(self, grid: Grid, begin: int, end: int) -> tuple[int, int, list[Note]]:
-        """The first sample of a chunk, the one after its last, and what is to be said of all stamps so far; notes where
-        it ends."""
+        """The first sample of a chunk, the one after its last, and what is to be said of all stamps so far."""
         stamps, first = self.order.stamps, int(np.searchsorted(grid.index, self.until, side="right"))
         self.until = (end - 1 - grid.start) // grid.step
         if grid.kind == "regular":
@@ -238,8 +230,7 @@ class _Making:
         return values
 
     def _on_grid(self, signal: Signal, role: str, grid: Grid) -> FloatArray:
-        """(samples,) The values of a signal as it was recorded, nan where there are none: in its rows, on straight
-        lines, or held."""
+        """(samples,) A signal as it was recorded, nan where it was not: in its rows, on straight lines, or held."""
         own = signal.times is self.times
         if own and grid.recorded is None:
             rows = grid.rows
@@ -280,8 +271,8 @@ def _where_recorded(pv: Signal) -> Signal:
 
 
 def fill_limit(Ti: float | None, interval: float) -> int:
-    """Longest hole in samples that is filled: half the integral time, the time constant of the estimator's own filter.
-    The shortest half period it uses lasts 5 Ti, ten times that. MAX_HOLE samples when Ti is not known."""
+    """Longest hole in samples that is filled: half the integral time, a tenth of the shortest half period that is
+    used."""
     return MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / interval)))
 
 
@@ -334,11 +325,9 @@ def refuse_missing(loop: LoopSeries) -> None:
 
 
 def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray]) -> tuple[LoopSettings, list[Note]]:
-    """Decide the spans of one loop after the contract; return its settings with spans and gains on normalised signals,
-    and what was guessed. pv: (samples,) measurement, and setpoint where there is one; op: output, if recorded.
-
-    Raises LoopError (missing_range) when a gain is given but the spans it refers to are not known.
-    """
+    """Decide the spans of one loop after the contract; return its settings on normalised signals, and what was guessed.
+    pv: (samples,) measurement, and setpoint where there is one; op: output, if recorded. Raises LoopError
+    (missing_range) for a gain whose spans are not known."""
     notes: list[Note] = []
     loop, guessed = settings.loop, []
     for name, given, signals in (("pv_range", settings.pv_range, pv), ("op_range", settings.op_range, op)):
@@ -382,8 +371,7 @@ def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:
 
 
 def _bounds(values: FloatArray) -> tuple[float, float]:
-    """Lowest and highest value, without the outermost thousandth and without spikes far from all others. values:
-    finite."""
+    """Lowest and highest of finite values, without the outermost thousandth and spikes far from all others."""
     if not len(values):
         return 0.0, 1.0
     ends = float(values.min()), float(values.max())

@@ -1,12 +1,8 @@
 """Stamps in time order, a uniform grid for them, and values brought to its points.
 
-Unreadable, far-off, repeated and set-back stamps are found and named. The grid is
-
 regular: the stamps lie on a grid; rows are put at their grid number, nothing is interpolated.
 jitter: at least 90 % of the spacings lie within 0.3 to 1.7 of the usual one; values are interpolated to the grid.
-compressed: the historian left rows out (exception or swinging-door compression); values in between are taken as
-the historian means it. Anything else is refused.
-"""
+compressed: the historian left rows out (exception, swinging door); values in between are taken as it means them."""
 
 from __future__ import annotations
 
@@ -46,12 +42,9 @@ class Ordered:
 
 
 def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), line: int = 0) -> Ordered:
-    """Bring stamps into strictly increasing order.
-
-    probe: (rows,) one measured signal of these rows; it tells repeated rows from rows of another time.
-    parts: first rows of further files. line: line of row 0 in its file, for messages. Raises LoopError when no time
-    passes.
-    """
+    """Bring stamps into strictly increasing order; raises LoopError when no time passes. probe: (rows,) a measured
+    signal that tells repeated rows from rows of another time. parts: first rows of further files. line: of row 0 in its
+    file."""
     if len(micros) and micros.min() != NAT:
         steps, few = np.diff(micros), len(micros) // 20
         if (not len(steps) or steps.min() > 0) and not (few and float(micros[-1]) - float(micros[0]) > FAR * (
@@ -110,11 +103,8 @@ def _counted(code: str, count: int, text: str, **more: float) -> Note:
 
 
 def _clock_set_back(stamps: IntArray, back: IntArray, values: FloatArray, notes: list[Note]) -> IntArray | None:
-    """A clock that was set back while recording: few steps back, and other values for the same stamps.
-
-    The rows went on in file order, so all stamps after the step are moved on by it. In the night of a Sunday one
-    step back of an hour is enough. Returns None when the rows are simply not in order.
-    """
+    """Stamps in file order after a clock was set back while recording: few steps back, and other values for the same
+    stamps, or an hour in the night of a Sunday. None when the rows are simply not in order."""
     if not 0 < len(back) <= max(3, len(stamps) // 2000):
         return None
     forward = np.diff(stamps)
@@ -172,12 +162,10 @@ def utc_text(micros: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A grid and its points. start, step: microseconds. gap: longer distances are gaps, unless it is regular. usual: a
-    distance in the middle. index: (samples,) grid numbers, jumps are gaps.
-
-    regular: rows (samples,) row of each sample, -1 for an absent one, None when sample i is row i.
-    jitter, compressed: recorded (samples,) True where a row stands at (or, with jitter, next to) the grid point.
-    """
+    """A grid and its points. start, step, gap, usual: microseconds; longer distances than gap are gaps, unless it is
+    regular. index: (samples,) grid numbers, jumps are gaps. rows: (samples,) of a regular one, -1 for an absent one,
+    None when sample i is row i. recorded: (samples,) of others, True where a row stands at or, with jitter, next to the
+    point."""
 
     start: int
     step: int
@@ -268,11 +256,8 @@ class Grid:
 
 @dataclass(eq=False)
 class Times:
-    """Stamps of rows in memory, with what is found out about them once for all signals of these rows.
-
-    micros: (rows,) microseconds since 1970 UTC, NAT where unreadable. parts: first rows of further files. line: of row
-    0 in its file, for messages.
-    """
+    """Stamps of rows in memory, with what is found out about them once for all signals of these rows. micros: (rows,)
+    microseconds since 1970 UTC, NAT where unreadable. parts, line: as in `ordered`."""
 
     micros: IntArray
     notes: tuple[Note, ...] = ()
@@ -340,8 +325,8 @@ def _nice(step: float) -> int:
 
 
 def linear(times: IntArray, known: IntArray, heights: FloatArray, limit: float) -> FloatArray:
-    """Values on straight lines between good records; nan where these are more than `limit` microseconds apart. times:
-    (samples,) where values are wanted. known, heights: (records,) stamps and values of the good records."""
+    """(samples,) Values at `times` on straight lines between good records (stamps and heights), which are at most
+    `limit` microseconds apart; nan elsewhere."""
     if len(known) < 2:
         return np.full(len(times), np.nan)
     zero = known[0]
@@ -353,11 +338,8 @@ def linear(times: IntArray, known: IntArray, heights: FloatArray, limit: float) 
 
 
 def held(times: IntArray, stamps: IntArray, values: FloatArray, limit: float, few: float) -> FloatArray:
-    """The last good record at or before each of `times`; nan before the first, after `limit` microseconds, and from a
-    bad record on when no good one follows within `few` microseconds or MAX_HOLE records.
-
-    times: (samples,). stamps, values: (records,) of all records; values are nan in bad ones.
-    """
+    """(samples,) The last good record at or before each of `times`; nan before the first, after `limit` microseconds,
+    and from a bad record (nan) on when no good one follows within `few` microseconds or MAX_HOLE records."""
     good = np.isfinite(values)
     if not good.any():
         return np.full(len(times), np.nan)

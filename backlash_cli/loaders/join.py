@@ -48,8 +48,8 @@ class LoopSeries:
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """One signal over all files. values: (rows,) nan where blank or bad; bad: (rows,) True where something stood
-    that is no good measurement. faults: what stood there, counted, by what is wrong and by tag."""
+    """One signal over all files. values: (rows,) nan where blank or bad. bad: (rows,) something stood there that is no
+    good measurement. faults: what stood there, counted, by what is wrong and by tag."""
 
     times: Times
     values: FloatArray
@@ -171,8 +171,8 @@ FAR = 8.0  # usual moves from one sample to the next that a zero must lie outsid
 
 
 def lone_zeros(values: FloatArray) -> NDArray[np.bool_] | None:
-    """(rows,) True where up to LONE samples are exactly 0 and lie far outside all others; None where there are none.
-    Far: FAR times the largest usual move between samples (99.9 %), and a fifth of the distance that all others span."""
+    """(rows,) True where up to LONE samples are exactly 0 and lie far outside all others: FAR usual moves (99.9 %) and
+    a fifth of the distance that all others span; None where there are none."""
     zero = values == 0.0
     if not zero.any() or zero.all():
         return None

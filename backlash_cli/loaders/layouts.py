@@ -1,7 +1,5 @@
-"""Which column of a file is what: wide, single-loop, long (a row per sample), tall (rows of a loop), tag pairs.
-
-Decided from the first rows of a file, before the rest is read.
-"""
+"""Which column of a file is what, from its first rows: wide, single-loop, long (a row per sample), tall (rows of a
+loop), tag pairs."""
 
 from __future__ import annotations
 
@@ -29,10 +27,8 @@ _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 class Head:
     """The first rows of a file, nothing interpreted yet.
 
-    where: path for messages. stem: file name without endings. kinds: what the first cells of each column look like
-    ("time", "clock", "number", "text"), "" where nobody looked. partition: names and values of folders like
-    loop=FIC101. first_line: line of the first row in a text file, 0 for others.
-    """
+    where: path. stem: file name without endings. kinds: what cells look like ("time", "clock", "number", "text"), or
+    "". partition: names and values of folders like loop=FIC101. first_line: of a text file, else 0."""
 
     where: str
     stem: str
@@ -92,9 +88,9 @@ class Head:
 
 @dataclass(frozen=True)
 class Layout:
-    """What the columns of a file are. stamps: of each set of rows the column of its stamps, or those of date and time
-    of day. values: columns with signals. naming: of long and tall files the tag, or loop and signal apart. quality:
-    column of values -> column that marks it."""
+    """What the columns are. stamps: of each set of rows the column of its stamps, or those of date and time of day.
+    values: of signals. naming: the tag of rows, or loop and signal apart. quality: column of values -> column that
+    marks it."""
 
     kind: str
     stamps: tuple[Sequence[int], ...]
@@ -154,8 +150,7 @@ def _recognise(head: Head) -> str:
 
 
 def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[int]]:
-    """Return the column of the stamps, or those of date and time of day, and all columns that hold times. Raises
-    InputError when there is none."""
+    """Return the stamps, or date and time of day, and all columns of times. Raises InputError when there is none."""
     columns = head.times
     if not columns:
         raise InputError("no time column found", where=head.where, remedy="name the column of time stamps 'timestamp', "
@@ -169,8 +164,8 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
 
 
 def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
-    """Return the columns that name the tag of each row: one with whole tags, or loop and signal apart; () if none.
-    texts: the text columns beside the stamps. What stands in a column counts more than its header."""
+    """Return the columns that name the tag of each row, with loop and signal apart or not; () if none. texts: the
+    columns of texts. What stands in a column counts more than its header."""
     heads = {i: head.words(i) for i in texts}
 
     def mostly(test: Callable[[str], bool]) -> list[int]:
@@ -220,11 +215,9 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
 
 
 def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[Series]:
-    """Name the signals of a wide file or of pairs. blank: columns without any cell. Raises InputError without any.
-
-    A header that names no loop is completed by what the folders or the file are called; one that says "value" stands
-    for what its time column, the folders or the file are called.
-    """
+    """Name the signals of a wide file or of pairs; blank: columns without any cell. Raises InputError without any. A
+    header that names no loop is completed by what folders or file are called; "value" stands for what its time column
+    is."""
     pairs, marks, tags = layout.kind == "pairs", set(layout.quality.values()), head.tags
     signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in blank))]
     alone = not pairs and any(not tags[i].loop and tags[i].role in SIGNALS for i in signals)  # of one loop

@@ -57,8 +57,8 @@ _DESCRIBED = re.compile(r"^([^\s:,;]+)(?:\s+[-–—]\s+|[:,;]\s+)(\S.*)$")  # F
 
 @dataclass(frozen=True)
 class Tag:
-    """A name taken apart: `loop`, `role` ("sp", "pv", "op", "mode", "quality", "time" or "" for another signal),
-    `signal` (the last part as written) and, for quality and time columns, `of`: the tag they belong to."""
+    """A name taken apart: `role` ("sp", "pv", "op", "mode", "quality", "time", "" for another signal), `signal` (the
+    last part as written) and, of quality and time columns, `of`: the tag they belong to."""
 
     loop: str
     role: str

@@ -44,7 +44,7 @@ _ANNOTATION = re.compile(rb"^#(?:datatype|group|default)\b", re.MULTILINE)
 
 
 def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
-    """Return "parquet", "workbook" or "text" for a file, or for one that begins so. Raises InputError for what is no
+    """Return "parquet", "workbook" or "text" for a file, or for what begins so. Raises InputError for what is no
     export."""
     try:
         if not path.is_file():
@@ -64,12 +64,9 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
 
 
 class Text:
-    """The text of a file as UTF-8, in blocks of whole lines; `notes` are complete when all was read.
-
-    head: the first of them. rest: all others, to be gone through once. taken: called with the bytes of the file that
-    were read. Raises InputError for what is no text, and for small files that expand without end; of a damaged file
-    what is whole is read.
-    """
+    """The text of a file as UTF-8, in blocks of whole lines: `head`, and `rest`, to be gone through once; `notes` are
+    complete then. taken: called with the bytes that were read. Raises InputError for what is no text, and for small
+    files that expand without end; of a damaged file what is whole is read."""
 
     def __init__(self, path: Path | Remote, options: ReadOptions, taken: Callable[[int], None] | None = None,
                  data: bytes | None = None) -> None:
@@ -170,8 +167,8 @@ def _whole_lines(text: bytearray) -> int:
 
 
 def _without_annotations(blocks: Iterable[bytearray]) -> Iterator[bytearray]:
-    """Take the annotations out of InfluxDB's annotated CSV, where a table of other columns may follow after a blank
-    line; the columns of all tables are brought to those of the first."""
+    """Take the annotations out of InfluxDB's annotated CSV; tables of other columns are brought to those of the
+    first."""
     columns: list[bytes] = []
     place, fresh = [0], True
     for block in blocks:
@@ -211,8 +208,7 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
 
 
 def sheets(path: Path | Remote) -> list[tuple[str, bytes]]:
-    """Return (name, text as CSV) of the sheets of a workbook that hold more than a few cells. Raises InputError where
-    it cannot be read."""
+    """Return (name, text as CSV) of the sheets that hold more than a few cells. Raises InputError."""
     try:
         from python_calamine import CalamineWorkbook
     except ImportError:

@@ -109,11 +109,8 @@ def sample_size(text: str, loops: int) -> int:
 
 @lru_cache
 def check_pattern(pattern: str) -> Callable[[str], bool]:
-    """Return the test of a pattern on a loop's name, in upper or lower case: wildcards over the whole name
-    (`FIC*`, `AREA?.*`), or a regular expression between slashes, found anywhere in it (`/^FIC1[0-4]/`).
-
-    Raises UsageError for a regular expression that is none.
-    """
+    """Return the test of a pattern on a loop's name, in upper or lower case: wildcards (`FIC*`), or a regular
+    expression between slashes, found anywhere (`/^FIC1[0-4]/`). Raises UsageError for one that is none."""
     if len(pattern) > 2 and pattern.startswith("/") and pattern.endswith("/"):
         try:
             expression = re.compile(pattern[1:-1], re.IGNORECASE)
@@ -128,11 +125,8 @@ def check_pattern(pattern: str) -> Callable[[str], bool]:
 
 
 def parse_since(text: str, timezone: str | None = None) -> tuple[int | None, int]:
-    """Return (moment, age) in microseconds: "2026-11-01" or "2026-11-01T06:00+01:00" is a moment since 1970 UTC,
-    "3d" (s, min, h, d, w) an age, back from the last stamp of the data; the moment is None then.
-
-    timezone: of a moment without offset, UTC if None. Raises UsageError for anything else.
-    """
+    """Return (moment, age) in microseconds: "2026-11-01T06:00+01:00" is a moment since 1970 UTC (in `timezone` without
+    offset), "3d" (s, min, h, d, w) an age, back from the last stamp; the moment is None then. Raises UsageError."""
     if age := _AGE.fullmatch(text):
         length = float(age[1]) * _UNITS[age[2]]
         if 0 < length < 1e10:

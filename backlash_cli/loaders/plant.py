@@ -1,8 +1,5 @@
-"""Read exports: files to signals, signals to loops, loops to records; which loops, and from when on.
-
-What is left out is counted and said. The choice of loops depends on their names alone, not on the order of files, the
-engine or the machine.
-"""
+"""Read exports: files to signals, signals to loops, loops to records; which loops, and from when on. What is left out
+is counted and said."""
 
 from __future__ import annotations
 
@@ -34,11 +31,8 @@ FEW_LOOPS = 3  # loops of the loops file without data that are named one by one
 
 @dataclass(frozen=True)
 class Plant:
-    """All loops of one or several exports.
-
-    records: one per loop, by name. warnings: about the plant as a whole. failures: loops and files that could not
-    be read; `values` of each has "loop" or "file". inputs: as given.
-    """
+    """All loops of exports. records: one per loop, by name. warnings: about the plant as a whole. failures: loops and
+    files that could not be read; `values` of each has "loop" or "file". inputs: as given."""
 
     records: tuple[Record, ...]
     warnings: tuple[Note, ...] = ()
@@ -68,10 +62,8 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
          ) -> Plant:
     """Read one plant from exports (files or folders) and its loop settings.
 
-    inputs: CSV, Parquet or Excel files, folders of them, or a Parquet dataset. loops: metadata file, or what is in it;
-    None: found next to the data. Raises BacklashError when nothing can be read or the metadata are wrong; a single bad
-    file or loop becomes a failure of the Plant.
-    """
+    inputs: CSV, Parquet or Excel files, folders, Parquet datasets. loops: metadata file, or what is in it; None: found
+    next to the data. Raises BacklashError when nothing can be read; a single bad file or loop becomes a failure."""
     opened = open_plant(inputs, loops=loops, options=options)
     joiner = Joiner((options or ReadOptions()).good_quality)
     records: list[Record] = []
@@ -87,11 +79,8 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
 
 @dataclass(frozen=True, eq=False)
 class OpenPlant(Mapping[str, Record]):
-    """One or several exports whose loops are known and not yet read: one recipe per loop, by name.
-
-    failures: files that could not be read. lost: loops that cannot be. The rest as in Plant. As a mapping it makes the
-    record of a loop each time it is asked for; a loop that cannot be read is not there.
-    """
+    """Exports whose loops are known and not yet read: a recipe per loop, by name. failures: files, lost: loops that
+    cannot be read; the rest as in Plant. As a mapping it makes the record of a loop each time it is asked for."""
 
     recipes: tuple[Recipe, ...]
     warnings: tuple[Note, ...] = ()
@@ -116,8 +105,7 @@ class OpenPlant(Mapping[str, Record]):
         return len(self.recipes)
 
     def all_lost(self, more: Sequence[Note], *, read: int) -> tuple[Note, ...]:
-        """Return the loops that could not be read, with those found out when they were read, by name. read: how many
-        could. Raises LoopError when none could."""
+        """Return all loops that could not be read, by name. read: how many could. Raises LoopError when none could."""
         lost = tuple(sorted([*self.lost, *more], key=lambda note: str(note.values["loop"])))
         if lost and not read:
             first = lost[0]
@@ -129,12 +117,9 @@ class OpenPlant(Mapping[str, Record]):
 def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
                options: ReadOptions | None = None, taken: Callable[[int], None] | None = None,
                room: Room | None = None, salt: str | None = None) -> OpenPlant:
-    """Find the loops of exports; their samples are put where a loop is read from when its turn comes.
-
-    taken: called with the bytes of a file that were read. room: memory for samples, the rest goes to a scratch file.
-    salt: what a report depends on beside the data and how they are read, where reports of loops are kept. Raises
-    BacklashError as `read` does.
-    """
+    """Find the loops of exports. taken: called with the bytes of a file that were read. room: memory for samples, the
+    rest goes to a scratch file. salt: what a kept report depends on beside the data. Raises BacklashError as `read`
+    does."""
     options = options or ReadOptions()
     given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
     sources = find_sources(given)
@@ -230,8 +215,7 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
 
 
 def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Series], bool]:
-    """Return what says whether a loop that the options do not rule out may use a signal. Which loops are drawn for a
-    sample is known only when all files are open."""
+    """Return what says whether a loop that the options do not rule out may use a signal."""
     owners = explicit_tags(metadata)[0]
 
     @cache
@@ -250,11 +234,9 @@ def _fits(name: str, patterns: Sequence[str]) -> bool:
 
 def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[str] = (), sample: str | None = None,
            seed: int = 0) -> tuple[list[str], list[Note]]:
-    """Return the loops that are wanted of all `names`, in order, and what was left out and why.
-
-    only: names or wildcards, each of which must exist. matching: patterns (`check_pattern`), of which one must exist.
-    sample: "20" or "5%" of what is left, drawn by `seed`. Raises UsageError for a name or patterns that nothing fits.
-    """
+    """Return the loops that are wanted of all `names`, in order, and what was left out and why. Raises UsageError for a
+    name or patterns that nothing fits. only: each must exist. matching: one must. sample: "20" or "5%" of what is
+    left."""
     everything = sorted(set(names))
     for pattern in only:
         if not any(_fits(name, [pattern]) for name in everything):
@@ -278,8 +260,8 @@ def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[st
 
 
 def draw(names: Sequence[str], count: int, seed: int = 0) -> list[str]:
-    """Return `count` of the names, in order: those whose hash with the seed is smallest. So a plant that grows by a few
-    loops keeps nearly the same sample, and every night looks at the same loops."""
+    """Return `count` of the names: those whose hash with the seed is smallest, so that a growing plant keeps its
+    sample."""
     return sorted(sorted(names, key=lambda name: hashlib.sha256(
         f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest())[:count])
 
@@ -291,12 +273,10 @@ def _shown(names: Sequence[str]) -> str:
 
 def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None
           ) -> tuple[dict[str, LoopSeries], list[Note], list[Note], int]:
-    """Take off what lies before a moment, or before an age of the last stamp of all series found. Return the loops
-    that are left, what is to be said, those that cannot be cut, and the moment [microseconds since 1970 UTC].
-
-    Of signals with rows of their own (a setpoint that is recorded when it changes) the last value before the moment
-    stays, as it still holds. Raises UsageError when the data have no times, InputError when no loop has later ones.
-    """
+    """Take off what lies before a moment, or before an age of the last stamp of all series found. Return the loops that
+    are left, what is to be said, those that cannot be cut, and the moment [microseconds since 1970 UTC]. Of signals
+    with rows of their own the last value before stays. Raises UsageError without times, InputError when no loop is
+    left."""
     moment, age = parse_since(when, timezone)
     last = max((end for axis in {item.axis for item in found} if (end := axis.last()) is not None), default=None)
     if moment is None:

@@ -1,9 +1,7 @@
 """One recorded signal: its stamps and cells and where they lie; they are read when a loop asks for them.
 
-A text file holds its rows one after the other, an analysis wants one signal after the other: a Store keeps columns, in
-memory as long as they are few, else in one scratch file. That has no name where the system allows it, so nothing is
-left behind even when the program is killed.
-"""
+A Store keeps columns in memory as long as they are few, else in one scratch file, which has no name where the system
+allows it, so that nothing is left behind even when the program is killed."""
 
 from __future__ import annotations
 
@@ -54,8 +52,7 @@ class Room:
         self._path = ""
 
     def spilled(self, column: NDArray[Any]) -> Spilled:
-        """Append a column to the scratch file, which other processes of this machine can read. Raises BacklashError
-        without room."""
+        """Append a column to the scratch file, which other processes can read. Raises BacklashError without room."""
         try:
             if self._file is None:
                 self._file = tempfile.NamedTemporaryFile("w+b", buffering=0, prefix="backlash-",  # noqa: SIM115
@@ -95,12 +92,10 @@ class Rows(Protocol):
 
 
 class Store:
-    """Columns of equal length that are written once, in pieces, and read often.
+    """Columns of equal length that are written once, in pieces, and read often; texts of "v3" by their places in "v3w".
 
-    Places of texts in the lexicon of a column "v3" stand in the column "v3w". grouped: numbers of the rows' groups
-    (tags) stand in the column "group" of each piece; rows are then kept group by group. stays: in memory, also when it
-    is sent elsewhere.
-    """
+    grouped: rows are kept by the numbers in the column "group" of each piece. stays: in memory, also when it is
+    sent."""
 
     def __init__(self, room: Room, *, grouped: bool = False, stays: bool = False) -> None:
         self.room, self.grouped, self.stays = room, grouped, stays
@@ -166,11 +161,9 @@ class Store:
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """Rows that belong together, and where their stamps lie, which all signals recorded in these rows share.
-
-    column: of their stamps. which: of the rows, or of those of a group, these are. absolute: False for stamps that
-    count from an unknown start. where: file. first_line: line of row 0. end: the last stamp where it is known.
-    """
+    """Rows that belong together, and the `column` of their stamps, which all signals recorded in these rows share.
+    which: of the rows, or of those of a group. absolute: False for stamps that count from an unknown start. where:
+    file. first_line: line of row 0. end: the last stamp where it is known."""
 
     rows: Rows
     column: str
@@ -224,8 +217,7 @@ class Axis:
         return replace(self, which=np.asarray(self.which)[chosen], first_line=0, end=None)
 
     def packed(self, columns: Iterable[str]) -> Axis:
-        """Return rows that lie in the scratch file of this machine with some columns of cells in memory; all others as
-        they are."""
+        """Return rows that lie in the scratch file of this machine with some columns in memory; others as they are."""
         if not isinstance(self.rows, Store):
             return self
         store = Store(Room(1 << 62), stays=True)
@@ -240,9 +232,9 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One signal of one file. tag: its name as written. loop, role, signal: that name taken apart. column: of the
-    file. stamps: place of its set of rows in the layout. quality: name of the column `marked` by which it is good or
-    not, "" if there is none. axis: its rows, once they are stored."""
+    """One signal of one file. tag: its name as written. loop, role, signal: that name taken apart. column: of the file.
+    stamps: its set of rows in the layout. quality: name of the column `marked` that says what is good, or "". axis: its
+    rows, once they are stored."""
 
     tag: str
     loop: str

@@ -1,7 +1,5 @@
-"""How a text file is written: delimiter, lines before the header, header, units row, decimal sign.
-
-Looks at some dozens of lines at the beginning and the end of the first thousands.
-"""
+"""How a text is written: delimiter, lines before the header, header, units row, decimal sign; from its first thousands
+of lines."""
 
 from __future__ import annotations
 
@@ -32,9 +30,8 @@ _DECIMAL_POINT = re.compile(r"^\s*[+-]?(?:\d*\.\d+|\d{1,3}(?:,\d{3})+\.\d*)\s*(?
 
 @dataclass(frozen=True)
 class Dialect:
-    """names: column names as written. offset, line: byte and line where the data begin. end: byte where the lines that
-    were looked at end. decimal: sign before the fraction. kinds: what each column holds in the first and last of them.
-    """
+    """names: of columns as written. offset, line: where the data begin. end: byte where the lines that were looked at
+    end. kinds: what each column holds."""
 
     delimiter: str
     names: tuple[str, ...]
@@ -46,8 +43,7 @@ class Dialect:
 
 
 def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> Dialect:
-    """Find how a text is written from its first lines. Raises InputError when there is no header line, no data, or
-    nothing that looks like columns."""
+    """Find how a text is written. Raises InputError without a header, data, or anything that looks like columns."""
     lines = lines_of(text)
     end = lines[HEAD_LINES][1] if len(lines) > HEAD_LINES else len(text)
     declared = re.match(r"^sep=(.)$", lines[0][2].strip()) if lines else None
@@ -75,8 +71,8 @@ def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> D
 
 
 def _delimiter(lines: list[str], first: list[str]) -> str:
-    """The delimiter that cuts the lines into equally many cells which look like times, numbers and words. first: the
-    first lines; a line of as many names among them speaks for a delimiter."""
+    """The one that cuts the lines into equally many cells which look like times and numbers, and a `first` one into
+    names."""
     scores = dict.fromkeys(DELIMITERS, 0.0)
     for candidate in DELIMITERS:
         rows = [split_line(line, candidate) for line in lines]
@@ -98,8 +94,8 @@ def _column_kinds(rows: list[list[str]], width: int) -> tuple[str, ...]:
 
 
 def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tuple[str, ...], header: int) -> int | None:
-    """The first row of data below the header that is followed by another. Such rows have stamps where the last rows
-    have them, or numbers in half of their number columns."""
+    """The first row below the header that has stamps, or half of its numbers, where the last rows have them, as has
+    another soon after it."""
     times = [i for i, k in enumerate(kinds) if k in ("time", "clock")]
     wanted = times or [i for i, k in enumerate(kinds) if k == "number"][:50]
 

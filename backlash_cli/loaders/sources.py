@@ -1,8 +1,5 @@
-"""What the command line names and where it lies: files, folders of exports, datasets, addresses, and their sidecars.
-
-`place` gives a Path for a path and a Remote for an address such as s3://, abfs:// or gs://, which fsspec opens. A
-Remote has the few methods of a Path that reading needs: nothing behind this door knows which of the two it has.
-"""
+"""What the command line names and where it lies: files, folders, datasets, addresses, and their sidecars. `place` gives
+a Path, or for an address such as s3:// a Remote, which has the few methods of a Path that reading needs."""
 
 from __future__ import annotations
 
@@ -58,8 +55,8 @@ def open_place(path: Path | Remote) -> BinaryIO:
 
 
 class Remote(str):
-    """A file or folder behind an address; every failure is an InputError that says what to do. Credentials come from
-    where the drivers look for them (environment, ~/.aws, ~/.config/fsspec ...), never from here."""
+    """A file or folder behind an address, opened by fsspec, which knows where credentials are; every failure is an
+    InputError that says what to do."""
 
     def __getstate__(self) -> None:
         """Send nothing beside the address to another process."""
@@ -99,8 +96,8 @@ class Remote(str):
         return self._info["type"] not in ("directory", "nothing")
 
     def stat(self) -> SimpleNamespace:
-        """Return the size as st_size, and as `version` what changes when the object does: its size, and its tag or
-        time; "" where the store gives neither. Raises FileNotFoundError when nothing is there."""
+        """Return st_size, and as `version` what changes when the object does, "" if unknown. Raises
+        FileNotFoundError."""
         info = self._info
         if info["type"] == "nothing":
             raise FileNotFoundError(self)
@@ -176,7 +173,7 @@ class Remote(str):
 @dataclass(frozen=True)
 class Source:
     """One file to read. partition: names and values of folders like loop=FIC101 on the way to it. beside: names of all
-    files in the same folder, None where they were not listed."""
+    files in its folder, None where they were not listed."""
 
     path: Path | Remote
     partition: dict[str, str] = field(default_factory=dict)
@@ -253,8 +250,8 @@ def stem_of(path: Path | Remote) -> str:
 
 
 def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source]) -> list[Path | Remote]:
-    """Return the metadata files that belong to the inputs: NAME.loops.toml next to it, else loops.toml in the folder. A
-    CSV table (NAME.loops.csv, loops.csv) is found the same way when there is no TOML."""
+    """Return the metadata files of the inputs: NAME.loops.toml next to it, else loops.toml in the folder, else the same
+    in CSV."""
     @cache
     def first(folder: Path | Remote, *names: str, beside: frozenset[str] | None = None) -> Path | Remote | None:
         """The first of these files in a folder; asked of its listing where there is one, which costs nothing."""
@@ -276,8 +273,7 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
 
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:
-    """Read one metadata file: TOML with [defaults] and [loops.NAME], or a CSV table with a column `loop`. Raises
-    MetadataError naming file, line and key, with the nearest known ones."""
+    """Read loop settings: TOML, or a CSV table with a column `loop`. Raises MetadataError naming file, line and key."""
     path = place(path)
     try:
         with open_place(path) as file:

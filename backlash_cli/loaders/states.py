@@ -1,5 +1,5 @@
-"""Which samples count: quality words and codes, controller modes; frozen, saturated, implausible and missing samples
-marked, short holes filled."""
+"""Which samples count: quality words and codes, controller modes; frozen, saturated, implausible, missing and filled
+ones."""
 
 from __future__ import annotations
 
@@ -41,8 +41,7 @@ def quality_words(words: list[str]) -> bool:
 
 
 def _numbers_or_words(cells: Cells, *, all_texts: bool) -> tuple[FloatArray | None, IntArray, list[str]]:
-    """Return (numbers, codes, words): the cells as numbers, None where their texts are something else. All texts have
-    to be numbers, or only some of them."""
+    """(numbers, codes, words) of cells: numbers are None where texts, all or some of them, are something else."""
     numbers, bad = cells.numbers()
     if not cells.is_text or (np.isfinite(numbers).any() and not (all_texts and bad.any())):
         return numbers, np.zeros(0, np.int64), []
@@ -57,11 +56,9 @@ def _named(further: tuple[str, ...]) -> tuple[set[str], list[float]]:
 
 def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, float] | None = None
                  ) -> tuple[NDArray[np.bool_], list[Note]]:
-    """Return (rows,) True where the quality says good. Numbers are OPC codes (192 and more), percents or 0/1.
-
-    further: words or numbers that mean good. name: of the column; Validity and its like are 1 where the row is good.
-    known: what the chunks of a loop before this one tell of its numbers; it is added to.
-    """
+    """Return (rows,) True where the quality says good. Numbers are OPC codes (192 and more), percents or 0/1. further:
+    words or numbers that mean good. name: Validity and its like are 1 where the row is good. known: what earlier chunks
+    tell."""
     numbers, codes, words = _numbers_or_words(cells, all_texts=True)
     extra, wanted = _named(further)
     if numbers is not None:
@@ -95,8 +92,8 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, float]) -> tupl
 
 
 def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[Note]]:
-    """Return (rows,) 1 where the controller was in automatic (or cascade), 0 where not, nan where not recorded.
-    Numbers: 0 manual and 1, 2, 3 automatic or cascade; powers of two from 16 on as in Foundation Fieldbus."""
+    """Return (rows,) 1 where the controller was in automatic or cascade, 0 where not, nan where not recorded. Numbers:
+    0 is manual, 1 to 3 are not; powers of two from 16 on as in Foundation Fieldbus."""
     numbers, codes, words = _numbers_or_words(cells, all_texts=False)
     extra, named = _named(further)
     if numbers is not None:
@@ -138,8 +135,8 @@ def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
 
 
 def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Fill holes (nan) of at most `longest` samples on a straight line between their neighbours. Holes at the ends and
-    next to a gap (a jump of `index`) stay. Returns (values, filled)."""
+    """Fill holes (nan) of at most `longest` samples on a line, but not at the ends and next to a gap (a jump of
+    `index`). Return (values, filled)."""
     starts, ends = runs(~np.isfinite(values))
     inner = (starts > 0) & (ends < len(values)) & (ends - starts <= longest)
     starts, ends = starts[inner], ends[inner]
@@ -239,12 +236,10 @@ def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
 def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArray | None,
            interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int
            ) -> tuple[FloatArray, NDArray[np.uint8], dict[str, NDArray[np.bool_]]]:
-    """Say what each sample of a loop on its grid is. Return (measurement, state, marks): PV with short holes filled,
-    the SampleState of each sample, and where they are of the kinds of `state_notes`; a sample may be several things.
-
-    All are (samples,). index: grid numbers. sp, pv, op: normalised, None where not recorded. interpolated: the
-    measurement was not recorded there. manual: not in automatic. bridge: longest hole in samples that is filled.
-    """
+    """Return (measurement, state, marks): PV with holes of at most `bridge` samples filled, the SampleState of each
+    sample, and where they are of the kinds of `state_notes`. All are (samples,). index: grid numbers. sp, pv, op:
+    normalised, None where not recorded. interpolated: the measurement was not recorded there. manual: not in
+    automatic."""
     wild = implausible(pv)
     y, filled = short_holes(np.where(wild, np.nan, pv), index, bridge)
     missing = ~np.isfinite(y)

@@ -1,7 +1,5 @@
-"""Files to signals: Arrow reads tables, whose columns go into memory or the scratch file, named and with their stamps.
-
-Text is read in blocks, Parquet in batches of rows or a column when a loop asks; both show their first rows as a Head.
-"""
+"""Files to signals: Arrow reads tables, text in blocks, Parquet in batches of rows or a column when a loop asks; both
+show their first rows as a Head."""
 
 from __future__ import annotations
 
@@ -130,8 +128,8 @@ def _damaged(problem: str, path: Any) -> InputError:
 
 
 class ParquetTable:
-    """A Parquet file as a table: its first rows, all of it in batches, and rows of a column when they are asked for. It
-    can be sent to another process, which opens the file anew."""
+    """A Parquet file as a table, or as rows whose columns are read when asked for; another process opens the file
+    anew."""
 
     def __init__(self, path: Any, stem: str, options: ReadOptions, partition: dict[str, str]) -> None:
         self.path, self.where, self.options = path.absolute(), str(path), options
@@ -196,8 +194,7 @@ Table = TextTable | ParquetTable
 
 @dataclass
 class Reading:
-    """How files are read. needed: says whether the samples of a signal are. taken: called with the bytes of a file that
-    were read."""
+    """How files are read. needed: samples of a signal are. taken: called with the bytes of a file that were read."""
 
     options: ReadOptions
     needed: Callable[[Series], bool]
@@ -206,8 +203,7 @@ class Reading:
 
 
 def signals_of_file(source: Source, reading: Reading) -> tuple[list[Series], list[Note]]:
-    """Return the signals of a file, and what was noticed; a sheet of remarks beside one of data is passed over. Raises
-    InputError when it cannot be read."""
+    """Return the signals of a file, and what was noticed; a sheet of remarks is passed over. Raises InputError."""
     path, options, stem = source.path, reading.options, stem_of(source.path)
     kind = kind_of(path)
     if kind == "parquet" and reading.taken is not None:
@@ -232,8 +228,8 @@ def signals_of_file(source: Source, reading: Reading) -> tuple[list[Series], lis
 
 
 def _signals(table: Table, layout: Layout, reading: Reading) -> list[Series]:
-    """Store what is needed of a file: stamps in UTC as "t0", "t1" ..., cells as "v3", "v4" ... Rows of several tags or
-    loops are put together by tag. A column of Parquet with stamps in UTC stays in the file until it is needed."""
+    """Store what is needed of a file, stamps in UTC as "t0" ..., cells as "v3" ..., rows of several tags by tag; a
+    column of Parquet with stamps in UTC stays in the file."""
     head, options = table.head, reading.options
     blank = {i for i in layout.stored if pa.types.is_null(head.columns[i].type)}
     kinds = [head.columns[i].type for pair in layout.stamps for i in pair]
@@ -324,8 +320,8 @@ def _by_tag(all_rows: Axis, store: Store, tags: Collection[str], blank: set[int]
 
 
 def _one_clock(store: Store, column: str, tags: int) -> tuple[list[tuple[int, int]], list[Note]]:
-    """A clock that was set back in a file written in time order went back for all tags, the rarely recorded too. Return
-    after which rows by how much [microseconds] it did, and what is to be said of it."""
+    """A clock set back in a file in time order went back for all tags, the rarely recorded too. Return after which rows
+    by how much [microseconds] it did, and what is to be said of it."""
     back: list[int] = []
     first, before, counts = 0, -(1 << 62), np.zeros(tags + 1, np.int64)
     for piece in store.pieces:

@@ -1,9 +1,5 @@
-"""Stamps of every usual kind to microseconds since 1970-01-01 UTC, block by block.
-
-Written dates are read by one expression for the whole column and arithmetic on its parts. Which of day and month comes
-first is known when all blocks were seen: until then a stamp with an open date is packed from the numbers of its date
-and its time of day.
-"""
+"""Stamps of every usual kind to microseconds since 1970-01-01 UTC, block by block. Which of day and month comes first
+is known at the end: until then an open date is packed from its numbers and its time of day."""
 
 from __future__ import annotations
 
@@ -69,9 +65,8 @@ _NAMED = (("millis", ("ms",), ("ms", "msec")), ("minutes", ("min", "minutes"), (
 
 
 def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
-    """Read texts as dates with or without a time of day, or as times of day. Return (micros, zoned, of_day): (words,)
-    microseconds, NAT where nothing was read, packed where it is open what is day and what is month; (words,) they carry
-    an offset; the texts are times of day only."""
+    """Read texts as dates, with or without a time of day, or as times of day. Return (micros, zoned, of_day): (words,)
+    NAT where nothing was read, packed where the date is open; (words,) they carry an offset; all are times of day."""
     text, rest, of_day = pa.array(words, pa.string()), np.arange(len(words)), False
     micros, zoned = np.full(len(words), NAT), np.zeros(len(words), bool)
     for form, rewritten in ((_DATED, ()), (_DATED, _REWRITTEN), (_COMPACT, ()), (_OF_DAY, ())):
@@ -220,8 +215,8 @@ class StampReader:
                          remedy="name the time column")
 
     def finish(self) -> Callable[[IntArray], IntArray]:
-        """Return what gives the stamps in UTC, to be called for all rows in file order. `notes` are complete after
-        that. Raises InputError when there were no stamps, or when day and month cannot be told apart."""
+        """Return what gives the stamps in UTC, to be called for all rows in file order. Raises InputError when there
+        were none, or when day and month cannot be told apart."""
         if not self._zones:
             what = f"readable time stamps (for example {self._shown!r})" if self._shown else "time stamps"
             raise InputError(f"time column {self.name!r} holds no {what}", where=self.where,
@@ -249,8 +244,8 @@ class StampReader:
         return (*self.notes, *[Note("dst_repeated_hour", f"{text}file order")][: self._doubled])
 
     def _utc(self, micros: IntArray, zone: ZoneInfo) -> IntArray:
-        """The next rows in UTC; after the clock went back (a step of more than half an hour in the doubled hour) the
-        second offset holds."""
+        """The next rows in UTC; after a step back of more than half an hour in the doubled hour the second offset
+        holds."""
         known = np.flatnonzero(micros != NAT)
         if not len(known):
             return micros
