@@ -40,7 +40,7 @@ class Lexicon:
         values = plain_numbers(self.words) if self.decimal == "." else np.full(len(self.words), np.nan)
         units = [""] * len(self.words)
         rest = np.flatnonzero(np.isnan(values)).tolist()
-        comma = "," in (self.decimal, _decimal_sign([self.words[i] for i in rest[:5000]], self.decimal))
+        comma = "," in (self.decimal, decimal_sign([self.words[i] for i in rest[:5000]], self.decimal))
         for i in rest:
             values[i], units[i] = _with_unit(self.words[i].strip(), comma)
         return values, np.isnan(values) & np.array([bool(word.strip()) for word in self.words], bool), units
@@ -111,12 +111,10 @@ class Cells:
 
 
 def is_number(kind: pa.DataType) -> bool:
-    """Say whether a type holds numbers."""
     return pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
 
 
 def is_text(kind: pa.DataType) -> bool:
-    """Say whether a type holds texts."""
     return pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind)
 
 
@@ -182,7 +180,7 @@ def _with_unit(text: str, comma: bool) -> tuple[float, str]:
     return (value, unit) if np.isfinite(value) else (np.nan, "")
 
 
-def _decimal_sign(words: list[str], decimal: str) -> str:
+def decimal_sign(words: list[str], decimal: str) -> str:
     """The decimal sign that the texts themselves show: "," only when a comma cannot be a thousands separator."""
     words = [_BLANKS.sub("", w) for w in words]
     if both := next((w for w in words if "." in w and "," in w), ""):

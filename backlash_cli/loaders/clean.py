@@ -114,7 +114,8 @@ class _Making:
         refuse_missing(loop)
         settings, first_chunk = settings_of(self.recipe.values), self.grid is None
         if end is not None:
-            self.joiner.next_chunk(begin, end)
+            self.joiner.only = begin, end
+            self.joiner.times.cache_clear()
         pv = _where_recorded(self.joiner.signal(loop.roles["pv"], "pv", loop.name))
         self.order = pv.times.order(pv.values)
         if self.grid is None:
@@ -124,7 +125,9 @@ class _Making:
             grid = self.grid.laid(self.order, int(self.known[1][row]))
         self.grid = self.grid or replace(grid, index=grid.index[:0], rows=None, recorded=None)
         first, last, on_grid = (0, len(grid.index), grid.notes) if end is None else self._own_samples(grid, begin, end)
-        self.times, self.bridge = pv.times, fill_limit(settings.loop.Ti, grid.interval)
+        self.times, Ti = pv.times, settings.loop.Ti
+        # half of Ti is a tenth of the shortest half period that is used
+        self.bridge = MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / grid.interval)))
         self.notes = [*self.recipe.notes, *settings.notes, *pv.times.notes, *on_grid]
         self._say(pv)
         measured = self._on_grid(pv, "pv", grid)
@@ -173,7 +176,6 @@ class _Making:
         return first, last, grid.said(own, None if grid.recorded is None else grid.recorded[first:last], self.tally)
 
     def _say(self, signal: Signal) -> None:
-        """Note what was found out about a signal."""
         self.notes += [*signal.notes, *add_faults(self.faults, signal.faults)]
 
     def _companion(self, loop: LoopSeries, role: str, grid: Grid) -> FloatArray | None:
@@ -233,12 +235,14 @@ class _Making:
         """(samples,) A signal as it was recorded, nan where it was not: in its rows, on straight lines, or held."""
         own = signal.times is self.times
         if own and grid.recorded is None:
-            rows = grid.rows
-            found = signal.values if rows is None else np.where(rows >= 0, signal.values[rows], np.nan)
+            found = signal.values if grid.rows is None else np.where(grid.rows >= 0, signal.values[grid.rows], np.nan)
             if role == "pv" or not np.isnan(found).any():
                 return found
-        stamps, values = _records(signal, self.order if own else signal.times.order(signal.values))
-        known = np.isfinite(values)
+        order = self.order if own else signal.times.order(signal.values)
+        rows = slice(None) if order.rows is None else order.rows
+        stamps, values, known = order.stamps, signal.values[rows], np.isfinite(signal.values[rows])
+        if not (record := known | signal.bad[rows]).all():  # blank cells are no records
+            stamps, values, known = stamps[record], values[record], known[record]
         few, limit = (self.bridge + 0.5) * grid.step, float("inf")
         steps = np.diff(stamps[known])
         if role == "pv":
@@ -270,22 +274,7 @@ def _where_recorded(pv: Signal) -> Signal:
     return pv
 
 
-def fill_limit(Ti: float | None, interval: float) -> int:
-    """Longest hole in samples that is filled: half the integral time, a tenth of the shortest half period that is
-    used."""
-    return MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / interval)))
-
-
-def _records(signal: Signal, order: Ordered) -> tuple[IntArray, FloatArray]:
-    """Return (stamps, values) of all records in time order, nan in bad ones; blank cells are no records."""
-    rows = slice(None) if order.rows is None else order.rows
-    values = np.where(np.isfinite(signal.values[rows]), signal.values[rows], np.nan)
-    record = ~np.isnan(values) | signal.bad[rows]
-    return (order.stamps, values) if record.all() else (order.stamps[record], values[record])
-
-
 def _in_turn(items: Iterable[Series]) -> list[Axis]:
-    """The axes of some series, each once, by their first stamps."""
     return sorted({item.axis for item in items if len(item.axis)}, key=Axis.first)
 
 
@@ -308,12 +297,10 @@ def _window(loop: LoopSeries, begin: int, end: int) -> LoopSeries:
 
 
 def _row_at(axis: Axis, stamp: int) -> int:
-    """The first row of rising stamps at or after one."""
     return bisect_left(range(len(axis)), stamp, key=lambda row: int(axis.read(row, row + 1)[0]))
 
 
 def refuse_missing(loop: LoopSeries) -> None:
-    """Raise LoopError for a loop without a measurement, or without a tag that the loops file names."""
     for role, tag in loop.missing_tags.items():
         if role not in loop.roles:
             raise LoopError(f"{role} = {tag!r} from the metadata is not found in the data", code="tag_not_found",

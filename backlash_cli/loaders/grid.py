@@ -291,7 +291,6 @@ def make_grid(order: Ordered) -> Grid:
 
 
 def _plan(stamps: IntArray) -> Grid:
-    """Find start, step and kind of the grid, without points."""
     start, steps = int(stamps[0]), np.diff(stamps)
     if steps.min() == steps.max():
         return Grid(start, int(steps[0]), "regular")

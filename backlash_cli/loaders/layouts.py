@@ -12,14 +12,14 @@ import pyarrow as pa
 
 from ..errors import InputError
 from .cells import codes_and_words, is_number, is_text
-from .names import IGNORED, LOOP, SIGNALS, TAG, VALUE, Tag, is_quality_name, is_time_name, plain, signal_role, split_tag
+from .names import COLUMNS, SIGNALS, Tag, is_quality_name, is_time_name, plain, signal_role, split_tag
 from .options import ReadOptions
 from .signals import Series
 from .states import quality_words
 from .times import is_midnight
 
-GROUPS = LOOP | {"measurement", "device", "unit", "block"}
-_BOUNDS = ("start", "stop", "end", "from", "to", "begin", "starttime", "endtime", "stoptime", "intervalstart")
+BOUNDS, GROUPS, IGNORED, LOOP, TAG, VALUE = (
+    COLUMNS[kind] for kind in ("bound", "group", "ignored", "loop", "tag", "value"))
 _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 
 
@@ -41,19 +41,17 @@ class Head:
 
     @cached_property
     def plain(self) -> list[str]:
-        """The names as plain words."""
         return [plain(name) for name in self.names]
 
     @cached_property
     def tags(self) -> list[Tag]:
-        """The names taken apart."""
         return [split_tag(name) for name in self.names]
 
     @cached_property
     def times(self) -> list[int]:
         """Columns that hold stamps, numeric ones only when their header says so."""
         called = [is_time_name(name) for name in self.names]
-        found = [i for i, word in enumerate(self.plain) if word not in _BOUNDS and not pa.types.is_null(
+        found = [i for i, word in enumerate(self.plain) if word not in BOUNDS and not pa.types.is_null(
             kind := self.columns[i].type) and (self.is_time(i) or (is_number(kind) and (
                 called[i] or self.tags[i].role == "time")))] or np.flatnonzero(called)[:1].tolist()
         if not found and self.columns and is_number(self.columns[0].type) and not self.tags[0].role:
@@ -63,7 +61,6 @@ class Head:
 
     @cached_property
     def texts(self) -> list[int]:
-        """Columns of texts."""
         return [i for i, column in enumerate(self.columns) if is_text(column.type)]
 
     def is_time(self, column: int) -> bool:
@@ -73,7 +70,6 @@ class Head:
             self.kinds[column] in ("time", "clock") and not is_number(kind))
 
     def words(self, column: int) -> list[str]:
-        """Return the texts in the first rows of a column."""
         return [word for word in codes_and_words(self.columns[column].slice(0, 4000))[1] if word.strip()]
 
     def marks(self, column: int) -> bool:
@@ -100,7 +96,6 @@ class Layout:
 
     @property
     def stored(self) -> list[int]:
-        """Columns of cells."""
         return sorted({*self.values, *self.quality.values()})
 
 

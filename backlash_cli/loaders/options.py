@@ -26,20 +26,14 @@ _AGE = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(s|min|h|d|w)\s*")
 class ReadOptions:
     """How to read exports; every `None` means: find it in the file.
 
-    time_format: strptime pattern ("%d/%m/%Y %H:%M:%S") or one of TIME_WORDS.
-    timezone: IANA name of the zone in which stamps without offset are written ("Europe/Berlin").
-    interpolation: "hold" or "linear" between recorded values, for every signal; None: measurement linear,
-    setpoint, output and mode hold.
-    delimiter, decimal, encoding: of CSV files ("," ";" "tab" ..., "." or ",", "utf-8", "cp1252" ...).
-    layout: one of LAYOUTS. columns: names of the columns of a file without a header line.
-    header_row: number (from 1) of the line that names the columns.
-    only_loops: names or wildcards of the loops wanted, each of which must exist. loops_matching: patterns of which
-    one must fit: wildcards over the whole name, or a regular expression between slashes. sample: "20" or "5%" of the
-    loops that are left, drawn by sample_seed: the same names always give the same sample. since: "2026-11-01" or
-    "2026-11-01T06:00" (in `timezone` where it has no offset), or an age such as "3d" (s, min, h, d, w) back from the
-    last stamp of all files. What is left out by these is counted in the plant's warnings.
-    good_quality: further words or numbers that mean good.
-    auto_modes: further words or numbers that mean automatic. max_bytes: limit on decompressed size per file.
+    time_format: strptime pattern or one of TIME_WORDS. timezone: IANA name of the zone of stamps without offset.
+    interpolation: "hold" or "linear" for every signal; None: measurement linear, the rest hold. delimiter, decimal,
+    encoding: of CSV files ("," "tab" ..., "." or ",", "cp1252" ...). layout: one of LAYOUTS. columns: names of the
+    columns of a file without a header line. header_row: number (from 1) of the line that names the columns.
+    only_loops: names or wildcards, each of which must exist. loops_matching: patterns (`check_pattern`) of which one
+    must fit. sample: "20" or "5%" of the loops that are left, drawn by sample_seed. since: a moment or an age
+    (`parse_since`). good_quality, auto_modes: further words or numbers that mean good, or automatic. max_bytes: limit
+    on decompressed size per file.
     """
 
     time_format: str | None = None

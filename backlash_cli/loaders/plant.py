@@ -22,7 +22,7 @@ from .join import Joiner, LoopSeries, by_loop, explicit_tags, failure
 from .options import ReadOptions, check_pattern, parse_since, sample_size
 from .signals import Axis, Room, Series
 from .sources import Source, find_sidecars, find_sources, read_metadata
-from .tables import Reading, signals_of_file
+from .tables import signals_of_file
 
 READING_ERRORS = (ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
 SHOWN = 12  # names written out in a message; all of them stand in its values
@@ -127,18 +127,17 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     metadata, warnings = _metadata(given, sources, loops)
     series: list[Series] = []
     problems: dict[str, BacklashError] = {}
-    reading = Reading(options, _needed(metadata, options), taken, room or Room())
+    needed, room, taken = _needed(metadata, options), room or Room(), taken or (lambda count: None)
     for source in sources:
         try:
-            found, notes = signals_of_file(source, reading)
+            found, notes = signals_of_file(source, options, needed, room, taken)
             series += found
             warnings += notes
-        except BacklashError as error:
-            problems[str(source.path)] = error
-        except READING_ERRORS as error:
+        except (BacklashError, *READING_ERRORS) as error:
             text = str(error).strip().split("\n")[0][:300] or type(error).__name__
-            problems[str(source.path)] = InputError(f"cannot be read: damaged or not understood: {text}",
-                                                    where=str(source.path), remedy="export the file again")
+            problems[str(source.path)] = error if isinstance(error, BacklashError) else InputError(
+                f"cannot be read: damaged or not understood: {text}", where=str(source.path),
+                remedy="export the file again")
     if not series:
         first = next(iter(problems.values()), None)
         raise first if first is not None and len(sources) == 1 else InputError(
@@ -148,18 +147,15 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
         tags = ", ".join(filter(None, sorted({item.tag for item in series})[:12])) or "columns without a name"
         raise InputError("no loop found: no column is called SP, PV or OP of a loop", where=str(sources[0].path),
                          remedy=f"name the tags in loops.toml; found: {tags}")
-    lost: list[Note] = []
     # an indicator, or a column with a chance name
     single = sorted(name for name, own in all_loops.items() if len(own.roles) == 1 and metadata.of(name) is None)
-    if len(single) == len(all_loops):
-        single = []
-    if single:
+    if 0 < len(single) < len(all_loops):
         more = ", ".join(name[:40] for name in single[:5]) + (", ..." if len(single) > 5 else "")
         warnings.append(Note("single_signals", f"{len(single)} tags have one signal only and are no loops; they are "
                              f"left out: {more}"))
-    names, notes = choose(all_loops.keys() - single, options.only_loops, options.loops_matching, options.sample,
-                          options.sample_seed)
-    wanted, moment = {name: all_loops[name] for name in names}, None
+    names, notes = choose(all_loops.keys() - single or single, options.only_loops, options.loops_matching,
+                          options.sample, options.sample_seed)
+    wanted, moment, lost = {name: all_loops[name] for name in names}, None, list[Note]()
     warnings += notes
     if options.since is not None:
         wanted, notes, lost, moment = since(wanted, series, options.since, options.timezone)
@@ -173,7 +169,6 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
 
 def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
               loops: str | PathLike[str] | Metadata | None) -> tuple[Metadata, list[Note]]:
-    """Return the settings of a plant's loops, from the file that is named or those beside the data, and remarks."""
     if isinstance(loops, Metadata):
         return loops, []
     paths = [loops] if loops is not None else find_sidecars(given, sources)
@@ -188,8 +183,8 @@ def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
 
 
 def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata) -> list[Note]:
-    missing = metadata.loops.keys() - {metadata.match(name) for name in series}
-    names = [name for name in metadata.loops if name in missing]
+    there = {metadata.match(name) for name in series}
+    names = [name for name in metadata.loops if name not in there]
     if len(names) > FEW_LOOPS:  # the loops file of a whole plant beside the export of a few loops: usual
         text = (f"{len(names)} loops of the loops file are not found in the data: {', '.join(names[:FEW_LOOPS])} ...")
         return [Note("loop_not_found", text, {"loop": ", ".join(names), "loops": len(names)})]
@@ -228,7 +223,6 @@ def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Series], bool
 
 
 def _fits(name: str, patterns: Sequence[str]) -> bool:
-    """Say whether a loop is one of those named, or fits a pattern; all do where there are none."""
     return not patterns or any(name == pattern or check_pattern(pattern)(name) for pattern in patterns)
 
 

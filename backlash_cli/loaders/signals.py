@@ -9,7 +9,7 @@ import os
 import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import IO, Any, Protocol
+from typing import IO, Any
 from weakref import finalize
 
 import numpy as np
@@ -81,16 +81,6 @@ def _remove(file: IO[bytes]) -> None:
     os.unlink(file.name)
 
 
-class Rows(Protocol):
-    """Rows of a file; `column`: a name by which they know their columns; group: of which they are, if they are."""
-
-    def cells(self, column: str, first: int, last: int, group: int) -> Cells:
-        """Return the cells of rows first..last-1."""
-
-    def stamps(self, column: str, first: int, last: int, group: int) -> IntArray:
-        """Return the stamps of rows first..last-1 [microseconds since 1970 UTC], NAT where unreadable."""
-
-
 class Store:
     """Columns of equal length that are written once, in pieces, and read often; texts of "v3" by their places in "v3w".
 
@@ -104,7 +94,6 @@ class Store:
         self.starts: list[IntArray] = []  # of each piece: where its groups begin, or its only one
 
     def add(self, piece: Piece) -> None:
-        """Take the next rows."""
         starts = np.array([0, len(next(iter(piece.values()))[:])])
         if not starts[1]:
             return
@@ -139,10 +128,12 @@ class Store:
         return parts[0] if len(parts) == 1 else np.concatenate(parts or [np.zeros(0)])
 
     def cells(self, column: str, first: int, last: int, group: int = 0) -> Cells:
+        """Return the cells of rows first..last-1 of a column."""
         values, lexicon = self.read(column, first, last, group), self.lexicons.get(column)
         return Cells(values, self.read(f"{column}w", first, last, group), lexicon) if lexicon else Cells(values)
 
     def stamps(self, column: str, first: int, last: int, group: int = 0) -> IntArray:
+        """Return the stamps of rows first..last-1 [microseconds since 1970 UTC], NAT where unreadable."""
         return self.read(column, first, last, group).astype(np.int64, copy=False)
 
     def emptied(self) -> Iterator[Piece]:
@@ -163,9 +154,9 @@ class Store:
 class Axis:
     """Rows that belong together, and the `column` of their stamps, which all signals recorded in these rows share.
     which: of the rows, or of those of a group. absolute: False for stamps that count from an unknown start. where:
-    file. first_line: line of row 0. end: the last stamp where it is known."""
+    file. first_line: line of row 0."""
 
-    rows: Rows
+    rows: Any  # of a file, with the methods `cells` and `stamps` of a Store
     column: str
     which: range | IntArray
     group: int = 0
@@ -173,7 +164,6 @@ class Axis:
     notes: tuple[Note, ...] = ()
     where: str = ""
     first_line: int = 0
-    end: int | None = None
 
     def __len__(self) -> int:
         return len(self.which)
@@ -197,7 +187,6 @@ class Axis:
         return self.rows.cells(column, *between)[taken]
 
     def pieces(self) -> Iterator[IntArray]:
-        """Yield all stamps, some rows at a time."""
         return (self.read(first, min(first + PIECE, len(self))) for first in range(0, len(self), PIECE))
 
     def first(self) -> int:
@@ -206,15 +195,14 @@ class Axis:
 
     def last(self) -> int | None:
         """Return the last stamp, None if there is none."""
-        last = self.end if self.end is not None else max((int(p.max()) for p in self.pieces()), default=NAT)
+        last = max((int(piece.max()) for piece in self.pieces()), default=NAT)
         return None if last == NAT else last
 
     def part(self, chosen: slice | IntArray) -> Axis:
-        """Return some of the rows."""
         if isinstance(chosen, slice):
             line = self.first_line and self.first_line + int(chosen.start or 0)
-            return replace(self, which=self.which[chosen], first_line=line, end=None)
-        return replace(self, which=np.asarray(self.which)[chosen], first_line=0, end=None)
+            return replace(self, which=self.which[chosen], first_line=line)
+        return replace(self, which=np.asarray(self.which)[chosen], first_line=0)
 
     def packed(self, columns: Iterable[str]) -> Axis:
         """Return rows that lie in the scratch file of this machine with some columns in memory; others as they are."""

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 
 from ..errors import InputError
-from .names import LOOP, TAG, VALUE, is_time_name, plain, signal_role, split_tag
+from .cells import decimal_sign
+from .names import COLUMNS, is_time_name, plain, signal_role, split_tag
 from .options import ReadOptions
 from .times import stamp_kind
 
@@ -24,8 +25,6 @@ COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 DELIMITERS = (",", ";", "\t", "|")
 HEAD_LINES = 4000
 Line = tuple[int, int, str]
-_DECIMAL_COMMA = re.compile(r"^\s*[+-]?(?:\d{1,3}(?:\.\d{3})+|\d+),\d+(?:[eE][+-]?\d+)?\s*(?:[^\d\s].*)?$")
-_DECIMAL_POINT = re.compile(r"^\s*[+-]?(?:\d*\.\d+|\d{1,3}(?:,\d{3})+\.\d*)\s*(?:[^\d\s].*)?$")
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,6 @@ def _delimiter(lines: list[str], first: list[str]) -> str:
 
 
 def _column_kinds(rows: list[list[str]], width: int) -> tuple[str, ...]:
-    """The kind of most filled cells of each column."""
     counted = [Counter(k for row in rows if (k := kind(row[column])) != "empty") for column in range(width)]
     return tuple(found.most_common(1)[0][0] if found else "empty" for found in counted)
 
@@ -113,14 +111,9 @@ def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tupl
 
 
 def _decimal(rows: list[list[str]], delimiter: str) -> str:
-    if delimiter == ",":
-        # quoted "405,12": a comma before other than three digits is no thousands separator
-        cells = [cell.strip() for row in rows for cell in row if "," in cell]
-        commas = all(re.match(r"-?\d+,\d+$", cell) for cell in cells)
-        return "," if commas and not all(re.match(r"-?[1-9]\d{0,2},\d{3}$", cell) for cell in cells) else "."
-    numbers = [re.sub(r"[ '’\u00a0\u202f](?=\d{3})", "", c) for row in rows for c in row if kind(c) == "number"]
-    comma, point = (sum(bool(form.match(cell)) for cell in numbers) for form in (_DECIMAL_COMMA, _DECIMAL_POINT))
-    return "," if comma > point else "."
+    numbers = [c for row in rows for c in row if kind(c) == "number" and (delimiter != "," or "," in c)]
+    only_commas = delimiter != "," and any("," in c for c in numbers) and not any("." in c for c in numbers)
+    return decimal_sign(numbers, "," if only_commas else ".")
 
 
 def _without_data(begun: list[list[str]], width: int, options: ReadOptions, where: str) -> InputError:
@@ -176,7 +169,7 @@ def score_names(cells: list[str]) -> float:
     for i, cell in enumerate(cells):
         if split_tag(cell).role or signal_role(cell):
             points += 1.0
-        elif is_time_name(cell) or plain(cell) in TAG | VALUE | LOOP:
+        elif is_time_name(cell) or any(plain(cell) in COLUMNS[kind] for kind in ("tag", "value", "loop")):
             points += 1.5 if i == 0 else 1.0
         elif kind(cell) in ("number", "time", "clock"):
             points -= 1.0
@@ -189,7 +182,7 @@ def _joined(names: list[str], other: list[str]) -> list[str]:
     result, upper = [], ""
     for cell, word in zip(high, low, strict=True):
         upper = cell or upper
-        result.append(f"{upper}.{word}" if upper and word and plain(word) not in VALUE else upper or word)
+        result.append(f"{upper}.{word}" if upper and word and plain(word) not in COLUMNS["value"] else upper or word)
     return result
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray, Note, SampleState
 from .cells import Cells
+from .names import WORDS
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
 AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
@@ -21,23 +22,16 @@ LEAST_CHANGES = 50  # changes that any working measurement shows in a record, ho
 RESOLVED = 3.0  # recorder steps that a usual change of a noisy signal is large
 OPPOSED = -0.2  # correlation of neighbouring changes below which there is noise
 QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still this long to be called frozen
-_GOOD = re.compile(r"^\s*(?:good|ok|gut|bon|valid|raw|normal|true|g|0xc0|0x000000c0|good[ ,(/:_\-].*)\s*$",
-                   re.IGNORECASE)
-_BAD = re.compile(r"^\s*(?:bad|uncertain|questionable|invalid|not ?good|schlecht|ungültig|false|b|u|0x0+|error|fail\w*|"
-                  r"(?:bad|uncertain)[ ,(/:_\-].*)\s*$", re.IGNORECASE)
-_DOUBT = re.compile(r"bad|uncertain|substitut|last ?(?:usable|known)|stale", re.IGNORECASE)
+_GOOD, _BAD, _DOUBT, _AUTO, _MANUAL = (re.compile("|".join(WORDS["words"][kind].split()), re.IGNORECASE)
+                                       for kind in ("good", "bad", "doubt", "automatic", "manual"))
 _ONE_IS_GOOD = re.compile(r"^(?!.*(?:inv|bad|not|un)).*(?:valid|good|gültig|gueltig)", re.IGNORECASE)
-_AUTO = re.compile(r"^(?:aut.*|a|cas.*|kas.*|c|r-?cas.*|remote.*|rsp|ext.*|r|bcas.*|b-?cas.*|on|true|prog.*|sup.*|"
-                   r"normal|closed.*|[123](?:\.0*)?)$", re.IGNORECASE)
-_MANUAL = re.compile(r"^(?:man.*|m|hand.*|h|lo|local.*|i-?man.*|iman.*|init.*|tr.*|oos|out.?of.?serv.*|rout|r-?out|"
-                     r"off|false|bman|force.*|hold|open.*|stop.*|0(?:\.0*)?)$", re.IGNORECASE)
 
 
 def quality_words(words: list[str]) -> bool:
     """Say whether texts are qualities, and no modes or states."""
-    plain = [word for word in words if len(word.strip()) > 1]
-    return bool(plain) and all(_GOOD.match(word) or _BAD.match(word) for word in plain) and any(
-        re.match(r"\s*(?:good|bad|gut|uncertain|0xc0)", word, re.IGNORECASE) for word in plain)
+    plain = [word.strip() for word in words if len(word.strip()) > 1]
+    return bool(plain) and all(_GOOD.fullmatch(word) or _BAD.fullmatch(word) for word in plain) and any(
+        re.match(r"good|bad|gut|uncertain|0xc0", word, re.IGNORECASE) for word in plain)
 
 
 def _numbers_or_words(cells: Cells, *, all_texts: bool) -> tuple[FloatArray | None, IntArray, list[str]]:
@@ -65,7 +59,8 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
         if wanted or not np.isfinite(numbers).any():
             return np.isin(numbers, wanted) if wanted else np.ones(len(numbers), bool), []
         return _good_numbers(numbers, name, {} if known is None else known)
-    good = [word.strip().lower() in extra or (bool(_GOOD.match(word)) and not _DOUBT.search(word)) for word in words]
+    good = [word.strip().lower() in extra or (
+        bool(_GOOD.fullmatch(word.strip())) and not _DOUBT.fullmatch(word)) for word in words]
     if not any(good):  # only faults are marked: an empty cell is good
         note = Note("quality_words", f"no quality reads Good; rows marked {_some(words)} are dropped")
         return np.append(np.array(good, bool), True)[codes], [note]
@@ -99,9 +94,9 @@ def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[
     if numbers is not None:
         return _auto_numbers(numbers, named)
     texts = [word.strip().lower() for word in words]
-    auto = [text in extra or bool(_AUTO.match(text)) for text in texts]
+    auto = [text in extra or bool(_AUTO.fullmatch(text)) for text in texts]
     unknown = [word.strip() for word, text, yes in zip(words, texts, auto, strict=True)
-               if text and not yes and not _MANUAL.match(text)]
+               if text and not yes and not _MANUAL.fullmatch(text)]
     notes = [Note("mode_words", f"modes {_some(unknown)} are not known and count as not automatic (auto_modes in "
                   "loops.toml names further ones)")] if unknown else []
     states = [float(yes) if text else np.nan for text, yes in zip(texts, auto, strict=True)]
@@ -204,18 +199,8 @@ def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
     return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))
 
 
-_KINDS = {  # what a sample is, later ones count more: (its state, the code of the note, its words)
-    "wild": (None, "implausible", "samples of PV far outside the range (spikes) were rejected"),
-    "filled": (SampleState.FILLED, "filled", "samples in short holes were interpolated"),
-    "interpolated": (SampleState.FILLED, "", ""),
-    "frozen": (SampleState.FROZEN, "frozen", "repeat one number for too long (PV constant or frozen)"),
-    "saturated": (SampleState.SATURATED, "saturated", "have the output at its limit"),
-    "lost": (SampleState.IMPLAUSIBLE, "", ""),
-    "missing": (SampleState.MISSING, "missing", "have no measurement"),
-    "setpoint": (SampleState.MISSING, "setpoint_missing", "have no setpoint"),
-    "output": (SampleState.MISSING, "output_missing", "have no output"),
-    "manual": (SampleState.MANUAL, "manual", "are not in automatic"),
-}
+_KINDS = {kind: (SampleState[state] if state else None, code, text)
+          for kind, (state, code, text) in WORDS["samples"].items()}
 
 
 def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:

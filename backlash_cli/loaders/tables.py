@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from itertools import chain, islice
 from typing import Any
@@ -55,16 +55,12 @@ class TextTable:
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
         """Yield the columns that are asked for, some rows at a time; to be called once. stamps: columns of stamps."""
-        by_pattern = "%" in (self.text.options.time_format or "")
         types: dict[int, pa.DataType | None] = {}
         for i in {*columns, *stamps}:  # as their first rows are, numbers as float64 and words as a dictionary
             kind = self.head.columns[i].type
-            if is_text(kind) or (i in stamps and by_pattern):
-                types[i] = _WORDS
-            elif i in stamps:
-                types[i] = None if pa.types.is_null(kind) else kind
-            else:
-                types[i] = pa.float64() if is_number(kind) or pa.types.is_null(kind) else pa.string()
+            plain = pa.float64() if is_number(kind) or pa.types.is_null(kind) else pa.string()
+            types[i] = _WORDS if is_text(kind) or (i in stamps and "%" in (self.text.options.time_format or "")) else (
+                plain if i not in stamps else None if pa.types.is_null(kind) else kind)
         self._bad = []
         for block in chain([self.text.head[self.dialect.offset :]], self.text.rest):
             if block.isspace():
@@ -90,7 +86,6 @@ class TextTable:
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:
-        """Read a block; types: of the columns that are read, None for all, as they look."""
         names = [f"c{i}" for i in range(len(self.dialect.names))]  # two columns of the file may be called the same
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
@@ -192,22 +187,15 @@ class ParquetTable:
 Table = TextTable | ParquetTable
 
 
-@dataclass
-class Reading:
-    """How files are read. needed: samples of a signal are. taken: called with the bytes of a file that were read."""
+def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Series], bool], room: Room,
+                    taken: Callable[[int], None]) -> tuple[list[Series], list[Note]]:
+    """Return the signals of a file, and what was noticed; a sheet of remarks is passed over. Raises InputError.
 
-    options: ReadOptions
-    needed: Callable[[Series], bool]
-    taken: Callable[[int], None] | None
-    room: Room
-
-
-def signals_of_file(source: Source, reading: Reading) -> tuple[list[Series], list[Note]]:
-    """Return the signals of a file, and what was noticed; a sheet of remarks is passed over. Raises InputError."""
-    path, options, stem = source.path, reading.options, stem_of(source.path)
+    needed: says whether samples of a signal are. taken: called with the bytes that were read."""
+    path, stem = source.path, stem_of(source.path)
     kind = kind_of(path)
-    if kind == "parquet" and reading.taken is not None:
-        reading.taken(path.stat().st_size)
+    if kind == "parquet":
+        taken(path.stat().st_size)
     parts: list[tuple[str, bytes | None]] = [*sheets(path)] if kind == "workbook" else [(stem, None)]
     found: list[Series] = []
     notes: list[Note] = []
@@ -215,22 +203,23 @@ def signals_of_file(source: Source, reading: Reading) -> tuple[list[Series], lis
     for name, data in parts:
         try:
             table = ParquetTable(path, stem, options, source.partition) if kind == "parquet" else TextTable(
-                Text(path, options, reading.taken, data), stem if len(parts) == 1 else name, source.partition)
+                Text(path, options, taken, data), stem if len(parts) == 1 else name, source.partition)
             layout = layout_of(table.head, options)
         except InputError as error:
             problems.append(error)
             continue
-        found += _signals(table, layout, reading)
+        found += _signals(table, layout, options, needed, room)
         notes += table.notes
     if len(problems) == len(parts):
         raise problems[0]
     return found, notes
 
 
-def _signals(table: Table, layout: Layout, reading: Reading) -> list[Series]:
+def _signals(table: Table, layout: Layout, options: ReadOptions, is_needed: Callable[[Series], bool], room: Room
+             ) -> list[Series]:
     """Store what is needed of a file, stamps in UTC as "t0" ..., cells as "v3" ..., rows of several tags by tag; a
     column of Parquet with stamps in UTC stays in the file."""
-    head, options = table.head, reading.options
+    head = table.head
     blank = {i for i in layout.stored if pa.types.is_null(head.columns[i].type)}
     kinds = [head.columns[i].type for pair in layout.stamps for i in pair]
     if not layout.naming and isinstance(table, ParquetTable) and len(kinds) == len(layout.stamps) and all(
@@ -239,10 +228,10 @@ def _signals(table: Table, layout: Layout, reading: Reading) -> list[Series]:
         return _on_axes(signals_of(head, layout, blank), axes, layout)
     columns = layout.stored
     if not layout.naming:  # what is still blank may be a tag of the loops file
-        needed = {i for one in signals_of(head, layout) if reading.needed(one) for i in (one.column, one.marked)}
+        needed = {i for one in signals_of(head, layout) if is_needed(one) for i in (one.column, one.marked)}
         columns = [i for i in columns if i in needed or i in blank]
     readers = [StampReader([head.names[i] for i in pair], options, head.where) for pair in layout.stamps]
-    raw, store, tags, blank = Store(reading.room), Store(reading.room), dict[str, int](), set(columns)
+    raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
     for batch in table.batches([*columns, *layout.naming], {i for pair in layout.stamps for i in pair}):
         piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
@@ -263,7 +252,7 @@ def _signals(table: Table, layout: Layout, reading: Reading) -> list[Series]:
     axes = [Axis(store, f"t{k}", range(count), absolute=reader.absolute, notes=reader.all_notes, where=head.where,
                  first_line=head.first_line) for k, reader in enumerate(readers)]
     if layout.naming:
-        return _by_tag(axes[0], store, tags, blank, head, layout, reading)
+        return _by_tag(axes[0], store, tags, blank, head, layout)
     return _on_axes(signals_of(head, layout, blank), axes, layout)
 
 
@@ -289,33 +278,29 @@ def _numbered(batch: Batch, naming: Sequence[int], head: Head, tags: dict[str, i
     return table[codes]
 
 
-def _by_tag(all_rows: Axis, store: Store, tags: Collection[str], blank: set[int], head: Head, layout: Layout,
-            reading: Reading) -> list[Series]:
-    """Put the rows of each tag, or of each loop of a tall file, together; of those that are needed."""
+def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], head: Head, layout: Layout
+            ) -> list[Series]:
+    """Put the rows of each tag, or of each loop of a tall file, together."""
     tall = layout.kind == "tall"
     moved, notes = ([], []) if tall else _one_clock(store, f"v{layout.values[0]}", len(tags))
-    named = [[Series(f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i], i)
-              for i in layout.values if i not in blank] if tall else [of_tag(head, layout, name, layout.values[0])]
-             for name in tags]
-    wanted = np.array([any(map(reading.needed, ones)) for ones in named] + [False])
-    grouped, first, last = Store(reading.room, grouped=True), 0, NAT
+    grouped, first = Store(store.room, grouped=True), 0
     grouped.lexicons = store.lexicons
     for piece in store.emptied():
-        arrays: Piece = {name: column[:] for name, column in piece.items()}
-        micros, keep = arrays["t0"][:].astype(np.int64, copy=False), wanted[arrays["group"][:]]
+        micros = piece["t0"][:]
         for row, shift in moved:
             micros = np.where((np.arange(first, first + len(micros)) > row) & (micros != NAT), micros + shift, micros)
-        first, last = first + len(micros), max(last, int(micros.max(initial=NAT)))
-        arrays["t0"] = micros
-        if not tall:  # rows without a stamp, such as headers in between, are no samples
-            keep &= micros != NAT
-        grouped.add(arrays if keep.all() else {name: column[:][keep] for name, column in arrays.items()})
+        first += len(micros)
+        # rows without a stamp, such as headers in between, are no samples
+        keep = (piece["group"][:] >= 0) & (tall | (micros != NAT))
+        grouped.add({name: (micros if name == "t0" else column[:])[keep] for name, column in piece.items()})
     found = []
-    for number, ones in enumerate(named):
-        count = int(grouped.rows(number).sum())
-        axis = replace(all_rows, rows=grouped, which=range(count), group=number, first_line=0,
-                       notes=(*all_rows.notes, *notes), end=None if wanted[number] else last)
-        found += [replace(one, axis=axis) for one in ones if count or not wanted[number]]
+    for number, name in enumerate(tags):
+        if count := int(grouped.rows(number).sum()):
+            own = replace(axis, rows=grouped, which=range(count), group=number, first_line=0,
+                          notes=(*axis.notes, *notes))
+            found += [replace(one, axis=own) for one in (
+                [Series(f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i], i)
+                 for i in layout.values if i not in blank] if tall else [of_tag(head, layout, name, layout.values[0])])]
     return found
 
 

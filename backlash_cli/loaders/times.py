@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..record import FloatArray, IntArray, Note
 from .cells import codes_and_words, is_number, is_text, plain_numbers, to_array
 from .grid import DAY, HOUR, NAT, SECOND
-from .names import plain
+from .names import WORDS, plain
 from .options import ReadOptions
 
 LETTER = r"[^\x00-@\[-`{-\x7f]"  # also of other alphabets; \pL takes forty times as long to compile
@@ -34,34 +34,12 @@ _REWRITTEN = (  # quotes, East Asian date signs, the year at the end
     (rf"^\s*{LETTER}{{3}}\s+({LETTER}{{3}}\s+\d{{1,2}})\s+(\d{{1,2}}:\d{{2}}:\d{{2}})\s+((?:[A-Z]{{3,4}}\s+)?)(\d{{4}})"
      r"\s*$", r"\1 \4 \2 \3"),
 )  # fmt: skip
-_MONTHS = ("jan ene gen jän january januar janvier enero gennaio januari janeiro",
-           "feb fév fev february februar février febrero febbraio februari fevereiro",
-           "mar mär mrz maa march märz mars marzo maart março maerz", "apr avr abr april avril abril aprile",
-           "may mai maj mei mag mayo maggio maio", "jun jui giu june juni juin junio giugno junho",
-           "jul lug july juli juillet julio luglio julho juil",
-           "aug aoû ago aou august août agosto augustus augusti aout",
-           "sep set sept september septembre septiembre settembre setembro",
-           "oct okt ott out october oktober octobre octubre ottobre outubro",
-           "nov november novembre noviembre novembro",
-           "dec dez déc dic des december dezember décembre diciembre dicembre dezembro")
-MONTH = {word: number for number, words in enumerate(_MONTHS, 1) for word in words.split()}
-ZONES = {"Z": 0, "UTC": 0, "GMT": 0, "UT": 0, "WET": 0, "WEST": 60, "BST": 60, "CET": 60, "MEZ": 60, "CEST": 120,
-         "MESZ": 120, "EET": 120, "EEST": 180, "MSK": 180, "EST": -300, "EDT": -240, "CST": -360, "CDT": -300,
-         "MST": -420, "MDT": -360, "PST": -480, "PDT": -420, "AKST": -540, "AKDT": -480, "HST": -600, "JST": 540,
-         "KST": 540, "SGT": 480, "HKT": 480, "AEST": 600, "AEDT": 660, "AWST": 480}
+MONTH = {word: int(number) for number, words in WORDS["months"].items() for word in words.split()}
+ZONES: dict[str, int] = WORDS["zones"]
 LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
 _OPEN, _SHIFT = NAT + 1, 38  # from _OPEN on, below -LIMIT: the numbers of an open date above so many bits of its clock
 _FIRST_YEAR, _YEARS = 1800, 1000  # of dates that may be open
-_FACTORS = {  # unit of numbers: (microseconds, zero, counted from a known moment)
-    "epoch_s": (1e6, 0.0, True), "epoch_ms": (1e3, 0.0, True), "epoch_us": (1.0, 0.0, True),
-    "epoch_ns": (1e-3, 0.0, True), "excel": (float(DAY), 25569.0, True), "labview": (1e6, 2082844800.0, True),
-    "filetime": (0.1, 116444736e9, True), "seconds": (1e6, 0.0, False), "millis": (1e3, 0.0, False),
-    "minutes": (6e7, 0.0, False), "hours": (3.6e9, 0.0, False),
-}  # fmt: skip
-_SIZES = ((1.2e17, 1.5e17, "filetime"), (1e17, 1e19, "epoch_ns"), (1e14, 1e17, "epoch_us"), (1e11, 1e14, "epoch_ms"),
-          (3.4e9, 4.2e9, "labview"), (1e8, 3.4e9, "epoch_s"))  # fmt: skip
-_NAMED = (("millis", ("ms",), ("ms", "msec")), ("minutes", ("min", "minutes"), ("min",)),
-          ("hours", ("hours", "timeh"), ("h", "hours")))  # unit: ends of a column's name, words in brackets behind it
+_UNITS: dict[str, tuple[float, float, bool]] = WORDS["stamps"]["unit"]
 
 
 def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
@@ -269,12 +247,10 @@ class StampReader:
         return out
 
     def _seen(self, micros: IntArray, zoned: NDArray[np.bool_]) -> IntArray:
-        """Return stamps; note whether there are any, and whether they carry offsets."""
         self._zones |= set(np.unique(zoned[micros != NAT]).tolist())
         return micros
 
     def _past_midnight(self, micros: IntArray) -> IntArray:
-        """Times of day without a date: count on past midnight."""
         if self._of_day is None:
             self.notes.append(Note("relative_time", "times of day without a date: shown from 1970-01-01"))
         known = np.flatnonzero(micros != NAT)
@@ -316,11 +292,10 @@ class StampReader:
         is_open = np.flatnonzero(_is_open(micros))
         self._shown_open = self._shown_open or (words[is_open[0]].strip() if len(is_open) else "")
         numbers, clocks = _unpacked(micros[is_open])
-        days, begins, counts = np.unique(numbers, return_index=True, return_counts=True)
-        ends = len(numbers) - 1 - np.unique(numbers[::-1], return_index=True)[1]
-        for k in np.argsort(begins).tolist():  # in the order in which they stand in the file
-            seen = self._open.setdefault(int(days[k]), [int(clocks[begins[k]]), 0, 0])
-            seen[1:] = int(clocks[ends[k]]), seen[2] + int(counts[k])
+        for day in dict.fromkeys(numbers.tolist()):  # in the order in which they stand in the file
+            own = clocks[numbers == day]
+            seen = self._open.setdefault(day, [int(own[0]), 0, 0])
+            seen[1:] = int(own[-1]), seen[2] + len(own)
         return np.append(self._seen(micros, zoned), NAT)[codes]
 
     def _date_order(self) -> str:
@@ -355,18 +330,17 @@ class StampReader:
             remedy="say it with --time-format dmy, mdy or a pattern such as '%d/%m/%Y %H:%M:%S'")
 
     def _numbers(self, values: FloatArray) -> IntArray:
-        """Numeric stamps: epoch seconds to nanoseconds, spreadsheet days, or seconds from an unknown start."""
         known = values[np.isfinite(values)]
         if not len(known):
             return np.full(len(values), NAT)
         if not self._unit:
             self._unit = self.form or _unit_of(known, self.name)
-            if self._unit not in _FACTORS and self._unit != "digits":
+            if self._unit not in _UNITS and self._unit != "digits":
                 raise InputError(f"column {self.name!r} holds numbers, not {self._unit!r} stamps", where=self.where,
                                  remedy="mend --time-format")
             if self._unit == "excel":
                 self.notes.append(Note("time_format", "times are spreadsheet day numbers (days since 1899-12-30)"))
-            self.absolute = _FACTORS.get(self._unit, (0, 0, True))[2]
+            self.absolute = _UNITS.get(self._unit, (0, 0, True))[2]
             if not self.absolute:
                 self.notes.append(Note("relative_time", f"times of {self.name!r} count from an unknown start; shown "
                                        "from 1970-01-01"))
@@ -375,7 +349,7 @@ class StampReader:
                 pa.string()))
             return np.append(self._seen(*read_dates(words)[:2]), NAT)[codes]
         self._zones.add(None if self._unit.startswith("epoch") or not self.absolute else False)
-        factor, zero, _ = _FACTORS[self._unit]
+        factor, zero, _ = _UNITS[self._unit]
         with np.errstate(over="ignore", invalid="ignore"):
             scaled = (values - zero) * factor
             if self._unit == "excel":
@@ -396,15 +370,15 @@ def _unit_of(known: FloatArray, name: str) -> str:
     if any(known.min() >= size and known.max() < 1.16 * size for size in (1.9e13, 1.9e11)) and not np.any(known % 1):
         return "digits"  # 20260317080000 or 202603170800
     middle = float(np.median(np.abs(known)))
-    for low, high, unit in _SIZES:
-        if low <= middle < high:
-            return unit
+    if of_size := [unit for low, high, unit in WORDS["stamps"]["size"] if low <= middle < high]:
+        return str(of_size[0])
     steps = np.diff(known[:1000])
     step = float(np.median(np.abs(steps[steps != 0]))) if np.any(steps != 0) else 1.0
     if 20_000 < middle < 80_000 and step < 0.5 and np.any(known % 1 != 0):
         return "excel"
     bracket = name.lower().rstrip(")] ").replace("[", "(").rpartition("(")[2].strip()
-    return next((unit for unit, ends, words in _NAMED if plain(name).endswith(ends) or bracket in words), "seconds")
+    return next((unit for unit, ends, words in WORDS["stamps"]["name"]
+                 if plain(name).endswith(tuple(ends)) or bracket in words), "seconds")
 
 
 def micros_of(column: pa.ChunkedArray | pa.Array) -> IntArray:
