@@ -71,8 +71,8 @@ class Cells:
         return len(self._used[0]) > 0
 
     def numbers(self) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return (values, bad): the cells as numbers, and where something stands that is none (a digital state, inf, a
-        unit other than most have); a blank cell is nan and not bad."""
+        """Return (values, bad): the cells as numbers, nan where blank or bad: a word, inf, a unit other than most
+        have."""
         flags = np.isinf(self.values)
         if not self.is_text:
             return self.values, flags
@@ -89,13 +89,8 @@ class Cells:
 
     def words(self, rows: NDArray[np.bool_], within: slice) -> Counter[str]:
         """Count the texts in rows that are True, of some rows in a row."""
-        found: Counter[str] = Counter()
-        if self.is_text and self.codes is not None:
-            codes, counts = np.unique(self.codes[within][rows[within]], return_counts=True)
-            for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
-                if code >= 0:
-                    found[self.lexicon.words[code].strip()[:40]] += count
-        return found
+        codes = np.zeros(0, int) if self.codes is None else self.codes[within][rows[within]]
+        return Counter(self.lexicon.words[code].strip()[:40] for code in codes[codes >= 0].tolist())
 
     def texts(self) -> tuple[IntArray, list[str]]:
         """Return (codes, words): the text of each cell, numbers as text too; -1 for an empty cell."""

@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..record import FloatArray, IntArray, LoopSettings, Note, Record
-from ..settings import LoopValues, Settings, settings_of
-from .grid import GAP_FACTOR, MAX_HOLE, NAT, SPARSE_SHARE, Grid, Ordered, Times, held, linear
+from ..settings import LoopValues, settings_of
+from ..settings.spans import spans_of
+from .grid import GAP_FACTOR, MAX_HOLE, NAT, SPARSE_SHARE, Grid, Ordered, Times, held, linear, make_grid
 from .join import Faults, Joiner, LoopSeries, Signal, add_faults
 from .options import ReadOptions
 from .signals import Axis, Series
 from .states import automatic, judged, state_notes
 
 CHUNK = 2_000_000  # rows of a loop that are in memory at once
-SLACK = 0.05  # of a span: noise around the end of a range
 MARGIN = 2000  # rows around a chunk that decide on its samples: holes, limits, records that still hold
 LONGEST_FILL = 60  # samples, however slow the controller
 
@@ -49,11 +49,10 @@ class Recipe:
         return self.rows > CHUNK and all(_one_after_the_other(_in_turn(items)) for items in self.series.roles.values())
 
     def chunks(self) -> Iterator[Record]:
-        """Yield the record of a long loop in chunks; the notes of the last are those of the whole. Raises
-        BacklashError."""
+        """Yield the record of a long loop in chunks; the notes of the last are those of the whole."""
         making, axes = _Making(self, Joiner(self.options.good_quality)), _in_turn(self.series.roles["pv"])
         begins = [int(axis.read(row, row + 1)[0]) for axis in axes for row in range(0, len(axis), CHUNK)]
-        ends = [*begins[1:], (axes[-1].last() or 0) + 1]
+        ends = [*begins[1:], axes[-1].last() + 1]
         for begin, end in zip(begins, ends, strict=True):
             record = making.record(_window(self.series, begin, end), begin, end)
             yield record if end == ends[-1] else replace(record, notes=())
@@ -119,7 +118,7 @@ class _Making:
         pv = _where_recorded(self.joiner.signal(loop.roles["pv"], "pv", loop.name))
         self.order = pv.times.order(pv.values)
         if self.grid is None:
-            grid = pv.times.grid(self.order)
+            grid = make_grid(self.order)
         else:
             row = min(int(np.searchsorted(self.known[0], self.order.stamps[0])), len(self.known[1]) - 1)
             grid = self.grid.laid(self.order, int(self.known[1][row]))
@@ -280,9 +279,9 @@ def _in_turn(items: Iterable[Series]) -> list[Axis]:
 
 def _one_after_the_other(axes: list[Axis]) -> bool:
     """Say whether all stamps rise from row to row and from file to file, and none is unreadable."""
-    last = NAT
+    last = -(1 << 62)
     for piece in (piece for axis in axes for piece in axis.pieces()):
-        if piece[0] <= last or np.any(np.diff(piece) <= 0):
+        if np.any(np.diff(piece, prepend=last) <= 0):
             return False
         last = int(piece[-1])
     return True
@@ -290,14 +289,14 @@ def _one_after_the_other(axes: list[Axis]) -> bool:
 
 def _window(loop: LoopSeries, begin: int, end: int) -> LoopSeries:
     """The rows of a loop that tell of the samples between two stamps, with a margin on both sides."""
-    cut = replace(loop, extra={}).changed(lambda axis: axis.part(
-        slice(max(_row_at(axis, begin) - MARGIN, 0), min(_row_at(axis, end) + MARGIN, len(axis)))))
+    def part(axis: Axis) -> Axis:
+        first, last = (bisect_left(range(len(axis)), stamp, key=lambda row: int(axis.read(row, row + 1)[0]))
+                       for stamp in (begin, end))
+        return axis.part(slice(max(first - MARGIN, 0), min(last + MARGIN, len(axis))))
+
+    cut = replace(loop, extra={}).changed(part)
     nothing = {role: [replace(items[0], axis=items[0].axis.part(slice(0, 0)))] for role, items in loop.roles.items()}
     return replace(cut, roles=nothing | cut.roles)
-
-
-def _row_at(axis: Axis, stamp: int) -> int:
-    return bisect_left(range(len(axis)), stamp, key=lambda row: int(axis.read(row, row + 1)[0]))
 
 
 def refuse_missing(loop: LoopSeries) -> None:
@@ -311,70 +310,8 @@ def refuse_missing(loop: LoopSeries) -> None:
                         remedy=f'name the column {loop.name[:40]}.PV, or give pv = "TAG" in loops.toml')
 
 
-def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray]) -> tuple[LoopSettings, list[Note]]:
-    """Decide the spans of one loop after the contract; return its settings on normalised signals, and what was guessed.
-    pv: (samples,) measurement, and setpoint where there is one; op: output, if recorded. Raises LoopError
-    (missing_range) for a gain whose spans are not known."""
-    notes: list[Note] = []
-    loop, guessed = settings.loop, []
-    for name, given, signals in (("pv_range", settings.pv_range, pv), ("op_range", settings.op_range, op)):
-        if given is not None:
-            loop = loop.with_values(loop.source[name], **{name: given})
-            continue
-        values = np.concatenate([part[np.isfinite(part)] for part in (*signals, np.zeros(0))])
-        low, high = _bounds(values)
-        if low >= -SLACK and high <= 1.0 + SLACK:
-            span = 0.0, 1.0
-        elif name == "op_range" and low >= -5.0 and high <= 105.0 and np.quantile(values, 0.05) >= -SLACK:
-            span = 0.0, 100.0
-            notes.append(Note("op_percent", "op_range is not given: output within 0..100 is taken as percent"))
-        else:
-            # from zero where the values do not come near it, else round at both ends
-            span = (-_round_up(-low * 1.05) if low < 0.0 else 0.0,
-                    _round_up(high * 1.05 or 1.0) if high > 0.0 or low >= 0.0 else 0.0)
-            guessed.append((name, *span))
-        loop = loop.with_values("data", **{name: span})
-    if guessed and settings.loop.K is not None and not settings.engineering:
-        names = " and ".join(name for name, _, _ in guessed)
-        raise LoopError(
-            f"K is given but {names} is not, and the values are not within 0..1: K has no meaning without its span",
-            remedy=f'add {names} = [low, high] to loops.toml, or units = "engineering" if K is in output units per '
-            "measurement unit", code="missing_range")
-    for name, low, high in guessed:
-        notes.append(Note(f"guessed_{name}", f"{name} is not given: scaled by {low:g}..{high:g}, a guess from the data",
-                          {"low": low, "high": high}))
-    if settings.engineering:
-        ratio = (loop.pv_range[1] - loop.pv_range[0]) / (loop.op_range[1] - loop.op_range[0])
-        loop = replace(loop, K=None if loop.K is None else loop.K * ratio, Kp=None if loop.Kp is None
-                       else loop.Kp / ratio)
-    return loop, notes
-
-
 def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:
     """Map a range to 0..1; always a new array."""
     low, high = span
     with np.errstate(over="ignore", invalid="ignore"):
         return (values - low) * (1.0 / (high - low))
-
-
-def _bounds(values: FloatArray) -> tuple[float, float]:
-    """Lowest and highest of finite values, without the outermost thousandth and spikes far from all others."""
-    if not len(values):
-        return 0.0, 1.0
-    ends = float(values.min()), float(values.max())
-    if ends[0] >= -SLACK and ends[1] <= 1.0 + SLACK:
-        return ends  # normalised: nobody asks further
-    # a setpoint that stands still is half of all values: quartiles would say no more than where it stands
-    low, first, last, high = np.quantile(values, [0.001, 0.05, 0.95, 0.999]).tolist()
-    reach = 8.0 * max(last - first, 1e-9 * max(abs(last), abs(first)))
-    if low < first - reach or high > last + reach:
-        near = values[(values >= first - reach) & (values <= last + reach)]
-        if len(near):
-            low, high = np.quantile(near, [0.001, 0.999]).tolist()
-    return low, high
-
-
-def _round_up(value: float) -> float:
-    with np.errstate(over="ignore", invalid="ignore"):
-        steps = 10.0 ** np.floor(np.log10(value)) * np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
-    return float(steps[np.argmax(steps >= value * (1 - 1e-12))])

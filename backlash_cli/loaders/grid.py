@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -264,7 +265,6 @@ class Times:
     parts: tuple[int, ...] = ()
     line: int = 0
     _order: Ordered | None = field(default=None, init=False)  # where no row is moved or left out, whatever the signal
-    _grid: Grid | None = field(default=None, init=False)  # of that order
 
     def order(self, probe: FloatArray) -> Ordered:
         """Return the stamps in time order; `probe` is the measured signal that tells rows with one stamp apart."""
@@ -273,14 +273,8 @@ class Times:
             self._order = found
         return found
 
-    def grid(self, order: Ordered) -> Grid:
-        """Return the uniform grid of an order of these stamps. Raises LoopError when there is none."""
-        if order is not self._order:
-            return make_grid(order)
-        self._grid = self._grid or make_grid(order)
-        return self._grid
 
-
+@lru_cache(1)  # loops of one file share their stamps
 def make_grid(order: Ordered) -> Grid:
     """Find the grid of strictly increasing stamps. Raises LoopError when they are too few or too irregular."""
     if len(order.stamps) < 2:
@@ -324,8 +318,7 @@ def _nice(step: float) -> int:
 
 
 def linear(times: IntArray, known: IntArray, heights: FloatArray, limit: float) -> FloatArray:
-    """(samples,) Values at `times` on straight lines between good records (stamps and heights), which are at most
-    `limit` microseconds apart; nan elsewhere."""
+    """(samples,) Values at `times` on lines between good records at most `limit` microseconds apart, else nan."""
     if len(known) < 2:
         return np.full(len(times), np.nan)
     zero = known[0]

@@ -1,5 +1,4 @@
-"""Which column of a file is what, from its first rows: wide, single-loop, long (a row per sample), tall (rows of a
-loop), tag pairs."""
+"""Which column of a file is what: wide, single-loop, long (a row per sample), tall (rows of a loop), tag pairs."""
 
 from __future__ import annotations
 
@@ -106,19 +105,14 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
         return _pairs(head)
     stamps, used = stamp_columns(head, options)
     texts = [i for i in head.texts if i not in used]
-    naming: tuple[int, ...] = ()
-    if kind == "long":
-        naming = name_columns(head, texts)
-    elif kind == "tall":
-        naming = tuple(sorted((i for i in texts if head.plain[i] in GROUPS | TAG),
-                              key=lambda i: head.plain[i] not in GROUPS)[:1])
+    naming = name_columns(head, texts) if kind == "long" else tuple(
+        sorted((i for i in texts if head.plain[i] in GROUPS | TAG), key=lambda i: head.plain[i] not in GROUPS)[:1]
+        if kind == "tall" else ())
     if not naming and kind in ("long", "tall"):
         what = "tag" if kind == "long" else "loop"
         raise InputError(f"no column of {what} names found", where=head.where, remedy=f"name it '{what}'")
     values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
-              and not head.is_time(i)]
-    if kind == "tall":
-        values = [i for i in values if not is_quality_name(head.plain[i])]
+              and not head.is_time(i) and not (kind == "tall" and is_quality_name(word))]
     if kind != "long":
         return Layout(kind, (stamps,), tuple(values), naming, {} if naming else _quality_beside(head, values))
     named = [i for i in values if head.plain[i] in VALUE]

@@ -39,8 +39,7 @@ _ANNOTATION = re.compile(rb"^#(?:datatype|group|default)\b", re.MULTILINE)
 
 
 def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
-    """Return "parquet", "workbook" or "text" for a file, or for what begins so. Raises InputError for what is no
-    export."""
+    """Return "parquet", "workbook" or "text" for what begins so. Raises InputError for what is no export."""
     try:
         if not path.is_file():
             raise InputError("not a regular file", where=str(path), remedy="save the export as a file first")
@@ -156,8 +155,7 @@ def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
 
 
 def _without_annotations(blocks: Iterable[bytearray]) -> Iterator[bytearray]:
-    """Take the annotations out of InfluxDB's annotated CSV; tables of other columns are brought to those of the
-    first."""
+    """Take out the annotations of InfluxDB's CSV, and bring tables of other columns to those of the first."""
     columns: list[bytes] = []
     place, fresh = [0], True
     for block in blocks:

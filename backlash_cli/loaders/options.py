@@ -103,8 +103,7 @@ def sample_size(text: str, loops: int) -> int:
 
 @lru_cache
 def check_pattern(pattern: str) -> Callable[[str], bool]:
-    """Return the test of a pattern on a loop's name, in upper or lower case: wildcards (`FIC*`), or a regular
-    expression between slashes, found anywhere (`/^FIC1[0-4]/`). Raises UsageError for one that is none."""
+    """Return the test of a wildcard, or of a /regular expression/, on a loop's name. Raises UsageError for neither."""
     if len(pattern) > 2 and pattern.startswith("/") and pattern.endswith("/"):
         try:
             expression = re.compile(pattern[1:-1], re.IGNORECASE)

@@ -1,5 +1,4 @@
-"""Read exports: files to signals, signals to loops, loops to records; which loops, and from when on. What is left out
-is counted and said."""
+"""Read exports: files to signals, signals to loops, loops to records; which loops, and from when on."""
 
 from __future__ import annotations
 
@@ -79,14 +78,13 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
 
 @dataclass(frozen=True, eq=False)
 class OpenPlant(Mapping[str, Record]):
-    """Exports whose loops are known and not yet read: a recipe per loop, by name. failures: files, lost: loops that
-    cannot be read; the rest as in Plant. As a mapping it makes the record of a loop each time it is asked for."""
+    """Exports whose loops are known and not yet read: a recipe per loop, by name. failures: files that cannot
+    be read; the rest as in Plant. As a mapping it makes the record of a loop each time it is asked for."""
 
     recipes: tuple[Recipe, ...]
     warnings: tuple[Note, ...] = ()
     failures: tuple[Note, ...] = ()
     inputs: tuple[str, ...] = ()
-    lost: tuple[Note, ...] = ()
 
     def __getitem__(self, loop: str) -> Record:
         for recipe in self.recipes:
@@ -106,7 +104,7 @@ class OpenPlant(Mapping[str, Record]):
 
     def all_lost(self, more: Sequence[Note], *, read: int) -> tuple[Note, ...]:
         """Return all loops that could not be read, by name. read: how many could. Raises LoopError when none could."""
-        lost = tuple(sorted([*self.lost, *more], key=lambda note: str(note.values["loop"])))
+        lost = tuple(sorted(more, key=lambda note: str(note.values["loop"])))
         if lost and not read:
             first = lost[0]
             raise LoopError(f"no loop could be read; {first.message}" if len(lost) > 1 else first.message,
@@ -155,16 +153,16 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
                              f"left out: {more}"))
     names, notes = choose(all_loops.keys() - single or single, options.only_loops, options.loops_matching,
                           options.sample, options.sample_seed)
-    wanted, moment, lost = {name: all_loops[name] for name in names}, None, list[Note]()
+    wanted, moment = {name: all_loops[name] for name in names}, None
     warnings += notes
     if options.since is not None:
-        wanted, notes, lost, moment = since(wanted, series, options.since, options.timezone)
+        wanted, notes, moment = since(wanted, series, options.since, options.timezone)
         warnings += notes
     warnings += _unmatched(all_loops, metadata)
     recipes = (_recipe(name, wanted[name], metadata, options) for name in sorted(wanted))
     return OpenPlant(tuple(recipe.keyed(marks, (salt, moment)) for recipe in recipes), tuple(warnings),
                      tuple(failure(error, file=path) for path, error in problems.items()),
-                     tuple(str(item) for item in given), tuple(lost))
+                     tuple(str(item) for item in given))
 
 
 def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
@@ -254,8 +252,7 @@ def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[st
 
 
 def draw(names: Sequence[str], count: int, seed: int = 0) -> list[str]:
-    """Return `count` of the names: those whose hash with the seed is smallest, so that a growing plant keeps its
-    sample."""
+    """Return `count` of the names: those of the smallest hash with the seed, so that a growing plant keeps them."""
     return sorted(sorted(names, key=lambda name: hashlib.sha256(
         f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest())[:count])
 
@@ -266,53 +263,42 @@ def _shown(names: Sequence[str]) -> str:
 
 
 def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None
-          ) -> tuple[dict[str, LoopSeries], list[Note], list[Note], int]:
+          ) -> tuple[dict[str, LoopSeries], list[Note], int]:
     """Take off what lies before a moment, or before an age of the last stamp of all series found. Return the loops that
-    are left, what is to be said, those that cannot be cut, and the moment [microseconds since 1970 UTC]. Of signals
-    with rows of their own the last value before stays. Raises UsageError without times, InputError when no loop is
-    left."""
-    moment, age = parse_since(when, timezone)
-    last = max((end for axis in {item.axis for item in found} if (end := axis.last()) is not None), default=None)
-    if moment is None:
-        if last is None:
-            raise UsageError("the data have no times", where=f"--since {when}", remedy="leave --since out")
-        moment = last - age
+    are left, what is to be said, and the moment [microseconds since 1970 UTC]. Of signals with rows of their own the
+    last value before stays. Raises UsageError without times, InputError when no loop is left."""
+    given, age = parse_since(when, timezone)
+    last = max(axis.last() for axis in {item.axis for item in found})
+    if last == NAT:
+        raise UsageError("the data have no times", where=f"--since {when}", remedy="leave --since out")
+    moment = last - age if given is None else given
 
     @cache  # loops may share their rows
     def cut(axis: Axis, keep_one: bool) -> Axis:
         micros = axis.read()
-        before = (micros < moment) & (micros != NAT)
-        if keep_one and before.any():
-            before[np.argmax(np.where(before, micros, NAT))] = False
-        later = np.flatnonzero(~before & (micros != NAT))
-        first = int(later[0]) if len(later) else len(micros)
-        return axis.part(np.flatnonzero(~before) if before[first:].any() else slice(first, None))
+        keep = (micros >= moment) | (micros == NAT)
+        if keep_one and not keep.all():
+            keep[np.argmax(np.where(keep, NAT, micros))] = True
+        known = np.flatnonzero(keep & (micros != NAT))
+        first = int(known[0]) if len(known) else len(keep)
+        return axis.part(slice(first, None) if keep[first:].all() else np.flatnonzero(keep))
 
-    kept, without, lost = {}, [], []
+    kept: dict[str, LoopSeries] = {}
     for name, own in loops.items():
-        measured = own.roles.get("pv", [])
-        if not age and any(not item.axis.absolute for item in measured):
-            error = InputError("the times count from an unknown start", where=measured[0].axis.where,
-                               remedy="give --since as an age, such as 3h")
-            lost.append(failure(error, loop=name))
-            continue
-        of_pv = {item.axis for item in measured}  # no value of PV before the moment stays
+        of_pv = {item.axis for item in own.roles.get("pv", [])}  # no value of PV before the moment stays
         rest = own.changed(lambda axis, of_pv=of_pv: cut(axis, axis not in of_pv))  # type: ignore[misc]
-        if measured and "pv" not in rest.roles:
-            without.append(name)
-        else:
+        if not of_pv or "pv" in rest.roles:
             kept[name] = rest
-    text = f"{utc_text(moment)} UTC"
+    text, without = f"{utc_text(moment)} UTC", [name for name in loops if name not in kept]
     if without and not kept:
-        ends = "" if last is None else f"; the data end at {utc_text(last)} UTC"
-        raise InputError(f"no loop has data since {text}{ends}", where=f"--since {when}",
-                         remedy="give an earlier time, or an age such as 3d")
+        raise InputError(f"no loop has data since {text}; the data end at {utc_text(last)} UTC",
+                         where=f"--since {when}", remedy="give an earlier time, or an age such as 3d")
     notes = [Note("since", f"data before {text} were left out (--since {when})", {"since": text})]
     if without:
         said = f"{len(without)} of {len(loops)} loops have no data since {text} and were not computed: "
         notes.append(Note("nothing_since", said + _shown(without),
                           {"loops": float(len(without)), "names": ", ".join(without)}))
-    return kept, notes, lost, moment
+    return kept, notes, moment
 
 
 Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]

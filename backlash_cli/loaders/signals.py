@@ -153,14 +153,13 @@ class Store:
 @dataclass(frozen=True, eq=False)
 class Axis:
     """Rows that belong together, and the `column` of their stamps, which all signals recorded in these rows share.
-    which: of the rows, or of those of a group. absolute: False for stamps that count from an unknown start. where:
+    which: of the rows, or of those of a group. where:
     file. first_line: line of row 0."""
 
     rows: Any  # of a file, with the methods `cells` and `stamps` of a Store
     column: str
     which: range | IntArray
     group: int = 0
-    absolute: bool = True
     notes: tuple[Note, ...] = ()
     where: str = ""
     first_line: int = 0
@@ -193,10 +192,9 @@ class Axis:
         """Return the first stamp that was read, 0 if there is none."""
         return next((int(piece[known][0]) for piece in self.pieces() if (known := piece != NAT).any()), 0)
 
-    def last(self) -> int | None:
-        """Return the last stamp, None if there is none."""
-        last = max((int(piece.max()) for piece in self.pieces()), default=NAT)
-        return None if last == NAT else last
+    def last(self) -> int:
+        """Return the last stamp, NAT if there is none."""
+        return max((int(piece.max()) for piece in self.pieces()), default=NAT)
 
     def part(self, chosen: slice | IntArray) -> Axis:
         if isinstance(chosen, slice):

@@ -1,5 +1,4 @@
-"""How a text is written: delimiter, lines before the header, header, units row, decimal sign; from its first thousands
-of lines."""
+"""How a text is written: delimiter, header, units row, decimal sign; told from its first thousands of lines."""
 
 from __future__ import annotations
 
@@ -29,8 +28,8 @@ Line = tuple[int, int, str]
 
 @dataclass(frozen=True)
 class Dialect:
-    """names: of columns as written. offset, line: where the data begin. end: byte where the lines that were looked at
-    end. kinds: what each column holds."""
+    """names: of columns. offset, line: where the data begin. end: of what was looked at. kinds: what each column
+    holds."""
 
     delimiter: str
     names: tuple[str, ...]
@@ -70,8 +69,7 @@ def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> D
 
 
 def _delimiter(lines: list[str], first: list[str]) -> str:
-    """The one that cuts the lines into equally many cells which look like times and numbers, and a `first` one into
-    names."""
+    """The one that cuts the lines into equally many times and numbers, and one of the `first` into names."""
     scores = dict.fromkeys(DELIMITERS, 0.0)
     for candidate in DELIMITERS:
         rows = [split_line(line, candidate) for line in lines]
@@ -92,8 +90,7 @@ def _column_kinds(rows: list[list[str]], width: int) -> tuple[str, ...]:
 
 
 def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tuple[str, ...], header: int) -> int | None:
-    """The first row below the header that has stamps, or half of its numbers, where the last rows have them, as has
-    another soon after it."""
+    """The first row with stamps, or half of its numbers, where the last rows have them, as has another soon after."""
     times = [i for i, k in enumerate(kinds) if k in ("time", "clock")]
     wanted = times or [i for i, k in enumerate(kinds) if k == "number"][:50]
 

@@ -49,8 +49,7 @@ def open_place(path: Path | Remote) -> BinaryIO:
 
 
 class Remote(str):
-    """A file or folder behind an address, opened by fsspec, which knows where credentials are; every failure is an
-    InputError that says what to do."""
+    """A file or folder behind an address, opened by fsspec; a failure is an InputError that says what to do."""
 
     @property
     def scheme(self) -> str:
@@ -87,8 +86,7 @@ class Remote(str):
         return self._info["type"] not in ("directory", "nothing")
 
     def stat(self) -> SimpleNamespace:
-        """Return st_size, and as `version` what changes when the object does, "" if unknown. Raises
-        FileNotFoundError."""
+        """Return st_size, and as `version` what changes with the object, "" if unknown. Raises FileNotFoundError."""
         info = self._info
         if info["type"] == "nothing":
             raise FileNotFoundError(self)
@@ -239,8 +237,7 @@ def stem_of(path: Path | Remote) -> str:
 
 
 def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source]) -> list[Path | Remote]:
-    """Return the metadata files of the inputs: NAME.loops.toml next to it, else loops.toml in the folder, else the same
-    in CSV."""
+    """Return the metadata files of the inputs: NAME.loops.toml beside them, else loops.toml, else the same in CSV."""
     @cache
     def first(folder: Path | Remote, *names: str, beside: frozenset[str] | None = None) -> Path | Remote | None:
         for path in (folder / f"{name}.{ending}" for name in names for ending in ("toml", "csv")):

@@ -1,5 +1,4 @@
-"""Which samples count: quality words and codes, controller modes; frozen, saturated, implausible, missing and filled
-ones."""
+"""Which samples count: qualities, modes; frozen, saturated, implausible, missing and filled samples."""
 
 from __future__ import annotations
 
@@ -130,8 +129,7 @@ def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
 
 
 def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Fill holes (nan) of at most `longest` samples on a line, but not at the ends and next to a gap (a jump of
-    `index`). Return (values, filled)."""
+    """Return (values, filled): holes (nan) of at most `longest` samples on a line, but not beside a jump of `index`."""
     starts, ends = runs(~np.isfinite(values))
     inner = (starts > 0) & (ends < len(values)) & (ends - starts <= longest)
     starts, ends = starts[inner], ends[inner]

@@ -1,5 +1,4 @@
-"""Files to signals: Arrow reads tables, text in blocks, Parquet in batches of rows or a column when a loop asks; both
-show their first rows as a Head."""
+"""Files to signals: Arrow reads text in blocks, Parquet in batches of rows or a column when a loop asks."""
 
 from __future__ import annotations
 
@@ -51,7 +50,7 @@ class TextTable:
                              remedy="export it again with samples")
         self.head = Head(self.where, stem, dialect.names, tuple(first.columns), dialect.kinds, partition,
                          dialect.decimal, dialect.line)
-        self._first_bad = self._bad[0][0] if self._bad else None  # rows are numbered where one thread reads them
+        self.notes = text.notes
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
         """Yield the columns that are asked for, some rows at a time; to be called once. stamps: columns of stamps."""
@@ -61,7 +60,8 @@ class TextTable:
             plain = pa.float64() if is_number(kind) or pa.types.is_null(kind) else pa.string()
             types[i] = _WORDS if is_text(kind) or (i in stamps and "%" in (self.text.options.time_format or "")) else (
                 plain if i not in stamps else None if pa.types.is_null(kind) else kind)
-        self._bad = []
+        # rows are numbered where one thread reads them
+        first_bad, self._bad = self._bad[0][0] if self._bad else None, []
         for block in chain([self.text.head[self.dialect.offset :]], self.text.rest):
             if block.isspace():
                 continue
@@ -72,17 +72,12 @@ class TextTable:
                 del self._bad[before:]
                 table = self._parsed(block, dict.fromkeys(types))
             yield {i: table.column(f"c{i}") for i in types}
-
-    @property
-    def notes(self) -> list[Note]:
-        """What was noticed, when all batches were read."""
-        if not self._bad:
-            return self.text.notes
-        line = "" if self._first_bad is None else f", the first is line {self.dialect.line + self._first_bad - 1}"
-        _, expected, found = self._bad[0]
-        return [*self.text.notes, Note(
-            "ragged_rows", f"{len(self._bad)} rows have too few or too many cells and were dropped{line} "
-            f"({found} columns instead of {expected})", {"rows": float(len(self._bad)), "file": self.where})]
+        if self._bad:
+            line = "" if first_bad is None else f", the first is line {self.dialect.line + first_bad - 1}"
+            _, expected, found = self._bad[0]
+            self.notes.append(Note(
+                "ragged_rows", f"{len(self._bad)} rows have too few or too many cells and were dropped{line} ({found} "
+                f"columns instead of {expected})", {"rows": float(len(self._bad)), "file": self.where}))
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:
@@ -123,8 +118,7 @@ def _damaged(problem: str, path: Any) -> InputError:
 
 
 class ParquetTable:
-    """A Parquet file as a table, or as rows whose columns are read when asked for; another process opens the file
-    anew."""
+    """A Parquet file as a table, or as rows whose columns are read when asked for, also in another process."""
 
     def __init__(self, path: Any, stem: str, options: ReadOptions, partition: dict[str, str]) -> None:
         self.path, self.where, self.options = path.absolute(), str(path), options
@@ -249,8 +243,8 @@ def _signals(table: Table, layout: Layout, options: ReadOptions, is_needed: Call
         store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
     store.lexicons = {f"v{i}": Lexicon(list(found), head.decimal) for i, found in words.items() if found}
     count = int(store.rows().sum())
-    axes = [Axis(store, f"t{k}", range(count), absolute=reader.absolute, notes=reader.all_notes, where=head.where,
-                 first_line=head.first_line) for k, reader in enumerate(readers)]
+    axes = [Axis(store, f"t{k}", range(count), notes=reader.all_notes, where=head.where, first_line=head.first_line)
+            for k, reader in enumerate(readers)]
     if layout.naming:
         return _by_tag(axes[0], store, tags, blank, head, layout)
     return _on_axes(signals_of(head, layout, blank), axes, layout)

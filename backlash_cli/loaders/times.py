@@ -156,7 +156,6 @@ class StampReader:
     def __init__(self, names: Sequence[str], options: ReadOptions, where: str) -> None:
         self.name, self.options, self.where, self.form = names[0], options, where, options.time_format or ""
         self.notes: list[Note] = []
-        self.absolute = True
         self._zones: set[bool | None] = set()  # stamps carry an offset, carry none, or need none
         self._shown = self._shown_open = ""  # a text that is none, and one with an open date
         self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
@@ -222,8 +221,7 @@ class StampReader:
         return (*self.notes, *[Note("dst_repeated_hour", f"{text}file order")][: self._doubled])
 
     def _utc(self, micros: IntArray, zone: ZoneInfo) -> IntArray:
-        """The next rows in UTC; after a step back of more than half an hour in the doubled hour the second offset
-        holds."""
+        """The next rows in UTC; after a step back of half an hour in the doubled hour the second offset holds."""
         known = np.flatnonzero(micros != NAT)
         if not len(known):
             return micros
@@ -340,16 +338,15 @@ class StampReader:
                                  remedy="mend --time-format")
             if self._unit == "excel":
                 self.notes.append(Note("time_format", "times are spreadsheet day numbers (days since 1899-12-30)"))
-            self.absolute = _UNITS.get(self._unit, (0, 0, True))[2]
-            if not self.absolute:
+            if not _UNITS.get(self._unit, (0, 0, True))[2]:
                 self.notes.append(Note("relative_time", f"times of {self.name!r} count from an unknown start; shown "
                                        "from 1970-01-01"))
         if self._unit == "digits":
             codes, words = codes_and_words(pa.array(values, from_pandas=True).cast(pa.int64(), safe=False).cast(
                 pa.string()))
             return np.append(self._seen(*read_dates(words)[:2]), NAT)[codes]
-        self._zones.add(None if self._unit.startswith("epoch") or not self.absolute else False)
-        factor, zero, _ = _UNITS[self._unit]
+        factor, zero, absolute = _UNITS[self._unit]
+        self._zones.add(None if self._unit.startswith("epoch") or not absolute else False)
         with np.errstate(over="ignore", invalid="ignore"):
             scaled = (values - zero) * factor
             if self._unit == "excel":
