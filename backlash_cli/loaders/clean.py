@@ -128,7 +128,7 @@ class _Making:
         # half of Ti is a tenth of the shortest half period that is used
         self.bridge = MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / grid.interval)))
         self.notes = [*self.recipe.notes, *settings.notes, *pv.times.notes, *on_grid]
-        self._say(pv)
+        self.notes += [*pv.notes, *add_faults(self.faults, pv.faults)]
         measured = self._on_grid(pv, "pv", grid)
         if first_chunk and not np.isfinite(measured).any():
             raise LoopError("the measurement (PV) holds no number at all", code="no_measurement",
@@ -174,15 +174,12 @@ class _Making:
         own = stamps[max(begun - 1, 0) : int(np.searchsorted(stamps, end))]
         return first, last, grid.said(own, None if grid.recorded is None else grid.recorded[first:last], self.tally)
 
-    def _say(self, signal: Signal) -> None:
-        self.notes += [*signal.notes, *add_faults(self.faults, signal.faults)]
-
     def _companion(self, loop: LoopSeries, role: str, grid: Grid) -> FloatArray | None:
         """Setpoint or output, held between its records unless the user says linear; None when not recorded."""
         if role not in loop.roles:
             return None
         signal = self.joiner.signal(loop.roles[role], role, loop.name)
-        self._say(signal)
+        self.notes += [*signal.notes, *add_faults(self.faults, signal.faults)]
         if signal.times is not self.times:
             how = "interpolated on straight lines" if self.recipe.options.interpolation == "linear" else (
                 "held until the next record")

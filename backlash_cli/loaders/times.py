@@ -160,7 +160,7 @@ class StampReader:
         self._shown = self._shown_open = ""  # a text that is none, and one with an open date
         self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
         self._unit = ""  # of stamps that are numbers
-        self._of_day: tuple[int, int] | None = None  # last time of day without a date, and days since the first
+        self._of_day: int | None = None  # last time of day without a date, counted on past midnight
         self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
         self._last: int | None = None  # stamp of the last row, and whether it lay in such an hour
         self._within = False
@@ -251,15 +251,11 @@ class StampReader:
     def _past_midnight(self, micros: IntArray) -> IntArray:
         if self._of_day is None:
             self.notes.append(Note("relative_time", "times of day without a date: shown from 1970-01-01"))
-        known = np.flatnonzero(micros != NAT)
-        last, days = self._of_day or (int(micros[known[0]]) if len(known) else 0, 0)
-        out = micros.copy()
-        if len(known):
-            self._zones.add(None)
-            passed = days + np.cumsum(np.diff(micros[known], prepend=last) < -DAY // 2)
-            out[known] += passed * DAY
-            last, days = int(micros[known[-1]]), int(passed[-1])
-        self._of_day = last, days
+        known, out = np.flatnonzero(micros != NAT), micros.copy()
+        last = self._of_day or int(micros[known[:1]].sum())
+        out[known] += (last // DAY + np.cumsum(np.diff(micros[known], prepend=last % DAY) < -DAY // 2)) * DAY
+        self._zones |= {None} if len(known) else set()
+        self._of_day = int(out[known[-1]]) if len(known) else last
         return out
 
     def _texts(self, column: pa.ChunkedArray | pa.Array) -> IntArray:
