@@ -59,9 +59,8 @@ class ReadOptions:
                                      ("layout", self.layout, LAYOUTS), ("decimal", self.decimal, (".", ",")),
                                      ("time-format", self.time_format, TIME_WORDS)):
             if value is not None and value not in allowed and not (name == "time-format" and "%" in value):
-                words, hint = ("  " if name == "decimal" else ", ").join(allowed), nearest(value, allowed)
-                raise UsageError(f"{value!r} is not known here", where=f"--{name}",
-                                 remedy=f"{hint} Known: {words}" if hint.startswith("did") else f"one of: {words}")
+                words = ("  " if name == "decimal" else ", ").join(allowed)
+                raise UsageError(f"{value!r} is not known here", where=f"--{name}", remedy=f"one of: {words}")
         if self.delimiter is not None:
             named = {"tab": "\t", "\\t": "\t", "comma": ",", "semicolon": ";", "pipe": "|", "space": " "}
             object.__setattr__(self, "delimiter", named.get(self.delimiter.lower(), self.delimiter))
@@ -108,11 +107,11 @@ def check_pattern(pattern: str) -> Callable[[str], bool]:
         try:
             expression = re.compile(pattern[1:-1], re.IGNORECASE)
         except (re.error, OverflowError, RecursionError) as error:
-            raise UsageError(f"{pattern!r} is no regular expression: {error}", where="--loops-matching",
+            raise UsageError(f"{pattern!r} is no regular expression: {error}", where="--loop, --loops-matching",
                              remedy="for example '/^FIC1[0-4]/', or wildcards without slashes: 'FIC*'") from None
         return lambda name: expression.search(name) is not None
     if not pattern:
-        raise UsageError("the pattern is empty", where="--loops-matching", remedy="for example 'FIC*'")
+        raise UsageError("the pattern is empty", where="--loop, --loops-matching", remedy="for example 'FIC*'")
     lower = pattern.lower()
     return lambda name: fnmatchcase(name.lower(), lower)
 

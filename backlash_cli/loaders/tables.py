@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 from numpy.typing import NDArray
@@ -259,12 +260,8 @@ def _on_axes(signals: list[Series], axes: list[Axis], layout: Layout) -> list[Se
 def _numbered(batch: Batch, naming: Sequence[int], head: Head, tags: dict[str, int]) -> NDArray[np.int32]:
     """Return the number of each row's tag, -1 for none, such as a header in between; new tags are added."""
     header = ".".join(head.names[i].strip() for i in naming)
-    codes, words = codes_and_words(batch[naming[0]])
-    if len(naming) == 2:
-        second, fields = codes_and_words(batch[naming[1]])
-        both = np.where((codes < 0) | (second < 0), -1, codes * max(len(fields), 1) + second)
-        present, codes = np.unique(both, return_inverse=True)
-        words = ["" if p < 0 else f"{words[p // len(fields)]}.{fields[p % len(fields)]}" for p in present.tolist()]
+    codes, words = codes_and_words(batch[naming[0]] if len(naming) == 1 else pc.binary_join_element_wise(
+        *(batch[i].cast(pa.string()) for i in naming), "."))
     table = np.full(len(words) + 1, -1, np.int32)
     for i in np.flatnonzero(np.bincount(codes + 1)[1:]).tolist():
         if (name := words[i].strip()) and name != header:
