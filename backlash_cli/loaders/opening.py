@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import bz2
 import codecs
-import csv
 import gzip
 import io
 import lzma
 import re
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from datetime import datetime
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -196,27 +194,18 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
 
 def sheets(path: Path | Remote) -> list[tuple[str, bytes]]:
     """Return (name, text as CSV) of the sheets that hold more than a few cells. Raises InputError."""
+    import pandas as pd
+
     try:
-        from python_calamine import CalamineWorkbook
+        with open_place(path) as file:
+            book = pd.read_excel(io.BytesIO(file.read()), sheet_name=None, header=None, engine="calamine")
     except ImportError:
         raise InputError("reading Excel workbooks needs python-calamine", where=str(path),
                          remedy="pip install 'backlash[excel]', or save the sheet as CSV") from None
-    found = []
-    try:
-        with open_place(path) as file:
-            book = CalamineWorkbook.from_filelike(io.BytesIO(file.read()))
-        for name in book.sheet_names:
-            rows = book.get_sheet_by_name(name).to_python()
-            if len(rows) > 1:
-                text = io.StringIO()
-                # to the millisecond: a day number carries some microseconds of rounding
-                csv.writer(text, lineterminator="\n").writerows([[
-                    cell.isoformat(" ", "milliseconds") if isinstance(cell, datetime) else cell for cell in row]
-                    for row in rows])
-                found.append((name, text.getvalue().encode()))
     except Exception as error:  # the library raises kinds of its own for damaged workbooks
         raise InputError(f"damaged workbook: {str(error).strip() or type(error).__name__}", where=str(path),
                          remedy="save it again, or save the sheet as CSV") from None
+    found = [(name, rows.to_csv(header=False, index=False).encode()) for name, rows in book.items() if len(rows) > 1]
     if not found:
         raise InputError("the workbook holds no table", where=str(path), remedy="export it again")
     return found

@@ -97,16 +97,12 @@ def _stamps(fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
     unclear = (a >= 0) & ~year_first & (b >= 0)
     bad |= unclear & ((a >= 100) | (year < _FIRST_YEAR) | (year >= _FIRST_YEAR + _YEARS))
     packed = _OPEN + ((((year - _FIRST_YEAR) * 100 + b) * 100 + a) << _SHIFT) + clock + DAY
-    return np.where(bad, NAT, np.where(unclear, packed, _at(days, clock))), zoned
+    return np.where(bad, NAT, np.where(unclear, packed, (days + clock.astype("m8[us]")).astype(np.int64))), zoned
 
 
 def _unpacked(stamps: IntArray) -> tuple[IntArray, IntArray]:
     """(number of the date, time of day) of open stamps."""
     return (stamps - _OPEN) >> _SHIFT, ((stamps - _OPEN) & ((1 << _SHIFT) - 1)) - DAY
-
-
-def _at(days: IntArray, clock: IntArray) -> IntArray:
-    return np.where(days == NAT, NAT, np.where(days == NAT, 0, days) * DAY + clock)
 
 
 def _looked_up(texts: pa.Array, value: Callable[[str], int]) -> IntArray:
@@ -134,12 +130,12 @@ def full_year(year: IntArray) -> IntArray:
     return np.where(year < 70, year + 2000, np.where(year < 100, year + 1900, year))
 
 
-def days_of(year: IntArray, month: IntArray, day: IntArray) -> IntArray:
-    """Days since 1970-01-01; NAT where there is no such day."""
+def days_of(year: IntArray, month: IntArray, day: IntArray) -> NDArray[np.datetime64]:
+    """Days as datetime64, NaT where there is no such day."""
     bad = (month < 1) | (month > 12) | (day < 1) | (day > 31) | (year < 1) | (year > 9999)
     months = (12 * (np.where(bad, 1970, year) - 1970) + np.where(bad, 1, month) - 1).astype("datetime64[M]")
     days = months.astype("datetime64[D]") + (np.where(bad, 1, day) - 1)
-    return np.where(bad | (days.astype("datetime64[M]") != months), NAT, days.astype(np.int64))
+    return np.where(bad | (days.astype("datetime64[M]") != months), np.datetime64("NaT"), days)
 
 
 def _readings(numbers: IntArray) -> dict[str, tuple[IntArray, ...]]:
@@ -169,11 +165,12 @@ class StampReader:
         """Return the stamps of the next rows, to be given to what `finish` returns."""
         column = columns[0]
         if len(columns) == 2 and "%" in self.form:
-            date = self._texts(column)
+            day = self._texts(column)
             clock = read_dates([text or "" for text in columns[1].cast(pa.string()).to_pylist()])[0]
-            return np.where((date == NAT) | (clock == NAT), NAT, date + clock % DAY)
+            return np.where((day == NAT) | (clock == NAT), NAT, day + clock % DAY)
         if len(columns) == 2:
-            column = pc.binary_join_element_wise(*(part.cast(pa.string()) for part in columns), " ")
+            date = pc.replace_substring_regex(column.cast(pa.string()), r"[T ]0?0:00(:00(\.0*)?)?$", "")
+            column = pc.binary_join_element_wise(date, columns[1].cast(pa.string()), " ")
         if pa.types.is_dictionary(column.type) and not is_text(column.type.value_type):
             column = column.cast(column.type.value_type)
         kind = column.type
@@ -209,7 +206,7 @@ class StampReader:
             if is_open.any():
                 numbers, clock = _unpacked(stamps[is_open])
                 stamps = stamps.copy()
-                stamps[is_open] = _at(days_of(*_readings(numbers)[order]), clock)
+                stamps[is_open] = (days_of(*_readings(numbers)[order]) + clock.astype("m8[us]")).astype(np.int64)
             return stamps if zone is None else self._utc(stamps, zone)
 
         return resolved
@@ -305,7 +302,7 @@ class StampReader:
         # with the right one the time goes on over midnight, where every other one jumps
         jumps = {}
         for kind in fitting if len(self._open) > 1 else ():
-            days = days_of(*readings[kind])
+            days = days_of(*readings[kind]).astype(np.int64)
             ahead = np.abs(np.diff(days) + (first[1:] - last[:-1]) / DAY) if days.min() != NAT else np.array([np.inf])
             jumps[kind] = float(np.sum(ahead)), float(np.max(ahead))
         best, *others = sorted(jumps, key=lambda kind: jumps[kind]) or [""]
