@@ -226,18 +226,13 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
     wild = implausible(pv)
     y, filled = short_holes(np.where(wild, np.nan, pv), index, bridge)
     missing = ~np.isfinite(y)
-    marks = {"wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild}
-    if interpolated is not None:
-        marks["interpolated"] = interpolated
-    if op is not None:
-        marks["saturated"] = saturated(op)
-    for name, values in (("setpoint", sp), ("output", op)):
-        if values is not None and not (known := np.isfinite(values)).all():
-            marks[name] = ~known
+    marks = {"wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild,
+             "interpolated": interpolated, "saturated": None if op is None else saturated(op),
+             "setpoint": None if sp is None else ~np.isfinite(sp), "output": None if op is None else ~np.isfinite(op)}
     state = np.zeros(len(index), np.uint8)
     for name, (value, _, _) in _KINDS.items():
         if name == "manual" and manual is not None:
             marks[name] = manual & (state != SampleState.MISSING) & (state != SampleState.IMPLAUSIBLE)
-        if name in marks and value is not None:
-            state[marks[name]] = value
-    return y, state, marks
+        if value is not None and (where := marks.get(name)) is not None:
+            state[where] = value
+    return y, state, {name: where for name, where in marks.items() if where is not None}
