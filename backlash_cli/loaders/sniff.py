@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from itertools import islice
 
 from ..errors import InputError
 from .cells import decimal_sign
@@ -20,6 +21,7 @@ _NUMBER = re.compile(
     r"^[+-]?(?:\d{1,3}(?:[ .,'’\u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?$"
     r"|^[+-]?(?:inf(?:inity)?|nan|1\.#\w+)$", re.IGNORECASE)
 _WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
+_LINE = re.compile(rb"[^\r\n]*(?:\r\n?|\n)|[^\r\n]+")
 COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 DELIMITERS = (",", ";", "\t", "|")
 HEAD_LINES = 4000
@@ -214,7 +216,7 @@ def split_line(line: str, delimiter: str) -> list[str]:
 def lines_of(text: bytes | bytearray) -> list[Line]:
     """Return (line number from 1, offset in bytes, text) of the first logical lines; quotes may hold line ends."""
     found: list[Line] = []
-    lines, at, offset = bytes(text).splitlines(keepends=True)[: 2 * HEAD_LINES], 0, 0
+    lines, at, offset = [match[0] for match in islice(_LINE.finditer(text), 2 * HEAD_LINES)], 0, 0
     while at < len(lines) and len(found) <= HEAD_LINES:
         line, count = lines[at], 1
         if line.count(b'"') % 2:  # an open quote: go on to the line that closes it, if one comes soon
