@@ -14,7 +14,8 @@ def test_every_file_of_the_package_is_shipped():
     shipped = {path for pattern in patterns for path in PACKAGE.glob(pattern)}
     there = {path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts}
     assert {path for path in there if path.suffix != ".py"} == shipped - {path for path in shipped if path.is_dir()}
-    assert {path.name for path in shipped} >= {"py.typed", "limits.toml", "published.toml", "sample-plant.toml"}
+    assert {path.name for path in shipped} >= {
+        "py.typed", "limits.toml", "published.toml", "words.toml", "sample-plant.toml"}
 
 
 def test_every_module_is_in_a_package_that_setuptools_finds():

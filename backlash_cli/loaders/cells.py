@@ -40,7 +40,7 @@ class Lexicon:
         values = plain_numbers(self.words) if self.decimal == "." else np.full(len(self.words), np.nan)
         units = [""] * len(self.words)
         rest = np.flatnonzero(np.isnan(values)).tolist()
-        comma = "," in (self.decimal, _decimal_sign([self.words[i] for i in rest[:5000]], self.decimal))
+        comma = "," in (self.decimal, decimal_sign([self.words[i] for i in rest[:5000]], self.decimal))
         for i in rest:
             values[i], units[i] = _with_unit(self.words[i].strip(), comma)
         return values, np.isnan(values) & np.array([bool(word.strip()) for word in self.words], bool), units
@@ -48,8 +48,8 @@ class Lexicon:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Cells of a column. values: (rows,) the number in each, nan where there is none. codes: (rows,) place in the
-    lexicon of the text in each, -1 where there is none; None where the column holds no text at all."""
+    """Cells of a column. values: (rows,) nan where there is no number. codes: (rows,) place of a text in the lexicon,
+    or -1."""
 
     values: FloatArray
     codes: NDArray[np.int32] | None = None
@@ -71,8 +71,8 @@ class Cells:
         return len(self._used[0]) > 0
 
     def numbers(self) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return (values, bad): the cells as numbers, nan where there is none, and True where something stands that is
-        no good number (a digital state, inf, another unit than most cells have); a blank cell is not bad."""
+        """Return (values, bad): the cells as numbers, nan where blank or bad: a word, inf, a unit other than most
+        have."""
         flags = np.isinf(self.values)
         if not self.is_text:
             return self.values, flags
@@ -89,13 +89,8 @@ class Cells:
 
     def words(self, rows: NDArray[np.bool_], within: slice) -> Counter[str]:
         """Count the texts in rows that are True, of some rows in a row."""
-        found: Counter[str] = Counter()
-        if self.is_text and self.codes is not None:
-            codes, counts = np.unique(self.codes[within][rows[within]], return_counts=True)
-            for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
-                if code >= 0:
-                    found[self.lexicon.words[code].strip()[:40]] += count
-        return found
+        codes = np.zeros(0, int) if self.codes is None else self.codes[within][rows[within]]
+        return Counter(self.lexicon.words[code].strip()[:40] for code in codes[codes >= 0].tolist())
 
     def texts(self) -> tuple[IntArray, list[str]]:
         """Return (codes, words): the text of each cell, numbers as text too; -1 for an empty cell."""
@@ -111,12 +106,10 @@ class Cells:
 
 
 def is_number(kind: pa.DataType) -> bool:
-    """Say whether a type holds numbers."""
     return pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
 
 
 def is_text(kind: pa.DataType) -> bool:
-    """Say whether a type holds texts."""
     return pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind)
 
 
@@ -127,11 +120,8 @@ def to_array(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
 
 def stored(column: pa.ChunkedArray | pa.Array, words: dict[str, int], decimal: str = ".", *, written: bool = False
            ) -> tuple[FloatArray, NDArray[np.int32] | None]:
-    """Return (values, codes) of a column of any type: its numbers, nan where there are none, and the places in `words`
-    of the texts that are no plain numbers, None where there are none. New texts are added to `words`.
-
-    written: the column was read from text, where nan and inf stand for something else than an empty cell.
-    """
+    """Return (values, codes) of a column: (rows,) its numbers, or nan, and places in `words` of texts that are no plain
+    numbers, None where there are none. written: read from text, where nan and inf stand for no empty cell."""
     kind = column.type
     if is_number(kind) or pa.types.is_boolean(kind) or pa.types.is_null(kind):
         values = to_array(column if pa.types.is_float64(kind) else column.cast(pa.float64(), safe=False))
@@ -185,7 +175,7 @@ def _with_unit(text: str, comma: bool) -> tuple[float, str]:
     return (value, unit) if np.isfinite(value) else (np.nan, "")
 
 
-def _decimal_sign(words: list[str], decimal: str) -> str:
+def decimal_sign(words: list[str], decimal: str) -> str:
     """The decimal sign that the texts themselves show: "," only when a comma cannot be a thousands separator."""
     words = [_BLANKS.sub("", w) for w in words]
     if both := next((w for w in words if "." in w and "," in w), ""):

@@ -1,7 +1,4 @@
-"""One loop: its signals on one uniform grid, normalised, every sample with its state, everything assumed in notes.
-
-A loop longer than CHUNK rows is made in chunks of that size: its grid and spans are those of the first one.
-"""
+"""One loop: its signals on one uniform grid, normalised, every sample with its state, everything assumed in notes."""
 
 from __future__ import annotations
 
@@ -18,23 +15,23 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..record import FloatArray, IntArray, LoopSettings, Note, Record
-from ..settings import LoopValues, Settings, settings_of
-from .grid import GAP_FACTOR, MAX_HOLE, NAT, SPARSE_SHARE, Grid, Ordered, Times, held, linear
+from ..settings import LoopValues, settings_of
+from ..settings.spans import spans_of
+from .grid import GAP_FACTOR, MAX_HOLE, NAT, SPARSE_SHARE, Grid, Ordered, Times, held, linear, make_grid
 from .join import Faults, Joiner, LoopSeries, Signal, add_faults
 from .options import ReadOptions
 from .signals import Axis, Series
 from .states import automatic, judged, state_notes
 
 CHUNK = 2_000_000  # rows of a loop that are in memory at once
-SLACK = 0.05  # of a span: noise around the end of a range
 MARGIN = 2000  # rows around a chunk that decide on its samples: holes, limits, records that still hold
 LONGEST_FILL = 60  # samples, however slow the controller
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """All that makes the record of one loop; its samples are read when it is made. It can be sent to another process of
-    this machine. key: by which a finished report of the loop is known again, where such are kept."""
+    """All that makes the record of one loop, when its turn comes, also in another process of this machine. key: by
+    which a finished report of the loop is known again, where such are kept."""
 
     loop: str
     series: LoopSeries
@@ -52,11 +49,10 @@ class Recipe:
         return self.rows > CHUNK and all(_one_after_the_other(_in_turn(items)) for items in self.series.roles.values())
 
     def chunks(self) -> Iterator[Record]:
-        """Yield the record of a long loop in chunks; the notes of the last one are those of the whole. Raises
-        BacklashError when the loop cannot be read."""
+        """Yield the record of a long loop in chunks; the notes of the last are those of the whole."""
         making, axes = _Making(self, Joiner(self.options.good_quality)), _in_turn(self.series.roles["pv"])
         begins = [int(axis.read(row, row + 1)[0]) for axis in axes for row in range(0, len(axis), CHUNK)]
-        ends = [*begins[1:], (axes[-1].last() or 0) + 1]
+        ends = [*begins[1:], axes[-1].last() + 1]
         for begin, end in zip(begins, ends, strict=True):
             record = making.record(_window(self.series, begin, end), begin, end)
             yield record if end == ends[-1] else replace(record, notes=())
@@ -76,8 +72,7 @@ class Recipe:
         return replace(self, key=hashlib.sha256(whole.encode("utf-8", "backslashreplace")).hexdigest()[:32])
 
     def packed(self) -> Recipe:
-        """Return the recipe with its samples, to be sent to another machine; columns of Parquet files are read there.
-        """
+        """Return the recipe with its samples, for another machine; columns of Parquet files are read there."""
         columns: dict[Axis, set[str]] = {}
         for item in chain.from_iterable((*self.series.roles.values(), *self.series.extra.values())):
             columns.setdefault(item.axis, set()).update(f"v{i}" for i in (item.column, item.marked) if i >= 0)
@@ -91,20 +86,18 @@ class Recipe:
 
 @dataclass
 class _Making:
-    """Makes the record of a loop, or chunk after chunk of it: what a chunk goes on from, and what is counted for notes.
+    """Makes the record of a loop, or chunk after chunk of it, on the grid and with the spans of the first one.
 
-    grid, spans, has_output: of the first chunk. place: a stamp near the end of the last one and its grid number. until:
-    the grid number of its last sample. carried: setpoint and mode that still hold. times, order, bridge, notes: of this
-    chunk: the stamps of the measurement, as they stand and in time order, the longest hole in samples that is filled,
-    and what is to be said of all so far.
-    """
+    known, until: stamps of the last chunk with their grid numbers, and the number of its last sample. carried: setpoint
+    and mode that still hold. times, order, bridge: of the measurement in this chunk, and the longest hole that is
+    filled."""
 
     recipe: Recipe
     joiner: Joiner
     grid: Grid | None = None
     spans: tuple[LoopSettings, list[Note]] | None = None
     has_output: bool = False
-    place: tuple[int, int] = (0, 0)
+    known: tuple[IntArray, IntArray] = (np.zeros(1, np.int64), np.zeros(1, np.int64))
     until: int = -1
     counts: Counter[str] = field(default_factory=Counter)
     tally: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
@@ -116,20 +109,26 @@ class _Making:
     notes: list[Note] = field(default_factory=list)
 
     def record(self, loop: LoopSeries, begin: int = NAT, end: int | None = None) -> Record:
-        """Make the record of the whole loop, or of the chunk between two stamps from rows around it. Raises LoopError
-        when it has no measurement, no times or no usable scale."""
+        """Make the record of a loop, or of its chunk between two stamps from rows around it. Raises LoopError."""
         refuse_missing(loop)
         settings, first_chunk = settings_of(self.recipe.values), self.grid is None
         if end is not None:
-            self.joiner.next_chunk(begin, end)
+            self.joiner.only = begin, end
+            self.joiner.times.cache_clear()
         pv = _where_recorded(self.joiner.signal(loop.roles["pv"], "pv", loop.name))
         self.order = pv.times.order(pv.values)
-        grid = pv.times.grid(self.order) if self.grid is None else self.grid.laid(self.order, self.place)
+        if self.grid is None:
+            grid = make_grid(self.order)
+        else:
+            row = min(int(np.searchsorted(self.known[0], self.order.stamps[0])), len(self.known[1]) - 1)
+            grid = self.grid.laid(self.order, int(self.known[1][row]))
         self.grid = self.grid or replace(grid, index=grid.index[:0], rows=None, recorded=None)
         first, last, on_grid = (0, len(grid.index), grid.notes) if end is None else self._own_samples(grid, begin, end)
-        self.times, self.bridge = pv.times, fill_limit(settings.loop.Ti, grid.interval)
+        self.times, Ti = pv.times, settings.loop.Ti
+        # half of Ti is a tenth of the shortest half period that is used
+        self.bridge = MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / grid.interval)))
         self.notes = [*self.recipe.notes, *settings.notes, *pv.times.notes, *on_grid]
-        self._say(pv)
+        self.notes += [*pv.notes, *add_faults(self.faults, pv.faults)]
         measured = self._on_grid(pv, "pv", grid)
         if first_chunk and not np.isfinite(measured).any():
             raise LoopError("the measurement (PV) holds no number at all", code="no_measurement",
@@ -165,30 +164,22 @@ class _Making:
         return record if end is None else record.slice(first, last)
 
     def _own_samples(self, grid: Grid, begin: int, end: int) -> tuple[int, int, list[Note]]:
-        """The first sample of a chunk, the one after its last, and what is to be said of all stamps so far; notes where
-        it ends."""
+        """The first sample of a chunk, the one after its last, and what is to be said of all stamps so far."""
         stamps, first = self.order.stamps, int(np.searchsorted(grid.index, self.until, side="right"))
+        self.until = (end - 1 - grid.start) // grid.step
         if grid.kind == "regular":
-            at = grid.index if grid.rows is None else grid.index[grid.rows >= 0]
-            row = int(np.searchsorted(stamps, end)) - 1 - (len(stamps) - len(at))
-            near = max(row - MARGIN, 0)
-            self.place, self.until = (int(stamps[near - len(at)]), int(at[near])), int(at[row])
-        else:
-            self.until = (end - 1 - grid.start) // grid.step
+            self.known = stamps, grid.index if grid.rows is None else grid.index[grid.rows >= 0]
+            self.until = int(self.known[1][np.searchsorted(stamps, end) - 1])
         last, begun = int(np.searchsorted(grid.index, self.until, side="right")), int(np.searchsorted(stamps, begin))
         own = stamps[max(begun - 1, 0) : int(np.searchsorted(stamps, end))]
         return first, last, grid.said(own, None if grid.recorded is None else grid.recorded[first:last], self.tally)
-
-    def _say(self, signal: Signal) -> None:
-        """Note what was found out about a signal."""
-        self.notes += [*signal.notes, *add_faults(self.faults, signal.faults)]
 
     def _companion(self, loop: LoopSeries, role: str, grid: Grid) -> FloatArray | None:
         """Setpoint or output, held between its records unless the user says linear; None when not recorded."""
         if role not in loop.roles:
             return None
         signal = self.joiner.signal(loop.roles[role], role, loop.name)
-        self._say(signal)
+        self.notes += [*signal.notes, *add_faults(self.faults, signal.faults)]
         if signal.times is not self.times:
             how = "interpolated on straight lines" if self.recipe.options.interpolation == "linear" else (
                 "held until the next record")
@@ -237,16 +228,17 @@ class _Making:
         return values
 
     def _on_grid(self, signal: Signal, role: str, grid: Grid) -> FloatArray:
-        """(samples,) The values of a signal as it was recorded, nan where there are none: in its rows, on straight
-        lines, or held."""
+        """(samples,) A signal as it was recorded, nan where it was not: in its rows, on straight lines, or held."""
         own = signal.times is self.times
         if own and grid.recorded is None:
-            rows = grid.rows
-            found = signal.values if rows is None else np.where(rows >= 0, signal.values[rows], np.nan)
+            found = signal.values if grid.rows is None else np.where(grid.rows >= 0, signal.values[grid.rows], np.nan)
             if role == "pv" or not np.isnan(found).any():
                 return found
-        stamps, values = _records(signal, self.order if own else signal.times.order(signal.values))
-        known = np.isfinite(values)
+        order = self.order if own else signal.times.order(signal.values)
+        rows = slice(None) if order.rows is None else order.rows
+        stamps, values, known = order.stamps, signal.values[rows], np.isfinite(signal.values[rows])
+        if not (record := known | signal.bad[rows]).all():  # blank cells are no records
+            stamps, values, known = stamps[record], values[record], known[record]
         few, limit = (self.bridge + 0.5) * grid.step, float("inf")
         steps = np.diff(stamps[known])
         if role == "pv":
@@ -278,30 +270,15 @@ def _where_recorded(pv: Signal) -> Signal:
     return pv
 
 
-def fill_limit(Ti: float | None, interval: float) -> int:
-    """Longest hole in samples that is filled: half the integral time, the time constant of the estimator's own filter.
-    The shortest half period it uses lasts 5 Ti, ten times that. MAX_HOLE samples when Ti is not known."""
-    return MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / interval)))
-
-
-def _records(signal: Signal, order: Ordered) -> tuple[IntArray, FloatArray]:
-    """Return (stamps, values) of all records in time order, nan in bad ones; blank cells are no records."""
-    rows = slice(None) if order.rows is None else order.rows
-    values = np.where(np.isfinite(signal.values[rows]), signal.values[rows], np.nan)
-    record = ~np.isnan(values) | signal.bad[rows]
-    return (order.stamps, values) if record.all() else (order.stamps[record], values[record])
-
-
 def _in_turn(items: Iterable[Series]) -> list[Axis]:
-    """The axes of some series, each once, by their first stamps."""
     return sorted({item.axis for item in items if len(item.axis)}, key=Axis.first)
 
 
 def _one_after_the_other(axes: list[Axis]) -> bool:
     """Say whether all stamps rise from row to row and from file to file, and none is unreadable."""
-    last = NAT
+    last = -(1 << 62)
     for piece in (piece for axis in axes for piece in axis.pieces()):
-        if piece[0] <= last or np.any(np.diff(piece) <= 0):
+        if np.any(np.diff(piece, prepend=last) <= 0):
             return False
         last = int(piece[-1])
     return True
@@ -309,19 +286,17 @@ def _one_after_the_other(axes: list[Axis]) -> bool:
 
 def _window(loop: LoopSeries, begin: int, end: int) -> LoopSeries:
     """The rows of a loop that tell of the samples between two stamps, with a margin on both sides."""
-    cut = replace(loop, extra={}).changed(lambda axis: axis.part(
-        slice(max(_row_at(axis, begin) - MARGIN, 0), min(_row_at(axis, end) + MARGIN, len(axis)))))
+    def part(axis: Axis) -> Axis:
+        first, last = (bisect_left(range(len(axis)), stamp, key=lambda row: int(axis.read(row, row + 1)[0]))
+                       for stamp in (begin, end))
+        return axis.part(slice(max(first - MARGIN, 0), min(last + MARGIN, len(axis))))
+
+    cut = replace(loop, extra={}).changed(part)
     nothing = {role: [replace(items[0], axis=items[0].axis.part(slice(0, 0)))] for role, items in loop.roles.items()}
     return replace(cut, roles=nothing | cut.roles)
 
 
-def _row_at(axis: Axis, stamp: int) -> int:
-    """The first row of rising stamps at or after one."""
-    return bisect_left(range(len(axis)), stamp, key=lambda row: int(axis.read(row, row + 1)[0]))
-
-
 def refuse_missing(loop: LoopSeries) -> None:
-    """Raise LoopError for a loop without a measurement, or without a tag that the loops file names."""
     for role, tag in loop.missing_tags.items():
         if role not in loop.roles:
             raise LoopError(f"{role} = {tag!r} from the metadata is not found in the data", code="tag_not_found",
@@ -332,73 +307,8 @@ def refuse_missing(loop: LoopSeries) -> None:
                         remedy=f'name the column {loop.name[:40]}.PV, or give pv = "TAG" in loops.toml')
 
 
-def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray]) -> tuple[LoopSettings, list[Note]]:
-    """Decide the spans of one loop after the contract; return its settings with spans and gains on normalised signals,
-    and what was guessed. pv: (samples,) measurement, and setpoint where there is one; op: output, if recorded.
-
-    Raises LoopError (missing_range) when a gain is given but the spans it refers to are not known.
-    """
-    notes: list[Note] = []
-    loop, guessed = settings.loop, []
-    for name, given, signals in (("pv_range", settings.pv_range, pv), ("op_range", settings.op_range, op)):
-        if given is not None:
-            loop = loop.with_values(loop.source[name], **{name: given})
-            continue
-        values = np.concatenate([part[np.isfinite(part)] for part in (*signals, np.zeros(0))])
-        low, high = _bounds(values)
-        if low >= -SLACK and high <= 1.0 + SLACK:
-            span = 0.0, 1.0
-        elif name == "op_range" and low >= -5.0 and high <= 105.0 and np.quantile(values, 0.05) >= -SLACK:
-            span = 0.0, 100.0
-            notes.append(Note("op_percent", "op_range is not given: output within 0..100 is taken as percent"))
-        else:
-            # from zero where the values do not come near it, else round at both ends
-            span = (-_round_up(-low * 1.05) if low < 0.0 else 0.0,
-                    _round_up(high * 1.05 or 1.0) if high > 0.0 or low >= 0.0 else 0.0)
-            guessed.append((name, *span))
-        loop = loop.with_values("data", **{name: span})
-    if guessed and settings.loop.K is not None and not settings.engineering:
-        names = " and ".join(name for name, _, _ in guessed)
-        raise LoopError(
-            f"K is given but {names} is not, and the values are not within 0..1: K has no meaning without its span",
-            remedy=f'add {names} = [low, high] to loops.toml, or units = "engineering" if K is in output units per '
-            "measurement unit", code="missing_range")
-    for name, low, high in guessed:
-        notes.append(Note(f"guessed_{name}", f"{name} is not given: scaled by {low:g}..{high:g}, a guess from the data",
-                          {"low": low, "high": high}))
-    if settings.engineering:
-        ratio = (loop.pv_range[1] - loop.pv_range[0]) / (loop.op_range[1] - loop.op_range[0])
-        loop = replace(loop, K=None if loop.K is None else loop.K * ratio, Kp=None if loop.Kp is None
-                       else loop.Kp / ratio)
-    return loop, notes
-
-
 def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:
     """Map a range to 0..1; always a new array."""
     low, high = span
     with np.errstate(over="ignore", invalid="ignore"):
         return (values - low) * (1.0 / (high - low))
-
-
-def _bounds(values: FloatArray) -> tuple[float, float]:
-    """Lowest and highest value, without the outermost thousandth and without spikes far from all others. values:
-    finite."""
-    if not len(values):
-        return 0.0, 1.0
-    ends = float(values.min()), float(values.max())
-    if ends[0] >= -SLACK and ends[1] <= 1.0 + SLACK:
-        return ends  # normalised: nobody asks further
-    # a setpoint that stands still is half of all values: quartiles would say no more than where it stands
-    low, first, last, high = np.quantile(values, [0.001, 0.05, 0.95, 0.999]).tolist()
-    reach = 8.0 * max(last - first, 1e-9 * max(abs(last), abs(first)))
-    if low < first - reach or high > last + reach:
-        near = values[(values >= first - reach) & (values <= last + reach)]
-        if len(near):
-            low, high = np.quantile(near, [0.001, 0.999]).tolist()
-    return low, high
-
-
-def _round_up(value: float) -> float:
-    with np.errstate(over="ignore", invalid="ignore"):
-        steps = 10.0 ** np.floor(np.log10(value)) * np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
-    return float(steps[np.argmax(steps >= value * (1 - 1e-12))])

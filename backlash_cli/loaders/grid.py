@@ -1,17 +1,14 @@
 """Stamps in time order, a uniform grid for them, and values brought to its points.
 
-Unreadable, far-off, repeated and set-back stamps are found and named. The grid is
-
 regular: the stamps lie on a grid; rows are put at their grid number, nothing is interpolated.
 jitter: at least 90 % of the spacings lie within 0.3 to 1.7 of the usual one; values are interpolated to the grid.
-compressed: the historian left rows out (exception or swinging-door compression); values in between are taken as
-the historian means it. Anything else is refused.
-"""
+compressed: the historian left rows out (exception, swinging door); values in between are taken as it means them."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,12 +43,9 @@ class Ordered:
 
 
 def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), line: int = 0) -> Ordered:
-    """Bring stamps into strictly increasing order.
-
-    probe: (rows,) one measured signal of these rows; it tells repeated rows from rows of another time.
-    parts: first rows of further files. line: line of row 0 in its file, for messages. Raises LoopError when no time
-    passes.
-    """
+    """Bring stamps into strictly increasing order; raises LoopError when no time passes. probe: (rows,) a measured
+    signal that tells repeated rows from rows of another time. parts: first rows of further files. line: of row 0 in its
+    file."""
     if len(micros) and micros.min() != NAT:
         steps, few = np.diff(micros), len(micros) // 20
         if (not len(steps) or steps.min() > 0) and not (few and float(micros[-1]) - float(micros[0]) > FAR * (
@@ -110,11 +104,8 @@ def _counted(code: str, count: int, text: str, **more: float) -> Note:
 
 
 def _clock_set_back(stamps: IntArray, back: IntArray, values: FloatArray, notes: list[Note]) -> IntArray | None:
-    """A clock that was set back while recording: few steps back, and other values for the same stamps.
-
-    The rows went on in file order, so all stamps after the step are moved on by it. In the night of a Sunday one
-    step back of an hour is enough. Returns None when the rows are simply not in order.
-    """
+    """Stamps in file order after a clock was set back while recording: few steps back, and other values for the same
+    stamps, or an hour in the night of a Sunday. None when the rows are simply not in order."""
     if not 0 < len(back) <= max(3, len(stamps) // 2000):
         return None
     forward = np.diff(stamps)
@@ -172,12 +163,10 @@ def utc_text(micros: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A grid and its points. start, step: microseconds. gap: longer distances are gaps, unless it is regular. usual: a
-    distance in the middle. index: (samples,) grid numbers, jumps are gaps.
-
-    regular: rows (samples,) row of each sample, -1 for an absent one, None when sample i is row i.
-    jitter, compressed: recorded (samples,) True where a row stands at (or, with jitter, next to) the grid point.
-    """
+    """A grid and its points. start, step, gap, usual: microseconds; longer distances than gap are gaps, unless it is
+    regular. index: (samples,) grid numbers, jumps are gaps. rows: (samples,) of a regular one, -1 for an absent one,
+    None when sample i is row i. recorded: (samples,) of others, True where a row stands at or, with jitter, next to the
+    point."""
 
     start: int
     step: int
@@ -199,24 +188,19 @@ class Grid:
         """Seconds between points."""
         return self.step / SECOND
 
-    def laid(self, order: Ordered, before: tuple[int, int] | None = None) -> Grid:
-        """Return the grid with its points among stamps. before: a stamp and its grid number, to go on from."""
+    def laid(self, order: Ordered, number: int = 0) -> Grid:
+        """Return the grid with its points among stamps. number: of the first stamp on a regular grid."""
         stamps, rows = order.stamps, order.rows
         if self.kind != "regular":
             return self._between(stamps)
-        stamp, number = before or (int(stamps[0]) - self.step, -1)
-        if before is not None:
-            begin = int(np.searchsorted(stamps, stamp, side="right"))
-            rows = np.arange(begin, len(stamps)) if rows is None else rows[begin:]
-            stamps = stamps[begin:]
-        advance = np.maximum(1, np.rint(np.diff(stamps, prepend=stamp) / self.step).astype(np.int64))
+        advance = np.maximum(1, np.rint(np.diff(stamps, prepend=stamps[0] - self.step) / self.step).astype(np.int64))
         holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
         if holes.any():
             own = np.arange(len(stamps))
             absent = np.repeat(own, np.where(holes, advance - 1, 0))  # the row after each absent one
             advance = np.insert(np.where(holes, 1, advance), absent, 1)
             rows = np.insert(own if rows is None else rows, absent, -1)
-        return replace(self, index=number + np.cumsum(advance), rows=rows)
+        return replace(self, index=number - 1 + np.cumsum(advance), rows=rows)
 
     def _between(self, stamps: IntArray) -> Grid:
         """The grid with the points between the first and last stamp of every stretch without a gap."""
@@ -273,18 +257,14 @@ class Grid:
 
 @dataclass(eq=False)
 class Times:
-    """Stamps of rows in memory, with what is found out about them once for all signals of these rows.
-
-    micros: (rows,) microseconds since 1970 UTC, NAT where unreadable. parts: first rows of further files. line: of row
-    0 in its file, for messages.
-    """
+    """Stamps of rows in memory, with what is found out about them once for all signals of these rows. micros: (rows,)
+    microseconds since 1970 UTC, NAT where unreadable. parts, line: as in `ordered`."""
 
     micros: IntArray
     notes: tuple[Note, ...] = ()
     parts: tuple[int, ...] = ()
     line: int = 0
     _order: Ordered | None = field(default=None, init=False)  # where no row is moved or left out, whatever the signal
-    _grid: Grid | None = field(default=None, init=False)  # of that order
 
     def order(self, probe: FloatArray) -> Ordered:
         """Return the stamps in time order; `probe` is the measured signal that tells rows with one stamp apart."""
@@ -293,14 +273,8 @@ class Times:
             self._order = found
         return found
 
-    def grid(self, order: Ordered) -> Grid:
-        """Return the uniform grid of an order of these stamps. Raises LoopError when there is none."""
-        if order is not self._order:
-            return make_grid(order)
-        self._grid = self._grid or make_grid(order)
-        return self._grid
 
-
+@lru_cache(1)  # loops of one file share their stamps
 def make_grid(order: Ordered) -> Grid:
     """Find the grid of strictly increasing stamps. Raises LoopError when they are too few or too irregular."""
     if len(order.stamps) < 2:
@@ -311,7 +285,6 @@ def make_grid(order: Ordered) -> Grid:
 
 
 def _plan(stamps: IntArray) -> Grid:
-    """Find start, step and kind of the grid, without points."""
     start, steps = int(stamps[0]), np.diff(stamps)
     if steps.min() == steps.max():
         return Grid(start, int(steps[0]), "regular")
@@ -345,8 +318,7 @@ def _nice(step: float) -> int:
 
 
 def linear(times: IntArray, known: IntArray, heights: FloatArray, limit: float) -> FloatArray:
-    """Values on straight lines between good records; nan where these are more than `limit` microseconds apart. times:
-    (samples,) where values are wanted. known, heights: (records,) stamps and values of the good records."""
+    """(samples,) Values at `times` on lines between good records at most `limit` microseconds apart, else nan."""
     if len(known) < 2:
         return np.full(len(times), np.nan)
     zero = known[0]
@@ -358,11 +330,8 @@ def linear(times: IntArray, known: IntArray, heights: FloatArray, limit: float) 
 
 
 def held(times: IntArray, stamps: IntArray, values: FloatArray, limit: float, few: float) -> FloatArray:
-    """The last good record at or before each of `times`; nan before the first, after `limit` microseconds, and from a
-    bad record on when no good one follows within `few` microseconds or MAX_HOLE records.
-
-    times: (samples,). stamps, values: (records,) of all records; values are nan in bad ones.
-    """
+    """(samples,) The last good record at or before each of `times`; nan before the first, after `limit` microseconds,
+    and from a bad record (nan) on when no good one follows within `few` microseconds or MAX_HOLE records."""
     good = np.isfinite(values)
     if not good.any():
         return np.full(len(times), np.nan)

@@ -14,7 +14,7 @@ from ..errors import BacklashError, LoopError
 from ..record import FloatArray, Note
 from ..settings import ROLE_KEYS, Metadata
 from .grid import Times
-from .names import SIGNALS, plain
+from .names import SIGNALS, WORDS, plain
 from .signals import Axis, Series
 from .states import good_samples, inside, runs
 
@@ -48,8 +48,8 @@ class LoopSeries:
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """One signal over all files. values: (rows,) nan where blank or bad; bad: (rows,) True where something stood
-    that is no good measurement. faults: what stood there, counted, by what is wrong and by tag."""
+    """One signal over all files. values: (rows,) nan where blank or bad. bad: (rows,) something stood there that is no
+    good measurement. faults: what stood there, counted, by what is wrong and by tag."""
 
     times: Times
     values: FloatArray
@@ -104,11 +104,6 @@ class Joiner:
         self._marks: dict[tuple[str, str], dict[str, float]] = {}  # what earlier chunks tell of a quality's numbers
         self.times = lru_cache(MOST_TIMES)(_times)  # of all rows of some axes, the same ones for the same axes
 
-    def next_chunk(self, begin: int, end: int) -> None:
-        """Go on with the chunk of a loop between two stamps."""
-        self.only = begin, end
-        self.times.cache_clear()
-
     def signal(self, series: list[Series], role: str, loop: str) -> Signal:
         """Return one signal from its series. Raises LoopError when two different columns carry one name."""
         chosen, notes = _one_per_file(series, role, loop)
@@ -157,22 +152,18 @@ def add_faults(total: Faults, found: Faults) -> list[Note]:
         all_words.update(words)
         if count := all_words.total():
             top = ", ".join(f"{word or '(blank)'} ({number})" for word, number in all_words.most_common(4))
-            text = _FAULTS[code].format(tag=tag[:60], top=top)
+            text = WORDS["faults"][code].format(tag=tag[:60], top=top)
             notes.append(Note(code, f"{count} {text}", {"samples": float(count)}))
     return notes
 
 
-_FAULTS = {"not_numbers": "cells of {tag} are no good numbers: {top}",
-           "bad_quality": "samples of {tag} have bad quality and are not used",
-           "lone_zeros": "samples of {tag} jump to exactly 0 and back, far outside the rest: a fault of the recording; "
-                         "they are not used"}
 LONE = 3  # samples in a row that may be lone zeros
 FAR = 8.0  # usual moves from one sample to the next that a zero must lie outside of all others
 
 
 def lone_zeros(values: FloatArray) -> NDArray[np.bool_] | None:
-    """(rows,) True where up to LONE samples are exactly 0 and lie far outside all others; None where there are none.
-    Far: FAR times the largest usual move between samples (99.9 %), and a fifth of the distance that all others span."""
+    """(rows,) True where up to LONE samples are exactly 0 and lie far outside all others: FAR usual moves (99.9 %) and
+    a fifth of the distance that all others span; None where there are none."""
     zero = values == 0.0
     if not zero.any() or zero.all():
         return None

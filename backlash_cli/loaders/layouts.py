@@ -1,7 +1,4 @@
-"""Which column of a file is what: wide, single-loop, long (a row per sample), tall (rows of a loop), tag pairs.
-
-Decided from the first rows of a file, before the rest is read.
-"""
+"""Which column of a file is what: wide, single-loop, long (a row per sample), tall (rows of a loop), tag pairs."""
 
 from __future__ import annotations
 
@@ -14,14 +11,14 @@ import pyarrow as pa
 
 from ..errors import InputError
 from .cells import codes_and_words, is_number, is_text
-from .names import IGNORED, LOOP, SIGNALS, TAG, VALUE, Tag, is_quality_name, is_time_name, plain, signal_role, split_tag
+from .names import COLUMNS, SIGNALS, Tag, is_quality_name, is_time_name, plain, signal_role, split_tag
 from .options import ReadOptions
 from .signals import Series
 from .states import quality_words
 from .times import is_midnight
 
-GROUPS = LOOP | {"measurement", "device", "unit", "block"}
-_BOUNDS = ("start", "stop", "end", "from", "to", "begin", "starttime", "endtime", "stoptime", "intervalstart")
+BOUNDS, GROUPS, IGNORED, LOOP, TAG, VALUE = (
+    COLUMNS[kind] for kind in ("bound", "group", "ignored", "loop", "tag", "value"))
 _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 
 
@@ -29,10 +26,8 @@ _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 class Head:
     """The first rows of a file, nothing interpreted yet.
 
-    where: path for messages. stem: file name without endings. kinds: what the first cells of each column look like
-    ("time", "clock", "number", "text"), "" where nobody looked. partition: names and values of folders like
-    loop=FIC101. first_line: line of the first row in a text file, 0 for others.
-    """
+    where: path. stem: file name without endings. kinds: what cells look like ("time", "clock", "number", "text"), or
+    "". partition: names and values of folders like loop=FIC101. first_line: of a text file, else 0."""
 
     where: str
     stem: str
@@ -45,19 +40,17 @@ class Head:
 
     @cached_property
     def plain(self) -> list[str]:
-        """The names as plain words."""
         return [plain(name) for name in self.names]
 
     @cached_property
     def tags(self) -> list[Tag]:
-        """The names taken apart."""
         return [split_tag(name) for name in self.names]
 
     @cached_property
     def times(self) -> list[int]:
         """Columns that hold stamps, numeric ones only when their header says so."""
         called = [is_time_name(name) for name in self.names]
-        found = [i for i, word in enumerate(self.plain) if word not in _BOUNDS and not pa.types.is_null(
+        found = [i for i, word in enumerate(self.plain) if word not in BOUNDS and not pa.types.is_null(
             kind := self.columns[i].type) and (self.is_time(i) or (is_number(kind) and (
                 called[i] or self.tags[i].role == "time")))] or np.flatnonzero(called)[:1].tolist()
         if not found and self.columns and is_number(self.columns[0].type) and not self.tags[0].role:
@@ -67,7 +60,6 @@ class Head:
 
     @cached_property
     def texts(self) -> list[int]:
-        """Columns of texts."""
         return [i for i, column in enumerate(self.columns) if is_text(column.type)]
 
     def is_time(self, column: int) -> bool:
@@ -77,7 +69,6 @@ class Head:
             self.kinds[column] in ("time", "clock") and not is_number(kind))
 
     def words(self, column: int) -> list[str]:
-        """Return the texts in the first rows of a column."""
         return [word for word in codes_and_words(self.columns[column].slice(0, 4000))[1] if word.strip()]
 
     def marks(self, column: int) -> bool:
@@ -92,9 +83,9 @@ class Head:
 
 @dataclass(frozen=True)
 class Layout:
-    """What the columns of a file are. stamps: of each set of rows the column of its stamps, or those of date and time
-    of day. values: columns with signals. naming: of long and tall files the tag, or loop and signal apart. quality:
-    column of values -> column that marks it."""
+    """What the columns are. stamps: of each set of rows the column of its stamps, or those of date and time of day.
+    values: of signals. naming: the tag of rows, or loop and signal apart. quality: column of values -> column that
+    marks it."""
 
     kind: str
     stamps: tuple[Sequence[int], ...]
@@ -104,7 +95,6 @@ class Layout:
 
     @property
     def stored(self) -> list[int]:
-        """Columns of cells."""
         return sorted({*self.values, *self.quality.values()})
 
 
@@ -115,19 +105,14 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
         return _pairs(head)
     stamps, used = stamp_columns(head, options)
     texts = [i for i in head.texts if i not in used]
-    naming: tuple[int, ...] = ()
-    if kind == "long":
-        naming = name_columns(head, texts)
-    elif kind == "tall":
-        naming = tuple(sorted((i for i in texts if head.plain[i] in GROUPS | TAG),
-                              key=lambda i: head.plain[i] not in GROUPS)[:1])
+    naming = name_columns(head, texts) if kind == "long" else tuple(
+        sorted((i for i in texts if head.plain[i] in GROUPS | TAG), key=lambda i: head.plain[i] not in GROUPS)[:1]
+        if kind == "tall" else ())
     if not naming and kind in ("long", "tall"):
         what = "tag" if kind == "long" else "loop"
         raise InputError(f"no column of {what} names found", where=head.where, remedy=f"name it '{what}'")
     values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
-              and not head.is_time(i)]
-    if kind == "tall":
-        values = [i for i in values if not is_quality_name(head.plain[i])]
+              and not head.is_time(i) and not (kind == "tall" and is_quality_name(word))]
     if kind != "long":
         return Layout(kind, (stamps,), tuple(values), naming, {} if naming else _quality_beside(head, values))
     named = [i for i in values if head.plain[i] in VALUE]
@@ -154,8 +139,7 @@ def _recognise(head: Head) -> str:
 
 
 def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[int]]:
-    """Return the column of the stamps, or those of date and time of day, and all columns that hold times. Raises
-    InputError when there is none."""
+    """Return the stamps, or date and time of day, and all columns of times. Raises InputError when there is none."""
     columns = head.times
     if not columns:
         raise InputError("no time column found", where=head.where, remedy="name the column of time stamps 'timestamp', "
@@ -169,8 +153,8 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
 
 
 def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
-    """Return the columns that name the tag of each row: one with whole tags, or loop and signal apart; () if none.
-    texts: the text columns beside the stamps. What stands in a column counts more than its header."""
+    """Return the columns that name the tag of each row, with loop and signal apart or not; () if none. texts: the
+    columns of texts. What stands in a column counts more than its header."""
     heads = {i: head.words(i) for i in texts}
 
     def mostly(test: Callable[[str], bool]) -> list[int]:
@@ -220,11 +204,9 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
 
 
 def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[Series]:
-    """Name the signals of a wide file or of pairs. blank: columns without any cell. Raises InputError without any.
-
-    A header that names no loop is completed by what the folders or the file are called; one that says "value" stands
-    for what its time column, the folders or the file are called.
-    """
+    """Name the signals of a wide file or of pairs; blank: columns without any cell. Raises InputError without any. A
+    header that names no loop is completed by what folders or file are called; "value" stands for what its time column
+    is."""
     pairs, marks, tags = layout.kind == "pairs", set(layout.quality.values()), head.tags
     signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in blank))]
     alone = not pairs and any(not tags[i].loop and tags[i].role in SIGNALS for i in signals)  # of one loop

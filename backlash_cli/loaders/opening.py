@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import bz2
 import codecs
-import csv
 import gzip
 import io
 import lzma
 import re
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from datetime import datetime
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -20,6 +18,7 @@ import pyarrow as pa
 
 from ..errors import InputError
 from ..record import Note
+from .names import WORDS
 from .options import ReadOptions
 from .sources import Remote, open_place
 
@@ -31,12 +30,6 @@ BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20
 _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
     b"\x1f\x8b": ("gzip", gzip.open), b"BZh": ("bz2", bz2.open), b"\xfd7zXZ\x00": ("xz", lzma.open),
     b"\x28\xb5\x2f\xfd": ("zstd", lambda file: pa.CompressedInputStream(pa.PythonFile(file, mode="r"), "zstd"))}
-_FOREIGN = {b"PK\x03\x04": ("a zip archive", "unpack it"),
-            b"\xd0\xcf\x11\xe0": ("an old Excel workbook or Office document", "save the sheet as CSV or as .xlsx"),
-            b"%PDF": ("a PDF document", "export the data as CSV or Parquet"),
-            b"SQLite format 3": ("an SQLite database", "export the data as CSV or Parquet"),
-            b"\x89HDF": ("an HDF5 file", "export the data as CSV or Parquet"),
-            b"ORC": ("an ORC file", "export the data as CSV or Parquet")}
 _DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, pa.ArrowException)
 _MARKS = {"utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}
 _TEXT = bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)})
@@ -44,8 +37,7 @@ _ANNOTATION = re.compile(rb"^#(?:datatype|group|default)\b", re.MULTILINE)
 
 
 def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
-    """Return "parquet", "workbook" or "text" for a file, or for one that begins so. Raises InputError for what is no
-    export."""
+    """Return "parquet", "workbook" or "text" for what begins so. Raises InputError for what is no export."""
     try:
         if not path.is_file():
             raise InputError("not a regular file", where=str(path), remedy="save the export as a file first")
@@ -58,20 +50,18 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
         raise InputError("file is empty (0 bytes)", where=str(path), remedy="export it again")
     if magic.startswith(b"PK\x03\x04") and path.name.lower().endswith((".xlsx", ".xlsm")):
         return "workbook"
-    for what, remedy in (said for mark, said in _FOREIGN.items() if magic.startswith(mark)):
-        raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
+    for mark, (what, remedy) in WORDS["foreign"].items():
+        if magic.startswith(mark.encode("latin-1")):
+            raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
     return "parquet" if magic.startswith(b"PAR1") else "text"
 
 
 class Text:
-    """The text of a file as UTF-8, in blocks of whole lines; `notes` are complete when all was read.
+    """The text of a file as UTF-8, in blocks of whole lines: `head`, and `rest`, to be gone through once; `notes` are
+    complete then. taken: called with the bytes that were read. Raises InputError for what is no text, and for small
+    files that expand without end; of a damaged file what is whole is read."""
 
-    head: the first of them. rest: all others, to be gone through once. taken: called with the bytes of the file that
-    were read. Raises InputError for what is no text, and for small files that expand without end; of a damaged file
-    what is whole is read.
-    """
-
-    def __init__(self, path: Path | Remote, options: ReadOptions, taken: Callable[[int], None] | None = None,
+    def __init__(self, path: Path | Remote, options: ReadOptions, taken: Callable[[int], None] = lambda count: None,
                  data: bytes | None = None) -> None:
         self.path, self.options, self._taken = path, options, taken
         self.notes: list[Note] = []
@@ -82,7 +72,6 @@ class Text:
             self.head = next(self.rest, bytearray())
 
     def _pieces(self) -> Iterator[bytes]:
-        """Yield the bytes of the file, decompressed."""
         size, total = self.path.stat().st_size, 0
         with open_place(self.path) as file:
             magic = file.read(16)
@@ -103,9 +92,8 @@ class Text:
                     self.notes.append(Note("truncated", f"damaged or truncated {codec} file ({problem}): only the part "
                                            "before is read"))
                     return
-                if self._taken is not None:
-                    self._taken(file.tell() - told)
-                    told = file.tell()
+                self._taken(file.tell() - told)
+                told = file.tell()
                 if not piece:
                     return
                 total += len(piece)
@@ -150,9 +138,13 @@ def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
         block += piece
         if len(block) < enough:
             continue
-        cut = _whole_lines(block)
-        rest = block[cut:]
-        del block[cut:]
+        end = b"\n" if b"\n" in block else b"\r"
+        last = block.rfind(end)
+        if block.count(b'"', 0, last) % 2:  # within a quoted cell, unless quotes never end
+            begin = block.rfind(b'"', 0, last)
+            last = block.rfind(end, 0, begin) if block.count(end, begin, last) < 200 else last
+        rest = block[last + 1 :]
+        del block[last + 1 :]
         if block:
             yield block
         block, enough = rest, max(BLOCK, 2 * len(rest))
@@ -160,18 +152,8 @@ def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
         yield block
 
 
-def _whole_lines(text: bytearray) -> int:
-    """Length of the lines that end in a text; a quoted cell may hold line ends."""
-    end = b"\n" if b"\n" in text else b"\r"
-    last = text.rfind(end)
-    begin = text.rfind(b'"', 0, last) if text.count(b'"', 0, last) % 2 else -1
-    # quotes that never end are taken as they are
-    return (text.rfind(end, 0, begin) if begin >= 0 and text.count(end, begin, last) < 200 else last) + 1
-
-
 def _without_annotations(blocks: Iterable[bytearray]) -> Iterator[bytearray]:
-    """Take the annotations out of InfluxDB's annotated CSV, where a table of other columns may follow after a blank
-    line; the columns of all tables are brought to those of the first."""
+    """Take out the annotations of InfluxDB's CSV, and bring tables of other columns to those of the first."""
     columns: list[bytes] = []
     place, fresh = [0], True
     for block in blocks:
@@ -211,29 +193,19 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
 
 
 def sheets(path: Path | Remote) -> list[tuple[str, bytes]]:
-    """Return (name, text as CSV) of the sheets of a workbook that hold more than a few cells. Raises InputError where
-    it cannot be read."""
+    """Return (name, text as CSV) of the sheets that hold more than a few cells. Raises InputError."""
+    import pandas as pd
+
     try:
-        from python_calamine import CalamineWorkbook
+        with open_place(path) as file:
+            book = pd.read_excel(io.BytesIO(file.read()), sheet_name=None, header=None, engine="calamine")
     except ImportError:
         raise InputError("reading Excel workbooks needs python-calamine", where=str(path),
                          remedy="pip install 'backlash[excel]', or save the sheet as CSV") from None
-    found = []
-    try:
-        with open_place(path) as file:
-            book = CalamineWorkbook.from_filelike(io.BytesIO(file.read()))
-        for name in book.sheet_names:
-            rows = book.get_sheet_by_name(name).to_python()
-            if len(rows) > 1:
-                text = io.StringIO()
-                # to the millisecond: a day number carries some microseconds of rounding
-                csv.writer(text, lineterminator="\n").writerows([[
-                    cell.isoformat(" ", "milliseconds") if isinstance(cell, datetime) else cell for cell in row]
-                    for row in rows])
-                found.append((name, text.getvalue().encode()))
     except Exception as error:  # the library raises kinds of its own for damaged workbooks
         raise InputError(f"damaged workbook: {str(error).strip() or type(error).__name__}", where=str(path),
                          remedy="save it again, or save the sheet as CSV") from None
+    found = [(name, rows.to_csv(header=False, index=False).encode()) for name, rows in book.items() if len(rows) > 1]
     if not found:
         raise InputError("the workbook holds no table", where=str(path), remedy="export it again")
     return found

@@ -26,20 +26,14 @@ _AGE = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(s|min|h|d|w)\s*")
 class ReadOptions:
     """How to read exports; every `None` means: find it in the file.
 
-    time_format: strptime pattern ("%d/%m/%Y %H:%M:%S") or one of TIME_WORDS.
-    timezone: IANA name of the zone in which stamps without offset are written ("Europe/Berlin").
-    interpolation: "hold" or "linear" between recorded values, for every signal; None: measurement linear,
-    setpoint, output and mode hold.
-    delimiter, decimal, encoding: of CSV files ("," ";" "tab" ..., "." or ",", "utf-8", "cp1252" ...).
-    layout: one of LAYOUTS. columns: names of the columns of a file without a header line.
-    header_row: number (from 1) of the line that names the columns.
-    only_loops: names or wildcards of the loops wanted, each of which must exist. loops_matching: patterns of which
-    one must fit: wildcards over the whole name, or a regular expression between slashes. sample: "20" or "5%" of the
-    loops that are left, drawn by sample_seed: the same names always give the same sample. since: "2026-11-01" or
-    "2026-11-01T06:00" (in `timezone` where it has no offset), or an age such as "3d" (s, min, h, d, w) back from the
-    last stamp of all files. What is left out by these is counted in the plant's warnings.
-    good_quality: further words or numbers that mean good.
-    auto_modes: further words or numbers that mean automatic. max_bytes: limit on decompressed size per file.
+    time_format: strptime pattern or one of TIME_WORDS. timezone: IANA name of the zone of stamps without offset.
+    interpolation: "hold" or "linear" for every signal; None: measurement linear, the rest hold. delimiter, decimal,
+    encoding: of CSV files ("," "tab" ..., "." or ",", "cp1252" ...). layout: one of LAYOUTS. columns: names of the
+    columns of a file without a header line. header_row: number (from 1) of the line that names the columns.
+    only_loops: names or wildcards, each of which must exist. loops_matching: patterns (`check_pattern`) of which one
+    must fit. sample: "20" or "5%" of the loops that are left, drawn by sample_seed. since: a moment or an age
+    (`parse_since`). good_quality, auto_modes: further words or numbers that mean good, or automatic. max_bytes: limit
+    on decompressed size per file.
     """
 
     time_format: str | None = None
@@ -65,9 +59,8 @@ class ReadOptions:
                                      ("layout", self.layout, LAYOUTS), ("decimal", self.decimal, (".", ",")),
                                      ("time-format", self.time_format, TIME_WORDS)):
             if value is not None and value not in allowed and not (name == "time-format" and "%" in value):
-                words, hint = ("  " if name == "decimal" else ", ").join(allowed), nearest(value, allowed)
-                raise UsageError(f"{value!r} is not known here", where=f"--{name}",
-                                 remedy=f"{hint} Known: {words}" if hint.startswith("did") else f"one of: {words}")
+                words = ("  " if name == "decimal" else ", ").join(allowed)
+                raise UsageError(f"{value!r} is not known here", where=f"--{name}", remedy=f"one of: {words}")
         if self.delimiter is not None:
             named = {"tab": "\t", "\\t": "\t", "comma": ",", "semicolon": ";", "pipe": "|", "space": " "}
             object.__setattr__(self, "delimiter", named.get(self.delimiter.lower(), self.delimiter))
@@ -109,30 +102,23 @@ def sample_size(text: str, loops: int) -> int:
 
 @lru_cache
 def check_pattern(pattern: str) -> Callable[[str], bool]:
-    """Return the test of a pattern on a loop's name, in upper or lower case: wildcards over the whole name
-    (`FIC*`, `AREA?.*`), or a regular expression between slashes, found anywhere in it (`/^FIC1[0-4]/`).
-
-    Raises UsageError for a regular expression that is none.
-    """
+    """Return the test of a wildcard, or of a /regular expression/, on a loop's name. Raises UsageError for neither."""
     if len(pattern) > 2 and pattern.startswith("/") and pattern.endswith("/"):
         try:
             expression = re.compile(pattern[1:-1], re.IGNORECASE)
         except (re.error, OverflowError, RecursionError) as error:
-            raise UsageError(f"{pattern!r} is no regular expression: {error}", where="--loops-matching",
+            raise UsageError(f"{pattern!r} is no regular expression: {error}", where="--loop, --loops-matching",
                              remedy="for example '/^FIC1[0-4]/', or wildcards without slashes: 'FIC*'") from None
         return lambda name: expression.search(name) is not None
     if not pattern:
-        raise UsageError("the pattern is empty", where="--loops-matching", remedy="for example 'FIC*'")
+        raise UsageError("the pattern is empty", where="--loop, --loops-matching", remedy="for example 'FIC*'")
     lower = pattern.lower()
     return lambda name: fnmatchcase(name.lower(), lower)
 
 
 def parse_since(text: str, timezone: str | None = None) -> tuple[int | None, int]:
-    """Return (moment, age) in microseconds: "2026-11-01" or "2026-11-01T06:00+01:00" is a moment since 1970 UTC,
-    "3d" (s, min, h, d, w) an age, back from the last stamp of the data; the moment is None then.
-
-    timezone: of a moment without offset, UTC if None. Raises UsageError for anything else.
-    """
+    """Return (moment, age) in microseconds: "2026-11-01T06:00+01:00" is a moment since 1970 UTC (in `timezone` without
+    offset), "3d" (s, min, h, d, w) an age, back from the last stamp; the moment is None then. Raises UsageError."""
     if age := _AGE.fullmatch(text):
         length = float(age[1]) * _UNITS[age[2]]
         if 0 < length < 1e10:

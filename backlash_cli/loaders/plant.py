@@ -1,8 +1,4 @@
-"""Read exports: files to signals, signals to loops, loops to records; which loops, and from when on.
-
-What is left out is counted and said. The choice of loops depends on their names alone, not on the order of files, the
-engine or the machine.
-"""
+"""Read exports: files to signals, signals to loops, loops to records; which loops, and from when on."""
 
 from __future__ import annotations
 
@@ -25,7 +21,7 @@ from .join import Joiner, LoopSeries, by_loop, explicit_tags, failure
 from .options import ReadOptions, check_pattern, parse_since, sample_size
 from .signals import Axis, Room, Series
 from .sources import Source, find_sidecars, find_sources, read_metadata
-from .tables import Reading, signals_of_file
+from .tables import signals_of_file
 
 READING_ERRORS = (ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
 SHOWN = 12  # names written out in a message; all of them stand in its values
@@ -34,11 +30,8 @@ FEW_LOOPS = 3  # loops of the loops file without data that are named one by one
 
 @dataclass(frozen=True)
 class Plant:
-    """All loops of one or several exports.
-
-    records: one per loop, by name. warnings: about the plant as a whole. failures: loops and files that could not
-    be read; `values` of each has "loop" or "file". inputs: as given.
-    """
+    """All loops of exports. records: one per loop, by name. warnings: about the plant as a whole. failures: loops and
+    files that could not be read; `values` of each has "loop" or "file". inputs: as given."""
 
     records: tuple[Record, ...]
     warnings: tuple[Note, ...] = ()
@@ -68,10 +61,8 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
          ) -> Plant:
     """Read one plant from exports (files or folders) and its loop settings.
 
-    inputs: CSV, Parquet or Excel files, folders of them, or a Parquet dataset. loops: metadata file, or what is in it;
-    None: found next to the data. Raises BacklashError when nothing can be read or the metadata are wrong; a single bad
-    file or loop becomes a failure of the Plant.
-    """
+    inputs: CSV, Parquet or Excel files, folders, Parquet datasets. loops: metadata file, or what is in it; None: found
+    next to the data. Raises BacklashError when nothing can be read; a single bad file or loop becomes a failure."""
     opened = open_plant(inputs, loops=loops, options=options)
     joiner = Joiner((options or ReadOptions()).good_quality)
     records: list[Record] = []
@@ -87,17 +78,13 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
 
 @dataclass(frozen=True, eq=False)
 class OpenPlant(Mapping[str, Record]):
-    """One or several exports whose loops are known and not yet read: one recipe per loop, by name.
-
-    failures: files that could not be read. lost: loops that cannot be. The rest as in Plant. As a mapping it makes the
-    record of a loop each time it is asked for; a loop that cannot be read is not there.
-    """
+    """Exports whose loops are known and not yet read: a recipe per loop, by name. failures: files that cannot
+    be read; the rest as in Plant. As a mapping it makes the record of a loop each time it is asked for."""
 
     recipes: tuple[Recipe, ...]
     warnings: tuple[Note, ...] = ()
     failures: tuple[Note, ...] = ()
     inputs: tuple[str, ...] = ()
-    lost: tuple[Note, ...] = ()
 
     def __getitem__(self, loop: str) -> Record:
         for recipe in self.recipes:
@@ -116,9 +103,8 @@ class OpenPlant(Mapping[str, Record]):
         return len(self.recipes)
 
     def all_lost(self, more: Sequence[Note], *, read: int) -> tuple[Note, ...]:
-        """Return the loops that could not be read, with those found out when they were read, by name. read: how many
-        could. Raises LoopError when none could."""
-        lost = tuple(sorted([*self.lost, *more], key=lambda note: str(note.values["loop"])))
+        """Return all loops that could not be read, by name. read: how many could. Raises LoopError when none could."""
+        lost = tuple(sorted(more, key=lambda note: str(note.values["loop"])))
         if lost and not read:
             first = lost[0]
             raise LoopError(f"no loop could be read; {first.message}" if len(lost) > 1 else first.message,
@@ -129,12 +115,9 @@ class OpenPlant(Mapping[str, Record]):
 def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
                options: ReadOptions | None = None, taken: Callable[[int], None] | None = None,
                room: Room | None = None, salt: str | None = None) -> OpenPlant:
-    """Find the loops of exports; their samples are put where a loop is read from when its turn comes.
-
-    taken: called with the bytes of a file that were read. room: memory for samples, the rest goes to a scratch file.
-    salt: what a report depends on beside the data and how they are read, where reports of loops are kept. Raises
-    BacklashError as `read` does.
-    """
+    """Find the loops of exports. taken: called with the bytes of a file that were read. room: memory for samples, the
+    rest goes to a scratch file. salt: what a kept report depends on beside the data. Raises BacklashError as `read`
+    does."""
     options = options or ReadOptions()
     given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
     sources = find_sources(given)
@@ -142,18 +125,17 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     metadata, warnings = _metadata(given, sources, loops)
     series: list[Series] = []
     problems: dict[str, BacklashError] = {}
-    reading = Reading(options, _needed(metadata, options), taken, room or Room())
+    needed, room, taken = _needed(metadata, options), room or Room(), taken or (lambda count: None)
     for source in sources:
         try:
-            found, notes = signals_of_file(source, reading)
+            found, notes = signals_of_file(source, options, needed, room, taken)
             series += found
             warnings += notes
-        except BacklashError as error:
-            problems[str(source.path)] = error
-        except READING_ERRORS as error:
+        except (BacklashError, *READING_ERRORS) as error:
             text = str(error).strip().split("\n")[0][:300] or type(error).__name__
-            problems[str(source.path)] = InputError(f"cannot be read: damaged or not understood: {text}",
-                                                    where=str(source.path), remedy="export the file again")
+            problems[str(source.path)] = error if isinstance(error, BacklashError) else InputError(
+                f"cannot be read: damaged or not understood: {text}", where=str(source.path),
+                remedy="export the file again")
     if not series:
         first = next(iter(problems.values()), None)
         raise first if first is not None and len(sources) == 1 else InputError(
@@ -163,32 +145,28 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
         tags = ", ".join(filter(None, sorted({item.tag for item in series})[:12])) or "columns without a name"
         raise InputError("no loop found: no column is called SP, PV or OP of a loop", where=str(sources[0].path),
                          remedy=f"name the tags in loops.toml; found: {tags}")
-    lost: list[Note] = []
     # an indicator, or a column with a chance name
     single = sorted(name for name, own in all_loops.items() if len(own.roles) == 1 and metadata.of(name) is None)
-    if len(single) == len(all_loops):
-        single = []
-    if single:
+    if 0 < len(single) < len(all_loops):
         more = ", ".join(name[:40] for name in single[:5]) + (", ..." if len(single) > 5 else "")
         warnings.append(Note("single_signals", f"{len(single)} tags have one signal only and are no loops; they are "
                              f"left out: {more}"))
-    names, notes = choose(all_loops.keys() - single, options.only_loops, options.loops_matching, options.sample,
-                          options.sample_seed)
+    names, notes = choose(all_loops.keys() - single or single, options.only_loops, options.loops_matching,
+                          options.sample, options.sample_seed)
     wanted, moment = {name: all_loops[name] for name in names}, None
     warnings += notes
     if options.since is not None:
-        wanted, notes, lost, moment = since(wanted, series, options.since, options.timezone)
+        wanted, notes, moment = since(wanted, series, options.since, options.timezone)
         warnings += notes
     warnings += _unmatched(all_loops, metadata)
     recipes = (_recipe(name, wanted[name], metadata, options) for name in sorted(wanted))
     return OpenPlant(tuple(recipe.keyed(marks, (salt, moment)) for recipe in recipes), tuple(warnings),
                      tuple(failure(error, file=path) for path, error in problems.items()),
-                     tuple(str(item) for item in given), tuple(lost))
+                     tuple(str(item) for item in given))
 
 
 def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
               loops: str | PathLike[str] | Metadata | None) -> tuple[Metadata, list[Note]]:
-    """Return the settings of a plant's loops, from the file that is named or those beside the data, and remarks."""
     if isinstance(loops, Metadata):
         return loops, []
     paths = [loops] if loops is not None else find_sidecars(given, sources)
@@ -203,8 +181,8 @@ def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
 
 
 def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata) -> list[Note]:
-    missing = metadata.loops.keys() - {metadata.match(name) for name in series}
-    names = [name for name in metadata.loops if name in missing]
+    there = {metadata.match(name) for name in series}
+    names = [name for name in metadata.loops if name not in there]
     if len(names) > FEW_LOOPS:  # the loops file of a whole plant beside the export of a few loops: usual
         text = (f"{len(names)} loops of the loops file are not found in the data: {', '.join(names[:FEW_LOOPS])} ...")
         return [Note("loop_not_found", text, {"loop": ", ".join(names), "loops": len(names)})]
@@ -230,8 +208,7 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
 
 
 def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Series], bool]:
-    """Return what says whether a loop that the options do not rule out may use a signal. Which loops are drawn for a
-    sample is known only when all files are open."""
+    """Return what says whether a loop that the options do not rule out may use a signal."""
     owners = explicit_tags(metadata)[0]
 
     @cache
@@ -244,17 +221,14 @@ def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Series], bool
 
 
 def _fits(name: str, patterns: Sequence[str]) -> bool:
-    """Say whether a loop is one of those named, or fits a pattern; all do where there are none."""
     return not patterns or any(name == pattern or check_pattern(pattern)(name) for pattern in patterns)
 
 
 def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[str] = (), sample: str | None = None,
            seed: int = 0) -> tuple[list[str], list[Note]]:
-    """Return the loops that are wanted of all `names`, in order, and what was left out and why.
-
-    only: names or wildcards, each of which must exist. matching: patterns (`check_pattern`), of which one must exist.
-    sample: "20" or "5%" of what is left, drawn by `seed`. Raises UsageError for a name or patterns that nothing fits.
-    """
+    """Return the loops that are wanted of all `names`, in order, and what was left out and why. Raises UsageError for a
+    name or patterns that nothing fits. only: each must exist. matching: one must. sample: "20" or "5%" of what is
+    left."""
     everything = sorted(set(names))
     for pattern in only:
         if not any(_fits(name, [pattern]) for name in everything):
@@ -278,8 +252,7 @@ def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[st
 
 
 def draw(names: Sequence[str], count: int, seed: int = 0) -> list[str]:
-    """Return `count` of the names, in order: those whose hash with the seed is smallest. So a plant that grows by a few
-    loops keeps nearly the same sample, and every night looks at the same loops."""
+    """Return `count` of the names: those of the smallest hash with the seed, so that a growing plant keeps them."""
     return sorted(sorted(names, key=lambda name: hashlib.sha256(
         f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest())[:count])
 
@@ -290,55 +263,42 @@ def _shown(names: Sequence[str]) -> str:
 
 
 def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None
-          ) -> tuple[dict[str, LoopSeries], list[Note], list[Note], int]:
-    """Take off what lies before a moment, or before an age of the last stamp of all series found. Return the loops
-    that are left, what is to be said, those that cannot be cut, and the moment [microseconds since 1970 UTC].
-
-    Of signals with rows of their own (a setpoint that is recorded when it changes) the last value before the moment
-    stays, as it still holds. Raises UsageError when the data have no times, InputError when no loop has later ones.
-    """
-    moment, age = parse_since(when, timezone)
-    last = max((end for axis in {item.axis for item in found} if (end := axis.last()) is not None), default=None)
-    if moment is None:
-        if last is None:
-            raise UsageError("the data have no times", where=f"--since {when}", remedy="leave --since out")
-        moment = last - age
+          ) -> tuple[dict[str, LoopSeries], list[Note], int]:
+    """Take off what lies before a moment, or before an age of the last stamp of all series found. Return the loops that
+    are left, what is to be said, and the moment [microseconds since 1970 UTC]. Of signals with rows of their own the
+    last value before stays. Raises UsageError without times, InputError when no loop is left."""
+    given, age = parse_since(when, timezone)
+    last = max(axis.last() for axis in {item.axis for item in found})
+    if last == NAT:
+        raise UsageError("the data have no times", where=f"--since {when}", remedy="leave --since out")
+    moment = last - age if given is None else given
 
     @cache  # loops may share their rows
     def cut(axis: Axis, keep_one: bool) -> Axis:
         micros = axis.read()
-        before = (micros < moment) & (micros != NAT)
-        if keep_one and before.any():
-            before[np.argmax(np.where(before, micros, NAT))] = False
-        later = np.flatnonzero(~before & (micros != NAT))
-        first = int(later[0]) if len(later) else len(micros)
-        return axis.part(np.flatnonzero(~before) if before[first:].any() else slice(first, None))
+        keep = (micros >= moment) | (micros == NAT)
+        if keep_one and not keep.all():
+            keep[np.argmax(np.where(keep, NAT, micros))] = True
+        known = np.flatnonzero(keep & (micros != NAT))
+        first = int(known[0]) if len(known) else len(keep)
+        return axis.part(slice(first, None) if keep[first:].all() else np.flatnonzero(keep))
 
-    kept, without, lost = {}, [], []
+    kept: dict[str, LoopSeries] = {}
     for name, own in loops.items():
-        measured = own.roles.get("pv", [])
-        if not age and any(not item.axis.absolute for item in measured):
-            error = InputError("the times count from an unknown start", where=measured[0].axis.where,
-                               remedy="give --since as an age, such as 3h")
-            lost.append(failure(error, loop=name))
-            continue
-        of_pv = {item.axis for item in measured}  # no value of PV before the moment stays
+        of_pv = {item.axis for item in own.roles.get("pv", [])}  # no value of PV before the moment stays
         rest = own.changed(lambda axis, of_pv=of_pv: cut(axis, axis not in of_pv))  # type: ignore[misc]
-        if measured and "pv" not in rest.roles:
-            without.append(name)
-        else:
+        if not of_pv or "pv" in rest.roles:
             kept[name] = rest
-    text = f"{utc_text(moment)} UTC"
+    text, without = f"{utc_text(moment)} UTC", [name for name in loops if name not in kept]
     if without and not kept:
-        ends = "" if last is None else f"; the data end at {utc_text(last)} UTC"
-        raise InputError(f"no loop has data since {text}{ends}", where=f"--since {when}",
-                         remedy="give an earlier time, or an age such as 3d")
+        raise InputError(f"no loop has data since {text}; the data end at {utc_text(last)} UTC",
+                         where=f"--since {when}", remedy="give an earlier time, or an age such as 3d")
     notes = [Note("since", f"data before {text} were left out (--since {when})", {"since": text})]
     if without:
         said = f"{len(without)} of {len(loops)} loops have no data since {text} and were not computed: "
         notes.append(Note("nothing_since", said + _shown(without),
                           {"loops": float(len(without)), "names": ", ".join(without)}))
-    return kept, notes, lost, moment
+    return kept, notes, moment
 
 
 Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]

@@ -1,9 +1,7 @@
 """One recorded signal: its stamps and cells and where they lie; they are read when a loop asks for them.
 
-A text file holds its rows one after the other, an analysis wants one signal after the other: a Store keeps columns, in
-memory as long as they are few, else in one scratch file. That has no name where the system allows it, so nothing is
-left behind even when the program is killed.
-"""
+A Store keeps columns in memory as long as they are few, else in one scratch file, which has no name where the system
+allows it, so that nothing is left behind even when the program is killed."""
 
 from __future__ import annotations
 
@@ -11,7 +9,7 @@ import os
 import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import IO, Any, Protocol
+from typing import IO, Any
 from weakref import finalize
 
 import numpy as np
@@ -54,8 +52,7 @@ class Room:
         self._path = ""
 
     def spilled(self, column: NDArray[Any]) -> Spilled:
-        """Append a column to the scratch file, which other processes of this machine can read. Raises BacklashError
-        without room."""
+        """Append a column to the scratch file, which other processes can read. Raises BacklashError without room."""
         try:
             if self._file is None:
                 self._file = tempfile.NamedTemporaryFile("w+b", buffering=0, prefix="backlash-",  # noqa: SIM115
@@ -84,23 +81,11 @@ def _remove(file: IO[bytes]) -> None:
     os.unlink(file.name)
 
 
-class Rows(Protocol):
-    """Rows of a file; `column`: a name by which they know their columns; group: of which they are, if they are."""
-
-    def cells(self, column: str, first: int, last: int, group: int) -> Cells:
-        """Return the cells of rows first..last-1."""
-
-    def stamps(self, column: str, first: int, last: int, group: int) -> IntArray:
-        """Return the stamps of rows first..last-1 [microseconds since 1970 UTC], NAT where unreadable."""
-
-
 class Store:
-    """Columns of equal length that are written once, in pieces, and read often.
+    """Columns of equal length that are written once, in pieces, and read often; texts of "v3" by their places in "v3w".
 
-    Places of texts in the lexicon of a column "v3" stand in the column "v3w". grouped: numbers of the rows' groups
-    (tags) stand in the column "group" of each piece; rows are then kept group by group. stays: in memory, also when it
-    is sent elsewhere.
-    """
+    grouped: rows are kept by the numbers in the column "group" of each piece. stays: in memory, also when it is
+    sent."""
 
     def __init__(self, room: Room, *, grouped: bool = False, stays: bool = False) -> None:
         self.room, self.grouped, self.stays = room, grouped, stays
@@ -109,7 +94,6 @@ class Store:
         self.starts: list[IntArray] = []  # of each piece: where its groups begin, or its only one
 
     def add(self, piece: Piece) -> None:
-        """Take the next rows."""
         starts = np.array([0, len(next(iter(piece.values()))[:])])
         if not starts[1]:
             return
@@ -144,10 +128,12 @@ class Store:
         return parts[0] if len(parts) == 1 else np.concatenate(parts or [np.zeros(0)])
 
     def cells(self, column: str, first: int, last: int, group: int = 0) -> Cells:
+        """Return the cells of rows first..last-1 of a column."""
         values, lexicon = self.read(column, first, last, group), self.lexicons.get(column)
         return Cells(values, self.read(f"{column}w", first, last, group), lexicon) if lexicon else Cells(values)
 
     def stamps(self, column: str, first: int, last: int, group: int = 0) -> IntArray:
+        """Return the stamps of rows first..last-1 [microseconds since 1970 UTC], NAT where unreadable."""
         return self.read(column, first, last, group).astype(np.int64, copy=False)
 
     def emptied(self) -> Iterator[Piece]:
@@ -166,21 +152,17 @@ class Store:
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """Rows that belong together, and where their stamps lie, which all signals recorded in these rows share.
+    """Rows that belong together, and the `column` of their stamps, which all signals recorded in these rows share.
+    which: of the rows, or of those of a group. where:
+    file. first_line: line of row 0."""
 
-    column: of their stamps. which: of the rows, or of those of a group, these are. absolute: False for stamps that
-    count from an unknown start. where: file. first_line: line of row 0. end: the last stamp where it is known.
-    """
-
-    rows: Rows
+    rows: Any  # of a file, with the methods `cells` and `stamps` of a Store
     column: str
     which: range | IntArray
     group: int = 0
-    absolute: bool = True
     notes: tuple[Note, ...] = ()
     where: str = ""
     first_line: int = 0
-    end: int | None = None
 
     def __len__(self) -> int:
         return len(self.which)
@@ -204,28 +186,24 @@ class Axis:
         return self.rows.cells(column, *between)[taken]
 
     def pieces(self) -> Iterator[IntArray]:
-        """Yield all stamps, some rows at a time."""
         return (self.read(first, min(first + PIECE, len(self))) for first in range(0, len(self), PIECE))
 
     def first(self) -> int:
         """Return the first stamp that was read, 0 if there is none."""
         return next((int(piece[known][0]) for piece in self.pieces() if (known := piece != NAT).any()), 0)
 
-    def last(self) -> int | None:
-        """Return the last stamp, None if there is none."""
-        last = self.end if self.end is not None else max((int(p.max()) for p in self.pieces()), default=NAT)
-        return None if last == NAT else last
+    def last(self) -> int:
+        """Return the last stamp, NAT if there is none."""
+        return max((int(piece.max()) for piece in self.pieces()), default=NAT)
 
     def part(self, chosen: slice | IntArray) -> Axis:
-        """Return some of the rows."""
         if isinstance(chosen, slice):
             line = self.first_line and self.first_line + int(chosen.start or 0)
-            return replace(self, which=self.which[chosen], first_line=line, end=None)
-        return replace(self, which=np.asarray(self.which)[chosen], first_line=0, end=None)
+            return replace(self, which=self.which[chosen], first_line=line)
+        return replace(self, which=np.asarray(self.which)[chosen], first_line=0)
 
     def packed(self, columns: Iterable[str]) -> Axis:
-        """Return rows that lie in the scratch file of this machine with some columns of cells in memory; all others as
-        they are."""
+        """Return rows that lie in the scratch file of this machine with some columns in memory; others as they are."""
         if not isinstance(self.rows, Store):
             return self
         store = Store(Room(1 << 62), stays=True)
@@ -240,9 +218,9 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One signal of one file. tag: its name as written. loop, role, signal: that name taken apart. column: of the
-    file. stamps: place of its set of rows in the layout. quality: name of the column `marked` by which it is good or
-    not, "" if there is none. axis: its rows, once they are stored."""
+    """One signal of one file. tag: its name as written. loop, role, signal: that name taken apart. column: of the file.
+    stamps: its set of rows in the layout. quality: name of the column `marked` that says what is good, or "". axis: its
+    rows, once they are stored."""
 
     tag: str
     loop: str

@@ -1,22 +1,19 @@
-"""How a text file is written: delimiter, lines before the header, header, units row, decimal sign.
-
-Looks at some dozens of lines at the beginning and the end of the first thousands.
-"""
+"""How a text is written: delimiter, header, units row, decimal sign; told from its first thousands of lines."""
 
 from __future__ import annotations
 
 import contextlib
 import csv
-import io
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from itertools import islice
 
 from ..errors import InputError
-from .names import LOOP, TAG, VALUE, is_time_name, plain, signal_role, split_tag
+from .cells import decimal_sign
+from .names import COLUMNS, is_time_name, plain, signal_role, split_tag
 from .options import ReadOptions
 from .times import stamp_kind
 
@@ -24,19 +21,17 @@ _NUMBER = re.compile(
     r"^[+-]?(?:\d{1,3}(?:[ .,'’\u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?$"
     r"|^[+-]?(?:inf(?:inity)?|nan|1\.#\w+)$", re.IGNORECASE)
 _WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
+_LINE = re.compile(rb"[^\r\n]*(?:\r\n?|\n)|[^\r\n]+")
 COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 DELIMITERS = (",", ";", "\t", "|")
 HEAD_LINES = 4000
 Line = tuple[int, int, str]
-_DECIMAL_COMMA = re.compile(r"^\s*[+-]?(?:\d{1,3}(?:\.\d{3})+|\d+),\d+(?:[eE][+-]?\d+)?\s*(?:[^\d\s].*)?$")
-_DECIMAL_POINT = re.compile(r"^\s*[+-]?(?:\d*\.\d+|\d{1,3}(?:,\d{3})+\.\d*)\s*(?:[^\d\s].*)?$")
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """names: column names as written. offset, line: byte and line where the data begin. end: byte where the lines that
-    were looked at end. decimal: sign before the fraction. kinds: what each column holds in the first and last of them.
-    """
+    """names: of columns. offset, line: where the data begin. end: of what was looked at. kinds: what each column
+    holds."""
 
     delimiter: str
     names: tuple[str, ...]
@@ -48,8 +43,7 @@ class Dialect:
 
 
 def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> Dialect:
-    """Find how a text is written from its first lines. Raises InputError when there is no header line, no data, or
-    nothing that looks like columns."""
+    """Find how a text is written. Raises InputError without a header, data, or anything that looks like columns."""
     lines = lines_of(text)
     end = lines[HEAD_LINES][1] if len(lines) > HEAD_LINES else len(text)
     declared = re.match(r"^sep=(.)$", lines[0][2].strip()) if lines else None
@@ -77,8 +71,7 @@ def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> D
 
 
 def _delimiter(lines: list[str], first: list[str]) -> str:
-    """The delimiter that cuts the lines into equally many cells which look like times, numbers and words. first: the
-    first lines; a line of as many names among them speaks for a delimiter."""
+    """The one that cuts the lines into equally many times and numbers, and one of the `first` into names."""
     scores = dict.fromkeys(DELIMITERS, 0.0)
     for candidate in DELIMITERS:
         rows = [split_line(line, candidate) for line in lines]
@@ -94,14 +87,12 @@ def _delimiter(lines: list[str], first: list[str]) -> str:
 
 
 def _column_kinds(rows: list[list[str]], width: int) -> tuple[str, ...]:
-    """The kind of most filled cells of each column."""
     counted = [Counter(k for row in rows if (k := kind(row[column])) != "empty") for column in range(width)]
     return tuple(found.most_common(1)[0][0] if found else "empty" for found in counted)
 
 
 def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tuple[str, ...], header: int) -> int | None:
-    """The first row of data below the header that is followed by another. Such rows have stamps where the last rows
-    have them, or numbers in half of their number columns."""
+    """The first row with stamps, or half of its numbers, where the last rows have them, as has another soon after."""
     times = [i for i, k in enumerate(kinds) if k in ("time", "clock")]
     wanted = times or [i for i, k in enumerate(kinds) if k == "number"][:50]
 
@@ -119,14 +110,9 @@ def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tupl
 
 
 def _decimal(rows: list[list[str]], delimiter: str) -> str:
-    if delimiter == ",":
-        # quoted "405,12": a comma before other than three digits is no thousands separator
-        cells = [cell.strip() for row in rows for cell in row if "," in cell]
-        commas = all(re.match(r"-?\d+,\d+$", cell) for cell in cells)
-        return "," if commas and not all(re.match(r"-?[1-9]\d{0,2},\d{3}$", cell) for cell in cells) else "."
-    numbers = [re.sub(r"[ '’\u00a0\u202f](?=\d{3})", "", c) for row in rows for c in row if kind(c) == "number"]
-    comma, point = (sum(bool(form.match(cell)) for cell in numbers) for form in (_DECIMAL_COMMA, _DECIMAL_POINT))
-    return "," if comma > point else "."
+    numbers = [c for row in rows for c in row if kind(c) == "number" and (delimiter != "," or "," in c)]
+    only_commas = delimiter != "," and any("," in c for c in numbers) and not any("." in c for c in numbers)
+    return decimal_sign(numbers, "," if only_commas else ".")
 
 
 def _without_data(begun: list[list[str]], width: int, options: ReadOptions, where: str) -> InputError:
@@ -182,7 +168,7 @@ def score_names(cells: list[str]) -> float:
     for i, cell in enumerate(cells):
         if split_tag(cell).role or signal_role(cell):
             points += 1.0
-        elif is_time_name(cell) or plain(cell) in TAG | VALUE | LOOP:
+        elif is_time_name(cell) or any(plain(cell) in COLUMNS[kind] for kind in ("tag", "value", "loop")):
             points += 1.5 if i == 0 else 1.0
         elif kind(cell) in ("number", "time", "clock"):
             points -= 1.0
@@ -195,7 +181,7 @@ def _joined(names: list[str], other: list[str]) -> list[str]:
     result, upper = [], ""
     for cell, word in zip(high, low, strict=True):
         upper = cell or upper
-        result.append(f"{upper}.{word}" if upper and word and plain(word) not in VALUE else upper or word)
+        result.append(f"{upper}.{word}" if upper and word and plain(word) not in COLUMNS["value"] else upper or word)
     return result
 
 
@@ -204,6 +190,7 @@ def _fit(cells: Sequence[str], width: int) -> list[str]:
     return names + [""] * (width - len(names))
 
 
+@lru_cache(1 << 14)
 def kind(cell: str) -> str:
     """Return "empty", "time" (date, with or without clock), "clock", "number" or "text".
 
@@ -229,14 +216,13 @@ def split_line(line: str, delimiter: str) -> list[str]:
 def lines_of(text: bytes | bytearray) -> list[Line]:
     """Return (line number from 1, offset in bytes, text) of the first logical lines; quotes may hold line ends."""
     found: list[Line] = []
-    lines = list(islice(io.TextIOWrapper(io.BytesIO(text), "utf-8", newline=""), 2 * HEAD_LINES))
-    at = offset = 0
+    lines, at, offset = [match[0] for match in islice(_LINE.finditer(text), 2 * HEAD_LINES)], 0, 0
     while at < len(lines) and len(found) <= HEAD_LINES:
-        count = 1
-        if lines[at].count('"') % 2:  # an open quote: go on to the line that closes it, if one comes soon
-            count = next((k for k in range(2, 9) if "".join(lines[at : at + k]).count('"') % 2 == 0), 1)
-        line = "".join(lines[at : at + count])
-        found.append((at + 1, offset, line.rstrip("\r\n")))
-        offset += len(line.encode())
+        line, count = lines[at], 1
+        if line.count(b'"') % 2:  # an open quote: go on to the line that closes it, if one comes soon
+            count = next((k for k in range(2, 9) if b"".join(lines[at : at + k]).count(b'"') % 2 == 0), 1)
+            line = b"".join(lines[at : at + count])
+        found.append((at + 1, offset, line.decode().rstrip("\r\n")))
+        offset += len(line)
         at += count
     return found

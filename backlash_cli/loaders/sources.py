@@ -1,8 +1,5 @@
-"""What the command line names and where it lies: files, folders of exports, datasets, addresses, and their sidecars.
-
-`place` gives a Path for a path and a Remote for an address such as s3://, abfs:// or gs://, which fsspec opens. A
-Remote has the few methods of a Path that reading needs: nothing behind this door knows which of the two it has.
-"""
+"""What the command line names and where it lies: files, folders, datasets, addresses, and their sidecars. `place` gives
+a Path, or for an address such as s3:// a Remote, which has the few methods of a Path that reading needs."""
 
 from __future__ import annotations
 
@@ -23,18 +20,13 @@ from urllib.request import url2pathname
 
 from ..errors import BacklashError, InputError, MetadataError, nearest
 from ..settings import Metadata, parse_table, parse_toml
-from .names import LOOP, TAG, plain
+from .names import COLUMNS, WORDS, plain
 
 _FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|parquet|pq|xlsx|xlsm))?(?:\.(?:gz|zstd?|bz2|xz))?",
                    re.IGNORECASE | re.DOTALL)
 _PART = re.compile(r"(?:part|data|chunk)[-_.]\d", re.IGNORECASE)  # pieces of a dataset as Arrow, Spark, Dask call them
 _DATE = re.compile(r"[\d._-]+")
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+(?:://|::)")  # one letter before the colon is a drive of Windows
-_DRIVERS = {  # scheme -> what to install
-    "s3": "backlash[s3]", "s3a": "backlash[s3]", "abfs": "backlash[azure]", "abfss": "backlash[azure]",
-    "az": "backlash[azure]", "adl": "backlash[azure]", "gs": "backlash[gcs]", "gcs": "backlash[gcs]",
-    "http": "fsspec[http]", "https": "fsspec[http]", "sftp": "paramiko", "ssh": "paramiko", "smb": "smbprotocol",
-}  # fmt: skip
 _VERSIONS = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "created")  # as the stores call it
 BLOCK = 8 << 20  # bytes fetched at a time from an object
 
@@ -53,16 +45,11 @@ def place(given: str | PathLike[str]) -> Path | Remote:
 
 
 def open_place(path: Path | Remote) -> BinaryIO:
-    """Open a file for reading bytes."""
     return path.open_bytes() if isinstance(path, Remote) else open(path, "rb", buffering=0)
 
 
 class Remote(str):
-    """A file or folder behind an address; every failure is an InputError that says what to do. Credentials come from
-    where the drivers look for them (environment, ~/.aws, ~/.config/fsspec ...), never from here."""
-
-    def __getstate__(self) -> None:
-        """Send nothing beside the address to another process."""
+    """A file or folder behind an address, opened by fsspec; a failure is an InputError that says what to do."""
 
     @property
     def scheme(self) -> str:
@@ -99,8 +86,7 @@ class Remote(str):
         return self._info["type"] not in ("directory", "nothing")
 
     def stat(self) -> SimpleNamespace:
-        """Return the size as st_size, and as `version` what changes when the object does: its size, and its tag or
-        time; "" where the store gives neither. Raises FileNotFoundError when nothing is there."""
+        """Return st_size, and as `version` what changes with the object, "" if unknown. Raises FileNotFoundError."""
         info = self._info
         if info["type"] == "nothing":
             raise FileNotFoundError(self)
@@ -121,19 +107,15 @@ class Remote(str):
 
     @cached_property
     def _system(self) -> tuple[Any, str]:
-        try:
-            from fsspec.core import url_to_fs
-        except ImportError:
-            raise InputError(f"reading {self.scheme}:// needs fsspec", where=self,
-                             remedy=f"pip install '{_DRIVERS.get(self.scheme, 'backlash[remote]')}'") from None
         with self._in_words():
+            from fsspec.core import url_to_fs
+
             return url_to_fs(self)
 
     @cached_property
     def _info(self) -> dict[str, Any]:
         with self._in_words():
             system, path = self._system
-            web = self.scheme in ("http", "https")
             try:
                 found = dict(system.info(path))
             except FileNotFoundError as error:
@@ -143,8 +125,9 @@ class Remote(str):
                         getattr(reason, "status", 0) not in (404, 410)):
                     raise reason from None
                 return {"type": "nothing"}
-            kind = "directory" if self.partition("?")[0].endswith("/") else "file"
-            return {**found, "type": kind} if web else found
+            if self.scheme in ("http", "https"):
+                found["type"] = "directory" if self.partition("?")[0].endswith("/") else "file"
+            return found
 
     @contextlib.contextmanager
     def _in_words(self) -> Iterator[None]:
@@ -159,8 +142,9 @@ class Remote(str):
             if isinstance(error, FileNotFoundError):
                 what, remedy = "no such file or folder: not found", "check the address"
             elif isinstance(error, ImportError):
-                what = f"reading {self.scheme}:// needs a driver that is not installed ({line})"
-                remedy = f"pip install '{_DRIVERS.get(self.scheme, self.scheme)}'"
+                driver = "fsspec" if "fsspec" in line else "a driver"
+                what = f"reading {self.scheme}:// needs {driver} that is not installed ({line})"
+                remedy = f"pip install {WORDS['drivers'].get(self.scheme, 'backlash[remote]')!r}"
             elif (isinstance(error, PermissionError) or getattr(error, "status", None) in (401, 403)
                   or "credential" in type(error).__name__.lower()):
                 what = f"access denied: {line}"
@@ -169,14 +153,14 @@ class Remote(str):
                 from fsspec import available_protocols
 
                 what = f"no storage is called {self.scheme}://"
-                remedy = nearest(self.scheme, [*_DRIVERS, *available_protocols()])
+                remedy = nearest(self.scheme, [*WORDS["drivers"], *available_protocols()])
             raise InputError(what, where=self, remedy=remedy) from None
 
 
 @dataclass(frozen=True)
 class Source:
     """One file to read. partition: names and values of folders like loop=FIC101 on the way to it. beside: names of all
-    files in the same folder, None where they were not listed."""
+    files in its folder, None where they were not listed."""
 
     path: Path | Remote
     partition: dict[str, str] = field(default_factory=dict)
@@ -226,7 +210,7 @@ def _below(folder: Path | Remote) -> list[Source]:
         partition = {key: unquote(value) for key, equals, value in (part.partition("=") for part in way) if equals}
         # the nearest folder that is called after something: no key=value, no date
         home = next((part for part in reversed(way) if "=" not in part and not _DATE.fullmatch(part)), "")
-        named = any(plain(key) in LOOP | TAG for key in partition)
+        named = any(plain(key) in COLUMNS["loop"] | COLUMNS["tag"] for key in partition)
         here, beside = reduce(truediv, way_down, folder), frozenset(names)
         for name in sorted(filter(is_export, names)):
             own = {**partition, "loop": home} if home and not named and _PART.match(name) else partition
@@ -253,11 +237,9 @@ def stem_of(path: Path | Remote) -> str:
 
 
 def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source]) -> list[Path | Remote]:
-    """Return the metadata files that belong to the inputs: NAME.loops.toml next to it, else loops.toml in the folder. A
-    CSV table (NAME.loops.csv, loops.csv) is found the same way when there is no TOML."""
+    """Return the metadata files of the inputs: NAME.loops.toml beside them, else loops.toml, else the same in CSV."""
     @cache
     def first(folder: Path | Remote, *names: str, beside: frozenset[str] | None = None) -> Path | Remote | None:
-        """The first of these files in a folder; asked of its listing where there is one, which costs nothing."""
         for path in (folder / f"{name}.{ending}" for name in names for ending in ("toml", "csv")):
             with contextlib.suppress(InputError):  # some stores answer "denied" for an object that is not there
                 if path.name in beside if beside is not None else path.is_file():
@@ -276,8 +258,7 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
 
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:
-    """Read one metadata file: TOML with [defaults] and [loops.NAME], or a CSV table with a column `loop`. Raises
-    MetadataError naming file, line and key, with the nearest known ones."""
+    """Read loop settings: TOML, or a CSV table with a column `loop`. Raises MetadataError naming file, line and key."""
     path = place(path)
     try:
         with open_place(path) as file:

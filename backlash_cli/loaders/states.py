@@ -1,5 +1,4 @@
-"""Which samples count: quality words and codes, controller modes; frozen, saturated, implausible and missing samples
-marked, short holes filled."""
+"""Which samples count: qualities, modes; frozen, saturated, implausible, missing and filled samples."""
 
 from __future__ import annotations
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray, Note, SampleState
 from .cells import Cells
+from .names import WORDS
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
 AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
@@ -21,28 +21,20 @@ LEAST_CHANGES = 50  # changes that any working measurement shows in a record, ho
 RESOLVED = 3.0  # recorder steps that a usual change of a noisy signal is large
 OPPOSED = -0.2  # correlation of neighbouring changes below which there is noise
 QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still this long to be called frozen
-_GOOD = re.compile(r"^\s*(?:good|ok|gut|bon|valid|raw|normal|true|g|0xc0|0x000000c0|good[ ,(/:_\-].*)\s*$",
-                   re.IGNORECASE)
-_BAD = re.compile(r"^\s*(?:bad|uncertain|questionable|invalid|not ?good|schlecht|ungültig|false|b|u|0x0+|error|fail\w*|"
-                  r"(?:bad|uncertain)[ ,(/:_\-].*)\s*$", re.IGNORECASE)
-_DOUBT = re.compile(r"bad|uncertain|substitut|last ?(?:usable|known)|stale", re.IGNORECASE)
+_GOOD, _BAD, _DOUBT, _AUTO, _MANUAL = (re.compile("|".join(WORDS["words"][kind].split()), re.IGNORECASE)
+                                       for kind in ("good", "bad", "doubt", "automatic", "manual"))
 _ONE_IS_GOOD = re.compile(r"^(?!.*(?:inv|bad|not|un)).*(?:valid|good|gültig|gueltig)", re.IGNORECASE)
-_AUTO = re.compile(r"^(?:aut.*|a|cas.*|kas.*|c|r-?cas.*|remote.*|rsp|ext.*|r|bcas.*|b-?cas.*|on|true|prog.*|sup.*|"
-                   r"normal|closed.*|[123](?:\.0*)?)$", re.IGNORECASE)
-_MANUAL = re.compile(r"^(?:man.*|m|hand.*|h|lo|local.*|i-?man.*|iman.*|init.*|tr.*|oos|out.?of.?serv.*|rout|r-?out|"
-                     r"off|false|bman|force.*|hold|open.*|stop.*|0(?:\.0*)?)$", re.IGNORECASE)
 
 
 def quality_words(words: list[str]) -> bool:
     """Say whether texts are qualities, and no modes or states."""
-    plain = [word for word in words if len(word.strip()) > 1]
-    return bool(plain) and all(_GOOD.match(word) or _BAD.match(word) for word in plain) and any(
-        re.match(r"\s*(?:good|bad|gut|uncertain|0xc0)", word, re.IGNORECASE) for word in plain)
+    plain = [word.strip() for word in words if len(word.strip()) > 1]
+    return bool(plain) and all(_GOOD.fullmatch(word) or _BAD.fullmatch(word) for word in plain) and any(
+        re.match(r"good|bad|gut|uncertain|0xc0", word, re.IGNORECASE) for word in plain)
 
 
 def _numbers_or_words(cells: Cells, *, all_texts: bool) -> tuple[FloatArray | None, IntArray, list[str]]:
-    """Return (numbers, codes, words): the cells as numbers, None where their texts are something else. All texts have
-    to be numbers, or only some of them."""
+    """(numbers, codes, words) of cells: numbers are None where texts, all or some of them, are something else."""
     numbers, bad = cells.numbers()
     if not cells.is_text or (np.isfinite(numbers).any() and not (all_texts and bad.any())):
         return numbers, np.zeros(0, np.int64), []
@@ -57,18 +49,17 @@ def _named(further: tuple[str, ...]) -> tuple[set[str], list[float]]:
 
 def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, float] | None = None
                  ) -> tuple[NDArray[np.bool_], list[Note]]:
-    """Return (rows,) True where the quality says good. Numbers are OPC codes (192 and more), percents or 0/1.
-
-    further: words or numbers that mean good. name: of the column; Validity and its like are 1 where the row is good.
-    known: what the chunks of a loop before this one tell of its numbers; it is added to.
-    """
+    """Return (rows,) True where the quality says good. Numbers are OPC codes (192 and more), percents or 0/1. further:
+    words or numbers that mean good. name: Validity and its like are 1 where the row is good. known: what earlier chunks
+    tell."""
     numbers, codes, words = _numbers_or_words(cells, all_texts=True)
     extra, wanted = _named(further)
     if numbers is not None:
         if wanted or not np.isfinite(numbers).any():
             return np.isin(numbers, wanted) if wanted else np.ones(len(numbers), bool), []
         return _good_numbers(numbers, name, {} if known is None else known)
-    good = [word.strip().lower() in extra or (bool(_GOOD.match(word)) and not _DOUBT.search(word)) for word in words]
+    good = [word.strip().lower() in extra or (
+        bool(_GOOD.fullmatch(word.strip())) and not _DOUBT.fullmatch(word)) for word in words]
     if not any(good):  # only faults are marked: an empty cell is good
         note = Note("quality_words", f"no quality reads Good; rows marked {_some(words)} are dropped")
         return np.append(np.array(good, bool), True)[codes], [note]
@@ -95,16 +86,16 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, float]) -> tupl
 
 
 def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[Note]]:
-    """Return (rows,) 1 where the controller was in automatic (or cascade), 0 where not, nan where not recorded.
-    Numbers: 0 manual and 1, 2, 3 automatic or cascade; powers of two from 16 on as in Foundation Fieldbus."""
+    """Return (rows,) 1 where the controller was in automatic or cascade, 0 where not, nan where not recorded. Numbers:
+    0 is manual, 1 to 3 are not; powers of two from 16 on as in Foundation Fieldbus."""
     numbers, codes, words = _numbers_or_words(cells, all_texts=False)
     extra, named = _named(further)
     if numbers is not None:
         return _auto_numbers(numbers, named)
     texts = [word.strip().lower() for word in words]
-    auto = [text in extra or bool(_AUTO.match(text)) for text in texts]
+    auto = [text in extra or bool(_AUTO.fullmatch(text)) for text in texts]
     unknown = [word.strip() for word, text, yes in zip(words, texts, auto, strict=True)
-               if text and not yes and not _MANUAL.match(text)]
+               if text and not yes and not _MANUAL.fullmatch(text)]
     notes = [Note("mode_words", f"modes {_some(unknown)} are not known and count as not automatic (auto_modes in "
                   "loops.toml names further ones)")] if unknown else []
     states = [float(yes) if text else np.nan for text, yes in zip(texts, auto, strict=True)]
@@ -138,8 +129,7 @@ def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
 
 
 def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Fill holes (nan) of at most `longest` samples on a straight line between their neighbours. Holes at the ends and
-    next to a gap (a jump of `index`) stay. Returns (values, filled)."""
+    """Return (values, filled): holes (nan) of at most `longest` samples on a line, but not beside a jump of `index`."""
     starts, ends = runs(~np.isfinite(values))
     inner = (starts > 0) & (ends < len(values)) & (ends - starts <= longest)
     starts, ends = starts[inner], ends[inner]
@@ -207,18 +197,8 @@ def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
     return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))
 
 
-_KINDS = {  # what a sample is, later ones count more: (its state, the code of the note, its words)
-    "wild": (None, "implausible", "samples of PV far outside the range (spikes) were rejected"),
-    "filled": (SampleState.FILLED, "filled", "samples in short holes were interpolated"),
-    "interpolated": (SampleState.FILLED, "", ""),
-    "frozen": (SampleState.FROZEN, "frozen", "repeat one number for too long (PV constant or frozen)"),
-    "saturated": (SampleState.SATURATED, "saturated", "have the output at its limit"),
-    "lost": (SampleState.IMPLAUSIBLE, "", ""),
-    "missing": (SampleState.MISSING, "missing", "have no measurement"),
-    "setpoint": (SampleState.MISSING, "setpoint_missing", "have no setpoint"),
-    "output": (SampleState.MISSING, "output_missing", "have no output"),
-    "manual": (SampleState.MANUAL, "manual", "are not in automatic"),
-}
+_KINDS = {kind: (SampleState[state] if state else None, code, text)
+          for kind, (state, code, text) in WORDS["samples"].items()}
 
 
 def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
@@ -239,27 +219,20 @@ def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
 def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArray | None,
            interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int
            ) -> tuple[FloatArray, NDArray[np.uint8], dict[str, NDArray[np.bool_]]]:
-    """Say what each sample of a loop on its grid is. Return (measurement, state, marks): PV with short holes filled,
-    the SampleState of each sample, and where they are of the kinds of `state_notes`; a sample may be several things.
-
-    All are (samples,). index: grid numbers. sp, pv, op: normalised, None where not recorded. interpolated: the
-    measurement was not recorded there. manual: not in automatic. bridge: longest hole in samples that is filled.
-    """
+    """Return (measurement, state, marks): PV with holes of at most `bridge` samples filled, the SampleState of each
+    sample, and where they are of the kinds of `state_notes`. All are (samples,). index: grid numbers. sp, pv, op:
+    normalised, None where not recorded. interpolated: the measurement was not recorded there. manual: not in
+    automatic."""
     wild = implausible(pv)
     y, filled = short_holes(np.where(wild, np.nan, pv), index, bridge)
     missing = ~np.isfinite(y)
-    marks = {"wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild}
-    if interpolated is not None:
-        marks["interpolated"] = interpolated
-    if op is not None:
-        marks["saturated"] = saturated(op)
-    for name, values in (("setpoint", sp), ("output", op)):
-        if values is not None and not (known := np.isfinite(values)).all():
-            marks[name] = ~known
+    marks = {"wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild,
+             "interpolated": interpolated, "saturated": None if op is None else saturated(op),
+             "setpoint": None if sp is None else ~np.isfinite(sp), "output": None if op is None else ~np.isfinite(op)}
     state = np.zeros(len(index), np.uint8)
     for name, (value, _, _) in _KINDS.items():
         if name == "manual" and manual is not None:
             marks[name] = manual & (state != SampleState.MISSING) & (state != SampleState.IMPLAUSIBLE)
-        if name in marks and value is not None:
-            state[marks[name]] = value
-    return y, state, marks
+        if value is not None and (where := marks.get(name)) is not None:
+            state[where] = value
+    return y, state, {name: where for name, where in marks.items() if where is not None}

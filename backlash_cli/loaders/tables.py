@@ -1,20 +1,18 @@
-"""Files to signals: Arrow reads tables, whose columns go into memory or the scratch file, named and with their stamps.
-
-Text is read in blocks, Parquet in batches of rows or a column when a loop asks; both show their first rows as a Head.
-"""
+"""Files to signals: Arrow reads text in blocks, Parquet in batches of rows or a column when a loop asks."""
 
 from __future__ import annotations
 
 import contextlib
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from itertools import chain, islice
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 from numpy.typing import NDArray
@@ -53,21 +51,18 @@ class TextTable:
                              remedy="export it again with samples")
         self.head = Head(self.where, stem, dialect.names, tuple(first.columns), dialect.kinds, partition,
                          dialect.decimal, dialect.line)
-        self._first_bad = self._bad[0][0] if self._bad else None  # rows are numbered where one thread reads them
+        self.notes = text.notes
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
         """Yield the columns that are asked for, some rows at a time; to be called once. stamps: columns of stamps."""
-        by_pattern = "%" in (self.text.options.time_format or "")
         types: dict[int, pa.DataType | None] = {}
         for i in {*columns, *stamps}:  # as their first rows are, numbers as float64 and words as a dictionary
             kind = self.head.columns[i].type
-            if is_text(kind) or (i in stamps and by_pattern):
-                types[i] = _WORDS
-            elif i in stamps:
-                types[i] = None if pa.types.is_null(kind) else kind
-            else:
-                types[i] = pa.float64() if is_number(kind) or pa.types.is_null(kind) else pa.string()
-        self._bad = []
+            plain = pa.float64() if is_number(kind) or pa.types.is_null(kind) else pa.string()
+            types[i] = _WORDS if is_text(kind) or (i in stamps and "%" in (self.text.options.time_format or "")) else (
+                plain if i not in stamps else None if pa.types.is_null(kind) else kind)
+        # rows are numbered where one thread reads them
+        first_bad, self._bad = self._bad[0][0] if self._bad else None, []
         for block in chain([self.text.head[self.dialect.offset :]], self.text.rest):
             if block.isspace():
                 continue
@@ -78,21 +73,15 @@ class TextTable:
                 del self._bad[before:]
                 table = self._parsed(block, dict.fromkeys(types))
             yield {i: table.column(f"c{i}") for i in types}
-
-    @property
-    def notes(self) -> list[Note]:
-        """What was noticed, when all batches were read."""
-        if not self._bad:
-            return self.text.notes
-        line = "" if self._first_bad is None else f", the first is line {self.dialect.line + self._first_bad - 1}"
-        _, expected, found = self._bad[0]
-        return [*self.text.notes, Note(
-            "ragged_rows", f"{len(self._bad)} rows have too few or too many cells and were dropped{line} "
-            f"({found} columns instead of {expected})", {"rows": float(len(self._bad)), "file": self.where})]
+        if self._bad:
+            line = "" if first_bad is None else f", the first is line {self.dialect.line + first_bad - 1}"
+            _, expected, found = self._bad[0]
+            self.notes.append(Note(
+                "ragged_rows", f"{len(self._bad)} rows have too few or too many cells and were dropped{line} ({found} "
+                f"columns instead of {expected})", {"rows": float(len(self._bad)), "file": self.where}))
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:
-        """Read a block; types: of the columns that are read, None for all, as they look."""
         names = [f"c{i}" for i in range(len(self.dialect.names))]  # two columns of the file may be called the same
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
@@ -130,8 +119,7 @@ def _damaged(problem: str, path: Any) -> InputError:
 
 
 class ParquetTable:
-    """A Parquet file as a table: its first rows, all of it in batches, and rows of a column when they are asked for. It
-    can be sent to another process, which opens the file anew."""
+    """A Parquet file as a table, or as rows whose columns are read when asked for, also in another process."""
 
     def __init__(self, path: Any, stem: str, options: ReadOptions, partition: dict[str, str]) -> None:
         self.path, self.where, self.options = path.absolute(), str(path), options
@@ -194,24 +182,15 @@ class ParquetTable:
 Table = TextTable | ParquetTable
 
 
-@dataclass
-class Reading:
-    """How files are read. needed: says whether the samples of a signal are. taken: called with the bytes of a file that
-    were read."""
+def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Series], bool], room: Room,
+                    taken: Callable[[int], None]) -> tuple[list[Series], list[Note]]:
+    """Return the signals of a file, and what was noticed; a sheet of remarks is passed over. Raises InputError.
 
-    options: ReadOptions
-    needed: Callable[[Series], bool]
-    taken: Callable[[int], None] | None
-    room: Room
-
-
-def signals_of_file(source: Source, reading: Reading) -> tuple[list[Series], list[Note]]:
-    """Return the signals of a file, and what was noticed; a sheet of remarks beside one of data is passed over. Raises
-    InputError when it cannot be read."""
-    path, options, stem = source.path, reading.options, stem_of(source.path)
+    needed: says whether samples of a signal are. taken: called with the bytes that were read."""
+    path, stem = source.path, stem_of(source.path)
     kind = kind_of(path)
-    if kind == "parquet" and reading.taken is not None:
-        reading.taken(path.stat().st_size)
+    if kind == "parquet":
+        taken(path.stat().st_size)
     parts: list[tuple[str, bytes | None]] = [*sheets(path)] if kind == "workbook" else [(stem, None)]
     found: list[Series] = []
     notes: list[Note] = []
@@ -219,22 +198,23 @@ def signals_of_file(source: Source, reading: Reading) -> tuple[list[Series], lis
     for name, data in parts:
         try:
             table = ParquetTable(path, stem, options, source.partition) if kind == "parquet" else TextTable(
-                Text(path, options, reading.taken, data), stem if len(parts) == 1 else name, source.partition)
+                Text(path, options, taken, data), stem if len(parts) == 1 else name, source.partition)
             layout = layout_of(table.head, options)
         except InputError as error:
             problems.append(error)
             continue
-        found += _signals(table, layout, reading)
+        found += _signals(table, layout, options, needed, room)
         notes += table.notes
     if len(problems) == len(parts):
         raise problems[0]
     return found, notes
 
 
-def _signals(table: Table, layout: Layout, reading: Reading) -> list[Series]:
-    """Store what is needed of a file: stamps in UTC as "t0", "t1" ..., cells as "v3", "v4" ... Rows of several tags or
-    loops are put together by tag. A column of Parquet with stamps in UTC stays in the file until it is needed."""
-    head, options = table.head, reading.options
+def _signals(table: Table, layout: Layout, options: ReadOptions, is_needed: Callable[[Series], bool], room: Room
+             ) -> list[Series]:
+    """Store what is needed of a file, stamps in UTC as "t0" ..., cells as "v3" ..., rows of several tags by tag; a
+    column of Parquet with stamps in UTC stays in the file."""
+    head = table.head
     blank = {i for i in layout.stored if pa.types.is_null(head.columns[i].type)}
     kinds = [head.columns[i].type for pair in layout.stamps for i in pair]
     if not layout.naming and isinstance(table, ParquetTable) and len(kinds) == len(layout.stamps) and all(
@@ -243,10 +223,10 @@ def _signals(table: Table, layout: Layout, reading: Reading) -> list[Series]:
         return _on_axes(signals_of(head, layout, blank), axes, layout)
     columns = layout.stored
     if not layout.naming:  # what is still blank may be a tag of the loops file
-        needed = {i for one in signals_of(head, layout) if reading.needed(one) for i in (one.column, one.marked)}
+        needed = {i for one in signals_of(head, layout) if is_needed(one) for i in (one.column, one.marked)}
         columns = [i for i in columns if i in needed or i in blank]
     readers = [StampReader([head.names[i] for i in pair], options, head.where) for pair in layout.stamps]
-    raw, store, tags, blank = Store(reading.room), Store(reading.room), dict[str, int](), set(columns)
+    raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
     for batch in table.batches([*columns, *layout.naming], {i for pair in layout.stamps for i in pair}):
         piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
@@ -264,10 +244,10 @@ def _signals(table: Table, layout: Layout, reading: Reading) -> list[Series]:
         store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
     store.lexicons = {f"v{i}": Lexicon(list(found), head.decimal) for i, found in words.items() if found}
     count = int(store.rows().sum())
-    axes = [Axis(store, f"t{k}", range(count), absolute=reader.absolute, notes=reader.all_notes, where=head.where,
-                 first_line=head.first_line) for k, reader in enumerate(readers)]
+    axes = [Axis(store, f"t{k}", range(count), notes=reader.all_notes, where=head.where, first_line=head.first_line)
+            for k, reader in enumerate(readers)]
     if layout.naming:
-        return _by_tag(axes[0], store, tags, blank, head, layout, reading)
+        return _by_tag(axes[0], store, tags, blank, head, layout)
     return _on_axes(signals_of(head, layout, blank), axes, layout)
 
 
@@ -280,12 +260,8 @@ def _on_axes(signals: list[Series], axes: list[Axis], layout: Layout) -> list[Se
 def _numbered(batch: Batch, naming: Sequence[int], head: Head, tags: dict[str, int]) -> NDArray[np.int32]:
     """Return the number of each row's tag, -1 for none, such as a header in between; new tags are added."""
     header = ".".join(head.names[i].strip() for i in naming)
-    codes, words = codes_and_words(batch[naming[0]])
-    if len(naming) == 2:
-        second, fields = codes_and_words(batch[naming[1]])
-        both = np.where((codes < 0) | (second < 0), -1, codes * max(len(fields), 1) + second)
-        present, codes = np.unique(both, return_inverse=True)
-        words = ["" if p < 0 else f"{words[p // len(fields)]}.{fields[p % len(fields)]}" for p in present.tolist()]
+    codes, words = codes_and_words(batch[naming[0]] if len(naming) == 1 else pc.binary_join_element_wise(
+        *(batch[i].cast(pa.string()) for i in naming), "."))
     table = np.full(len(words) + 1, -1, np.int32)
     for i in np.flatnonzero(np.bincount(codes + 1)[1:]).tolist():
         if (name := words[i].strip()) and name != header:
@@ -293,39 +269,35 @@ def _numbered(batch: Batch, naming: Sequence[int], head: Head, tags: dict[str, i
     return table[codes]
 
 
-def _by_tag(all_rows: Axis, store: Store, tags: Collection[str], blank: set[int], head: Head, layout: Layout,
-            reading: Reading) -> list[Series]:
-    """Put the rows of each tag, or of each loop of a tall file, together; of those that are needed."""
+def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], head: Head, layout: Layout
+            ) -> list[Series]:
+    """Put the rows of each tag, or of each loop of a tall file, together."""
     tall = layout.kind == "tall"
     moved, notes = ([], []) if tall else _one_clock(store, f"v{layout.values[0]}", len(tags))
-    named = [[Series(f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i], i)
-              for i in layout.values if i not in blank] if tall else [of_tag(head, layout, name, layout.values[0])]
-             for name in tags]
-    wanted = np.array([any(map(reading.needed, ones)) for ones in named] + [False])
-    grouped, first, last = Store(reading.room, grouped=True), 0, NAT
+    grouped, first = Store(store.room, grouped=True), 0
     grouped.lexicons = store.lexicons
     for piece in store.emptied():
-        arrays: Piece = {name: column[:] for name, column in piece.items()}
-        micros, keep = arrays["t0"][:].astype(np.int64, copy=False), wanted[arrays["group"][:]]
+        micros = piece["t0"][:]
         for row, shift in moved:
             micros = np.where((np.arange(first, first + len(micros)) > row) & (micros != NAT), micros + shift, micros)
-        first, last = first + len(micros), max(last, int(micros.max(initial=NAT)))
-        arrays["t0"] = micros
-        if not tall:  # rows without a stamp, such as headers in between, are no samples
-            keep &= micros != NAT
-        grouped.add(arrays if keep.all() else {name: column[:][keep] for name, column in arrays.items()})
+        first += len(micros)
+        # rows without a stamp, such as headers in between, are no samples
+        keep = (piece["group"][:] >= 0) & (tall | (micros != NAT))
+        grouped.add({name: (micros if name == "t0" else column[:])[keep] for name, column in piece.items()})
     found = []
-    for number, ones in enumerate(named):
-        count = int(grouped.rows(number).sum())
-        axis = replace(all_rows, rows=grouped, which=range(count), group=number, first_line=0,
-                       notes=(*all_rows.notes, *notes), end=None if wanted[number] else last)
-        found += [replace(one, axis=axis) for one in ones if count or not wanted[number]]
+    for number, name in enumerate(tags):
+        if count := int(grouped.rows(number).sum()):
+            own = replace(axis, rows=grouped, which=range(count), group=number, first_line=0,
+                          notes=(*axis.notes, *notes))
+            found += [replace(one, axis=own) for one in (
+                [Series(f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i], i)
+                 for i in layout.values if i not in blank] if tall else [of_tag(head, layout, name, layout.values[0])])]
     return found
 
 
 def _one_clock(store: Store, column: str, tags: int) -> tuple[list[tuple[int, int]], list[Note]]:
-    """A clock that was set back in a file written in time order went back for all tags, the rarely recorded too. Return
-    after which rows by how much [microseconds] it did, and what is to be said of it."""
+    """A clock set back in a file in time order went back for all tags, the rarely recorded too. Return after which rows
+    by how much [microseconds] it did, and what is to be said of it."""
     back: list[int] = []
     first, before, counts = 0, -(1 << 62), np.zeros(tags + 1, np.int64)
     for piece in store.pieces:

@@ -1,9 +1,5 @@
-"""Stamps of every usual kind to microseconds since 1970-01-01 UTC, block by block.
-
-Written dates are read by one expression for the whole column and arithmetic on its parts. Which of day and month comes
-first is known when all blocks were seen: until then a stamp with an open date is packed from the numbers of its date
-and its time of day.
-"""
+"""Stamps of every usual kind to microseconds since 1970-01-01 UTC, block by block. Which of day and month comes first
+is known at the end: until then an open date is packed from its numbers and its time of day."""
 
 from __future__ import annotations
 
@@ -20,7 +16,7 @@ from ..errors import InputError
 from ..record import FloatArray, IntArray, Note
 from .cells import codes_and_words, is_number, is_text, plain_numbers, to_array
 from .grid import DAY, HOUR, NAT, SECOND
-from .names import plain
+from .names import WORDS, plain
 from .options import ReadOptions
 
 LETTER = r"[^\x00-@\[-`{-\x7f]"  # also of other alphabets; \pL takes forty times as long to compile
@@ -38,40 +34,17 @@ _REWRITTEN = (  # quotes, East Asian date signs, the year at the end
     (rf"^\s*{LETTER}{{3}}\s+({LETTER}{{3}}\s+\d{{1,2}})\s+(\d{{1,2}}:\d{{2}}:\d{{2}})\s+((?:[A-Z]{{3,4}}\s+)?)(\d{{4}})"
      r"\s*$", r"\1 \4 \2 \3"),
 )  # fmt: skip
-_MONTHS = ("jan ene gen jän january januar janvier enero gennaio januari janeiro",
-           "feb fév fev february februar février febrero febbraio februari fevereiro",
-           "mar mär mrz maa march märz mars marzo maart março maerz", "apr avr abr april avril abril aprile",
-           "may mai maj mei mag mayo maggio maio", "jun jui giu june juni juin junio giugno junho",
-           "jul lug july juli juillet julio luglio julho juil",
-           "aug aoû ago aou august août agosto augustus augusti aout",
-           "sep set sept september septembre septiembre settembre setembro",
-           "oct okt ott out october oktober octobre octubre ottobre outubro",
-           "nov november novembre noviembre novembro",
-           "dec dez déc dic des december dezember décembre diciembre dicembre dezembro")
-MONTH = {word: number for number, words in enumerate(_MONTHS, 1) for word in words.split()}
-ZONES = {"Z": 0, "UTC": 0, "GMT": 0, "UT": 0, "WET": 0, "WEST": 60, "BST": 60, "CET": 60, "MEZ": 60, "CEST": 120,
-         "MESZ": 120, "EET": 120, "EEST": 180, "MSK": 180, "EST": -300, "EDT": -240, "CST": -360, "CDT": -300,
-         "MST": -420, "MDT": -360, "PST": -480, "PDT": -420, "AKST": -540, "AKDT": -480, "HST": -600, "JST": 540,
-         "KST": 540, "SGT": 480, "HKT": 480, "AEST": 600, "AEDT": 660, "AWST": 480}
+MONTH = {word: int(number) for number, words in WORDS["months"].items() for word in words.split()}
+ZONES: dict[str, int] = WORDS["zones"]
 LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
 _OPEN, _SHIFT = NAT + 1, 38  # from _OPEN on, below -LIMIT: the numbers of an open date above so many bits of its clock
 _FIRST_YEAR, _YEARS = 1800, 1000  # of dates that may be open
-_FACTORS = {  # unit of numbers: (microseconds, zero, counted from a known moment)
-    "epoch_s": (1e6, 0.0, True), "epoch_ms": (1e3, 0.0, True), "epoch_us": (1.0, 0.0, True),
-    "epoch_ns": (1e-3, 0.0, True), "excel": (float(DAY), 25569.0, True), "labview": (1e6, 2082844800.0, True),
-    "filetime": (0.1, 116444736e9, True), "seconds": (1e6, 0.0, False), "millis": (1e3, 0.0, False),
-    "minutes": (6e7, 0.0, False), "hours": (3.6e9, 0.0, False),
-}  # fmt: skip
-_SIZES = ((1.2e17, 1.5e17, "filetime"), (1e17, 1e19, "epoch_ns"), (1e14, 1e17, "epoch_us"), (1e11, 1e14, "epoch_ms"),
-          (3.4e9, 4.2e9, "labview"), (1e8, 3.4e9, "epoch_s"))  # fmt: skip
-_NAMED = (("millis", ("ms",), ("ms", "msec")), ("minutes", ("min", "minutes"), ("min",)),
-          ("hours", ("hours", "timeh"), ("h", "hours")))  # unit: ends of a column's name, words in brackets behind it
+_UNITS: dict[str, tuple[float, float, bool]] = WORDS["stamps"]["unit"]
 
 
 def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
-    """Read texts as dates with or without a time of day, or as times of day. Return (micros, zoned, of_day): (words,)
-    microseconds, NAT where nothing was read, packed where it is open what is day and what is month; (words,) they carry
-    an offset; the texts are times of day only."""
+    """Read texts as dates, with or without a time of day, or as times of day. Return (micros, zoned, of_day): (words,)
+    NAT where nothing was read, packed where the date is open; (words,) they carry an offset; all are times of day."""
     text, rest, of_day = pa.array(words, pa.string()), np.arange(len(words)), False
     micros, zoned = np.full(len(words), NAT), np.zeros(len(words), bool)
     for form, rewritten in ((_DATED, ()), (_DATED, _REWRITTEN), (_COMPACT, ()), (_OF_DAY, ())):
@@ -124,16 +97,12 @@ def _stamps(fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
     unclear = (a >= 0) & ~year_first & (b >= 0)
     bad |= unclear & ((a >= 100) | (year < _FIRST_YEAR) | (year >= _FIRST_YEAR + _YEARS))
     packed = _OPEN + ((((year - _FIRST_YEAR) * 100 + b) * 100 + a) << _SHIFT) + clock + DAY
-    return np.where(bad, NAT, np.where(unclear, packed, _at(days, clock))), zoned
+    return np.where(bad, NAT, np.where(unclear, packed, (days + clock.astype("m8[us]")).astype(np.int64))), zoned
 
 
 def _unpacked(stamps: IntArray) -> tuple[IntArray, IntArray]:
     """(number of the date, time of day) of open stamps."""
     return (stamps - _OPEN) >> _SHIFT, ((stamps - _OPEN) & ((1 << _SHIFT) - 1)) - DAY
-
-
-def _at(days: IntArray, clock: IntArray) -> IntArray:
-    return np.where(days == NAT, NAT, np.where(days == NAT, 0, days) * DAY + clock)
 
 
 def _looked_up(texts: pa.Array, value: Callable[[str], int]) -> IntArray:
@@ -161,12 +130,12 @@ def full_year(year: IntArray) -> IntArray:
     return np.where(year < 70, year + 2000, np.where(year < 100, year + 1900, year))
 
 
-def days_of(year: IntArray, month: IntArray, day: IntArray) -> IntArray:
-    """Days since 1970-01-01; NAT where there is no such day."""
+def days_of(year: IntArray, month: IntArray, day: IntArray) -> NDArray[np.datetime64]:
+    """Days as datetime64, NaT where there is no such day."""
     bad = (month < 1) | (month > 12) | (day < 1) | (day > 31) | (year < 1) | (year > 9999)
     months = (12 * (np.where(bad, 1970, year) - 1970) + np.where(bad, 1, month) - 1).astype("datetime64[M]")
     days = months.astype("datetime64[D]") + (np.where(bad, 1, day) - 1)
-    return np.where(bad | (days.astype("datetime64[M]") != months), NAT, days.astype(np.int64))
+    return np.where(bad | (days.astype("datetime64[M]") != months), np.datetime64("NaT"), days)
 
 
 def _readings(numbers: IntArray) -> dict[str, tuple[IntArray, ...]]:
@@ -183,12 +152,11 @@ class StampReader:
     def __init__(self, names: Sequence[str], options: ReadOptions, where: str) -> None:
         self.name, self.options, self.where, self.form = names[0], options, where, options.time_format or ""
         self.notes: list[Note] = []
-        self.absolute = True
         self._zones: set[bool | None] = set()  # stamps carry an offset, carry none, or need none
         self._shown = self._shown_open = ""  # a text that is none, and one with an open date
         self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
         self._unit = ""  # of stamps that are numbers
-        self._of_day: tuple[int, int] | None = None  # last time of day without a date, and days since the first
+        self._of_day: int | None = None  # last time of day without a date, counted on past midnight
         self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
         self._last: int | None = None  # stamp of the last row, and whether it lay in such an hour
         self._within = False
@@ -197,11 +165,12 @@ class StampReader:
         """Return the stamps of the next rows, to be given to what `finish` returns."""
         column = columns[0]
         if len(columns) == 2 and "%" in self.form:
-            date = self._texts(column)
+            day = self._texts(column)
             clock = read_dates([text or "" for text in columns[1].cast(pa.string()).to_pylist()])[0]
-            return np.where((date == NAT) | (clock == NAT), NAT, date + clock % DAY)
+            return np.where((day == NAT) | (clock == NAT), NAT, day + clock % DAY)
         if len(columns) == 2:
-            column = pc.binary_join_element_wise(*(part.cast(pa.string()) for part in columns), " ")
+            date = pc.replace_substring_regex(column.cast(pa.string()), r"[T ]0?0:00(:00(\.0*)?)?$", "")
+            column = pc.binary_join_element_wise(date, columns[1].cast(pa.string()), " ")
         if pa.types.is_dictionary(column.type) and not is_text(column.type.value_type):
             column = column.cast(column.type.value_type)
         kind = column.type
@@ -220,8 +189,8 @@ class StampReader:
                          remedy="name the time column")
 
     def finish(self) -> Callable[[IntArray], IntArray]:
-        """Return what gives the stamps in UTC, to be called for all rows in file order. `notes` are complete after
-        that. Raises InputError when there were no stamps, or when day and month cannot be told apart."""
+        """Return what gives the stamps in UTC, to be called for all rows in file order. Raises InputError when there
+        were none, or when day and month cannot be told apart."""
         if not self._zones:
             what = f"readable time stamps (for example {self._shown!r})" if self._shown else "time stamps"
             raise InputError(f"time column {self.name!r} holds no {what}", where=self.where,
@@ -237,7 +206,7 @@ class StampReader:
             if is_open.any():
                 numbers, clock = _unpacked(stamps[is_open])
                 stamps = stamps.copy()
-                stamps[is_open] = _at(days_of(*_readings(numbers)[order]), clock)
+                stamps[is_open] = (days_of(*_readings(numbers)[order]) + clock.astype("m8[us]")).astype(np.int64)
             return stamps if zone is None else self._utc(stamps, zone)
 
         return resolved
@@ -249,17 +218,18 @@ class StampReader:
         return (*self.notes, *[Note("dst_repeated_hour", f"{text}file order")][: self._doubled])
 
     def _utc(self, micros: IntArray, zone: ZoneInfo) -> IntArray:
-        """The next rows in UTC; after the clock went back (a step of more than half an hour in the doubled hour) the
-        second offset holds."""
+        """The next rows in UTC; after a step back of half an hour in the doubled hour the second offset holds."""
         known = np.flatnonzero(micros != NAT)
         if not len(known):
             return micros
         import pandas as pd
 
         local = micros[known]
-        walls = pd.DatetimeIndex(local.astype("datetime64[us]"))
-        first, second = (walls.tz_localize(zone, ambiguous=np.full(len(local), summer), nonexistent=pd.Timedelta("1h")
-                                           ).asi8 for summer in (True, False))
+        near = local.clip(-DAY * 700_000, DAY * 2_900_000)  # what a calendar knows
+        walls = pd.DatetimeIndex(near.astype("datetime64[us]"))
+        first, second = (local - near + walls.tz_localize(
+            zone, ambiguous=np.full(len(local), summer), nonexistent=pd.Timedelta("1h")).asi8
+            for summer in (True, False))
         doubled = first != second
         back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
         count = self._back + np.cumsum(back)
@@ -272,23 +242,17 @@ class StampReader:
         return out
 
     def _seen(self, micros: IntArray, zoned: NDArray[np.bool_]) -> IntArray:
-        """Return stamps; note whether there are any, and whether they carry offsets."""
         self._zones |= set(np.unique(zoned[micros != NAT]).tolist())
         return micros
 
     def _past_midnight(self, micros: IntArray) -> IntArray:
-        """Times of day without a date: count on past midnight."""
         if self._of_day is None:
             self.notes.append(Note("relative_time", "times of day without a date: shown from 1970-01-01"))
-        known = np.flatnonzero(micros != NAT)
-        last, days = self._of_day or (int(micros[known[0]]) if len(known) else 0, 0)
-        out = micros.copy()
-        if len(known):
-            self._zones.add(None)
-            passed = days + np.cumsum(np.diff(micros[known], prepend=last) < -DAY // 2)
-            out[known] += passed * DAY
-            last, days = int(micros[known[-1]]), int(passed[-1])
-        self._of_day = last, days
+        known, out = np.flatnonzero(micros != NAT), micros.copy()
+        last = self._of_day or int(micros[known[:1]].sum())
+        out[known] += (last // DAY + np.cumsum(np.diff(micros[known], prepend=last % DAY) < -DAY // 2)) * DAY
+        self._zones |= {None} if len(known) else set()
+        self._of_day = int(out[known[-1]]) if len(known) else last
         return out
 
     def _texts(self, column: pa.ChunkedArray | pa.Array) -> IntArray:
@@ -319,11 +283,10 @@ class StampReader:
         is_open = np.flatnonzero(_is_open(micros))
         self._shown_open = self._shown_open or (words[is_open[0]].strip() if len(is_open) else "")
         numbers, clocks = _unpacked(micros[is_open])
-        days, begins, counts = np.unique(numbers, return_index=True, return_counts=True)
-        ends = len(numbers) - 1 - np.unique(numbers[::-1], return_index=True)[1]
-        for k in np.argsort(begins).tolist():  # in the order in which they stand in the file
-            seen = self._open.setdefault(int(days[k]), [int(clocks[begins[k]]), 0, 0])
-            seen[1:] = int(clocks[ends[k]]), seen[2] + int(counts[k])
+        for day in dict.fromkeys(numbers.tolist()):  # in the order in which they stand in the file
+            own = clocks[numbers == day]
+            seen = self._open.setdefault(day, [int(own[0]), 0, 0])
+            seen[1:] = int(own[-1]), seen[2] + len(own)
         return np.append(self._seen(micros, zoned), NAT)[codes]
 
     def _date_order(self) -> str:
@@ -339,7 +302,7 @@ class StampReader:
         # with the right one the time goes on over midnight, where every other one jumps
         jumps = {}
         for kind in fitting if len(self._open) > 1 else ():
-            days = days_of(*readings[kind])
+            days = days_of(*readings[kind]).astype(np.int64)
             ahead = np.abs(np.diff(days) + (first[1:] - last[:-1]) / DAY) if days.min() != NAT else np.array([np.inf])
             jumps[kind] = float(np.sum(ahead)), float(np.max(ahead))
         best, *others = sorted(jumps, key=lambda kind: jumps[kind]) or [""]
@@ -358,27 +321,25 @@ class StampReader:
             remedy="say it with --time-format dmy, mdy or a pattern such as '%d/%m/%Y %H:%M:%S'")
 
     def _numbers(self, values: FloatArray) -> IntArray:
-        """Numeric stamps: epoch seconds to nanoseconds, spreadsheet days, or seconds from an unknown start."""
         known = values[np.isfinite(values)]
         if not len(known):
             return np.full(len(values), NAT)
         if not self._unit:
             self._unit = self.form or _unit_of(known, self.name)
-            if self._unit not in _FACTORS and self._unit != "digits":
+            if self._unit not in _UNITS and self._unit != "digits":
                 raise InputError(f"column {self.name!r} holds numbers, not {self._unit!r} stamps", where=self.where,
                                  remedy="mend --time-format")
             if self._unit == "excel":
                 self.notes.append(Note("time_format", "times are spreadsheet day numbers (days since 1899-12-30)"))
-            self.absolute = _FACTORS.get(self._unit, (0, 0, True))[2]
-            if not self.absolute:
+            if not _UNITS.get(self._unit, (0, 0, True))[2]:
                 self.notes.append(Note("relative_time", f"times of {self.name!r} count from an unknown start; shown "
                                        "from 1970-01-01"))
         if self._unit == "digits":
             codes, words = codes_and_words(pa.array(values, from_pandas=True).cast(pa.int64(), safe=False).cast(
                 pa.string()))
             return np.append(self._seen(*read_dates(words)[:2]), NAT)[codes]
-        self._zones.add(None if self._unit.startswith("epoch") or not self.absolute else False)
-        factor, zero, _ = _FACTORS[self._unit]
+        factor, zero, absolute = _UNITS[self._unit]
+        self._zones.add(None if self._unit.startswith("epoch") or not absolute else False)
         with np.errstate(over="ignore", invalid="ignore"):
             scaled = (values - zero) * factor
             if self._unit == "excel":
@@ -399,15 +360,15 @@ def _unit_of(known: FloatArray, name: str) -> str:
     if any(known.min() >= size and known.max() < 1.16 * size for size in (1.9e13, 1.9e11)) and not np.any(known % 1):
         return "digits"  # 20260317080000 or 202603170800
     middle = float(np.median(np.abs(known)))
-    for low, high, unit in _SIZES:
-        if low <= middle < high:
-            return unit
+    if of_size := [unit for low, high, unit in WORDS["stamps"]["size"] if low <= middle < high]:
+        return str(of_size[0])
     steps = np.diff(known[:1000])
     step = float(np.median(np.abs(steps[steps != 0]))) if np.any(steps != 0) else 1.0
     if 20_000 < middle < 80_000 and step < 0.5 and np.any(known % 1 != 0):
         return "excel"
     bracket = name.lower().rstrip(")] ").replace("[", "(").rpartition("(")[2].strip()
-    return next((unit for unit, ends, words in _NAMED if plain(name).endswith(ends) or bracket in words), "seconds")
+    return next((unit for unit, ends, words in WORDS["stamps"]["name"]
+                 if plain(name).endswith(tuple(ends)) or bracket in words), "seconds")
 
 
 def micros_of(column: pa.ChunkedArray | pa.Array) -> IntArray:

@@ -234,3 +234,16 @@ def test_the_whole_file_tells_day_from_month_where_date_and_time_stand_apart(tmp
     rows = [f"{str(t)[8:10]}/04/2026,{str(t)[11:]},0.5,0.{400 + k % 7},0.{300 + k % 5}" for k, t in enumerate(stamps)]
     record = read(save(tmp_path, "\n".join(["date,time,A.SP,A.PV,A.OP", *rows])))["A"]
     assert record.start == stamps[0].astype(int) and record.interval == 10.0 and len(record) == 9000
+
+
+def test_a_date_at_midnight_beside_the_time_of_day(tmp_path):
+    """As data bases write a date that stands in a column of its own."""
+    path = save(tmp_path, wide(lambda t: t.strftime("%Y-%m-%d 00:00:00,%H:%M:%S"), time_name="Date,Time"))
+    equals_the_recording(read(path)["FIC101"])
+
+
+def test_a_workbook_may_have_date_and_time_of_day_in_two_columns(tmp_path):
+    pytest.importorskip("python_calamine", reason="python-calamine is not installed: pip install 'backlash[excel]'")
+    head, *body = wide_rows()
+    rows = [["Date", "Time", *head[1:]], *([row[0].date(), row[0].time(), *row[1:]] for row in body)]
+    equals_the_recording(read(book(tmp_path, {"Data": rows}))["FIC101"])

@@ -1,0 +1,75 @@
+"""The engineering spans of a loop: given, or guessed from its data."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import LoopError
+from ..record import FloatArray, LoopSettings, Note
+from .schema import Settings
+
+SLACK = 0.05  # of a span: noise around the end of a range
+
+
+def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray]) -> tuple[LoopSettings, list[Note]]:
+    """Decide the spans of one loop after the contract; return its settings on normalised signals, and what was guessed.
+    pv: (samples,) measurement, and setpoint where there is one; op: output, if recorded. Raises LoopError
+    (missing_range) for a gain whose spans are not known."""
+    notes: list[Note] = []
+    loop, guessed = settings.loop, []
+    for name, given, signals in (("pv_range", settings.pv_range, pv), ("op_range", settings.op_range, op)):
+        if given is not None:
+            loop = loop.with_values(loop.source[name], **{name: given})
+            continue
+        values = np.concatenate([part[np.isfinite(part)] for part in (*signals, np.zeros(0))])
+        low, high = _bounds(values)
+        if low >= -SLACK and high <= 1.0 + SLACK:
+            span = 0.0, 1.0
+        elif name == "op_range" and low >= -5.0 and high <= 105.0 and np.quantile(values, 0.05) >= -SLACK:
+            span = 0.0, 100.0
+            notes.append(Note("op_percent", "op_range is not given: output within 0..100 is taken as percent"))
+        else:
+            # from zero where the values do not come near it, else round at both ends
+            span = (-_round_up(-low * 1.05) if low < 0.0 else 0.0,
+                    _round_up(high * 1.05 or 1.0) if high > 0.0 or low >= 0.0 else 0.0)
+            guessed.append((name, *span))
+        loop = loop.with_values("data", **{name: span})
+    if guessed and settings.loop.K is not None and not settings.engineering:
+        names = " and ".join(name for name, _, _ in guessed)
+        raise LoopError(
+            f"K is given but {names} is not, and the values are not within 0..1: K has no meaning without its span",
+            remedy=f'add {names} = [low, high] to loops.toml, or units = "engineering" if K is in output units per '
+            "measurement unit", code="missing_range")
+    for name, low, high in guessed:
+        notes.append(Note(f"guessed_{name}", f"{name} is not given: scaled by {low:g}..{high:g}, a guess from the data",
+                          {"low": low, "high": high}))
+    if settings.engineering:
+        ratio = (loop.pv_range[1] - loop.pv_range[0]) / (loop.op_range[1] - loop.op_range[0])
+        loop = replace(loop, K=None if loop.K is None else loop.K * ratio, Kp=None if loop.Kp is None
+                       else loop.Kp / ratio)
+    return loop, notes
+
+
+def _bounds(values: FloatArray) -> tuple[float, float]:
+    """Lowest and highest of finite values, without the outermost thousandth and spikes far from all others."""
+    if not len(values):
+        return 0.0, 1.0
+    ends = float(values.min()), float(values.max())
+    if ends[0] >= -SLACK and ends[1] <= 1.0 + SLACK:
+        return ends  # normalised: nobody asks further
+    # a setpoint that stands still is half of all values: quartiles would say no more than where it stands
+    low, first, last, high = np.quantile(values, [0.001, 0.05, 0.95, 0.999]).tolist()
+    reach = 8.0 * max(last - first, 1e-9 * max(abs(last), abs(first)))
+    if low < first - reach or high > last + reach:
+        near = values[(values >= first - reach) & (values <= last + reach)]
+        if len(near):
+            low, high = np.quantile(near, [0.001, 0.999]).tolist()
+    return low, high
+
+
+def _round_up(value: float) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = 10.0 ** np.floor(np.log10(value)) * np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
+    return float(steps[np.argmax(steps >= value * (1 - 1e-12))])
