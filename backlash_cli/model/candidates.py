@@ -29,12 +29,16 @@ LOOSE = 0.05
 # a lag longer than this part of the record is hardly that of the process; parts of the record that it may be instead
 SLOW_FOR_RECORD, QUICK = 100.0, (150.0, 500.0)
 SWEEP = 17
-# starts of each kind of an effect with many valleys from which random trials go out, and how many
-KEEP_JUMPY, WANDERINGS = 4, 120
+# starts of each kind of an effect with many valleys from which some random trials go out, and the best of all kinds
+# from which many more do
+KEEP_JUMPY, FIRST_WANDERINGS, KEEP_WANDERING, WANDERINGS = 4, 30, 3, 100
 # gain in deviance of a look-alike below which an effect with many valleys is not searched for
 WORTH_A_LOOK = 6.0
 # a start that is still this much worse than the model without the effect is not refined further
 HOPELESS = 4.0
+# gain in deviance under the first noise below which another noise was never found to help; and by how much a second
+# start may be worse than the best before both are refined
+LITTLE, BEHIND = 10.0, 30.0
 # a controller has made up for a load after about this many time constants
 ANSWERED = 10.0
 # share of the gain of the best effect that the look-alike of a jumpy one must reach
@@ -165,18 +169,27 @@ def candidate(
     for solver in (Solver(problem, noise) for noise in noises):
         entering = predict(problem, ground, solver.solve(ground)[0]) if effect.stage == Stage.SENSOR else None
         parts = starts(effect, Clue(solver, ground, values, entering), problem.columns)
-        for shape in scan(solver, ground, parts, KEEP_JUMPY if valleys else 1):
-            if valleys:
-                shape = wander(solver, sweep(solver, shape), random, WANDERINGS)
+        shapes = scan(solver, ground, parts, KEEP_JUMPY if valleys else 1)
+        if valleys:
+            shapes = [wander(solver, sweep(solver, shape), random, FIRST_WANDERINGS) for shape in shapes]
+            best = sorted(shapes, key=solver.rss)[:KEEP_WANDERING]
+            shapes = [wander(solver, shape, random, WANDERINGS) for shape in best]
+        for shape in shapes:
             # loads are solved for: only the process has to move a little with them
             lower = descend(solver, shape, rounds=1 if effect.fitting.linear else 3)
             shape = lower if plausible(lower) else shape
-            trials.append(finished(problem, shape, refit_noise(solver, shape, base.noise)))
+            gained = solver.white.samples * np.log(solver.rss(ground) / solver.rss(shape))
+            noise = base.noise if gained < LITTLE else refit_noise(solver, shape, base.noise)
+            trials.append(finished(problem, shape, noise))
     trials.sort(key=judge.score)
     hopeful = [trial for trial in trials if believed(problem, trial)]
+    if not trials:
+        return None
     if hopeful and not valleys and judge.score(hopeful[0]) > judge.score(base) + HOPELESS:
         return hopeful[0]
-    found = [fit(problem, trial.shape, trial.noise) for trial in (hopeful or trials)[:2]]
+    first, *others = hopeful or trials[:2]
+    tries = [first, *(t for t in others[:1] if judge.score(t) < judge.score(first) + BEHIND or not hopeful)]
+    found = [fit(problem, trial.shape, trial.noise, before=trial.deviance) for trial in tries]
     # slopes may end where the effect is another; how well it does where it is itself must be known all the same
     told = [fitted for fitted in found if believed(problem, fitted)] or (hopeful if valleys else [])
     return min(told, key=judge.score, default=None)

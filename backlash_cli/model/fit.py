@@ -103,7 +103,7 @@ BATCH = 16
 # gain in deviance below which the searched numbers stand
 CLOSE = 0.05
 # steps to the linear numbers behind a transmitter that is not linear
-BENT_ROUNDS, COLD_ROUNDS, BENT_ENOUGH = 6, 25, 1e-4
+BENT_ROUNDS, COLD_ROUNDS, BENT_ENOUGH = 3, 25, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +211,10 @@ class Solver:
         out: FloatArray = np.linalg.solve(A, scale * B) * scale
         return out
 
+    def against(self, shape: Shape, Z: FloatArray) -> FloatArray:
+        """Return the inner products of the whitened columns of a shape with Z (samples, numbers)."""
+        return np.vstack([self.solve(shape)[2] @ Z, self._others.T @ Z])
+
     def columns(self, shape: Shape) -> FloatArray:
         """Return the whitened columns of a shape, the moved process first, (samples, columns)."""
         return np.column_stack([self.solve(shape)[2], self._others])
@@ -243,8 +247,8 @@ class Solver:
 
     def rest(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened rest (samples,) of a shape."""
-        c, rss, _ = self.solve(shape)
-        return c, rss, self._y - self.columns(shape) @ c
+        c, rss, x = self.solve(shape)
+        return c, rss, self._y - c[0] * x - self._others @ c[1:]
 
 
 def descend(solver: Solver, shape: Shape, *, rounds: int = 8, hold: Free | None = None) -> Shape:
@@ -266,7 +270,7 @@ def curvature(solver: Solver, shape: Shape, free: list[Free]) -> tuple[FloatArra
     """
     _, _, rest = solver.rest(shape)
     Z = slopes(solver, shape, free)
-    B = solver.columns(shape).T @ Z
+    B = solver.against(shape, Z)
     return Z.T @ Z - B.T @ solver.inverse(B), -Z.T @ rest
 
 
@@ -283,9 +287,9 @@ def slopes(solver: Solver, shape: Shape, free: list[Free]) -> FloatArray:
     return solver.white.columns(np.column_stack(D))
 
 
-def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3) -> Fit:
-    """Fit a shape from start values: searched numbers and noise in turn until the likelihood stands still."""
-    before = np.inf
+def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3, before: float = np.inf) -> Fit:
+    """Fit a shape from start values, whose deviance was `before`: searched numbers and noise in turn until the
+    likelihood stands still."""
     for _ in range(rounds):
         solver = Solver(problem, noise)
         shape = descend(solver, shape)

@@ -105,7 +105,8 @@ def moved_output(problem: Problem, parts: Sequence[Part]) -> FloatArray:
     if not movers:
         return problem.output
     # most trials of a fit change the process or the loads only
-    moved: FloatArray = problem.moved.of(tuple(p.key for p in movers), lambda: through(problem, movers, problem.output))
+    key = tuple(part.key for part in movers)
+    moved: FloatArray = problem.memory.of(key, lambda: through(problem, movers, problem.output))
     return moved
 
 
@@ -143,7 +144,7 @@ def load_columns(problem: Problem, part: Part) -> list[FloatArray]:
         return out
 
     key = (effect.name, part.column, *((k, v if k not in none else len(none[k])) for k, v in part.values.items()))
-    columns: list[FloatArray] = problem.loads.of(key, make)
+    columns: list[FloatArray] = problem.memory.of(key, make)
     return columns
 
 
@@ -237,6 +238,6 @@ def spreads(problem: Problem, columns: FloatArray) -> FloatArray:
 
     Without it a column that the samples at hand do not show, such as the end of a hole, could take any value.
     """
-    out = USUAL_SPAN / np.maximum(np.sqrt(np.einsum("ij,ij->j", columns, columns) / len(columns)), 1e-12)
-    out[: 2 + len(problem.holes)] = [1e3, USUAL_SPAN, *(hole.doubt for hole in problem.holes)]
-    return out
+    loads = columns[:, 2 + len(problem.holes) :]
+    sizes = np.sqrt(np.einsum("ij,ij->j", loads, loads) / len(columns))
+    return np.array([1e3, USUAL_SPAN, *(hole.doubt for hole in problem.holes), *USUAL_SPAN / np.maximum(sizes, 1e-12)])

@@ -107,7 +107,7 @@ def search(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
     """
     judge = Judge(problem, min(start.shape.lag, problem.settings.Ti or start.shape.lag))
     usual, seldom = ([e for e in effects if e.fitting.seldom is rare] for rare in (False, True))
-    now, first, known = start, dict[str, Fit](), list[Fit]()
+    now, first, known = start, dict[str, Fit](), [start]
     while len(now.shape.parts) < MOST_EFFECTS:
         trials = table(judge, now, usual)
         first, known = first or trials, [*known, *trials.values()]
@@ -125,7 +125,10 @@ def search(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
     if not found.adequate:
         process = replace(final.shape, parts=tuple(p for p in final.shape.parts if p.is_linear or p.effect.name in
                                                    start.shape.names or p.effect.stage == Stage.PROCESS))
-        for ground in (final, start, fit(problem, process, final.noise)):
+        grounds = {ground.shape.names: ground for ground in (start, final)}
+        if process.names not in grounds:
+            grounds[process.names] = fit(problem, process, final.noise)
+        for ground in grounds.values():
             others += table(judge, ground, seldom).values()
     if others and judge.score(judge.best(others)) < judge.score(final) - ENOUGH:
         other = settled(replace(found, final=judge.best(others)), effects, others)

@@ -90,7 +90,7 @@ def test_a_gap_may_be_wider_where_op_turned_between_the_stored_samples() -> None
 def problem_with(problem, output):  # type: ignore[no-untyped-def]
     from dataclasses import replace
 
-    return replace(problem, output=output, moved=Memory(16))
+    return replace(problem, output=output, memory=Memory(16))
 
 
 def test_repeated_values_are_an_exception_test_or_rounding_with_their_own_floor() -> None:
