@@ -78,7 +78,7 @@ def load_model(path: str | PathLike[str]) -> Model:
 
     Raises MetadataError with file, line and remedy when it is not understood.
     """
-    from .model.model_file import parse_model
+    from .model.saved_model import parse_model
 
     remedy = "backlash explain ... --save-model FILE writes one"
     return parse_model(read_page(path, "the model file", remedy), str(path))
@@ -86,7 +86,7 @@ def load_model(path: str | PathLike[str]) -> Model:
 
 def save_model(model: Model, path: str | PathLike[str]) -> None:
     """Write a model as a TOML file, whole or not at all; a model that is there is replaced, any other file is not."""
-    from .model.model_file import model_text
+    from .model.saved_model import model_text
     from .reporter.files import write_text
 
     if Path(path).is_file() and Path(path).stat().st_size:

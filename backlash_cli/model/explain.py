@@ -15,7 +15,7 @@ from ..errors import UsageError
 from ..record import Record
 from ..results import Candidate, Explanation, Fitness, Model, Rest, Step
 from . import recorder
-from .candidates import candidate
+from .candidates import ENOUGH, Judge, candidate, recorders
 from .compare import notes, series_of, unexplained
 from .fit import Fit, fit, predicted_by
 from .holdout import Tested, better, tested
@@ -25,7 +25,6 @@ from .pipeline import Part
 from .problem import Problem, finer, problem_from_record
 from .reasons import marked, too_little, with_reasons
 from .saved_model import in_ranges_of, kept_model, parts_of, shape_of
-from .score import ENOUGH, Judge
 from .search import WEAK, Found, baseline, families, search
 
 STILL = ("PV follows OP by only {:.1f} times its noise: too little motion to tell what is missing. Choose a period "
@@ -89,7 +88,7 @@ def looked(
     """Return what a search comes to on one reading of the record."""
     base = baseline(problem)
     given = parts_of(model, problem) if model is not None else ()
-    shown = recorder.recorders(problem, base, [e for e in known.values() if not chosen or e in chosen])
+    shown = recorders(problem, base, [e for e in known.values() if not chosen or e in chosen])
     held = tuple([p for p in given if p.is_recorder] or shown)
     problem = replace(problem, floor=recorder.recorded_floor(problem, held, base))
     seen = recorder.fitted_problem(problem, held)

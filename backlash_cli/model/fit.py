@@ -10,8 +10,7 @@ import numpy as np
 from ..effects import Parameter
 from ..effects.process import delayed_lag
 from ..record import FloatArray
-from .levenberg import downhill
-from .noise import Noise, fit_noise, known_load, whitener
+from .noise import Noise, downhill, fit_noise, known_load, whitener
 from .pipeline import (
     Shape,
     as_tuple,

@@ -9,13 +9,12 @@ import numpy as np
 
 from ..effects import Effect, Stage
 from .adequacy import Left, left_by
-from .candidates import candidate, table, wander
+from .candidates import ENOUGH, Judge, candidate, jumpy, table, wander
 from .fit import Fit, Solver, descend, fit, refit_noise
 from .holdout import better
 from .noise import Noise
 from .pipeline import Part, Shape, load_regressors, predict
 from .problem import Problem
-from .score import ENOUGH, Judge, jumpy
 
 # another effect that scores worse by less than this cannot be told apart
 ALIKE = 20.0
