@@ -279,7 +279,7 @@ def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Sha
             # a valve that does not move looks like a process that hardly answers: try processes that do
             lags += [solver.problem.duration / share for share in QUICK]
     trials = [[replace(shape, lag=lag).with_part(part) for part in parts] for lag in lags]
-    costs = [cost for same in trials for cost in solver.rss_of_many(same)]
+    costs = [solver.rss(trial) for same in trials for trial in same]
     found: dict[object, list[Shape]] = {}
     for place in np.argsort(costs, kind="stable").tolist():
         at, which = divmod(place, len(parts))
@@ -292,7 +292,7 @@ def sweep(solver: Solver, shape: Shape) -> Shape:
     for f in free_numbers(solver.problem, shape):
         if f.nuisance and np.isfinite(f.high - f.low):
             trials = [shape, *(put(shape, [f], np.array([x])) for x in np.linspace(f.low, f.high, SWEEP))]
-            shape = trials[int(np.argmin(solver.rss_of_many(trials)))]
+            shape = min(trials, key=solver.rss)
     return shape
 
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..effects import Parameter
-from ..effects.process import delayed_lag
 from ..record import FloatArray
 from .noise import Noise, downhill, fit_noise, known_load, whitener
 from .pipeline import (
     Shape,
     as_tuple,
-    beside_output,
     load_regressors,
-    moved_output,
     moved_process,
     predict,
     regressors,
@@ -97,8 +94,6 @@ def put(shape: Shape, free: list[Free], numbers: FloatArray) -> Shape:
     return Shape(lag, delay, tuple(parts))
 
 
-# moved outputs held in memory at once
-BATCH = 16
 # gain in deviance below which the searched numbers stand
 CLOSE = 0.05
 # steps to the linear numbers behind a transmitter that is not linear
@@ -210,10 +205,6 @@ class Solver:
         out: FloatArray = np.linalg.solve(A, scale * B) * scale
         return out
 
-    def against(self, shape: Shape, Z: FloatArray) -> FloatArray:
-        """Return the inner products of the whitened columns of a shape with Z (samples, numbers)."""
-        return np.vstack([self.solve(shape)[2] @ Z, self._others.T @ Z])
-
     def columns(self, shape: Shape) -> FloatArray:
         """Return the whitened columns of a shape, the moved process first, (samples, columns)."""
         return np.column_stack([self.solve(shape)[2], self._others])
@@ -221,28 +212,6 @@ class Solver:
     def rss(self, shape: Shape) -> float:
         """Return the whitened sum of squares of a shape."""
         return self.solve(shape)[1]
-
-    def rss_of_many(self, shapes: Sequence[Shape]) -> list[float]:
-        """Return the whitened sums of squares of shapes that share lag and delay; fast where the loads are the same."""
-        bent = any(p.on_load or p.on_sensor for shape in shapes[:1] for p in shape.parts)
-        beside = [beside_output(self.problem, shape) for shape in shapes[:2]]
-        if not shapes or bent or beside[0] != beside[-1]:
-            return [self.rss(shape) for shape in shapes]
-        out: list[float] = []
-        self._last = None
-        self._use(shapes[0])
-        Q, _ = np.linalg.qr(self._others)
-        rest = self._y - Q @ (Q.T @ self._y)
-        total = float(rest @ rest)
-        h, lag, delay = self.problem.interval, shapes[0].lag, shapes[0].delay
-        for first in range(0, len(shapes), BATCH):
-            moved = [moved_output(self.problem, shape.parts) for shape in shapes[first : first + BATCH]]
-            X = self.white.columns(np.column_stack([delayed_lag(u, h, lag, delay) for u in moved]))
-            own = np.sum(X * X, axis=0)
-            new = own - np.sum((Q.T @ X) ** 2, axis=0)
-            gains = np.where(new > 1e-9 * own, (rest @ X) ** 2 / np.maximum(new, 1e-300), 0.0)
-            out += (total - gains).tolist()
-        return out
 
     def rest(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened rest (samples,) of a shape."""
@@ -269,7 +238,7 @@ def curvature(solver: Solver, shape: Shape, free: list[Free]) -> tuple[FloatArra
     """
     _, _, rest = solver.rest(shape)
     Z = slopes(solver, shape, free)
-    B = solver.against(shape, Z)
+    B = solver.columns(shape).T @ Z
     return Z.T @ Z - B.T @ solver.inverse(B), -Z.T @ rest
 
 
