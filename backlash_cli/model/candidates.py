@@ -194,15 +194,8 @@ def starts(effect: Effect, clues: Clue, columns: Iterable[str]) -> list[Part]:
     return [Part(effect, v, name) for name in (columns if effect.column else [""]) for v in values]
 
 
-def kind_of(part: Part) -> tuple[object, ...]:
-    """Return what sets apart the kinds of one effect: its switches, its column, and which values it has."""
-    picks = tuple((q.name, part.values.get(q.name)) for q in part.effect.parameters if q.choices)
-    return part.column, picks, tuple((k, len(v) if isinstance(v, tuple) else 1) for k, v in part.values.items())
-
-
-def candidate(
-    judge: Judge, base: Fit, effect: Effect, *, known: Mapping[str, Fit] | None = None, must: bool = False
-) -> Fit | None:
+def candidate(judge: Judge, base: Fit, effect: Effect, *, known: Mapping[str, Fit] | None = None, must: bool = False
+              ) -> Fit | None:
     """Return the most likely fit of `base` with `effect` added, None when the data offer no start for it.
 
     known: fits with other effects added, by their names. must: search also where a look-alike gains nothing.
@@ -271,19 +264,24 @@ def believed(problem: Problem, found: Fit) -> bool:
 
 
 def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Shape]:
-    """Return the best starts of each kind, at most `keep` per kind, by the whitened sum of squares."""
+    """Return the best starts of each kind, at most `keep` per kind, by the whitened sum of squares.
+
+    Kinds of an effect differ in switches, column, or which values they have.
+    """
     lags = [shape.lag]
     if parts and not parts[0].is_linear and not jumpy(parts[0].effect):
         lags = [shape.lag * share for share in LAG_SHARES]
         if shape.lag > solver.problem.duration / SLOW_FOR_RECORD:
             # a valve that does not move looks like a process that hardly answers: try processes that do
             lags += [solver.problem.duration / share for share in QUICK]
-    trials = [[replace(shape, lag=lag).with_part(part) for part in parts] for lag in lags]
-    costs = [solver.rss(trial) for same in trials for trial in same]
+    trials = [replace(shape, lag=lag).with_part(part) for lag in lags for part in parts]
+    costs = [solver.rss(trial) for trial in trials]
     found: dict[object, list[Shape]] = {}
     for place in np.argsort(costs, kind="stable").tolist():
-        at, which = divmod(place, len(parts))
-        found.setdefault(kind_of(parts[which]), []).append(trials[at][which])
+        part = parts[place % len(parts)]
+        picks = tuple((q.name, part.values.get(q.name)) for q in part.effect.parameters if q.choices)
+        kind = part.column, picks, tuple((k, np.size(v)) for k, v in part.values.items())
+        found.setdefault(kind, []).append(trials[place])
     return [shape for shapes in found.values() for shape in shapes[:keep]]
 
 

@@ -135,9 +135,8 @@ def assemble(record: Record, best: Looked, model: Model | None) -> Explanation:
     )
 
 
-def rungs(
-    problem: Problem, seen: Problem, base: Fit, final: Fit, held: tuple[Part, ...], order: Sequence[str]
-) -> list[tuple[str | None, Tested]]:
+def rungs(problem: Problem, seen: Problem, base: Fit, final: Fit, held: tuple[Part, ...], order: Sequence[str]
+          ) -> list[tuple[str | None, Tested]]:
     """Return the models of the ladder with their errors: the plain one, then recorders, then effects in `order`."""
     out: list[tuple[str | None, Tested]] = [(None, better(problem, base))]
     out += [(part.effect.name, better(problem, base, held)) for part in held]
@@ -163,9 +162,8 @@ def tried(seen: Problem, found: Found, plain: Tested, accepted: Sequence[str]) -
     return tuple(sorted(out, key=lambda c: (c.effect not in accepted, c.rmse_holdout)))
 
 
-def confidence(
-    found: Found, by_user: Sequence[str], steps: Sequence[Step], alikes: Sequence[tuple[str, str]], reports: bool
-) -> dict[str, str]:
+def confidence(found: Found, by_user: Sequence[str], steps: Sequence[Step], alikes: Sequence[tuple[str, str]],
+               reports: bool) -> dict[str, str]:
     """Return for each accepted effect how sure it is: clear, likely or stand_in.
 
     A stand-in lowers the error, but what is left matters beside it, or an effect of another kind does as well in its

@@ -17,8 +17,8 @@ from .pipeline import (
     moved_process,
     predict,
     regressors,
+    ridges,
     sensed_slopes,
-    spreads,
     through,
 )
 from .problem import Problem
@@ -145,11 +145,8 @@ class Solver:
         """Take the other columns than the moved process as those of a shape, where they are not yet."""
         raw = load_regressors(self.problem, shape)
         if raw is not self._raw:
-            self._take(self.white.columns(raw), self._measured, self._ridge(raw))
+            self._take(self.white.columns(raw), self._measured, ridges(self.problem, raw))
             self._raw = raw
-
-    def _ridge(self, raw: FloatArray) -> FloatArray:
-        return (self.problem.floor / spreads(self.problem, raw)) ** 2
 
     def _take(self, others: FloatArray, measured: FloatArray, ridge: FloatArray) -> None:
         """Take whitened columns (samples, columns) and measurement (samples,) as the ones to solve."""
@@ -172,7 +169,7 @@ class Solver:
         """As `solve`, where a transmitter that is not linear shows the sum of the columns: Gauss-Newton steps."""
         problem, white = self.problem, self.white
         raw = regressors(problem, shape)
-        ridge, c, rounds = self._ridge(raw[:, 1:]), self._bent, BENT_ROUNDS
+        ridge, c, rounds = ridges(problem, raw[:, 1:]), self._bent, BENT_ROUNDS
         if c is None or len(c) != raw.shape[1]:
             c = self._solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
             rounds = COLD_ROUNDS

@@ -233,11 +233,10 @@ def predict(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatAr
     return through(problem, shape.sensors, coefficients[0] * moved_process(problem, shape) + others)
 
 
-def spreads(problem: Problem, columns: FloatArray) -> FloatArray:
-    """Return how large the coefficient of each load regressor may be expected to be, (columns,), as a deviation.
-
-    Without it a column that the samples at hand do not show, such as the end of a hole, could take any value.
-    """
+def ridges(problem: Problem, columns: FloatArray) -> FloatArray:
+    """Return what keeps the coefficient of each load regressor, (columns,), from any value where the samples at hand do
+    not show it, as at the end of a hole: variance of the noise over that expected of the coefficient."""
     loads = columns[:, 2 + len(problem.holes) :]
     sizes = np.sqrt(np.einsum("ij,ij->j", loads, loads) / len(columns))
-    return np.array([1e3, USUAL_SPAN, *(hole.doubt for hole in problem.holes), *USUAL_SPAN / np.maximum(sizes, 1e-12)])
+    spreads = [1e3, USUAL_SPAN, *(hole.doubt for hole in problem.holes), *USUAL_SPAN / np.maximum(sizes, 1e-12)]
+    return (problem.floor / np.array(spreads)) ** 2

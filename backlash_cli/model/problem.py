@@ -61,7 +61,7 @@ class Memory(dict[object, Any]):
     def of(self, key: object, make: Callable[[], Any]) -> Any:
         """Return the result known by that key, made where it is not known."""
         if key not in self:
-            while len(self) >= self.most:
+            if len(self) >= self.most:
                 del self[next(iter(self))]
             self[key] = make()
         return self[key]
@@ -246,9 +246,8 @@ def _interpolate(values: FloatArray) -> FloatArray:
     return np.interp(np.arange(len(values)), good, values[good])
 
 
-def moved_from_outside(
-    output: FloatArray, setpoint: FloatArray, manual: NDArray[np.bool_], used: NDArray[np.bool_], h: float
-) -> float:
+def moved_from_outside(output: FloatArray, setpoint: FloatArray, manual: NDArray[np.bool_], used: NDArray[np.bool_],
+                       h: float) -> float:
     """Return the share of the variance of OP, 0..1, that setpoint moves or a hand on the output explain.
 
     All arrays (samples,); h: interval [s]. The answer of OP to the setpoint is fitted as a sum of lags.
