@@ -73,7 +73,7 @@ def scan_files(inputs: str | PathLike[str] | Sequence[str | PathLike[str]], *,
 
 def load_model(path: str | PathLike[str]) -> Model:
     """Read a model file (TOML), as `explain --save-model` writes it or as written by hand. Raises MetadataError."""
-    from .model.model_file import parse_model
+    from .model.saved_model import parse_model
 
     page = read_page(path, "the model file", "backlash explain ... --save-model FILE writes one")
     return parse_model(page, str(path))
@@ -81,7 +81,7 @@ def load_model(path: str | PathLike[str]) -> Model:
 
 def save_model(model: Model, path: str | PathLike[str]) -> None:
     """Write a model as a TOML file, whole or not at all; a model that is there is replaced, any other file is not."""
-    from .model.model_file import model_text
+    from .model.saved_model import model_text
     from .reporter.files import write_text
 
     if Path(path).is_file() and Path(path).stat().st_size:

@@ -131,10 +131,13 @@ def run_steps(step: Any, state: Any, values: Any, p: Any, out: Any) -> None:
 def lag(u: NDArray[Any], keep: float, older: float, newer: float, late: int) -> NDArray[Any]:
     """First-order lag x[k+1] = keep x[k] + older u[k-late-1] + newer u[k-late], (samples,), at rest at u[0] before."""
     out = np.empty_like(u)
-    x = u[0]
-    for k in range(len(u)):
+    x, first = u[0], min(late + 1, len(u))
+    for k in range(first):
         out[k] = x
-        x = keep * x + older * u[max(k - late - 1, 0)] + newer * u[max(k - late, 0)]
+        x = keep * x + older * u[0] + newer * u[max(k - late, 0)]
+    for k in range(first, len(u)):
+        out[k] = x
+        x = keep * x + (older * u[k - late - 1] + newer * u[k - late])
     return out
 
 
@@ -180,10 +183,15 @@ def whiten(X: NDArray[Any], a1: float, a2: float, gain: NDArray[Any], weight: ND
     """Whitened columns of X (samples, columns): the innovations of each under gains of `kalman`, times `weight`."""
     samples, columns = X.shape
     out = np.empty((samples, columns))
-    w, lagged = np.zeros(columns), np.zeros(columns)
+    w, lagged, one, two = np.zeros(columns), np.zeros(columns), 0.0, 0.0
     b = 1.0 - a2
     for k in range(samples):
         to_w, to_l, scale = a1 * gain[k, 0], a2 * gain[k, 1] + b * gain[k, 0], weight[k]
+        if columns == 1:  # what stays in registers takes half the time
+            x = X[k, 0]
+            out[k, 0] = (x - two) * scale
+            one, two = (a1 * one + to_w * x) - to_w * two, (a2 - to_l) * two + (b * one + to_l * x)
+            continue
         for j in range(columns):
             x, one, two = X[k, j], w[j], lagged[j]
             out[k, j] = (x - two) * scale

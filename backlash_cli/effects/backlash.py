@@ -127,7 +127,7 @@ def bands(clues: Clues) -> list[Values]:
         # a physical valve of static friction Fs and moving friction Fc has S = Fs + Fc, J = Fs - Fc: mostly a tenth to
         # a third of S, which moves the stem much as backlash of a little less than S does
         sizes = dead_band * np.concatenate([np.geomspace(0.95, 1.35, 24), np.geomspace(1.4, 2.7, 11)])
-        shares = np.concatenate([np.geomspace(LEAST_JUMP, 0.24, 8), np.geomspace(0.25, 1.0, 25)])
+        shares = np.geomspace(LEAST_JUMP, 1.0, 22)
     sizes = sizes[sizes < 0.8 * float(np.ptp(clues.output))]
     return [{"S": float(band), "J": float(share * band), "position": 0.0, "restick": restick}
             for band in sizes for share in shares for restick in (0.0, 1.0)]

@@ -164,5 +164,5 @@ def compiled(step: Callable[..., float]) -> Any | None:
                                      for counts in (False, True)]
     for option in options if hasattr(step, "__code__") else ():
         with suppress(NumbaError, RuntimeError):  # numba finds no folder for its cache for a step typed at the prompt
-            return numba.njit(STEP_SIGNATURE, **option)(step)
+            return numba.cfunc(STEP_SIGNATURE, **option)(step)
     return None

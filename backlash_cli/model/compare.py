@@ -73,9 +73,8 @@ def seen_by(model: Model, problem: Problem) -> NDArray[np.bool_]:
     return (time >= model.start - slack) & (time <= model.end + slack)
 
 
-def error_unseen(
-    problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], known: NDArray[np.bool_]
-) -> float | None:
+def error_unseen(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], known: NDArray[np.bool_]
+                 ) -> float | None:
     """Return the error of a kept model on samples that neither its fit nor the matching of offset and start saw.
 
     None when the model was fitted to all of the record, but for fewer than FEWEST_SAMPLES samples.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from ..errors import UsageError
 from ..record import Record
 from ..results import Candidate, Explanation, Fitness, Model, Rest, Step
 from . import recorder
-from .candidates import candidate
+from .candidates import ENOUGH, Judge, candidate, recorders
 from .compare import notes, series_of, unexplained
 from .fit import Fit, fit, predicted_by
 from .holdout import Tested, better, tested
@@ -25,23 +24,17 @@ from .pipeline import Part
 from .problem import Problem, finer, problem_from_record
 from .reasons import marked, too_little, with_reasons
 from .saved_model import in_ranges_of, kept_model, parts_of, shape_of
-from .score import ENOUGH, Judge
 from .search import WEAK, Found, baseline, families, search
 
 STILL = ("PV follows OP by only {:.1f} times its noise: too little motion to tell what is missing. Choose a period "
          "with setpoint moves.")
 # the error on unseen samples without an effect that is clear is at least this many times larger
 LITTLE_LOWER = 1.03
+Looked = tuple[Problem, Fit, Found, tuple[Part, ...], Sequence[str]]
 
 
-def explain(
-    record: Record,
-    model: Model | None = None,
-    *,
-    add: Sequence[Effect | str] = (),
-    effects: Sequence[Effect | str] = (),
-    seed: int = 0,
-) -> Explanation:
+def explain(record: Record, model: Model | None = None, *, add: Sequence[Effect | str] = (),
+            effects: Sequence[Effect | str] = (), seed: int = 0) -> Explanation:
     """Return which physical effects are missing in the model of a loop, with numbers, intervals and the ladder.
 
     model: go on from this model; its effects stay and are refitted. add: effects to add instead of a search.
@@ -50,20 +43,20 @@ def explain(
     """
     record = record if model is None else in_ranges_of(record, model)
     problem = problem_from_record(record, seed)
-    known = {effect.name: effect for effect in (*all_effects(), *map(as_effect, effects), *map(as_effect, add))}
-    chosen = [as_effect(effect) for effect in add]
+    more, chosen = ([load_effect(e) if isinstance(e, str) else e for e in several] for several in (effects, add))
+    known = {effect.name: effect for effect in (*all_effects(), *more, *chosen)}
     for effect in chosen:
         if not effect.fitted or (effect.column and not problem.columns):
             why = "needs a measured column, and this record has none" if effect.fitted else "cannot be fitted"
             remedy = "backlash effects lists what can be added"
             raise UsageError(f"{effect.name} {why}", where=record.loop, remedy=remedy)
-    best, between = looked(record, problem, model, known, chosen), finer(problem)
+    best, between = looked(problem, model, known, chosen), finer(problem)
     # rounding blurs how large an effect of the valve is and of which kind, it does not make one: OP is taken as
     # recorded, unless PV says clearly that the valve got what OP was before it was rounded
-    if between is not None and (of_valve := valve_effects(best.found.final)):
-        other = looked(record, between, model, known, chosen)
-        scores = [one.found.judge.score(one.found.final) for one in (best, other)]
-        if of_valve == valve_effects(other.found.final) and scores[1] < scores[0] - ENOUGH:
+    if between is not None and (of_valve := valve_effects(best[2].final)):
+        other = looked(between, model, known, chosen)
+        before, after = (found.judge.score(found.final) for _, _, found, *_ in (best, other))
+        if of_valve == valve_effects(other[2].final) and after < before - ENOUGH:
             best = other
     return assemble(record, best, model)
 
@@ -73,23 +66,12 @@ def valve_effects(fitted: Fit) -> list[str]:
     return families([p for p in fitted.shape.parts if p.effect.stage == Stage.VALVE])
 
 
-class Looked(NamedTuple):
-    """What a search came to on one reading of the record: the plain model, recorders, and names that the user gave."""
-
-    problem: Problem
-    base: Fit
-    found: Found
-    held: tuple[Part, ...]
-    by_user: Sequence[str]
-
-
-def looked(
-    record: Record, problem: Problem, model: Model | None, known: Mapping[str, Effect], chosen: Sequence[Effect],
-) -> Looked:
-    """Return what a search comes to on one reading of the record."""
+def looked(problem: Problem, model: Model | None, known: Mapping[str, Effect], chosen: Sequence[Effect]) -> Looked:
+    """Return what a search comes to on one reading of the record: with the plain model, what was found, the effects of
+    the recorder, and the names that the user gave."""
     base = baseline(problem)
     given = parts_of(model, problem) if model is not None else ()
-    shown = recorder.recorders(problem, base, [e for e in known.values() if not chosen or e in chosen])
+    shown = recorders(problem, base, [e for e in known.values() if not chosen or e in chosen])
     held = tuple([p for p in given if p.is_recorder] or shown)
     problem = replace(problem, floor=recorder.recorded_floor(problem, held, base))
     seen = recorder.fitted_problem(problem, held)
@@ -106,18 +88,13 @@ def looked(
     tries = [e for e in known.values() if not (e.fitting.seldom and recorder.only_reports(problem, held))]
     found = search(seen, () if chosen else tries, start)
     found = replace(found, final=recorder.through_rounding(seen, held, found.final))
-    return Looked(problem, base, found, held, by_user)
-
-
-def as_effect(effect: Effect | str) -> Effect:
-    """Return an effect itself, or the one of that name."""
-    return load_effect(effect) if isinstance(effect, str) else effect
+    return problem, base, found, held, by_user
 
 
 def assemble(record: Record, best: Looked, model: Model | None) -> Explanation:
     """Put together all that is reported about a search."""
     problem, base, found, held, by_user = best
-    seen, gain, only_reports = found.judge.problem, found.final.gain, recorder.only_reports(problem, held)
+    seen, gain = found.judge.problem, found.final.gain
     # a valve that sticks hides how PV follows OP, so motion is asked for only when nothing was found
     reasons = () if found.final.shape.parts else tuple(too_little(seen, base.shape, base.gain, STILL))
     reason = reasons[0] if reasons else None
@@ -130,7 +107,8 @@ def assemble(record: Record, best: Looked, model: Model | None) -> Explanation:
     fitted = {e.effect: e for e in fitted_effects(seen, last.fit, held, careful=not recorder.rounded(seen, held))}
     names = [*(p.effect.name for p in held), *order]
     alikes = (*((p.effect.name, other) for p in held for other in p.effect.fitting.siblings), *found.alike())
-    sure = {p.effect.name: "clear" for p in held} | confidence(found, by_user, steps, alikes, only_reports)
+    sure = {p.effect.name: "clear" for p in held} | confidence(found, by_user, steps, alikes,
+                                                                recorder.only_reports(problem, held))
     siblings = {part.effect.name: part.effect.fitting.siblings for part in found.final.shape.parts}
     candidates = with_reasons(problem, gain, tried(seen, found, plain, names), names, alikes, siblings, reason, ENOUGH)
     before = recorder.distance(problem, (), predicted_by(problem, plain.fit))
@@ -138,23 +116,15 @@ def assemble(record: Record, best: Looked, model: Model | None) -> Explanation:
     return Explanation(
         loop=record.loop,
         baseline=Fitness(plain.rmse, plain.rmse_holdout, process_parameters(seen, plain.fit)),
-        noise_floor=problem.floor,
-        candidates=candidates,
-        steps=tuple(steps),
+        noise_floor=problem.floor, candidates=candidates, steps=tuple(steps),
         effects=tuple(marked(problem, gain, replace(fitted[n], confidence=sure[n])) for n in names),
-        adequate=found.adequate,
-        rest=Rest(last.rmse_holdout / problem.floor, found.left.goes_with),
+        adequate=found.adequate, rest=Rest(last.rmse_holdout / problem.floor, found.left.goes_with),
         missing_effect=names[0] if names else None,
-        where=regions(problem, error, last.fit.shape),
-        where_before=regions(problem, before, plain.fit.shape),
+        where=regions(problem, error, last.fit.shape), where_before=regions(problem, before, plain.fit.shape),
         unexplained=unexplained(last.rmse_holdout, plain.rmse_holdout, problem.floor),
-        look_alikes=alikes,
-        margin=margin(found),
-        verdict=reason.message if reason else "",
-        reasons=reasons,
+        look_alikes=alikes, margin=margin(found), verdict=reason.message if reason else "", reasons=reasons,
         warnings=notes(problem, record, model),
-        series=series_of(problem, predicted_by(problem, last.fit), last.fit.shape),
-        settings=record.settings,
+        series=series_of(problem, predicted_by(problem, last.fit), last.fit.shape), settings=record.settings,
         final=Fitness(last.rmse, last.rmse_holdout, process_parameters(seen, last.fit)),
         model=kept_model(record, seen, last.fit, held, last.rmse_holdout),
         details={
@@ -165,9 +135,8 @@ def assemble(record: Record, best: Looked, model: Model | None) -> Explanation:
     )
 
 
-def rungs(
-    problem: Problem, seen: Problem, base: Fit, final: Fit, held: tuple[Part, ...], order: Sequence[str]
-) -> list[tuple[str | None, Tested]]:
+def rungs(problem: Problem, seen: Problem, base: Fit, final: Fit, held: tuple[Part, ...], order: Sequence[str]
+          ) -> list[tuple[str | None, Tested]]:
     """Return the models of the ladder with their errors: the plain one, then recorders, then effects in `order`."""
     out: list[tuple[str | None, Tested]] = [(None, better(problem, base))]
     out += [(part.effect.name, better(problem, base, held)) for part in held]
@@ -193,9 +162,8 @@ def tried(seen: Problem, found: Found, plain: Tested, accepted: Sequence[str]) -
     return tuple(sorted(out, key=lambda c: (c.effect not in accepted, c.rmse_holdout)))
 
 
-def confidence(
-    found: Found, by_user: Sequence[str], steps: Sequence[Step], alikes: Sequence[tuple[str, str]], reports: bool
-) -> dict[str, str]:
+def confidence(found: Found, by_user: Sequence[str], steps: Sequence[Step], alikes: Sequence[tuple[str, str]],
+               reports: bool) -> dict[str, str]:
     """Return for each accepted effect how sure it is: clear, likely or stand_in.
 
     A stand-in lowers the error, but what is left matters beside it, or an effect of another kind does as well in its

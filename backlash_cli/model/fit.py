@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..effects import Parameter
-from ..effects.process import delayed_lag
 from ..record import FloatArray
-from .levenberg import downhill
-from .noise import Noise, fit_noise, known_load, whitener
+from .noise import Noise, downhill, fit_noise, known_load, whitener
 from .pipeline import (
     Shape,
     as_tuple,
-    beside_output,
     load_regressors,
-    moved_output,
     moved_process,
     predict,
     regressors,
+    ridges,
     sensed_slopes,
-    spreads,
     through,
 )
 from .problem import Problem
@@ -98,12 +94,10 @@ def put(shape: Shape, free: list[Free], numbers: FloatArray) -> Shape:
     return Shape(lag, delay, tuple(parts))
 
 
-# moved outputs held in memory at once
-BATCH = 16
 # gain in deviance below which the searched numbers stand
 CLOSE = 0.05
 # steps to the linear numbers behind a transmitter that is not linear
-BENT_ROUNDS, COLD_ROUNDS, BENT_ENOUGH = 6, 25, 1e-4
+BENT_ROUNDS, COLD_ROUNDS, BENT_ENOUGH = 3, 25, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,11 +145,8 @@ class Solver:
         """Take the other columns than the moved process as those of a shape, where they are not yet."""
         raw = load_regressors(self.problem, shape)
         if raw is not self._raw:
-            self._take(self.white.columns(raw), self._measured, self._ridge(raw))
+            self._take(self.white.columns(raw), self._measured, ridges(self.problem, raw))
             self._raw = raw
-
-    def _ridge(self, raw: FloatArray) -> FloatArray:
-        return (self.problem.floor / spreads(self.problem, raw)) ** 2
 
     def _take(self, others: FloatArray, measured: FloatArray, ridge: FloatArray) -> None:
         """Take whitened columns (samples, columns) and measurement (samples,) as the ones to solve."""
@@ -178,7 +169,7 @@ class Solver:
         """As `solve`, where a transmitter that is not linear shows the sum of the columns: Gauss-Newton steps."""
         problem, white = self.problem, self.white
         raw = regressors(problem, shape)
-        ridge, c, rounds = self._ridge(raw[:, 1:]), self._bent, BENT_ROUNDS
+        ridge, c, rounds = ridges(problem, raw[:, 1:]), self._bent, BENT_ROUNDS
         if c is None or len(c) != raw.shape[1]:
             c = self._solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
             rounds = COLD_ROUNDS
@@ -219,32 +210,10 @@ class Solver:
         """Return the whitened sum of squares of a shape."""
         return self.solve(shape)[1]
 
-    def rss_of_many(self, shapes: Sequence[Shape]) -> list[float]:
-        """Return the whitened sums of squares of shapes that share lag and delay; fast where the loads are the same."""
-        bent = any(p.on_load or p.on_sensor for shape in shapes[:1] for p in shape.parts)
-        beside = [beside_output(self.problem, shape) for shape in shapes[:2]]
-        if not shapes or bent or beside[0] != beside[-1]:
-            return [self.rss(shape) for shape in shapes]
-        out: list[float] = []
-        self._last = None
-        self._use(shapes[0])
-        Q, _ = np.linalg.qr(self._others)
-        rest = self._y - Q @ (Q.T @ self._y)
-        total = float(rest @ rest)
-        h, lag, delay = self.problem.interval, shapes[0].lag, shapes[0].delay
-        for first in range(0, len(shapes), BATCH):
-            moved = [moved_output(self.problem, shape.parts) for shape in shapes[first : first + BATCH]]
-            X = self.white.columns(np.column_stack([delayed_lag(u, h, lag, delay) for u in moved]))
-            own = np.sum(X * X, axis=0)
-            new = own - np.sum((Q.T @ X) ** 2, axis=0)
-            gains = np.where(new > 1e-9 * own, (rest @ X) ** 2 / np.maximum(new, 1e-300), 0.0)
-            out += (total - gains).tolist()
-        return out
-
     def rest(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened rest (samples,) of a shape."""
-        c, rss, _ = self.solve(shape)
-        return c, rss, self._y - self.columns(shape) @ c
+        c, rss, x = self.solve(shape)
+        return c, rss, self._y - c[0] * x - self._others @ c[1:]
 
 
 def descend(solver: Solver, shape: Shape, *, rounds: int = 8, hold: Free | None = None) -> Shape:
@@ -283,9 +252,9 @@ def slopes(solver: Solver, shape: Shape, free: list[Free]) -> FloatArray:
     return solver.white.columns(np.column_stack(D))
 
 
-def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3) -> Fit:
-    """Fit a shape from start values: searched numbers and noise in turn until the likelihood stands still."""
-    before = np.inf
+def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3, before: float = np.inf) -> Fit:
+    """Fit a shape from start values, whose deviance was `before`: searched numbers and noise in turn until the
+    likelihood stands still."""
     for _ in range(rounds):
         solver = Solver(problem, noise)
         shape = descend(solver, shape)

@@ -65,10 +65,14 @@ def better(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> T
 
     In a loop driven by its load the smallest error is that of a wrong model, so that the fit stays as it is.
     """
-    likely = tested(problem, fitted, recorders)
-    if problem.by_load:
-        return likely
-    seen, noise = fitted_problem(problem, recorders), Noise(1e-3, fitted.noise.slow, fitted.noise.fast)
-    shape = descend(Solver(seen, noise), fitted.shape, rounds=6)
-    plain = tested(problem, finished(seen, shape, noise), recorders)
-    return plain if plain.rmse_holdout < 0.97 * likely.rmse_holdout else likely
+    def make() -> Tested:
+        likely = tested(problem, fitted, recorders)
+        if problem.by_load:
+            return likely
+        seen, noise = fitted_problem(problem, recorders), Noise(1e-3, fitted.noise.slow, fitted.noise.fast)
+        shape = descend(Solver(seen, noise), fitted.shape, rounds=6)
+        plain = tested(problem, finished(seen, shape, noise), recorders)
+        return plain if plain.rmse_holdout < 0.97 * likely.rmse_holdout else likely
+
+    found: Tested = problem.memory.of((problem, fitted, *(part.key for part in recorders)), make)
+    return found

@@ -51,7 +51,10 @@ def deviations(problem: Problem, fitted: Fit) -> tuple[dict[Key, Known], FloatAr
     _, rss, rest = solver.rest(fitted.shape)
     others = solver.columns(fitted.shape)
     X = np.column_stack([-slopes(solver, fitted.shape, free), -others])
-    H = _inverse(X.T @ X)
+    G = X.T @ X
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-30))
+    # a number without any slope gets a huge, but finite, deviation
+    H = np.linalg.inv(G * np.outer(scale, scale) + 1e-9 * np.eye(len(G))) * np.outer(scale, scale)
     white = H * rss / max(solver.white.samples, 1)
     length = max(int(LAGS_PER_STRETCH * fitted.shape.lag / problem.interval), len(rest) // MOST_STRETCHES, 1)
     edges = np.arange(0, len(rest), length)
@@ -62,13 +65,6 @@ def deviations(problem: Problem, fitted: Fit) -> tuple[dict[Key, Known], FloatAr
     wider = np.sqrt(np.maximum(np.diag(coloured) / sd**2, 1.0)) if len(edges) > 2 * X.shape[1] else np.ones(len(sd))
     rows = zip(free, get(fitted.shape, free).tolist(), (sd * wider).tolist(), wider.tolist(), strict=False)
     return {f.key: Known(*numbers) for f, *numbers in rows}, (sd * wider)[len(free) :]
-
-
-def _inverse(G: FloatArray) -> FloatArray:
-    """Return the inverse of a matrix of inner products; a number without any slope gets a huge, but finite, one."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-30))
-    A = G * np.outer(scale, scale) + 1e-9 * np.eye(len(G))
-    return np.linalg.inv(A) * np.outer(scale, scale)
 
 
 def profile(problem: Problem, fitted: Fit, known: Mapping[Key, Known]) -> dict[Key, tuple[float, float]]:
@@ -102,9 +98,8 @@ def _end(solver: Solver, fitted: Fit, f: Free, number: Known, side: float, lowes
     return end
 
 
-def widened(
-    problem: Problem, effect: Effect, q: Parameter, value: float, ends: tuple[float, float]
-) -> tuple[float, float] | None:
+def widened(problem: Problem, effect: Effect, q: Parameter, value: float, ends: tuple[float, float]
+            ) -> tuple[float, float] | None:
     """Return the 95 % interval of a number whose error alone gives `ends`; None where that is not known.
 
     The process is simpler in the model than it is, and what a valve does with OP shows in PV no better than OP was
@@ -133,9 +128,8 @@ def unseen_travel(problem: Problem, effect: Effect, name: str, value: float) -> 
     return HALVINGS * float(np.mean(np.maximum(cut, 0.0))) if cut else 0.0
 
 
-def fitted_effects(
-    problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, careful: bool = False
-) -> list[FittedEffect]:
+def fitted_effects(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, careful: bool = False
+                   ) -> list[FittedEffect]:
     """Return the effects of a fit, in the order a signal meets them, with values, units and intervals.
 
     careful: intervals from the profile of the likelihood instead of its slopes.

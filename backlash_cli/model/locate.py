@@ -119,20 +119,11 @@ def _masks(problem: Problem, error: FloatArray, felt: int, lag: float) -> Iterat
         yield "time", name, f"In {name}", np.arange(n) * TIME_BLOCKS // n == b
 
     said = "Where the error stays on one side for long, as an unmeasured load makes it"
-    yield "load", "on one side for long", said, _one_sided(problem, error, felt)
-
-
-def _one_sided(problem: Problem, error: FloatArray, felt: int) -> Mask:
-    """Stretches in which the mean error keeps its sign much longer than the process remembers."""
-    width = max(felt // 3, 1)
-    sums = np.append(0.0, np.cumsum(error))
-    at = np.arange(problem.samples)
-    side = np.sign(sums[np.minimum(at + width + 1, problem.samples)] - sums[np.maximum(at - width, 0)])
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(side)) + 1, [problem.samples]])
-    mask = np.zeros(problem.samples, dtype=bool)
-    for a, b in pairwise(edges):
-        mask[a:b] = b - a >= felt
-    return mask
+    # stretches in which the mean error keeps its sign much longer than the process remembers
+    width, at, sums = max(felt // 3, 1), np.arange(n), np.append(0.0, np.cumsum(error))
+    side = np.sign(sums[np.minimum(at + width + 1, n)] - sums[np.maximum(at - width, 0)])
+    lengths = np.diff(np.concatenate([[0], np.flatnonzero(np.diff(side)) + 1, [n]]))
+    yield "load", "on one side for long", said, np.repeat(lengths >= felt, lengths)
 
 
 def _frequencies(problem: Problem, error: FloatArray, lag: float, total: float, count: int) -> list[Region]:

@@ -105,7 +105,8 @@ def moved_output(problem: Problem, parts: Sequence[Part]) -> FloatArray:
     if not movers:
         return problem.output
     # most trials of a fit change the process or the loads only
-    moved: FloatArray = problem.moved.of(tuple(p.key for p in movers), lambda: through(problem, movers, problem.output))
+    key = tuple(part.key for part in movers)
+    moved: FloatArray = problem.memory.of(key, lambda: through(problem, movers, problem.output))
     return moved
 
 
@@ -143,7 +144,7 @@ def load_columns(problem: Problem, part: Part) -> list[FloatArray]:
         return out
 
     key = (effect.name, part.column, *((k, v if k not in none else len(none[k])) for k, v in part.values.items()))
-    columns: list[FloatArray] = problem.loads.of(key, make)
+    columns: list[FloatArray] = problem.memory.of(key, make)
     return columns
 
 
@@ -232,11 +233,10 @@ def predict(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatAr
     return through(problem, shape.sensors, coefficients[0] * moved_process(problem, shape) + others)
 
 
-def spreads(problem: Problem, columns: FloatArray) -> FloatArray:
-    """Return how large the coefficient of each load regressor may be expected to be, (columns,), as a deviation.
-
-    Without it a column that the samples at hand do not show, such as the end of a hole, could take any value.
-    """
-    out = USUAL_SPAN / np.maximum(np.sqrt(np.einsum("ij,ij->j", columns, columns) / len(columns)), 1e-12)
-    out[: 2 + len(problem.holes)] = [1e3, USUAL_SPAN, *(hole.doubt for hole in problem.holes)]
-    return out
+def ridges(problem: Problem, columns: FloatArray) -> FloatArray:
+    """Return what keeps the coefficient of each load regressor, (columns,), from any value where the samples at hand do
+    not show it, as at the end of a hole: variance of the noise over that expected of the coefficient."""
+    loads = columns[:, 2 + len(problem.holes) :]
+    sizes = np.sqrt(np.einsum("ij,ij->j", loads, loads) / len(columns))
+    spreads = [1e3, USUAL_SPAN, *(hole.doubt for hole in problem.holes), *USUAL_SPAN / np.maximum(sizes, 1e-12)]
+    return (problem.floor / np.array(spreads)) ** 2

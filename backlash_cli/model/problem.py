@@ -37,6 +37,8 @@ AHEAD = 0.5
 VISIBLE, PART = 2.0, 50.0
 # fewer moves than this tell nothing about a step; a record of which fewer rows repeat is not rounded coarsely
 FEWEST_MOVES, REPEATS = 50, 0.3
+# samples of moved outputs and load columns that are kept: a search comes back to them under another lag or noise
+ROOM = 2_000_000
 # moves of this many steps at once are jumps of OP, no crossings
 JUMP = 1.5
 
@@ -59,7 +61,7 @@ class Memory(dict[object, Any]):
     def of(self, key: object, make: Callable[[], Any]) -> Any:
         """Return the result known by that key, made where it is not known."""
         if key not in self:
-            while len(self) >= self.most:
+            if len(self) >= self.most:
                 del self[next(iter(self))]
             self[key] = make()
         return self[key]
@@ -76,8 +78,8 @@ class Problem:
     comes from the setpoint or the operator. ahead: samples that a loop driven by its load is predicted ahead.
     output_step: in which OP was recorded [span], 0 when it hardly matters. seed: of the random trials of a search.
     start: epoch seconds of the first sample.
-    loads, moved, others: load columns, moved outputs and the columns of the last shape, shared by problems that differ
-    in their mask only.
+    memory, others: moved outputs and load columns, and the columns of the last shape, shared by problems that differ in
+    their mask only.
     """
 
     loop: str
@@ -97,8 +99,7 @@ class Problem:
     output_step: float = 0.0
     seed: int = 0
     start: float = 0.0
-    loads: Memory = field(default_factory=lambda: Memory(60), repr=False)
-    moved: Memory = field(default_factory=lambda: Memory(16), repr=False)
+    memory: Memory = field(default_factory=lambda: Memory(16), repr=False)
     others: Memory = field(default_factory=lambda: Memory(1), repr=False)
 
     @property
@@ -174,7 +175,8 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
         record.loop, h, moved, np.where(used, measurement, 0.0), recorded, setpoint, used, columns,
         record.settings.theta or None, record.settings, _holes(output), floor,
         moved_from_outside(moved, setpoint, state == SampleState.MANUAL, used, h),
-        horizon(recorded, floor, h, record.settings.Ti), step_of(moved), seed, float(record.time[0]))
+        horizon(recorded, floor, h, record.settings.Ti), step_of(moved), seed, float(record.time[0]),
+        Memory(max(16, ROOM // samples)))
 
 
 def _refuse_constant(where: str, output: FloatArray, measurement: FloatArray) -> None:
@@ -190,8 +192,8 @@ def finer(problem: Problem) -> Problem | None:
     """Return the problem with OP as it may have been before rounding, None when OP was not rounded coarsely."""
     if not problem.output_step:
         return None
-    return replace(problem, output=between_steps(problem.output, problem.output_step), loads=Memory(60),
-                   moved=Memory(16), others=Memory(1))
+    return replace(problem, output=between_steps(problem.output, problem.output_step),
+                   memory=Memory(problem.memory.most), others=Memory(1))
 
 
 def usual_output(problem: Problem) -> tuple[float, float] | None:
@@ -244,9 +246,8 @@ def _interpolate(values: FloatArray) -> FloatArray:
     return np.interp(np.arange(len(values)), good, values[good])
 
 
-def moved_from_outside(
-    output: FloatArray, setpoint: FloatArray, manual: NDArray[np.bool_], used: NDArray[np.bool_], h: float
-) -> float:
+def moved_from_outside(output: FloatArray, setpoint: FloatArray, manual: NDArray[np.bool_], used: NDArray[np.bool_],
+                       h: float) -> float:
     """Return the share of the variance of OP, 0..1, that setpoint moves or a hand on the output explain.
 
     All arrays (samples,); h: interval [s]. The answer of OP to the setpoint is fitted as a sum of lags.

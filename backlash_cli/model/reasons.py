@@ -70,10 +70,9 @@ def too_little(problem: Problem, shape: Shape, gain: float, words: str) -> list[
     return [] if motion >= LEAST_MOTION else [Note("too_little_motion", words.format(motion), {"motion": motion})]
 
 
-def with_reasons(
-    problem: Problem, gain: float, candidates: Sequence[Candidate], accepted: Sequence[str],
-    alike: Sequence[tuple[str, str]], siblings: Mapping[str, Sequence[str]], reason: Note | None, enough: float,
-) -> tuple[Candidate, ...]:
+def with_reasons(problem: Problem, gain: float, candidates: Sequence[Candidate], accepted: Sequence[str],
+                 alike: Sequence[tuple[str, str]], siblings: Mapping[str, Sequence[str]], reason: Note | None,
+                 enough: float) -> tuple[Candidate, ...]:
     """Return the candidates, each that was not accepted with the reason.
 
     gain: of the process. alike: (accepted, other) that the record cannot tell apart. siblings: look-alikes by name.
@@ -116,10 +115,8 @@ def _does_nothing(c: Candidate) -> bool:
     return bool(np.all(np.isinf(numbers) | (np.abs(numbers) < 1e-5)))
 
 
-def why_not(
-    problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], plain: Tested, holdout: float,
-    error_of: Callable[[Model, Shape], float | None],
-) -> tuple[Note, ...]:
+def why_not(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], plain: Tested, holdout: float,
+            error_of: Callable[[Model, Shape], float | None]) -> tuple[Note, ...]:
     """Return the reasons why a kept model predicts a record no better than the plain one fitted to it; () if it does.
 
     shape: of the model, matched to this record. holdout: its error here. error_of: hold-out error of another model.
@@ -152,9 +149,7 @@ def _gone(model: Model, shape: Shape, holdout: float, error_of: Callable[[Model,
             for name, less in without.items() if less is not None and less < (1.0 - ABOUT) * holdout]
 
 
-def _process(
-    problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], plain: Tested
-) -> list[Note]:
+def _process(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], plain: Tested) -> list[Note]:
     """Whether the effects hold with a gain and a time constant of this record, or else with other numbers of theirs."""
     noise = plain.fit.noise
     solver = Solver(problem, noise)

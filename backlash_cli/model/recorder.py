@@ -14,9 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..effects import Effect
 from ..record import FloatArray
-from .candidates import Clue, starts
 from .fit import Fit, Solver, descend, finished, predicted_by, raw_error
 from .pipeline import Part
 from .problem import FEWEST_SAMPLES, Problem, hold
@@ -24,13 +22,6 @@ from .problem import FEWEST_SAMPLES, Problem, hold
 # each round closes a part of the distance; it takes that many when the step is as wide as what is looked for
 ROUNDS = 20
 ROOT_2_PI = math.sqrt(2.0 * math.pi)
-
-
-def recorders(problem: Problem, base: Fit, effects: Sequence[Effect]) -> list[Part]:
-    """Return the recorder effects that the recorded values show, the coarsest setting of each first proposed."""
-    clue = Clue(Solver(problem, base.noise), base.shape, {})
-    return [part for effect in effects if effect.fitted and effect.fitting.bounds is not None
-            for part in starts(effect, clue, problem.columns)[:1]]
 
 
 def limits(problem: Problem, parts: Sequence[Part]) -> tuple[FloatArray, FloatArray]:

@@ -9,13 +9,12 @@ import numpy as np
 
 from ..effects import Effect, Stage
 from .adequacy import Left, left_by
-from .candidates import candidate, table, wander
+from .candidates import ENOUGH, Judge, candidate, jumpy, table, wander
 from .fit import Fit, Solver, descend, fit, refit_noise
 from .holdout import better
 from .noise import Noise
 from .pipeline import Part, Shape, load_regressors, predict
 from .problem import Problem
-from .score import ENOUGH, Judge, jumpy
 
 # another effect that scores worse by less than this cannot be told apart
 ALIKE = 20.0
@@ -107,7 +106,7 @@ def search(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
     """
     judge = Judge(problem, min(start.shape.lag, problem.settings.Ti or start.shape.lag))
     usual, seldom = ([e for e in effects if e.fitting.seldom is rare] for rare in (False, True))
-    now, first, known = start, dict[str, Fit](), list[Fit]()
+    now, first, known = start, dict[str, Fit](), [start]
     while len(now.shape.parts) < MOST_EFFECTS:
         trials = table(judge, now, usual)
         first, known = first or trials, [*known, *trials.values()]
@@ -125,7 +124,10 @@ def search(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
     if not found.adequate:
         process = replace(final.shape, parts=tuple(p for p in final.shape.parts if p.is_linear or p.effect.name in
                                                    start.shape.names or p.effect.stage == Stage.PROCESS))
-        for ground in (final, start, fit(problem, process, final.noise)):
+        grounds = {ground.shape.names: ground for ground in (start, final)}
+        if process.names not in grounds:
+            grounds[process.names] = fit(problem, process, final.noise)
+        for ground in grounds.values():
             others += table(judge, ground, seldom).values()
     if others and judge.score(judge.best(others)) < judge.score(final) - ENOUGH:
         other = settled(replace(found, final=judge.best(others)), effects, others)

@@ -8,8 +8,7 @@ import pytest
 from backlash_cli import kernels
 from backlash_cli.effects.registry import load_effect
 from backlash_cli.model.fit import Solver, curvature, free_numbers, get, put
-from backlash_cli.model.levenberg import downhill
-from backlash_cli.model.noise import Noise, fit_noise, whitener
+from backlash_cli.model.noise import Noise, downhill, fit_noise, whitener
 from backlash_cli.model.pipeline import Part, Shape, predict, regressors
 from backlash_cli.model.problem import problem_from_record
 

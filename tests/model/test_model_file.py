@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from backlash_cli.errors import MetadataError
-from backlash_cli.model.model_file import model_text, parse_model
+from backlash_cli.model.saved_model import model_text, parse_model
 from backlash_cli.results import Model, ModelEffect
 
 MODEL = Model(

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from backlash_cli.model import compare, explain
-from backlash_cli.model.model_file import model_text, parse_model
-from backlash_cli.model.saved_model import in_ranges_of
+from backlash_cli.model.saved_model import in_ranges_of, model_text, parse_model
 from backlash_cli.record import LoopSettings, Note, Record
 from backlash_cli.results import Model, ModelEffect
 

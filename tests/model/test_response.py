@@ -8,13 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.effects.process import delayed_lag, lag_transposed
-from backlash_cli.effects.registry import load_effect
-from backlash_cli.model.fit import Solver
 from backlash_cli.model.noise import Noise, fit_noise, whitener
-from backlash_cli.model.pipeline import Part, Shape
-from backlash_cli.model.problem import problem_from_record
 
-from .loops import loop, process, steps
+from .loops import process, steps
 
 
 def test_lag_without_delay_is_the_plain_recursion() -> None:
@@ -72,16 +68,6 @@ def test_adjoints_turn_the_inner_product_around() -> None:
     assert white.one(x) @ z == pytest.approx(x @ white.transposed(z))
     u = np.concatenate([[0.0], random.standard_normal(n - 1)])
     assert delayed_lag(u, 1.0, 9.0, 0.0) @ z == pytest.approx(u @ lag_transposed(z, 1.0, 9.0))
-
-
-def test_many_starts_at_once_leave_what_each_leaves_by_itself() -> None:
-    problem = problem_from_record(loop(d=0.03, load=0.01))
-    solver = Solver(problem, Noise(2.0, 40.0, 10.0))
-    gap = load_effect("backlash")
-    shapes = [Shape(20.0, 3.0, (Part(gap, {"d": d, "position": 0.2}),)) for d in (0.005, 0.02, 0.05)]
-    # the ridge that keeps columns nobody sees from any value is left out of many at once
-    assert solver.rss_of_many(shapes) == pytest.approx([solver.rss(shape) for shape in shapes], rel=1e-3)
-    assert len(set(solver.rss_of_many(shapes))) == 3
 
 
 def test_noise_is_found_again() -> None:

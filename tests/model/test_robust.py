@@ -117,8 +117,8 @@ def test_output_that_was_not_rounded_is_left_alone(output):
 
 
 def test_a_gain_of_the_wrong_sign_is_no_model():
+    from backlash_cli.model.candidates import Judge
     from backlash_cli.model.problem import problem_from_record
-    from backlash_cli.model.score import Judge
     from backlash_cli.model.search import baseline
 
     # OP answers to a load only: PV against OP slopes the wrong way, which is the controller and not the process
