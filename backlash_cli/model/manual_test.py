@@ -48,7 +48,8 @@ WIDTHS, FINE = 14, 7  # dead bands tried, and between the neighbours of the best
 LEAST_INTERVAL = 0.15  # of d, each way: the process is never exactly one of the answers
 SURE = 1.28  # deviations: 90 %
 TURNED = 0.2  # of d: OP going back by more begins a new event
-ROUNDS = 6  # of the weights
+ROUNDS = 3  # of the weights
+ANSWERED = 6.0  # deviations from no answer: one that is too slow to be seen whole is still one
 NO_ANSWER = 0.1  # gain of the loop, that of the controller included: no process that is controlled is weaker
 LONG_ENOUGH = 2.0  # integral times of a test after which any would have answered
 
@@ -267,25 +268,27 @@ def _fitted(data: _Blocks, widths: Sequence[float] | FloatArray, models: Sequenc
 def _likelihoods(X: FloatArray, y: FloatArray, weights: FloatArray, rounds: int = ROUNDS) -> tuple[_Fits, FloatArray]:
     """Fits of y (rows,) on each of X (models, columns, rows), and the logarithm of each row's likelihood if errors are
     Student's t (models, rows); weights: of the whitening (rows,)."""
-    n = len(y)
-    weight = np.ones((len(X), 1, n))
-    normal = np.empty(len(X))
-    for again in range(rounds + 1):
-        weighted = X * weight
-        gram = weighted @ X.transpose(0, 2, 1)
-        at = np.arange(X.shape[1])
-        gram[:, at, at] = gram[:, at, at] * (1.0 + 1e-6) + 1e-9
-        b = np.linalg.solve(gram, weighted @ y[:, None])[..., 0]
-        error = y - np.einsum("mc,mcr->mr", b, X)
-        square = np.maximum(np.mean(weight[:, 0] * error**2, axis=1), 1e-12)
-        if not again:
-            normal, variance = float(np.log(weights).sum()) - 0.5 * n * np.log(square), square
-            first = np.asarray(b, dtype=np.float64)
-            deviation = np.asarray(np.sqrt(square * np.linalg.inv(gram)[:, 0, 0]), dtype=np.float64)
-            if not rounds:
-                return _Fits(normal, normal, first, variance, deviation), error
-            square = np.minimum(square, (1.4 * np.median(np.abs(error), axis=1)) ** 2 + 1e-12)
-        weight = ((FREEDOM + 1.0) / (FREEDOM + error**2 / square[:, None]))[:, None]
+    n, at = len(y), np.arange(X.shape[1])
+
+    def solved(weighted: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        gram, cross = weighted @ X.transpose(0, 2, 1), weighted @ y
+        ridge = gram[:, at, at] * 1e-6 + 1e-9
+        gram[:, at, at] += ridge
+        b = np.asarray(np.linalg.solve(gram, cross[..., None])[..., 0], dtype=np.float64)
+        return b, gram, np.sum(b * (cross + ridge * b), axis=1)
+
+    first, gram, explained = solved(X)
+    variance = np.maximum(y @ y - explained, 1e-12 * n) / n
+    normal = float(np.log(weights).sum()) - 0.5 * n * np.log(variance)
+    deviation: FloatArray = np.sqrt(variance * np.linalg.inv(gram)[:, 0, 0])
+    if not rounds:
+        return _Fits(normal, normal, first, variance, deviation), np.empty((0, n))
+    error = y - np.einsum("mc,mcr->mr", first, X)
+    square = np.minimum(variance, (1.4 * np.median(np.abs(error), axis=1)) ** 2 + 1e-12)
+    for _ in range(rounds):
+        weight = (FREEDOM + 1.0) / (FREEDOM + error**2 / square[:, None])
+        error = y - np.einsum("mc,mcr->mr", solved(X * weight[:, None])[0], X)
+        square = np.maximum(np.mean(weight * error**2, axis=1), 1e-12)
     by_row = -0.5 * ((FREEDOM + 1.0) * np.log1p(error**2 / (FREEDOM * square[:, None])) + np.log(square)[:, None])
     by_row += np.log(weights)
     return _Fits(normal, by_row.sum(1), first, variance, deviation), by_row
@@ -306,14 +309,16 @@ def _best(likely: FloatArray) -> FloatArray:
 def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, answers: Sequence[Answer],
             longest: float, K: float | None, Ti: float | None) -> Note | None:
     """Say so where PV does not answer at all, although the process that this controller controls would have."""
-    if not K or not Ti or longest < LONG_ENOUGH * Ti:
+    k = int(none.normal[:, 0].argmax())
+    answered = abs(none.coefficients[k, 0, 0]) > ANSWERED * none.deviation[k, 0]
+    if not K or not Ti or longest < LONG_ENOUGH * Ti or answered:
         return None
     stems = data.stems(0.0, 0.0)
     quick = [a for a in answers if not a.integrating and any(
         np.ptp(a.of(stem, data.interval)[used]) > 0.5 * data.span for stem, used in zip(stems, data.used, strict=True))]
     if not quick:
         return None
-    y, X, weights = data.whitened(models[int(none.normal[:, 0].argmax())][0], data.columns([stems], quick))
+    y, X, weights = data.whitened(models[k][0], data.columns([stems], quick))
     fits, _ = _likelihoods(X, y, weights, rounds=0)
     if float(np.max(np.abs(fits.coefficients[:, 0]) + 2.0 * fits.deviation)) > NO_ANSWER / abs(K):
         return None

@@ -32,10 +32,10 @@ MOST_SAMPLES = 150_000  # of a simulated wait
 HOLD = 10.0  # integral times that a setpoint is held
 TURNS = (2, 4)  # times up and down, where once is not enough
 AROUND = 5.0  # integral times of ordinary operation before and after a test
-# steps of OP in manual, in dead bands of the target's size: of just that size, the first step back does nothing and the
-# second all, which is the clearest picture; larger ones tell more of the process, and more rounds average the load
-STEPS, ROUNDS = (1.0, 2.5), (2, 5, 12)
-HOLDS, FEWEST_HELD = (0.7, 2.0), 8.0  # lags of the process beyond its dead time that a step is held; samples, at least
+# OP in manual goes up and down in steps of the target's size, of which the first one back does nothing and the second
+# all, then in larger ones: they shrink the delay of play, not that of a process; more rounds average the load
+LARGER, ALIKE, ROUNDS = 2.5, 1.2, (1, 2, 4, 8)
+HOLDS, FEWEST_HELD = (1.0, 2.5), 10.0  # lags of the process beyond its dead time that a step is held; samples, at least
 ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
 OVER = 1.1  # what a move may go beyond a limit before it counts as beyond it: repeats differ
 OVERSHOOT = 1.3  # of PV beyond a step of the setpoint, that limits must allow for
@@ -160,15 +160,16 @@ class Subject:
         p = w.process
         # a lag far above Ti is one that the record does not tell from an integrator
         slow = min(sum(p.lags), w.controller.Ti) if p.lags and not p.integrating else w.controller.Ti
-        levels: tuple[float, ...] = (1.0, 0.0, -1.0, 0.0) if p.integrating else (1.0, 2.0, 1.0, 0.0)
-        peak, levels, rungs = max(levels), tuple(-x if w.output > 0.5 else x for x in levels), []
+        once = np.array([1.0, 0.0, -1.0, 0.0] if p.integrating else [1.0, 2.0, 1.0, 0.0])
+        rungs = []
         for k in HOLDS:
             hold = max(p.dead_time + k * slow, FEWEST_HELD * self.record.interval)
-            most = min(op_most, pv_most / w.settled(hold)) / peak
-            least, large = (size * self.target for size in STEPS)
-            rungs += [Test("manual_test", hold, size, levels * n)
-                      for size in dict.fromkeys((least, max(least, min(large, most)))) for n in ROUNDS]
-        rungs.sort(key=lambda test: test.duration)
+            allowed = min(op_most, pv_most / w.settled(hold)) / (self.target * once.max())
+            for larger in {min(max(allowed, 1.0), LARGER), LARGER}:
+                both = [once, larger * once] if larger > ALIKE else [once]
+                levels = tuple((np.concatenate(both) * (-1.0 if w.output > 0.5 else 1.0)).tolist())
+                rungs += [Test("manual_test", hold, self.target, levels * n) for n in ROUNDS]
+        rungs.sort(key=lambda test: (test.duration, max(map(abs, test.levels))))
         return [test for test in rungs if test.duration <= LONGEST_TEST] or rungs[:1]
 
     def _least(self, rungs: list[Test]) -> PlanOption:
