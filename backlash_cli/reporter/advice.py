@@ -94,9 +94,10 @@ def plans(found: Sequence[LoopPlan], loops: int) -> Report:
 
     loops: so many were scanned. Moves are shares of the spans, times in seconds.
     """
-    told = sum(any(o.decides for o in p.options) for p in found)
+    told, kept = (sum(any(o.decides and o.within_limits >= w for o in p.options) for p in found) for w in (False, True))
     return Report(
-        "plan", "Test plans", {"plans": found, "told": told, "loops": loops, "advice": TEST, "kinds": KINDS},
+        "plan", "Test plans",
+        {"plans": found, "told": told, "beyond": told - kept, "loops": loops, "advice": TEST, "kinds": KINDS},
         lambda: {"advice": TEST, "loops": [
             {**fields_of(p, "pv_range", "op_range"), "options": [*map(_option, p.options)]} for p in found]},
         lambda: {"sheets": [_sheet(p, f"sheet-{i}") for i, p in enumerate(found)]},
