@@ -9,8 +9,7 @@ OP comes from outside, so that PV can be compared with what a whole model of the
 
 with one of some fifty answers (a lag, a second one, dead time, or an integrator beside which PV may drift) and the load
 and noise of `noise.Whitener`. All is the same for d = 0, and the gain in likelihood is evidence: for normal errors and
-for those with long tails, as a load that jumps at the right moment convinces one of the two at most. The judgement is
-that of `criteria.read`, as of all Confirmations.
+for those with long tails, as a load that jumps at the right moment convinces one of the two at most.
 """
 
 from __future__ import annotations
@@ -32,8 +31,7 @@ from ..record import FloatArray, Note
 from ..results import Confirmation
 from .noise import Noise, whitener
 
-BLOCKS, FEWEST_BLOCKS = (400, 1000), 30  # PV is compared in block means, so many in all,
-FOR_EACH_STEP = 20  # the more of them the more steps of OP there are: coarse blocks blur the steps
+BLOCKS, FEWEST_BLOCKS, FOR_EACH_STEP = (400, 1000), 30, 20  # of block means of PV in all; coarse ones blur the steps
 LEAST_MOTION = 1.5 * NARROWEST  # % of span: OP moved less is no test
 LIMITS = np.geomspace(1.0, 10.0, 14)  # % of span: the limits of detection that are told apart
 LAGS, LONGEST = 7, 0.25  # how many lags are tried, up to which part of the longest test
@@ -48,7 +46,8 @@ WIDTHS, FINE = 14, 7  # dead bands tried, and between the neighbours of the best
 LEAST_INTERVAL = 0.15  # of d, each way: the process is never exactly one of the answers
 SURE = 1.28  # deviations: 90 %
 TURNED = 0.2  # of d: OP going back by more begins a new event
-ROUNDS = 6  # of the weights
+ROUNDS = 3  # of the weights
+ANSWERED = 6.0  # deviations from no answer: one that is too slow to be seen whole is still one
 NO_ANSWER = 0.1  # gain of the loop, that of the controller included: no process that is controlled is weaker
 LONG_ENOUGH = 2.0  # integral times of a test after which any would have answered
 
@@ -67,7 +66,7 @@ class Answer:
         x = _lagged(stems, interval, self.lag, self.delay)
         if self.second:
             x = _lagged(x, interval, self.second, 0.0)
-        return _before(np.cumsum(x, axis=-1), 1) * interval / self.lag if self.integrating else x
+        return (np.cumsum(x, axis=-1) - x) * interval / self.lag if self.integrating else x
 
     def near(self, factor: float, interval: float) -> list[Answer]:
         """This answer and those about it, by a factor in the lag and as much in what else there is."""
@@ -78,18 +77,13 @@ class Answer:
                 for f in (1.0 / factor, 1.0, factor) for b in seconds for c in delays]
 
 
-def _before(x: FloatArray, blocks: int) -> FloatArray:
-    """Return x (.., blocks) so many blocks later, 0 before."""
-    return np.concatenate([np.zeros((*x.shape[:-1], blocks)), x], axis=-1)[..., : x.shape[-1]]
-
-
 def _lagged(u: FloatArray, h: float, tau: float, delay: float) -> FloatArray:
     """Return what `effects.process.delayed_lag` does, of many signals (.., blocks)."""
-    whole = int(delay / h)
+    whole, rest = int(delay / h), u[..., :1]
     a, e = float(np.exp(-h / tau)), float(np.exp(-(1.0 - (delay / h - whole)) * h / tau))
-    rest = u[..., :1]
-    followed: FloatArray = rest + lfilter([1.0 - e, e - a], [1.0, -a], _before(u - rest, whole + 1))
-    return followed
+    late = np.zeros_like(u)
+    late[..., whole + 1 :] = u[..., : max(u.shape[-1] - whole - 1, 0)] - rest
+    return np.asarray(rest + lfilter([1.0 - e, e - a], [1.0, -a], late), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -142,14 +136,11 @@ class _Blocks:
 
     def whitened(self, noise: Noise, columns: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """PV (rows,) and columns (models, columns, rows) of all models, whitened, used blocks only; weights (rows,)."""
-        parts, weights = [], []
-        for rows, used in zip(columns, self.used, strict=True):
-            white = whitener(noise, used, self.interval)
-            parts.append(white.columns(rows.T)[used])
-            weights.append(white.weight[used])
-        both = np.concatenate(parts).T
+        white = [whitener(noise, used, self.interval) for used in self.used]
+        both = np.concatenate([w.columns(rows.T)[used] for w, rows, used in
+                               zip(white, columns, self.used, strict=True)]).T
         X = np.ascontiguousarray(both[1:]).reshape(-1, 2 + len(self.used), both.shape[1])
-        return both[0], X, np.concatenate(weights)
+        return both[0], X, np.concatenate([w.weight[used] for w, used in zip(white, self.used, strict=True)])
 
 
 class _Fits(NamedTuple):
@@ -168,9 +159,8 @@ def manual_test(recordings: Sequence[Recording], interval: float, K: float | Non
 
     recordings: one for each test, OP and PV in % of span, `usable` where the controller was in manual; what lies before
     tells where the stem stood. interval: of the samples [s]. K: controller gain [OP / PV], Ti: integral time [s], where
-    known: the sign of the answer, and whether there should be one. Returns a Confirmation in spans, as the test in
-    automatic does; its details name the `source`, and how much of the evidence (nats) is left without the turn of OP
-    that brings the most (`elsewhere`).
+    known: the sign of the answer, and whether there should be one. Returns a Confirmation in spans; its details name
+    the `source`, and the evidence (nats) left without the turn of OP that brings the most (`elsewhere`).
     """
     data = _blocks(recordings, interval)
     if data is None:
@@ -187,22 +177,18 @@ def manual_test(recordings: Sequence[Recording], interval: float, K: float | Non
     scouts = [data.stems(d, 0.0) for d in (0.0, *(data.span * np.array(SCOUTS)))]
     models = list(dict.fromkeys(chain(*_most_likely(data, scouts, noises, answers))))
     none = _fitted(data, [0.0], models, None)
-    silent = _silent(data, models, none, answers, longest, K, Ti)
-    if silent is not None:
+    if (silent := _silent(data, models, none, answers, longest, K, Ti)) is not None:
         return silent
     widths = np.geomspace(NARROWEST, max(TURN * data.span, LEAST_MOTION), WIDTHS)
-    for d in (0.0, None):  # the best answers without a dead band, then those with the one that fits best so far
-        if d is None:
-            d = float(widths[_best(_fitted(data, widths, models, K, rounds=0).normal).argmax()])
-        models = list(dict.fromkeys([*models, *_refined(data, d, models, K)]))
-        none = _fitted(data, [0.0], models, None)
+    models += _refined(data, 0.0, models, K)  # the best answers without a dead band, then with the best so far
+    d = float(widths[_best(_fitted(data, widths, models, K, rounds=0).normal).argmax()])
+    models = list(dict.fromkeys([*models, *_refined(data, d, models, K)]))
+    none = _fitted(data, [0.0], models, None)
     gains = _gains(none, _fitted(data, widths, models, K))
-    j = int(gains.argmax())
-    fine = about(widths, j, FINE)
-    grid = np.append(widths, fine)
+    fine = about(widths, int(gains.argmax()), FINE)
     gains = np.append(gains, _gains(none, _fitted(data, fine, models, K)))
-    order = np.argsort(grid)
-    return _confirmation(data, models, none, grid[order], gains[order], K, len(recordings))
+    order = np.argsort(widths := np.append(widths, fine))
+    return _confirmation(data, models, none, widths[order], gains[order], K, len(recordings))
 
 
 def _blocks(recordings: Sequence[Recording], interval: float) -> _Blocks | None:
@@ -241,10 +227,9 @@ def _refined(data: _Blocks, d: float, models: Sequence[tuple[Noise, Answer]], K:
 def _most_likely(data: _Blocks, stems: Sequence[Sequence[FloatArray]], noises: Sequence[Noise],
                  answers: Sequence[Answer]) -> list[list[tuple[Noise, Answer]]]:
     """For each of the stems the KEPT models that make PV most likely, the best first."""
-    likely, columns = [], data.columns(stems, answers)
-    for noise in noises:
-        y, X, weights = data.whitened(noise, columns)
-        likely.append(_likelihoods(X, y, weights, rounds=0)[0].normal.reshape(len(stems), -1))
+    columns = data.columns(stems, answers)
+    whitened = (data.whitened(noise, columns) for noise in noises)
+    likely = [_likelihoods(X, y, weights, rounds=0)[0].normal.reshape(len(stems), -1) for y, X, weights in whitened]
     best = np.argsort(-np.concatenate(likely, axis=1), axis=1, kind="stable")[:, :KEPT]
     return [[(noises[k // len(answers)], answers[k % len(answers)]) for k in row] for row in best.tolist()]
 
@@ -255,37 +240,37 @@ def _fitted(data: _Blocks, widths: Sequence[float] | FloatArray, models: Sequenc
     sign count for nothing."""
     starts = STARTS if len(widths) > 1 or widths[0] > 0.0 else (0.0,)
     stems = [data.stems(float(d), s) for d in widths for s in starts]
-    fits = []
-    for noise, answer in models:
-        y, X, weights = data.whitened(noise, data.columns(stems, [answer]))
-        one, _ = _likelihoods(X, y, weights, rounds)
-        wrong = np.where(one.coefficients[:, 0] * K < 0.0, -1e9, 0.0) if K else 0.0
-        fits.append(one._replace(normal=one.normal + wrong, student=one.student + wrong))
-    return _Fits(*map(np.array, zip(*fits, strict=True)))
+    whitened = (data.whitened(noise, data.columns(stems, [answer])) for noise, answer in models)
+    fits = [_likelihoods(X, y, weights, rounds)[0] for y, X, weights in whitened]
+    found = _Fits(*map(np.array, zip(*fits, strict=True)))
+    wrong = np.where(found.coefficients[..., 0] * (K or 0.0) < 0.0, -1e9, 0.0)
+    return found._replace(normal=found.normal + wrong, student=found.student + wrong)
 
 
 def _likelihoods(X: FloatArray, y: FloatArray, weights: FloatArray, rounds: int = ROUNDS) -> tuple[_Fits, FloatArray]:
     """Fits of y (rows,) on each of X (models, columns, rows), and the logarithm of each row's likelihood if errors are
     Student's t (models, rows); weights: of the whitening (rows,)."""
-    n = len(y)
-    weight = np.ones((len(X), 1, n))
-    normal = np.empty(len(X))
-    for again in range(rounds + 1):
-        weighted = X * weight
-        gram = weighted @ X.transpose(0, 2, 1)
-        at = np.arange(X.shape[1])
-        gram[:, at, at] = gram[:, at, at] * (1.0 + 1e-6) + 1e-9
-        b = np.linalg.solve(gram, weighted @ y[:, None])[..., 0]
-        error = y - np.einsum("mc,mcr->mr", b, X)
-        square = np.maximum(np.mean(weight[:, 0] * error**2, axis=1), 1e-12)
-        if not again:
-            normal, variance = float(np.log(weights).sum()) - 0.5 * n * np.log(square), square
-            first = np.asarray(b, dtype=np.float64)
-            deviation = np.asarray(np.sqrt(square * np.linalg.inv(gram)[:, 0, 0]), dtype=np.float64)
-            if not rounds:
-                return _Fits(normal, normal, first, variance, deviation), error
-            square = np.minimum(square, (1.4 * np.median(np.abs(error), axis=1)) ** 2 + 1e-12)
-        weight = ((FREEDOM + 1.0) / (FREEDOM + error**2 / square[:, None]))[:, None]
+    n, at = len(y), np.arange(X.shape[1])
+
+    def solved(weighted: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        gram, cross = weighted @ X.transpose(0, 2, 1), weighted @ y
+        ridge = gram[:, at, at] * 1e-6 + 1e-9
+        gram[:, at, at] += ridge
+        b = np.asarray(np.linalg.solve(gram, cross[..., None])[..., 0], dtype=np.float64)
+        return b, gram, np.sum(b * (cross + ridge * b), axis=1)
+
+    first, gram, explained = solved(X)
+    variance = np.maximum(y @ y - explained, 1e-12 * n) / n
+    normal = float(np.log(weights).sum()) - 0.5 * n * np.log(variance)
+    deviation: FloatArray = np.sqrt(variance * np.linalg.inv(gram)[:, 0, 0])
+    if not rounds:
+        return _Fits(normal, normal, first, variance, deviation), np.empty((0, n))
+    error = y - np.einsum("mc,mcr->mr", first, X)
+    square = np.minimum(variance, (1.4 * np.median(np.abs(error), axis=1)) ** 2 + 1e-12)
+    for _ in range(rounds):
+        weight = (FREEDOM + 1.0) / (FREEDOM + error**2 / square[:, None])
+        error = y - np.einsum("mc,mcr->mr", solved(X * weight[:, None])[0], X)
+        square = np.maximum(np.mean(weight * error**2, axis=1), 1e-12)
     by_row = -0.5 * ((FREEDOM + 1.0) * np.log1p(error**2 / (FREEDOM * square[:, None])) + np.log(square)[:, None])
     by_row += np.log(weights)
     return _Fits(normal, by_row.sum(1), first, variance, deviation), by_row
@@ -293,29 +278,27 @@ def _likelihoods(X: FloatArray, y: FloatArray, weights: FloatArray, rounds: int 
 
 def _gains(none: _Fits, some: _Fits) -> FloatArray:
     """Evidence (widths,) of each dead band: what it gains whichever way errors are distributed."""
-    gain: FloatArray = np.minimum(_best(some.normal) - none.normal.max(), _best(some.student) - none.student.max())
-    return gain
+    return np.minimum(_best(some.normal) - none.normal.max(), _best(some.student) - none.student.max())
 
 
 def _best(likely: FloatArray) -> FloatArray:
     """Of each dead band (widths,) the most likely of all models and starts (models, widths * starts)."""
-    found: FloatArray = likely.reshape(len(likely), -1, len(STARTS)).max(axis=(0, 2))
-    return found
+    return np.asarray(likely.reshape(len(likely), -1, len(STARTS)).max(axis=(0, 2)), dtype=np.float64)
 
 
 def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, answers: Sequence[Answer],
             longest: float, K: float | None, Ti: float | None) -> Note | None:
     """Say so where PV does not answer at all, although the process that this controller controls would have."""
-    if not K or not Ti or longest < LONG_ENOUGH * Ti:
+    k = int(none.normal[:, 0].argmax())
+    if not K or not Ti or longest < LONG_ENOUGH * Ti or (
+            abs(none.coefficients[k, 0, 0]) > ANSWERED * none.deviation[k, 0]):
         return None
     stems = data.stems(0.0, 0.0)
     quick = [a for a in answers if not a.integrating and any(
         np.ptp(a.of(stem, data.interval)[used]) > 0.5 * data.span for stem, used in zip(stems, data.used, strict=True))]
-    if not quick:
-        return None
-    y, X, weights = data.whitened(models[int(none.normal[:, 0].argmax())][0], data.columns([stems], quick))
+    y, X, weights = data.whitened(models[k][0], data.columns([stems], quick))
     fits, _ = _likelihoods(X, y, weights, rounds=0)
-    if float(np.max(np.abs(fits.coefficients[:, 0]) + 2.0 * fits.deviation)) > NO_ANSWER / abs(K):
+    if not quick or float(np.max(np.abs(fits.coefficients[:, 0]) + 2.0 * fits.deviation)) > NO_ANSWER / abs(K):
         return None
     return Note("manual_no_answer", f"OP was moved over {data.span:.2g} % of its span in manual, and PV did not "
                 "answer: the dead band is at least as wide, or something else keeps the valve or the transmitter from "
@@ -327,43 +310,40 @@ def _confirmation(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _
     d, at = peak_of(widths, gains), int(gains.argmax())
     best = _fitted(data, [widths[at]], models, K)
     model, start = (int(i) for i in np.unravel_index(best.student.argmax(), best.student.shape))
-    by_row = []
-    for d_tried, place, (noise, answer) in ((float(widths[at]), STARTS[start], models[model]),
-                                            (0.0, 0.0, models[int(none.student.argmax())])):
+
+    def by_row(d_tried: float, place: float, noise: Noise, answer: Answer) -> FloatArray:
         y, X, weights = data.whitened(noise, data.columns([data.stems(d_tried, place)], [answer]))
-        by_row.append(_likelihoods(X, y, weights)[1][0])
-    gained = by_row[0] - by_row[1]
+        return _likelihoods(X, y, weights)[1][0]
+
+    gained = by_row(float(widths[at]), STARTS[start], *models[model]) - by_row(
+        0.0, 0.0, *models[int(none.student.argmax())])
     most = float(np.bincount(data.events(TURNED * d), gained).max())
     low, high = width_interval(widths, gains, d, LEAST_INTERVAL)
-    limit = _limit(data, models, none, widths, gains)
-    evidence = float(gains[at])
+    evidence, reduction = float(gains[at]), 1.0 - float(best.variance[model, start] / none.variance[model, 0])
     details: dict[str, float | str] = {
         "source": "manual_test", "evidence": evidence, "elsewhere": evidence - most,
         "edge": float(at in (0, len(widths) - 1)), "rows": float(len(gained)), "block_s": data.interval,
         "output_range": data.span / 100.0, "crossings": float(data.crossings(d)), "recordings": float(tests),
         "trace": float(evidence >= TRACE), "sign_known": float(K is not None), "output": "recorded",
     }
-    reduction = 1.0 - float(best.variance[model, start] / none.variance[model, 0])
-    return confirmation(d, (low, high), max(reduction, 0.0), limit, details, widths, gains)
+    return confirmation(d, (low, high), max(reduction, 0.0), _limit(data, models, none, widths, gains), details,
+                        widths, gains)
 
 
 def _limit(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, widths: FloatArray,
            gains: FloatArray) -> float | None:
     """Smallest dead band [% of span] from which on each would have left a trace, and left none; None if there is none.
 
-    What the best model without a dead band says of PV is said of a valve with one; what of it no answer without a dead
-    band explains is, over twice the variance of the errors, the evidence to expect, and its deviation the root of
-    twice that.
+    What the best model without a dead band says of PV is said of a valve with one; what of it no answer without one
+    explains is, over twice the variance of the errors, the evidence to expect, its deviation the root of twice that.
     """
     k = int(none.normal[:, 0].argmax())
-    noise, answer = models[k]
-    b = none.coefficients[k, 0]
+    (noise, answer), b = models[k], none.coefficients[k, 0]
     answers = list(dict.fromkeys(a for _, a in models))
     y, straight, _ = data.whitened(noise, data.columns([data.stems(0.0, 0.0)], answers))
     n, even = len(y), np.ones(len(y))
-    tried = LIMITS[data.span > MOTION * LIMITS]
     limit = None
-    for d in tried[::-1]:
+    for d in LIMITS[data.span > MOTION * LIMITS][::-1]:
         _, X, _ = data.whitened(noise, data.columns([data.stems(float(d), s) for s in STARTS], [answer]))
         left = n * min(float(_likelihoods(straight, b @ x, even, rounds=0)[0].variance.min()) for x in X)
         expected = 0.5 * n * np.log1p(left / (n * none.variance[k, 0]))

@@ -24,6 +24,7 @@ from .words import logging_words, model_words, option_words
 
 TARGET = 0.02  # span: dead band that matters, where the record has no limit of detection
 LOOKS = ((2, 0.5), (6, 0.5), (20, 0.7))  # repeats of a rung, and what its chance must be for more of them
+SURE = 0.9  # chance from which on no longer test is tried: twins are like their loops, not the same
 TOLD = 1.1  # limits of detection are told in steps, 2.03 % is one of them
 LONGER = (1.0, 3.0, 9.0)  # waits, in lengths of the record
 LONGEST_WAIT, LEAST_WAIT = 14 * 86400.0, 20.0  # seconds; integral times
@@ -32,10 +33,10 @@ MOST_SAMPLES = 150_000  # of a simulated wait
 HOLD = 10.0  # integral times that a setpoint is held
 TURNS = (2, 4)  # times up and down, where once is not enough
 AROUND = 5.0  # integral times of ordinary operation before and after a test
-# steps of OP in manual, in dead bands of the target's size: of just that size, the first step back does nothing and the
-# second all, which is the clearest picture; larger ones tell more of the process, and more rounds average the load
-STEPS, ROUNDS = (1.0, 2.5), (2, 5, 12)
-HOLDS, FEWEST_HELD = (0.7, 2.0), 8.0  # lags of the process beyond its dead time that a step is held; samples, at least
+# OP in manual goes up and down in steps of the target's size, of which the first one back does nothing and the second
+# all, then in larger ones: they shrink the delay of play, not that of a process; more rounds average the load
+LARGER, ALIKE, ROUNDS = 2.5, 1.2, (2, 4, 8)
+HOLDS, FEWEST_HELD = (1.0, 2.5), 10.0  # lags of the process beyond its dead time that a step is held; samples, at least
 ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
 OVER = 1.1  # what a move may go beyond a limit before it counts as beyond it: repeats differ
 OVERSHOOT = 1.3  # of PV beyond a step of the setpoint, that limits must allow for
@@ -160,35 +161,38 @@ class Subject:
         p = w.process
         # a lag far above Ti is one that the record does not tell from an integrator
         slow = min(sum(p.lags), w.controller.Ti) if p.lags and not p.integrating else w.controller.Ti
-        levels: tuple[float, ...] = (1.0, 0.0, -1.0, 0.0) if p.integrating else (1.0, 2.0, 1.0, 0.0)
-        peak, levels, rungs = max(levels), tuple(-x if w.output > 0.5 else x for x in levels), []
+        once = np.array([1.0, 0.0, -1.0, 0.0] if p.integrating else [1.0, 2.0, 1.0, 0.0])
+        rungs: list[Test] = []
         for k in HOLDS:
             hold = max(p.dead_time + k * slow, FEWEST_HELD * self.record.interval)
-            most = min(op_most, pv_most / w.settled(hold)) / peak
-            least, large = (size * self.target for size in STEPS)
-            rungs += [Test("manual_test", hold, size, levels * n)
-                      for size in dict.fromkeys((least, max(least, min(large, most)))) for n in ROUNDS]
-        rungs.sort(key=lambda test: test.duration)
+            allowed = min(op_most, pv_most / w.settled(hold)) / (self.target * once.max())
+            for larger in {1.0, float(np.clip(allowed, 1.0, LARGER)), LARGER}:
+                both = [once, larger * once] if larger > ALIKE else [once]
+                levels = tuple((np.concatenate(both) * (-1.0 if w.output > 0.5 else 1.0)).tolist())
+                rungs += [Test("manual_test", hold, self.target, levels * n) for n in ROUNDS]
+        rungs = sorted(set(rungs), key=lambda test: (test.duration, max(map(abs, test.levels))))
         return [test for test in rungs if test.duration <= LONGEST_TEST] or rungs[:1]
 
     def _least(self, rungs: list[Test]) -> PlanOption:
-        """Return the first rung that decides within the limits; else of those that decide the one that goes least
-        beyond them; else the most promising one."""
-        beyond: list[Played] = []
+        """Return the first rung within the limits that decides surely; else of those that decide the one within them or
+        least beyond; else the most promising one."""
+        deciding: list[Played] = []
         looks: list[Played] = []
         for test in rungs:
             looks.append(played := Played(test))
             for upto, least in (*LOOKS, (self.options.repeats, ENOUGH)):
                 self._repeat(played, min(upto, self.options.repeats))
-                if played.chance < least or (beyond and self._excess(played) >= self._excess(beyond[-1])):
+                beyond = self._excess(played)
+                if played.chance < least or (deciding and beyond > 1.0 and beyond >= self._excess(deciding[-1])):
                     break
             else:
-                if not (option := self._option(played)).decides:
-                    continue
-                if option.within_limits:
-                    return option
-                beyond.append(played)
-        return self._option(beyond[-1] if beyond else max(reversed(looks), key=lambda played: played.chance))
+                if self._option(played).decides:
+                    deciding.append(played)
+                    if beyond == 1.0 and played.chance >= SURE:
+                        return self._option(played)
+        if deciding:
+            return self._option(min(deciding, key=lambda played: (self._excess(played), -played.chance)))
+        return self._option(max(reversed(looks), key=lambda played: played.chance))
 
     def _excess(self, played: Played) -> float:
         """How far a test goes beyond the limits: 1 for within."""

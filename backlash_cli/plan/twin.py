@@ -28,7 +28,7 @@ LONGEST = 200_000  # samples of it, the last ones
 SHORTEST_BLOCK = 40.0  # integral times
 BLOCKS = 5  # at least so many make up the stretch
 FINEST = 15.0  # inner steps in an integral time
-SPREAD, ASSUMED_SPREAD = 0.15, 0.4  # of gain, lag and dead time from repeat to repeat, as natural logarithms
+SPREAD, ASSUMED_SPREAD = 0.3, 0.4  # of gain, lag and dead time from repeat to repeat, as natural logarithms
 SETTLE = 12.0  # integral times that the simulated loop has before the record of it begins
 TRIES = 5  # to draw a process that this controller can hold
 DEAD_TIME, CLOSED = 0.2, 0.8  # of an assumed process, in integral times: dead time, and closed-loop time constant
@@ -100,7 +100,8 @@ class Twin:
     def settled(self, hold: float) -> float:
         """How far PV moves for a move of OP held so long [PV span per OP span]."""
         gain, p = abs(self.process.gain), self.process
-        return gain * max(hold - p.dead_time, 0.0) if p.integrating else gain
+        acts = max(hold - p.dead_time, 0.0)
+        return gain * (acts if p.integrating else 1.0 - float(np.exp(-acts / max(sum(p.lags), 1e-9))))
 
     def play(self, test: Test, seed: int, *, around: float = 0.0) -> tuple[Record, Trace, float]:
         """Return what the historian would keep of a test, and the whole simulation with the time [s] of its start.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
 from ..record import LoopSettings, duration
@@ -72,12 +73,14 @@ def option_words(option: PlanOption, twin: Twin, target: float, limits: tuple[fl
             return f"Waiting will not tell: not even {lasting(option.duration_s)} more of the same operation. {said}"
         return f"Wait: {lasting(option.duration_s)} more of the same operation, then scan both together. {said}"
     assert option.move is not None and option.hold_s is not None
-    levels = option.levels[: len(option.levels) // option.rounds]
-    ways = ", ".join("up" if b > a else "down" for a, b in zip((0.0, *levels), levels, strict=False))
-    ways += f", {option.rounds} times over," * (option.rounds > 1)
     signal, span = ("SP", s.pv_range) if option.kind == "setpoint_steps" else ("OP", s.op_range)
     where = "In automatic" if signal == "SP" else "In manual"
-    test = (f"{where}: step {signal} {ways} by {amount(option.move, span)}, each held for {lasting(option.hold_s)}, "
+    levels = (0.0, *option.levels[: len(option.levels) // option.rounds])
+    steps = [round(option.move * (b - a), 6) for a, b in pairwise(levels)]
+    ways = ", then ".join(f"{', '.join('up' if step > 0 else 'down' for step in alike)} by {amount(size, span)}"
+                          for size, alike in groupby(steps, abs))
+    ways += f", {option.rounds} times over" * (option.rounds > 1)
+    test = (f"{where}: step {signal} {ways}, each held for {lasting(option.hold_s)}, "
             f"{lasting(option.duration_s)} in all, then scan the export with it.")
     if option.pv_move is None or option.op_move is None:
         return f"{test} {said}"

@@ -89,9 +89,10 @@ def _gains(study: CompensationStudy) -> Figure:
 def plans(found: Sequence[LoopPlan], loops: int) -> Report:
     """Return every plan, its options one below the other, the ones that decide marked; a sheet for each loop. loops: so
     many were scanned."""
-    told = sum(any(o.decides for o in p.options) for p in found)
+    told, kept = (sum(any(o.decides and o.within_limits >= w for o in p.options) for p in found) for w in (False, True))
     return Report(
-        "plan", "Test plans", {"plans": found, "told": told, "loops": loops, "advice": TEST, "kinds": KINDS},
+        "plan", "Test plans",
+        {"plans": found, "told": told, "beyond": told - kept, "loops": loops, "advice": TEST, "kinds": KINDS},
         lambda: {"advice": TEST, "loops": [{**fields_of(p), "options": [*map(_option, p.options)]} for p in found]},
         lambda: {"sheets": [_sheet(p, f"sheet-{i}") for i, p in enumerate(found)]},
         "Simulated from the records; nothing was written to the control system")

@@ -35,9 +35,14 @@ def test_text_json_csv_and_sheets_say_the_same(capfd, tmp_path, kept):
         assert {"kind", "duration_s", "op_move", "pv_move", "power", "clears", "false_alarm", "text"} <= set(option)
     # from here on the plan is read, not made
     rows = list(csv.DictReader(io.StringIO(run(capfd, *few, "--format", "csv").out)))
-    assert [row["kind"] for row in rows] == [o["kind"] for o in loop["options"]]
+    for row, option in zip(rows, loop["options"], strict=True):
+        assert (row["kind"], row["text"]) == (option["kind"], option["text"])
+        assert (row["decides"], row["within_limits"]) == tuple(str(option[key]).lower() for key in
+                                                               ("decides", "within_limits"))
     text = run(capfd, *few).out
     assert "TIC207: cannot tell" in text and "advice to a person" in text
+    for option in loop["options"]:
+        assert " ".join(option["text"].split()) in " ".join(text.split())
     done = run(capfd, *few, "-o", tmp_path / "sheets.html")
     page = (tmp_path / "sheets.html").read_text("utf-8")
     assert done.status == 0 and 'id="sheet-0"' in page and "Nothing is written to the control system" in page

@@ -72,6 +72,15 @@ def test_manual_stretches_and_gaps_are_left_out(worn: Record):
     assert found.d == pytest.approx(0.03, rel=0.2)
 
 
+def test_steps_of_op_in_manual_are_no_reversals_of_normal_operation(worn: Record):
+    state, output = worn.state.copy(), worn.output.copy()  # type: ignore[union-attr]
+    state[1000:1400] = SampleState.MANUAL
+    output[1000:1400] += np.where(np.arange(400) // 10 % 2, 0.2, -0.2)
+    still, stepped = confirm(replace(worn, state=state)), confirm(replace(worn, state=state, output=output))
+    assert isinstance(still, Confirmation) and isinstance(stepped, Confirmation)
+    assert stepped.details["crossings"] <= still.details["crossings"] + 2
+
+
 def test_refusals_say_why(worn: Record):
     short = confirm(worn.slice(0, 80))
     assert isinstance(short, Note)

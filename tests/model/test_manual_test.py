@@ -127,6 +127,19 @@ def test_several_tests_count_together():
     assert read(all_of_them).clear and all_of_them.d == pytest.approx(0.015, rel=0.2)
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_many_steps_under_a_load_that_wanders_are_not_blurred(seed):
+    hand = moves("uudd" * 36, step=2.0, hold=20)
+    for d in (0.0, 2.0):
+        plant = Plant(d, seed=seed, lags=(6.0, 3.0, 2.0), load=wander(LEAD + len(hand), seed))
+        found = manual_test([plant.recording(hand)], 1.0, 0.5)
+        assert isinstance(found, Confirmation) and read(found).clear == (d > 0.0)
+        if d:
+            assert found.d == pytest.approx(d / 100, rel=0.15)
+        else:
+            assert found.details["evidence"] < 0.0 and found.limit_of_detection <= 0.02
+
+
 @pytest.mark.parametrize(("pattern", "code"), [("uuudd", "few_reversals"), ("uuudduu", None)])
 def test_one_turn_is_no_proof_however_clear(pattern, code):
     found = look(Plant(2.0), pattern)

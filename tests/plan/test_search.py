@@ -51,7 +51,8 @@ def test_the_same_seed_gives_the_same_plan(quiet, planned):
     assert [o for o in plan(quiet, replace(FEW, kinds=("setpoint_steps",))).options if o.kind != "logging"] == steps
 
 
-def test_what_goes_beyond_the_limits_says_by_how_much_and_comes_last(quiet):
+def test_what_goes_beyond_the_limits_says_by_how_much_and_comes_last(quiet, monkeypatch):
+    monkeypatch.setattr(search, "ROUNDS", (2,))
     found = plan(quiet, replace(FEW, max_pv_move=Move(0.001), kinds=("manual_test",)))
     (option,) = [o for o in found.options if o.kind == "manual_test"]
     assert option.decides and not option.within_limits and option.pv_move > 0.001
@@ -66,7 +67,10 @@ def test_moves_stay_within_the_limits(planned):
 
 def test_a_test_in_manual_moves_op_by_its_steps_and_nothing_else(planned):
     (option,) = [o for o in planned.options if o.kind == "manual_test"]
-    assert option.op_move == pytest.approx(2.0 * option.move)
+    small, large = option.levels[:4], option.levels[4:8]
+    assert max(map(abs, small)) == 2.0 < max(map(abs, large)) <= 5.0
+    assert option.op_move == pytest.approx(option.move * max(map(abs, large)))
+    assert "by 2 %, then" in option.text
 
 
 def test_without_op_or_settings_logging_comes_first(quiet):
