@@ -20,14 +20,16 @@ from numpy.typing import NDArray
 from ..record import FloatArray, LoopSettings, Note, Record, duration
 from ..results import Confirmation
 from .exclusion import excluded
-from .gap_test import IMITATED, GapTest, gaps_tested, imitations, together
-from .predictor import Predictor, Recording, predictor, recording_of
+from .gap_test import IMITATED, GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested, together
+from .predictor import Predictor, Recording, in_blocks, paired, predictor, recording_of
 from .rebuild import rebuilt_output
 from .width_profile import NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
 
-PARTS_OF_TI = (1, 2, 4, 8, 16)  # block lengths as parts of Ti
-SHORT = 6000  # blocks; the shortest blocks are tried only in records of fewer
-MOST_ROWS = 6000  # of a longer record every second, third .. block is predicted, each from all that lies before it
+PARTS_OF_TI, LONGEST = 8, 1.4  # of Ti: the shortest block is one part, or half of it; the longest, in Ti
+SHORT = 6000  # blocks; half parts are tried only in records of fewer
+MOST_ROWS, ROWS_OF_SIZE = 3000, 12000  # of a longer record every second, third .. block is predicted, each from all
+# that lies before it; more of them for the size of a dead band that is there
+SIZED, NEAR = 2, 2  # block lengths that tell the size; widths from the one that explains most that evidence may come from
 APART = 3600.0  # seconds; process and load may have changed between recordings further apart: each is predicted by
 LONG_ENOUGH = 100.0  # itself, if it is so many integral times long, and the evidence added up
 SHORTEST = 10.0  # integral times: a shorter record holds no loop's behaviour
@@ -136,9 +138,7 @@ def _recordings(record: Record, output: FloatArray, usable: NDArray[np.bool_]) -
 
 def _asked(recordings: Sequence[Recording], span: float, K: float | None, Ti: float, interval: float
            ) -> tuple[Asked, ...]:
-    asked, sizes = [], set()
     widths = np.geomspace(NARROWEST, max(min(WIDEST, TURN * span), 1.5 * NARROWEST), WIDTHS)
-    samples = sum(len(r.output) for r in recordings)
     groups = [[recordings[0]]]
     for before, r in pairwise(recordings):
         hole = (r.begin - before.begin - len(before.output)) * interval
@@ -147,48 +147,93 @@ def _asked(recordings: Sequence[Recording], span: float, K: float | None, Ti: fl
         groups[-1].append(r)
     if any(sum(len(r.output) for r in group) * interval < LONG_ENOUGH * Ti for group in groups):
         groups = [list(recordings)]
-    for part in PARTS_OF_TI:
-        size = max(1, round(Ti / part / interval))
-        if size in sizes or (part == PARTS_OF_TI[-1] and samples // size > SHORT):
-            continue
-        sizes.add(size)
-        found = tuple(p for group in groups if (p := predictor(group, size, span, MOST_ROWS)) is not None)
-        if found:
-            imitated = sum(imitations(p, widths[::3], Ti, interval) for p in found)
-            test = together([gaps_tested(p, widths, K, Ti, interval) for p in found])
-            asked.append(Asked(found, test, float(np.max(imitated))))
-    return tuple(asked)
+    by_group = [_tried(group, _block_lengths(recordings, Ti / interval), widths, span, K, Ti, interval)
+                for group in groups]
+    found = [[one for one in of_length if one is not None] for of_length in zip(*by_group, strict=True)]
+    return tuple(Asked(tuple(p for p, _, _ in of), together([test for _, test, _ in of]),
+                       float(np.max(sum(gain for _, _, gain in of)))) for of in found if of)
+
+
+def _block_lengths(recordings: Sequence[Recording], Ti: float) -> list[int]:
+    """Lengths [samples] of the blocks, each twice the one before, from a part of Ti [samples] to about Ti."""
+    samples, finest = sum(len(r.output) for r in recordings), max(1, round(Ti / PARTS_OF_TI))
+    if samples // finest < SHORT // 2:
+        finest = max(1, round(Ti / (2 * PARTS_OF_TI)))
+    return [finest << k for k in range(6) if finest << k <= max(LONGEST * Ti, finest)]
+
+
+def _tried(recordings: Sequence[Recording], sizes: Sequence[int], widths: FloatArray, span: float, K: float | None,
+           Ti: float, interval: float) -> list[tuple[Predictor, GapTest, FloatArray] | None]:
+    """Prediction, gaps and what imitations gain at each block length, None where it holds too few blocks."""
+    predictions = _predictions(recordings, sizes, span, MOST_ROWS)
+    gaps = [gaps_in(r.output, widths, sizes[0]) for r in recordings]
+    tests = []
+    for p in predictions:
+        tests.append(None if p is None else gaps_tested(p, gaps, widths, K, Ti, interval))
+        gaps = [paired(g) for g in gaps]
+    gaps, gains = [forgetting_gaps_in(r.output, widths[::3], sizes[0], Ti / interval) for r in recordings], []
+    for p in predictions:
+        gains.append(None if p is None else free_gains(p, gaps))
+        gaps = [paired(g) for g in gaps]
+    return [None if p is None or test is None or gain is None else (p, test, gain)
+            for p, test, gain in zip(predictions, tests, gains, strict=True)]
+
+
+def _predictions(recordings: Sequence[Recording], sizes: Sequence[int], span: float, most: int
+                 ) -> list[Predictor | None]:
+    deviation = float(np.sqrt(np.mean(np.concatenate([r.measurement - r.measurement.mean() for r in recordings]) ** 2)))
+    if deviation == 0.0:
+        return [None] * len(sizes)
+    blocks, found = [in_blocks(r, sizes[0], span, deviation) for r in recordings], []
+    for _ in sizes:
+        found.append(predictor(blocks, deviation, most))
+        blocks = [b.coarser for b in blocks]
+    return found
 
 
 def _confirmation(s: Study) -> Confirmation:
     from ..kernels import gap_crossings
 
     evidence = _evidence(s.asked)
-    best, *others = sorted(s.asked, key=lambda a: float(a.net.max()), reverse=True)
-    widths, j = best.test.widths, int(best.test.fit.argmax())
-    fine = about(widths, j, FINE)
-    closer = together([gaps_tested(p, fine, s.settings.K, s.Ti, s.interval) for p in best.predictions])
-    order = np.argsort(np.append(widths, fine))
-    grid, answer, deviation, share, reduction = (np.append(a, b)[order] for a, b in (
-        (widths, fine), (best.test.fit, closer.fit), (best.test.deviation, closer.deviation),
-        (best.test.share, closer.share), (best.test.error_reduction, closer.error_reduction)))
+    best = sorted(s.asked, key=lambda a: float(a.net.max()), reverse=True)[:SIZED]
+    grid, tests = best[0].test.widths, [a.test for a in best]
+    if evidence >= TRACE:
+        grid = np.sort(np.append(grid, about(grid, int(_explained(tests).argmax()), FINE)))
+        tests = [_again(a.predictions, grid, s) for a in best]
+    answer, of = _explained(tests), tests[0]
     d, at = peak_of(grid, answer), int(answer.argmax())
-    imperfection = min(best.imitation / max(float(answer[at]), 1e-9), 1.0)
+    imitation = float(np.mean([a.imitation for a in best]))
+    imperfection = min(imitation / max(float(answer[at]), 1e-9), 1.0)
     low, high = width_interval(grid, answer, d, LEAST_INTERVAL + IMPERFECTION * imperfection)
-    if others and others[0].net.max() > 0.0:  # a size that another block length does not share is known less well
-        other = peak_of(widths, others[0].test.fit)
-        low, high = min(low, other), max(high, other)
+    for a, test in zip(best, tests, strict=True):  # a size that another block length does not share is known less well
+        if a.net.max() > 0.0:
+            low, high = min(low, peak_of(grid, test.gain)), max(high, peak_of(grid, test.gain))
     details: dict[str, float | str] = {
-        "evidence": evidence, "gain": float(answer[at]), "imitation": best.imitation, "share": float(share[at]),
-        "share_deviation": float(deviation[at]),
-        "edge": float(at in (0, len(grid) - 1)), "rows": float(sum(p.rows for p in best.predictions)),
-        "block_s": best.predictions[0].size * s.interval, "output_range": s.span / 100.0,
+        "evidence": evidence, "gain": float(answer[at]), "imitation": imitation, "share": float(of.share[at]),
+        "share_deviation": float(of.deviation[at]),
+        "edge": float(at in (0, len(grid) - 1)), "rows": float(sum(p.rows for p in best[0].predictions)),
+        "block_s": best[0].predictions[0].size * s.interval, "output_range": s.span / 100.0,
         "crossings": float(sum(gap_crossings(r.output, d) for r in s.recordings)),
         "recordings": float(len(s.recordings)), "trace": float(evidence >= TRACE),
         "sign_known": float(s.settings.K is not None), "output": "rebuilt" if s.rebuilt else "recorded",
     }
     limit = excluded(s.tests, s.length, s.span)
-    return confirmation(d, (low, high), float(reduction[at]), limit, details, grid, answer)
+    return confirmation(d, (low, high), float(of.error_reduction[at]), limit, details, grid, answer)
+
+
+def _explained(tests: Sequence[GapTest]) -> FloatArray:
+    """What gaps of each width explain in the mean over block lengths [nats], whether PV's answer is a full one or not."""
+    return np.asarray(np.mean([test.gain for test in tests], axis=0))
+
+
+def _again(predictions: Sequence[Predictor], widths: FloatArray, s: Study) -> GapTest:
+    """The same block length asked with more rows: the size is worth more of them than whether there is a dead band."""
+    tests = []
+    for p in predictions:
+        closer = _predictions(p.recordings, [p.size], s.span, ROWS_OF_SIZE)[0] or p
+        gaps = [gaps_in(r.output, widths, p.size) for r in p.recordings]
+        tests.append(gaps_tested(closer, gaps, widths, s.settings.K, s.Ti, s.interval))
+    return together(tests)
 
 
 def memory(values: FloatArray) -> float:
@@ -208,4 +253,6 @@ def _evidence(asked: Sequence[Asked]) -> float:
     possible = np.max([np.minimum(a.net, k) for a, k in zip(asked, kept, strict=True)], axis=0)
     fitting = [np.minimum(a.fitting, k) for a, k in zip(asked, kept, strict=True)]
     second = np.sort(fitting, axis=0)[-2] if len(asked) > 1 else 0.0
-    return float(np.max(np.where(possible > 0.0, 0.5 * (possible + second), np.minimum(possible, 0.0))))
+    found = np.where(possible > 0.0, 0.5 * (possible + second), np.minimum(possible, 0.0))
+    best = int(_explained([a.test for a in asked]).argmax())
+    return float(np.max(found[max(best - NEAR, 0) : best + NEAR + 1]))

@@ -11,7 +11,7 @@ already (the J test of nested and non-nested models, Davidson and MacKinnon, Eco
     tied       the gain of the tied fit over the prediction without a gap: below zero where the gap alone does worse
                than OP itself, which no valve does
 
-`imitations` offers gaps that forget instead: shaped alike, but rate dependent, as no valve is. What they gain is what
+Gaps that forget are offered as imitations: shaped alike, but rate dependent, as no valve is. What they gain is what
 the imperfection of the prediction is worth.
 """
 
@@ -63,12 +63,27 @@ class GapTest:
         return np.where(self.possible, self.fit, -1.0)
 
 
-def gaps_tested(p: Predictor, widths: FloatArray, K: float | None, Ti: float, interval: float) -> GapTest:
-    """Test gaps of `widths` (in the units of OP). K: controller gain [OP units / PV units], None when not known.
-    Ti, interval: integral time and sampling interval [s]."""
+def gaps_in(output: FloatArray, widths: FloatArray, size: int) -> FloatArray:
+    """How far the stem lags behind OP in gaps of `widths`, in its units: block means (widths, blocks)."""
     from ..kernels import gap_means
 
-    G = p.lagged(lambda u, size, count: gap_means(u, widths, size, count))
+    return np.asarray(gap_means(output, widths, size, len(output) // size))
+
+
+def forgetting_gaps_in(output: FloatArray, widths: FloatArray, size: int, memory: float) -> FloatArray:
+    """The same of gaps that forget within SCALES of `memory` [samples], (widths times scales, blocks)."""
+    from ..kernels import forgetting_gap_means
+
+    rates = np.minimum(1.0, 1.0 / (np.array(SCALES) * memory))
+    means = forgetting_gap_means(output, widths, rates, size, len(output) // size)
+    return np.asarray(means.reshape(-1, means.shape[-1]))
+
+
+def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], widths: FloatArray, K: float | None, Ti: float,
+                interval: float) -> GapTest:
+    """Test gaps of `widths` (in the units of OP). gaps: `gaps_in` each recording, in the blocks of the prediction. K:
+    controller gain [OP units / PV units], None when not known. Ti, interval: integral time and sampling interval [s]."""
+    G = p.lagged(gaps)
     H, w, n, at = p.columns, p.weights, p.rows, p.past_output
     floor = p.loss - float(w @ p.error**2)
     weighted, weighted_gaps = H * w, G * w
@@ -118,18 +133,9 @@ def together(tests: Sequence[GapTest]) -> GapTest:
                    np.sum([t.tied for t in tests], axis=0), possible, reduction)
 
 
-def imitations(p: Predictor, widths: FloatArray, Ti: float, interval: float) -> FloatArray:
-    """Gains [nats] of gaps that forget within SCALES of Ti, each with FREE_LAGS free lags: (widths times scales,)."""
-    from ..kernels import forgetting_gap_means
-
-    rates = np.minimum(1.0, interval / (np.array(SCALES) * Ti))
-    G = p.lagged(lambda u, size, count: forgetting_gap_means(u, widths, rates, size, count).reshape(-1, count),
-                 min(FREE_LAGS, p.lags.count))
-    return free_gains(p, G)
-
-
-def free_gains(p: Predictor, G: FloatArray) -> FloatArray:
-    """Gain [nats] (signals,) of each of the signals G (signals, lags, rows), its lags free."""
+def free_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:
+    """Gain [nats] (signals,) of each of the signals (signals, blocks) of each recording with FREE_LAGS free lags."""
+    G = p.lagged(signals, min(FREE_LAGS, p.lags.count))
     weighted = p.columns * p.weights
     found = []
     for X in G:
