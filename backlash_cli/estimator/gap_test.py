@@ -24,7 +24,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ..record import FloatArray
-from .predictor import Predictor
+from .predictor import Predictor, just_before
 
 STRETCHES = 24  # of the record, for the deviation of the share
 LEAST_SHARE, MOST_SHARE = 0.6, 1.6  # a share outside is no gap, whatever it gains
@@ -155,6 +155,8 @@ def _possible(p: Predictor, b: FloatArray, K: float | None, Ti: float, interval:
     impulse = np.zeros(6 * blocks + 1)
     impulse[0] = 1.0
     to_output, to_past = p.lags.spread(b[p.past_output]), p.lags.spread(b[p.past_measurement])
+    n, at = len(just_before(p.size)), p.past_output.stop
+    to_past[0] += b[at : at + n].sum()
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable fit runs away, and is no process
         answer = np.cumsum(np.clip(np.nan_to_num(lfilter(np.append(0.0, to_output), np.append(1.0, -to_past), impulse)),
                                    -1e6, 1e6))

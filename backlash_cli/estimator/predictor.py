@@ -225,7 +225,7 @@ def _products(b: Blocks, lags: Lags, rows: NDArray[np.int64]) -> FloatArray:
 
 def _just_before(b: Blocks, rows: NDArray[np.int64]) -> FloatArray:
     """Means of the last 1, 2, size/4 and size/2 samples of PV and OP before each block: what has just happened."""
-    lengths = sorted({1, 2, max(1, b.size // 4), max(1, b.size // 2)} - {b.size}) if b.size > 1 else []
+    lengths = just_before(b.size)
     cut = slice(0, len(b.usable) * b.size)
     signals = [x[cut].reshape(-1, b.size) for x in (b.recording.measurement, b.recording.output)]
     return np.array([x[rows - 1, -n:].mean(axis=1) for x in signals for n in lengths]).reshape(-1, len(rows))
@@ -249,6 +249,10 @@ def _lags_of(signals: FloatArray, lags: Lags, rows: NDArray[np.int64], count: in
                 into[i] = (before(total, back) - before(total, back + width)) / width
                 back, width = back + width, 2 * width
     return found
+
+
+def just_before(size: int) -> list[int]:
+    return sorted({1, 2, max(1, size // 4), max(1, size // 2)} - {size}) if size > 1 else []
 
 
 def _surprises(beyond: FloatArray, of: NDArray[np.int64], rows: NDArray[np.int64]) -> FloatArray:
