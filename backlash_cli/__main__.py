@@ -17,9 +17,8 @@ from ._version import __version__
 from .commands.check import check
 from .commands.history import history, report, trend
 from .commands.nightly import nightly
-from .commands.plan import plan
 from .commands.scan import scan
-from .commands.simulate import compensate, effects, paper, simulate
+from .commands.simulate import compensate, effects, paper, plan, simulate
 from .commands.terminal import say
 from .commands.workbench import compare, explain
 from .errors import BacklashError, nearest
@@ -115,14 +114,13 @@ def _run(arguments: list[str]) -> int:
         cli.main(arguments, prog_name="backlash")
     try:
         with cli.make_context("backlash", arguments) as context:
-            code = cli.invoke(context)
+            return cli.invoke(context) or 0
     except click.exceptions.Exit as done:
         return done.exit_code
     except Exception as error:
         if _asked_to_end:  # a library, in the middle of its import for one, answered the stop with an error of its own
             raise KeyboardInterrupt from error
         raise
-    return code if isinstance(code, int) else 0
 
 
 _asked_to_end: list[int] = []  # signals that came (Ctrl-C, SIGTERM, or the terminal was closed)

@@ -69,8 +69,7 @@ def scan_files(inputs: str | PathLike[str] | Sequence[str | PathLike[str]], *,
     """
     from .loaders.plant import open_plant
 
-    opened = open_plant(inputs, loops=loops, options=reading, taken=taken)
-    return scan(opened, options, jobs=jobs, progress=progress)
+    return scan(open_plant(inputs, loops=loops, options=reading, taken=taken), options, jobs=jobs, progress=progress)
 
 
 def load_model(path: str | PathLike[str]) -> Model:
@@ -80,8 +79,8 @@ def load_model(path: str | PathLike[str]) -> Model:
     """
     from .model.model_file import parse_model
 
-    remedy = "backlash explain ... --save-model FILE writes one"
-    return parse_model(read_page(path, "the model file", remedy), str(path))
+    page = read_page(path, "the model file", "backlash explain ... --save-model FILE writes one")
+    return parse_model(page, str(path))
 
 
 def save_model(model: Model, path: str | PathLike[str]) -> None:
@@ -93,9 +92,8 @@ def save_model(model: Model, path: str | PathLike[str]) -> None:
         try:
             load_model(path)
         except MetadataError as error:
-            remedy = "choose another name, or mend or remove that file"
-            what = f"will not replace a file that is no model ({error})"
-            raise UsageError(what, where=str(path), remedy=remedy) from None
+            raise UsageError(f"will not replace a file that is no model ({error})", where=str(path),
+                             remedy="choose another name, or mend or remove that file") from None
     write_text(path, model_text(model))
 
 

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from .errors import BacklashError
 from .estimator.diagnosis import WORDS, Diagnosis, diagnose
 from .estimator.identify import Identification, at_mean, identify, with_constant_setpoint
 from .estimator.quality import Quality, data_quality
 from .estimator.settings_check import check_settings
 from .record import LoopSettings, Note, Record
-from .results import PlantResult
 
 # after these the given Ti is no measure for the sampling
 _OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settings_contradicted")
@@ -23,9 +20,9 @@ _OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settin
 class LoopCheck:
     """What was found about one loop's data and settings. start, end: UTC epoch seconds; signals normalised.
 
-    identified: settings read from the data; unidentified: why they cannot be. settings_notes: disagreements.
-    diagnosis: what an oscillation looks like, None where there is none. notes: what the loader found or assumed.
-    failure: why the loop could not be checked at all; quality and identified are None then.
+    identified: settings read from the data; unidentified: why they cannot be. settings_notes: disagreements. diagnosis:
+    what an oscillation looks like, None without one. notes: what the loader found or assumed. failure: why the loop
+    could not be checked at all.
     """
 
     loop: str
@@ -41,17 +38,8 @@ class LoopCheck:
     failure: Note | None = None
 
     @property
-    def effect(self) -> str:
-        """What it all means for a verdict: "none" (nothing in its way), "limits", "blocks" or "failed"."""
-        return self._judged()[0]
-
-    @property
-    def meaning(self) -> str:
-        """One sentence on what it means for the verdict on backlash."""
-        return self._judged()[1]
-
-    def _judged(self) -> tuple[str, str]:
-        """Effect and meaning: the first of what stands in the way, the worst first."""
+    def judged(self) -> tuple[str, str]:
+        """What stands in the way of a verdict: "none", "limits", "blocks" or "failed", the worst there is, and why."""
         if self.failure is not None:
             return "failed", f"not checked: {self.failure.message}"
         quality = () if self.quality is None else self.quality.notes
@@ -71,6 +59,16 @@ class LoopCheck:
             return "none", f"fit for a verdict, but the loop oscillates; it {WORDS[self.diagnosis.kind]}"
         return "none", "fit for a verdict"
 
+    @property
+    def effect(self) -> str:
+        """What it all means for a verdict, in a word."""
+        return self.judged[0]
+
+    @property
+    def meaning(self) -> str:
+        """One sentence on what it means for the verdict on backlash."""
+        return self.judged[1]
+
 
 def check_loop(record: Record) -> LoopCheck:
     """Judge one loop's data and compare its settings with those that the data show."""
@@ -84,23 +82,3 @@ def check_loop(record: Record) -> LoopCheck:
     first, last = record.time[[0, -1]].tolist() if len(record) else (None, None)
     return LoopCheck(record.loop, first, last, settings, data_quality(record, Ti), identified, unidentified, notes,
                      diagnosis if diagnosis.kind != "none" else None, record.notes)
-
-
-def check(plant: Iterable[Record], progress: Callable[[], None] | None = None) -> PlantResult:
-    """Check every loop; one that fails is reported as failed and the others go on. `progress` is called after each."""
-    loops = []
-    for record in plant:
-        try:
-            loops.append(check_loop(record))
-        except Exception as error:  # one loop's failure must not cost the others their report
-            why = Note(error.code, str(error)) if isinstance(error, BacklashError) else Note(
-                "internal_error", f"the check failed: {type(error).__name__}: {error}")
-            loops.append(LoopCheck(record.loop, notes=record.notes, failure=why))
-        if progress is not None:
-            progress()
-    failures: tuple[Note, ...] = getattr(plant, "failures", ())
-    lost = {str(note.values["loop"]): note for note in reversed(failures) if note.values.get("loop")}
-    known = {loop.loop for loop in loops}
-    loops += [LoopCheck(name, failure=note) for name, note in reversed(lost.items()) if name not in known]
-    rest = tuple(note for note in failures if not note.values.get("loop"))
-    return PlantResult(tuple(loops), getattr(plant, "inputs", ()), getattr(plant, "warnings", ()), rest)

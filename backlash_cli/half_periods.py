@@ -27,10 +27,9 @@ PIECE = 1 << 17  # samples taken at once: what is worked out in between stays sm
 
 @dataclass(frozen=True)
 class DoubleLag:
-    """Coefficients (3,) of 1/(1 + s T)^2 sampled every h seconds behind a zero-order hold.
+    """Coefficients (3,) of 1/(1 + s T)^2 sampled every h seconds behind a zero-order hold; T = 0 is the identity.
 
     With a = exp(-h/T), r = h/T:  H(z) = ((1 - a - r a) z + a (a - 1 + r)) / (z - a)^2.
-    T = 0 is the identity.
     """
 
     numerator: FloatArray
@@ -43,19 +42,17 @@ class DoubleLag:
         z2 = (b[2] - a[2]) * value
         return np.stack([(b[1] - a[1]) * value + z2, z2], axis=-1)
 
-    def run(self, values: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Filter `values` (..., samples) from `state` (..., 2); return the output and the new state."""
-        out, state = lfilter(self.numerator, self.denominator, values, zi=state)
-        return out, state
+    def run(self, values: FloatArray, state: FloatArray, firsts: Sequence[int] | IntArray = ()
+            ) -> tuple[FloatArray, FloatArray]:
+        """Filter `values` (..., samples) from `state` (..., 2); return the output and the new state.
 
-    def run_afresh(self, values: FloatArray, state: FloatArray, firsts: IntArray) -> tuple[FloatArray, FloatArray]:
-        """The same for `values` (samples,) with a hole before some of them, `firsts`; it has rested at these for ever.
-
-        Stretches of about the same length are filtered side by side, because there may be thousands.
+        firsts: of (samples,) those behind a hole, at which the filter has rested for ever. Stretches of about the same
+        length are filtered side by side, because there may be thousands.
         """
         if not len(firsts):
-            return self.run(values, state)
-        out = np.empty(len(values))
+            out, state = lfilter(self.numerator, self.denominator, values, zi=state)
+            return out, state
+        firsts, out = np.asarray(firsts), np.empty(len(values))
         out[: firsts[0]], _ = self.run(values[: firsts[0]], state)
         lengths = np.diff(firsts, append=len(values))
         powers = np.frexp(lengths - 1)[1]
@@ -79,11 +76,8 @@ def double_lag(time_constant: float, interval: float) -> DoubleLag:
     if time_constant == 0:
         return DoubleLag(np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
     r = interval / time_constant
-    a = float(np.exp(-r))
-    # expm1 keeps the digits when the sampling is fast: 1 - a - r a = -expm1(-r) - r a
-    b1 = -float(np.expm1(-r)) - r * a
-    b2 = a * (float(np.expm1(-r)) + r)
-    return DoubleLag(np.array([0.0, b1, b2]), np.array([1.0, -2.0 * a, a * a]))
+    a, less = float(np.exp(-r)), float(np.expm1(-r))  # a - 1, with all its digits when the sampling is fast
+    return DoubleLag(np.array([0.0, -less - r * a, a * (less + r)]), np.array([1.0, -2.0 * a, a * a]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,19 +247,14 @@ class ErrorScanner:
                 index, setpoint, pv, state = index[known], setpoint[known], pv[known], state[known]
             if not len(index):
                 continue
-            plain, smooth = self._filtered(index, pv)
+            if not self.states or index[0] != self.last_index + 1:
+                self.states = [stage.settled(pv[0]) for stage in self.stages]
+            holes = np.flatnonzero(np.diff(index) != 1) + 1
+            plain, self.states[0] = self.stages[0].run(pv, self.states[0], holes)
+            smooth, self.states[1] = self.stages[1].run(plain, self.states[1], holes)
+            self.last_index = int(index[-1])
             use = (state <= FILLED) & np.isfinite(setpoint)
             if not use.all():
                 index, setpoint, plain, smooth = index[use], setpoint[use], plain[use], smooth[use]
             self.plain.update(setpoint - plain, setpoint, index)
             self.smooth.update(setpoint - smooth, setpoint, index)
-
-    def _filtered(self, index: IntArray, pv: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The measurement behind the first filter and behind both, (samples,) each; afresh after every hole."""
-        if not self.states or index[0] != self.last_index + 1:
-            self.states = [stage.settled(pv[0]) for stage in self.stages]
-        afresh = np.flatnonzero(np.diff(index) != 1) + 1
-        plain, self.states[0] = self.stages[0].run_afresh(pv, self.states[0], afresh)
-        smooth, self.states[1] = self.stages[1].run_afresh(plain, self.states[1], afresh)
-        self.last_index = int(index[-1])
-        return plain, smooth

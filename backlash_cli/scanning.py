@@ -108,20 +108,24 @@ class LoopScanner:
         """Return the report of everything taken so far."""
         if not self._settled:
             self._settle()
-        survey, record = self._survey, self._survey.kept
-        carry = None
+        survey, record, carry = self._survey, self._survey.kept, None
         if self.options.carry and self._errors is not None and 0 < len(record) == survey.samples:
             carry = pack(carry_of(record, self.settings, self._errors))
-        report = LoopReport(
-            self.loop, Verdict.CANNOT_TELL, start=self.start + survey.first * self.interval if survey.samples else None,
-            end=self.start + survey.last * self.interval if survey.samples else None, samples=survey.samples,
-            interval_s=self.interval, settings=self.settings, carry=carry)
+        start, end = ((self.start + place * self.interval if survey.samples else None)
+                      for place in (survey.first, survey.last))
+        report = LoopReport(self.loop, Verdict.CANNOT_TELL, start=start, end=end, samples=survey.samples,
+                            interval_s=self.interval, settings=self.settings, carry=carry)
         return with_oscillation(self._judged(report, record), record.slice(-DIAGNOSED, len(record)))
 
     def _judged(self, report: LoopReport, record: Record) -> LoopReport:
         """The report with verdict, reasons and sizes; what an oscillation looks like apart."""
         settings, used, refusal = self.settings, self._survey.used, self._refusal()
-        on_settings = self._settings_notes(record)
+        on_settings: tuple[Note, ...] = ()
+        if self.options.confirm and self._given and used:  # a contradiction limits the verdict
+            on_settings = tuple(
+                replace(note, values={**note.values, "effect": "limits" if note.values.get("severity") == "contradict"
+                                      else "info"})
+                for note in check_quickly(record, settings) if note.code != "settings_unchecked")
         contradictions = tuple(note for note in on_settings if note.values["effect"] == "limits")
         confirmation = None
         if self.options.confirm and used >= 2:
@@ -129,7 +133,11 @@ class LoopScanner:
             if isinstance(confirmation, Confirmation):
                 left_out = float(self._survey.samples - len(record))
                 confirmation = replace(confirmation, details={**confirmation.details, "left_out": left_out})
-        manual = self._tested(record)
+        manual: Confirmation | Note | None = None  # what tests of the valve in manual say
+        if self.options.confirm and (tests := manual_stretches(record)):
+            from .model.manual_test import manual_test  # few records hold a test
+
+            manual = manual_test(tests, self.interval, settings.K, settings.Ti)
         tells = isinstance(manual, Confirmation) or (manual is not None and manual.code == "manual_no_answer")
         warnings = [note if not tells or note.code != "manual" else
                     replace(note, message=note.message.replace("not used", "used for a test of the valve only"))
@@ -170,24 +178,6 @@ class LoopScanner:
         return replace(report, verdict=decision.verdict, reasons=reasons, confidence=decision.confidence,
                        warnings=(*warnings, *on_settings), settings=settings, cluster=decision.cluster,
                        confirmation=decision.confirmation, compensator=compensator)
-
-    def _tested(self, record: Record) -> Confirmation | Note | None:
-        """What tests of the valve in manual say, None where there were none."""
-        tests = manual_stretches(record) if self.options.confirm else []
-        if not tests:
-            return None
-        from .model.manual_test import manual_test  # few records hold a test
-
-        return manual_test(tests, self.interval, self.settings.K, self.settings.Ti)
-
-    def _settings_notes(self, record: Record) -> tuple[Note, ...]:
-        """Say where the settings given do not make the recorded output; a contradiction limits the verdict."""
-        if not (self.options.confirm and self._given and self._survey.used):
-            return ()
-        return tuple(
-            replace(note, values={**note.values, "effect": "limits" if note.values.get("severity") == "contradict"
-                                  else "info"})
-            for note in check_quickly(record, self.settings) if note.code != "settings_unchecked")
 
     def _refusal(self) -> Note | None:
         """Why half periods say nothing, None where they do."""

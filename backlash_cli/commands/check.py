@@ -6,43 +6,34 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import click
-
-from . import options
-from .options import Export
+from .options import Export, command
 from .terminal import progress, put, say_failures, several
 
 
-@click.command(short_help="Check data quality and controller settings of every loop.",
-               epilog="\b\nExamples:\n  backlash check sample_data/plant.csv\n"
-               "  backlash check sample_data/plant.csv --loop FIC101 --verbose\n"
-               "  backlash check sample_data/plant.csv --format json --output check.json")
-@click.option("--format", "form", type=click.Choice(["table", "json"]),
-              help="table for people, json for programs. Default: after the suffix of --output, else table.")
-@options.output()
-@options.verbose("List every finding and number of every loop.")
-@options.export(options.ONLY_LOOPS, *options.SELECTION)
+@command
 def check(form: str | None, output: Path | None, verbose: bool, **given: Any) -> int:
-    """Check data quality and controller settings before trusting a verdict.
-
-    For every loop: sampling against Ti, gaps, compression by the historian, rounding, manual time, motion; K, Ti and
-    Td as the data show them, compared with the loop settings (minutes for seconds, proportional band for gain, gain
-    in engineering units); what an oscillation looks like; and what all this means for a verdict.
-
-    Exit status: 0 done; 2 wrong use, or nothing could be read; 3 done, but some loop could not be checked.
-    """
-    from ..check import check as check_plant
+    """Check data quality and controller settings before trusting a verdict."""
+    from ..check import LoopCheck, check_loop
+    from ..engines.local import answers
     from ..reporter.check_table import checked
+    from ..results import PlantResult
 
     plant = Export.of(given).read(compiles=False)
+    loops = []
     with progress("checking", len(plant), stopped="loops were checked; no report was written") as step:
-        result = check_plant(plant, step)
+        for record, found in zip(plant, answers(plant.records, check_loop, jobs=1), strict=True):
+            loops.append(found if isinstance(found, LoopCheck) else
+                         LoopCheck(record.loop, notes=record.notes, failure=found))
+            step()
+    unread = {str(note.values["loop"]): note for note in plant.failures if note.values.get("loop")}
+    known = {loop.loop for loop in loops}
+    loops += [LoopCheck(name, failure=note) for name, note in unread.items() if name not in known]
+    rest = tuple(note for note in plant.failures if not note.values.get("loop"))
+    result = PlantResult(tuple(loops), plant.inputs, plant.warnings, rest)
     form = form or ("json" if output is not None and output.suffix.lower() == ".json" else "table")
-    report = checked(result)
-    text = report.json() if form == "json" else report.text(
-        verbose=verbose, colour=output is None and sys.stdout.isatty())
-    put(output, text, f"{several(len(result.loops), 'loop')} checked, {form}")
-    failed = [f"{loop.loop}: {loop.failure.message.removeprefix(f'{loop.loop}: ')}" for loop in result.loops
-              if loop.failure is not None]
+    report, coloured = checked(result), output is None and sys.stdout.isatty()
+    put(output, report.json() if form == "json" else report.text(verbose=verbose, colour=coloured),
+        f"{several(len(loops), 'loop')} checked, {form}")
+    failed = [f"{loop.loop}: {loop.failure.message.removeprefix(f'{loop.loop}: ')}" for loop in loops if loop.failure]
     return say_failures("not checked", failed + [note.message for note in result.failures],
                         shown=output is not None or form == "json")

@@ -11,24 +11,13 @@ import click
 from click.core import ParameterSource
 
 from ..errors import UsageError
-from . import options
+from .options import command
 from .terminal import put, say, several
 
 if TYPE_CHECKING:
     from ..history.limits import Limits
     from ..history.plant import PlantHistory
     from ..history.store import History
-
-SCAN_FIRST = "\b\nExamples:\n  backlash scan sample_data/plant.csv --history backlash.db\n"
-loop_option = click.option("--loop", metavar="NAME", multiple=True, help="Only these loops; may be repeated.")
-wear_options = options.together(
-    options.path("--history", metavar="DB", required=True, help="History file, made by scan --history or nightly."),
-    options.path("--limits", help="Limits per class of loop (TOML). Default: the profile that comes with the tool."),
-    options.path("--loops", "settings", help="Loop settings; a key limit_class names the class of a loop's limit."),
-    click.option("--horizon", metavar="DAYS", type=click.FloatRange(min=0), default=90.0, show_default=True,
-                 help="Days until the next shutdown, from the last night on."),
-    loop_option,
-)
 
 
 def read_profile(limits: Path | None, loops: Path | None) -> Limits:
@@ -59,20 +48,9 @@ def worn_plant(history: Path, limits: Path | None, settings: Path | None, loop: 
         yield plant_history(store, profile, loops=loop, horizon=horizon), store
 
 
-@click.command(short_help="Show how dead bands grow from night to night.",
-               epilog=SCAN_FIRST + "  backlash trend --history backlash.db\n"
-               "  backlash trend --history backlash.db --format json --horizon 60")
-@wear_options
-@click.option("--format", "form", type=click.Choice(["table", "json"]), default="table", show_default=True,
-              help="table for people, json for programs.")
-@options.output()
-@options.verbose("Say for every loop why it has its place.")
+@command
 def trend(form: str, output: Path | None, verbose: bool, **wear: Any) -> None:
-    """Show how dead bands grow from night to night, when they reach their limit, and which valve to pull first.
-
-    A night is one scanned export of a loop. Wear is a trend through the nights since the last repair that
-    may bend; single bad nights do not pull it. --verbose says whether a straight line would do.
-    """
+    """Show how dead bands grow from night to night, when they reach their limit, and which valve to pull first."""
     from ..reporter.history_report import trend as trend_report
 
     with worn_plant(**wear) as (plant, _):
@@ -80,17 +58,9 @@ def trend(form: str, output: Path | None, verbose: bool, **wear: Any) -> None:
         put(output, found.json() if form == "json" else found.text(verbose=verbose))
 
 
-@click.command(short_help="Write the report page of a history.",
-               epilog=SCAN_FIRST + "  backlash report --history backlash.db --output wear.html\n"
-               "  backlash report --history backlash.db --output wear --limits limits.toml")
-@wear_options
-@options.output("Where to write. A name ending in .html is one self-contained file; another name is a folder with "
-               "index.html and a page per loop, for many loops.", "FILE|DIR", required=True)
+@command
 def report(output: Path, **wear: Any) -> None:
-    """Write the report of a history: which valves to pull, how they wear, and why.
-
-    It opens from disk in any browser, without a network.
-    """
+    """Write the report of a history: which valves to pull, how they wear, and why."""
     from ..reporter.history_report import write_report
 
     with worn_plant(**wear) as (plant, store):
@@ -98,26 +68,10 @@ def report(output: Path, **wear: Any) -> None:
     say(f"report of {several(len(plant.places), 'loop')} written to {output}")
 
 
-@click.command(short_help="List, export and mark repairs in the history of nightly scans.",
-               epilog=SCAN_FIRST + "  backlash history backlash.db\n"
-               "  backlash history backlash.db --export nights.csv\n"
-               "  backlash history backlash.db --repair FIC101 2026-03-02 \"new packing\"")
-@click.argument("db", metavar="DB", required=False, type=click.Path(path_type=Path))
-@options.path("--history", "named", metavar="DB", help="The same, as an option.")
-@loop_option
-@click.option("--runs", is_flag=True, help="List the runs instead of the loops.")
-@options.path("--export", "target", help="Write a table to this .csv or .parquet file.")
-@click.option("--table", metavar="NAME", default="nights", show_default=True,
-              help="What to export: nights, half_periods, repairs or runs.")
-@click.option("--repair", nargs=3, metavar="LOOP DATE NOTE", help="Enter a repair; wear starts anew on that day.")
-@click.option("--remove-repair", nargs=2, metavar="LOOP DATE", help="Take a repair back.")
+@command
 def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bool, target: Path | None, table: str,
             repair: tuple[str, str, str] | None, remove_repair: tuple[str, str] | None) -> None:
-    """List what a history holds, export it, or enter repairs.
-
-    DB is the file given to scan --history. DATE is a day such as 2026-03-02, or a time in UTC such as
-    2026-03-02T14:30.
-    """
+    """List what a history holds, export it, or enter repairs."""
     from ..history.plant import chosen, mark, rows_of, unmark
     from ..history.store import History
 

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import click
+from typing import TYPE_CHECKING, Any
 
 from .. import __version__
 from ..errors import BacklashError, InputError
 from ..reporter.safe import terminal
 from .history import read_profile
-from .options import Export
+from .options import Export, command
 from .scan import Job, kept, undated
-from .terminal import emit, say, several
+from .terminal import emit, say
 
 if TYPE_CHECKING:
     from ..history.nightly import DatedExport, NightlyConfig
@@ -31,31 +29,19 @@ LARGEST = 5_000_000  # bytes; a larger log becomes FILE.1 before a run
 PULL = "pull"  # rule of its own: a valve has to be pulled
 
 Log = Callable[..., None]
+Done = dict[str, list[Any]]  # names of exports, and of loop nights, by what happened to them
 
 
-@click.command(short_help="Run the nightly job of a configuration file.",
-               epilog="\b\nExample configuration (nightly.toml):\n  inputs = [\"sample_data/plant.csv\"]\n"
-               "  history = \"backlash.db\"\n  [outputs]\n  report = \"wear.html\"\n\n\b\nExamples:\n"
-               "  backlash nightly nightly.toml\n  backlash nightly nightly.toml --check")
-@click.argument("config", metavar="CONFIG.toml", type=click.Path(path_type=Path))
-@click.option("--check", is_flag=True, help="Only read the configuration and list the exports that would be scanned.")
+@command
 def nightly(config: Path, check: bool) -> int:
-    """Scan the new exports, add them to the history and write the reports, as a configuration file says.
-
-    Prints one line for the cron mail. Late, missing and repeated exports are named; what is known is not scanned
-    again.
-
-    Exit status: 0 done; 1 a fail_on rule was met; 2 wrong use, another job works, or nothing could be read; 3 done,
-    but some export or loop could not be analysed.
-    """
+    """Scan the new exports, add them to the history and write the reports, as a configuration file says."""
     from ..history.nightly import read_config
-    from ..results.history import missing_days
 
     settings = read_config(config)
     if check:
-        found = _exports(settings)
-        lines = [f"{e.name}: {', '.join(terminal(path.name) for path in e.files)}" for e in found]
-        emit("\n".join([*lines, *(f"{day}: missing" for day in missing_days(e.date for e in found if e.date))]) + "\n")
+        found, missing = _exports(settings)
+        lines = [f"{e.name}: {', '.join(terminal(path.name) for path in e.files)}\n" for e in found]
+        emit("".join([*lines, *(f"{day}: missing\n" for day in missing)]))
         return 0
     with open_log(settings.log.file, settings.log.format) as log:
         summary, status = run(settings, log)
@@ -85,11 +71,10 @@ def open_log(path: Path | None, form: str) -> Iterator[Log]:
         line = terminal(" ".join([event, *(f"{k}={v}" for k, v in values.items() if v not in ("", ()))]))
         if form == "json":
             line = json.dumps({"time": now, "level": level, "event": event, **values}, ensure_ascii=False, default=str)
-        elif stream is not None:
-            line = f"{now} {level} {line}"
-        elif level == "info":
-            return
-        say(line) if stream is None else stream.write(line + "\n")
+        if stream is not None:
+            stream.write(f"{line}\n" if form == "json" else f"{now} {level} {line}\n")
+        elif form == "json" or level != "info":
+            say(line)
 
     with stream or contextlib.nullcontext():
         yield log
@@ -106,104 +91,95 @@ def run(config: NightlyConfig, log: Log) -> tuple[str, int]:
     from ..reporter.files import write_text
     from ..reporter.history_report import trend, write_report
     from ..reporter.scan_report import met, parse_rules
-    from ..results.history import missing_days
 
-    limits = read_profile(config.limits, config.loops)
+    limits, outputs = read_profile(config.limits, config.loops), config.outputs
     rules = parse_rules((rule for rule in config.fail_on if rule != PULL), f"{config.path}, fail_on")
-    report, numbers = config.outputs.report, config.outputs.trend
+    done: Done = defaultdict(list)
     with lock(config.lock) as stale:
         if stale:
             log(stale, "warning")
-        found = _exports(config)
+        found, done["missing"] = _exports(config)
         with History(config.history, create=True, say=lambda text: log(text, "warning")) as store:
-            names, counts, newest = _scan_all(config, found, store, log)
-            if not names["scanned"] + names["known"]:
+            newest = _scan_all(config, found, store, log, done)
+            if not done["scanned"] + done["known"]:
                 raise InputError(f"none of {len(found)} exports could be read", where=str(config.path),
                                  remedy="see the log for the reason of each")
             plant = plant_history(store, limits, horizon=config.horizon)
-            for path in filter(None, (report, numbers)):
+            for path in filter(None, (outputs.report, outputs.trend)):
                 path.parent.mkdir(parents=True, exist_ok=True)
-            if report is not None:
-                write_report(report, plant.places, plant.wears, plant.nights, store.recent_half_periods)
-                log("report", path=str(report))
-            if numbers is not None:
-                write_text(numbers, trend(plant.wears, plant.places).json())
-    names["missing"] = missing_days(e.date for e in found if e.date)
-    for day in names["missing"]:
+            if outputs.report is not None:
+                write_report(outputs.report, plant.places, plant.wears, plant.nights, store.recent_half_periods)
+                log("report", path=str(outputs.report))
+            if outputs.trend is not None:
+                write_text(outputs.trend, trend(plant.wears, plant.places).json())
+    for day in done["missing"]:
         log("missing", "warning", night=day)
     hits = met(rules, newest.loops) if newest else []
-    if PULL in config.fail_on:
-        hits += [p.loop for p in plant.places if p.action == PULL]
-    summary = _summary(config, names, counts, plant, sorted(set(hits)))
+    hits += [p.loop for p in plant.places if p.action == PULL and PULL in config.fail_on]
+    done["alarm"] = sorted(set(hits))
+    summary = _summary(config, done, plant)
     log("done", summary=summary)
-    return summary, 1 if hits else 3 if names["failed"] or names["incomplete"] else 0
+    return summary, 1 if hits else 3 if done["failed"] or done["incomplete"] else 0
 
 
-def _exports(config: NightlyConfig) -> list[DatedExport]:
+def _exports(config: NightlyConfig) -> tuple[list[DatedExport], list[str]]:
+    """Return the exports and the days for which there is none."""
     from ..history.nightly import find_exports
+    from ..results.history import missing_days
 
     found = find_exports(config.inputs, together=config.together, look_back=config.look_back)
     if not found:
         raise InputError("no export fits the patterns", where=f"{config.path}, inputs",
                          remedy=f"check them: {', '.join(config.inputs)}")
-    return found
+    return found, missing_days(e.date for e in found if e.date)
 
 
-def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: History, log: Log
-              ) -> tuple[dict[str, list[str]], Counter[str], ScanResult | None]:
-    """Scan what is new into the history.
-
-    Returns the names of the exports by what happened to them, the loop nights counted in the same way, and the last
-    scan.
-    """
+def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: History, log: Log, done: Done
+              ) -> ScanResult | None:
+    """Scan what is new into the history, note in `done` what happened, and return the last scan."""
     from ..loaders import ReadOptions
     from ..loaders.sources import find_sidecars, find_sources
     from ..scanning import ScanOptions
 
-    def lost(reason: str) -> None:
-        names["failed"].append(export.name)
-        log("failed", "error", night=export.name, reason=reason)
-
-    names: dict[str, list[str]] = defaultdict(list)
-    counts: Counter[str] = Counter()
     scan: ScanResult | None = None
-    known = {export.name: store.export_fingerprint(f"{config.path.stem}:{export.name}") for export in found}
+    keys = {export.name: f"{config.path.stem}:{export.name}" for export in found}
+    known = {name: store.export_fingerprint(key) for name, key in keys.items()}
     newest = max((e.date for e in found if e.date and known[e.name]), default=None)
     for export in found:
-        key = f"{config.path.stem}:{export.name}"
-        try:
-            settings = [config.loops] if config.loops else find_sidecars(export.files, find_sources(export.files))
-            fingerprint = export.fingerprint([Path(path) for path in settings], salt=__version__)
-        except OSError as error:
-            lost(error.strerror or str(error))
-            continue
-        if known[export.name] == fingerprint:
-            names["known"].append(export.name)
-            log("known", night=export.name)
-            continue
-        job = Job(Export(export.files, config.loops, ReadOptions(**config.reading)), ScanOptions(carry=True),
-                  config.jobs, shown=False)
-        # what a job that was killed had finished of this night is taken over
-        with kept(config.history, (key, job.export.reading, job.options), resume=True) as job.keep:
+        name, key = export.name, keys[export.name]
+        with contextlib.ExitStack() as stack:
             try:
+                settings = [config.loops] if config.loops else find_sidecars(export.files, find_sources(export.files))
+                fingerprint = export.fingerprint([Path(path) for path in settings], salt=__version__)
+                if known[name] == fingerprint:
+                    done["known"].append(name)
+                    log("known", night=name)
+                    continue
+                job = Job(Export(export.files, config.loops, ReadOptions(**config.reading)), ScanOptions(carry=True),
+                          config.jobs, shown=False)
+                # what a job that was killed had finished of this night is taken over
+                again = (key, job.export.reading, job.options)
+                job.keep = stack.enter_context(kept(config.history, again, resume=True))
                 scan = job.scan()
-            except BacklashError as error:
-                lost(str(error))
+            except (OSError, BacklashError) as error:
+                done["failed"].append(name)
+                log("failed", "error", night=name, reason=getattr(error, "strerror", None) or str(error))
                 continue
             outcome = store.add(undated(scan), export=(key, fingerprint))
         if job.taken_over:
-            log("resumed", night=export.name, loops=job.taken_over)
+            log("resumed", night=name, loops=job.taken_over)
         late = newest is not None and export.date is not None and export.date < newest
         wrong = bool(scan.failures) or any(r.verdict == "error" for r in scan.loops)
         for word, holds in (("scanned", True), ("late", late), ("incomplete", wrong)):
-            names[word] += [export.name] * holds
-        counts.update(new=len(outcome.new), revised=len(outcome.revised), known=len(outcome.unchanged))
-        log("scanned", night=export.name, loops=len(scan.loops), history=outcome.sentence(), late=late)
+            done[word] += [name] * holds
+        for word in ("new", "revised", "unchanged"):
+            done[word] += getattr(outcome, word)
+        log("scanned", night=name, loops=len(scan.loops), history=outcome.sentence(), late=late)
         for note in scan.failures:
-            log("not analysed", "warning", night=export.name, reason=note.message)
+            log("not analysed", "warning", night=name, reason=note.message)
         if config.outputs.scan is not None:
-            _write_scan(config.outputs.scan, config.outputs.keep, export.name, scan, job.plant, log)
-    return names, counts, scan
+            _write_scan(config.outputs.scan, config.outputs.keep, name, scan, job.plant, log)
+    return scan
 
 
 def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records: Mapping[str, Record],
@@ -214,32 +190,27 @@ def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records:
 
     target = Path(expand(pattern, name))
     target.parent.mkdir(parents=True, exist_ok=True)
-    write(result, records, check_delivery(None, target, "loops") or "table", target, "loops")
-    dated = sorted((day, path) for path, day in matches(pattern) if day is not None)
-    for _, path in dated[: max(len(dated) - keep, 0)]:
+    write(result, records, check_delivery(None, target, "loops") or "table", target)
+    for _, path in sorted((day, path) for path, day in matches(pattern) if day is not None)[:-keep]:
         path.unlink(missing_ok=True)
         log("removed", report=path.name)
 
 
-def _summary(config: NightlyConfig, names: Mapping[str, Sequence[str]], counts: Counter[str], plant: PlantHistory,
-             hits: Sequence[str]) -> str:
+def _summary(config: NightlyConfig, done: Done, plant: PlantHistory) -> str:
     """Return the line for the cron mail."""
-    from ..results.history import day_of
+    from ..reporter.words import TO_DO, counted, day
+
+    def names(found: Sequence[str]) -> str:
+        return ", ".join(found[:5]) + (f" and {len(found) - 5} more" if len(found) > 5 else "")
 
     last = max((n.end for found in plant.nights.values() for n in found), default=None)
-    day = day_of(last).isoformat() if last is not None else "no data"
-    counted = ", ".join(f"{n} {word}" for word, n in counts.items() if n) or "none"
-    parts = [f"backlash {day}: {several(len(plant.places), 'loop')}",
-             f"scanned {_names(names['scanned'])} (loop nights: {counted})" if names["scanned"]
-             else f"nothing new ({len(names['known'])} known)"]
-    actions = {words: [p.loop for p in plant.places if p.action == action]
-               for action, words in (("pull", "pull"), ("room", "pull if room"), ("watch", "watch"))}
-    said = {**actions, **{word: names[word] for word in ("late", "missing", "failed")}, "alarm": hits}
-    parts += [f"{words} {_names(found)}" for words, found in said.items() if found]
-    if config.outputs.report is not None:
-        parts.append(f"report {config.outputs.report}")
+    nights = ", ".join(f"{len(done[word])} {said}" for word, said in (
+        ("new", "new"), ("revised", "revised"), ("unchanged", "known")) if done[word]) or "none"
+    said = {TO_DO[action]: [p.loop for p in plant.places if p.action == action] for action in (PULL, "room", "watch")}
+    said |= {word: done[word] for word in ("late", "missing", "failed", "alarm")}
+    parts = [f"backlash {day(last) if last is not None else 'no data'}: {counted(len(plant.places), 'loop')}",
+             f"scanned {names(done['scanned'])} (loop nights: {nights})" if done["scanned"]
+             else f"nothing new ({len(done['known'])} known)",
+             *(f"{words} {names(found)}" for words, found in said.items() if found)]
+    parts += [f"report {config.outputs.report}"] * (config.outputs.report is not None)
     return terminal("; ".join(parts))
-
-
-def _names(names: Sequence[str]) -> str:
-    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")

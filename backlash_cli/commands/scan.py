@@ -12,11 +12,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from ..errors import UsageError
-from . import options
-from .options import Export, Workers
+from .options import Export, cluster, command
 from .terminal import emit, progress, say, say_failures, say_if_first_run, several
 
 if TYPE_CHECKING:
@@ -28,7 +25,6 @@ if TYPE_CHECKING:
     from ..results import ScanResult
     from ..scanning import ScanOptions
 
-FORMATS = ("table", "json", "csv", "parquet", "html")
 LONG = 1.5 * 86400.0  # seconds; more than this is more than one night
 YEAR = 365 * 86400.0  # times below this are counted from the start of the recording, not from 1970
 _STAMP = re.compile(  # a date, perhaps with a time, at the end of a file's name
@@ -36,47 +32,14 @@ _STAMP = re.compile(  # a date, perhaps with a time, at the end of a file's name
 )
 
 
-@click.command(short_help="Find dead band in every loop of an export.",
-               epilog="\b\nExamples:\n  backlash scan --demo\n  backlash scan sample_data/plant.csv\n"
-               "  backlash scan sample_data/plant.csv --format html --output report.html\n"
-               "  backlash scan sample_data/plant.csv --fail-on 'd>3%' --format csv --output loops.csv")
-@click.option("--demo", is_flag=True, help="Scan a simulated plant instead of an export, to see what comes out.")
-@click.option("--format", "form", metavar="FORMAT", type=click.Choice(FORMATS),
-              help="table, json, csv, parquet or html. Default: after the suffix of --output, else table.")
-@options.output("Write the report here, whole or not at all. With html, a name without .html is a folder with a page "
-               "per loop, for many loops.", "FILE|DIR")
-@click.option("--table", metavar="NAME", default="loops",
-              help="For csv and parquet: loops (a row per loop) or estimates (a row per half period).")
-@options.path("--plot", metavar="DIR", help="Also draw a picture (PNG) of each loop's evidence into this folder.")
-@options.path("--history", metavar="DB", help="Also add the result to this history (one SQLite file), made where it "
-             "does not exist. Scanning the same data again changes nothing.")
-@click.option("--resume", is_flag=True,
-              help="With --history: go on with the same scan where it was stopped, killed or cut off. Loops that it "
-              "had finished are taken over unless their files, settings or options have changed.")
-@click.option("--fail-on", metavar="RULE", multiple=True,
-              help="Exit status 1 when a loop meets the rule: backlash, suspected (or worse), oscillating, "
-              "cannot_tell, insufficient_data, error, any (of the first three), or a size such as d>0.03 or d>3%. "
-              "Several: with commas, or given again.")
-@click.option("--no-confirm", is_flag=True, help="Skip the test of PV against OP; faster, less sure.")
-@options.verbose("List every reason and warning of every loop.")
-@click.option("--quiet", "-q", is_flag=True,
-              help="Say only what went wrong: no progress, and no table unless --format asks for it.")
-@options.JOBS
-@options.ENGINE
-@options.export(options.ONLY_LOOPS, *options.SELECTION, required=False)
+@command
 def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Path | None, history: Path | None,
          resume: bool, fail_on: tuple[str, ...], no_confirm: bool, verbose: bool, quiet: bool, **given: Any) -> int:
-    """Find dead band in every loop of an export and say how much, how sure, and what to do.
-
-    INPUT is one or more CSV or Parquet files, or folders of them; together they are one plant.
-
-    Exit status: 0 done; 1 a --fail-on rule was met; 2 wrong use, or nothing could be read; 3 done, but some file or
-    loop could not be analysed. When both 1 and 3 apply it is 1.
-    """
-    from ..reporter.scan_report import check_delivery, draw, met, parse_rules
+    """Find dead band in every loop of an export and say how much, how sure, and what to do."""
+    from ..reporter.scan_report import check_delivery, draw, met, parse_rules, render, write
     from ..scanning import ScanOptions
 
-    export, workers = Export.of(given), Workers.of(given)
+    export = Export.of(given)
     if demo == bool(export.inputs):
         raise UsageError("--demo and an export do not fit together" if demo else "nothing to scan: no INPUT",
                          remedy="name an export, a file or folder, or give --demo alone to see what comes out")
@@ -87,13 +50,19 @@ def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Pa
         if demo:
             export = stack.enter_context(sample_plant(export, shown=not quiet))
         keep = stack.enter_context(kept(history, (export, wanted), resume=resume))
-        with workers.client() as client:
-            job = Job(export, wanted, workers.jobs, client, not quiet, keep)
+        with cluster(given) as client:
+            job = Job(export, wanted, given["jobs"], client, not quiet, keep)
             result = job.scan()
             if history is not None:
                 remember(result, history, job)
-        if not (quiet and form is None):
-            _deliver(result, job, form or "table", output, table, verbose=verbose)
+        if output is not None:
+            with progress("writing", None, shown=job.shown) as step:
+                write(result, job.plant, form or "table", output, table, verbose=verbose, step=step)
+            if job.shown:
+                say(f"{several(len(result.loops), 'loop')} scanned, {form} written to {output}")
+        elif form is not None or not quiet:
+            emit("".join(render(result, job.plant, form or "table", table, verbose=verbose,
+                                colour=sys.stdout.isatty())))
         if plot is not None:
             with progress("drawing", len(job.plant), shown=job.shown) as step:
                 count = draw(result, job.plant, plot, step)
@@ -126,18 +95,6 @@ def sample_plant(export: Export, *, shown: bool) -> Iterator[Export]:
         write_plant(path, records, finest=1e-5)
         write_settings(path.with_name("demo.loops.toml"), records)
         yield replace(export, inputs=(path,))
-
-
-def _deliver(result: ScanResult, job: Job, form: str, output: Path | None, table: str, *, verbose: bool) -> None:
-    from ..reporter.scan_report import render, write
-
-    if output is None:
-        emit("".join(render(result, job.plant, form, table, verbose=verbose, colour=sys.stdout.isatty())))
-        return
-    with progress("writing", None, shown=job.shown) as step:
-        write(result, job.plant, form, output, table, verbose=verbose, step=step)
-    if job.shown:
-        say(f"{several(len(result.loops), 'loop')} scanned, {form} written to {output}")
 
 
 @dataclass
@@ -199,7 +156,7 @@ def kept(history: Path | None, scan: Iterable[object], *, resume: bool) -> Itera
 
     with contextlib.closing(Unfinished(history, scan, resume=resume)) as keep:
         yield keep
-        keep.remove()
+        keep.close(ended=True)
 
 
 def remember(result: ScanResult, history: Path, job: Job) -> None:

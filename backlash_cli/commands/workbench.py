@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,132 +12,77 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import LoopError, UsageError
-from . import options
-from .options import Export, Workers
+from .options import Export, cluster, command
 from .terminal import deliver, progress, put, say, say_failures
 
 if TYPE_CHECKING:
     from ..loaders import Plant
-    from ..record import Note, Record
-    from ..results import Explanation, Model, PlantExplanation
+    from ..record import Record
+    from ..results import Comparison, Explanation, Model
 
 SUFFIXES = (".csv", ".json", ".html", ".htm", ".txt")
-loop_option = click.option("--loop", metavar="NAME",
-                           help="The loop to look at. Default: the model's, or the only one there is.")
-other_loop_option = click.option("--other-loop", is_flag=True,
-                                 help="Use a model that was made for another loop or other ranges.")
-picture_option = options.path("--picture", help="Draw one still picture, .png or .svg, for a document or mail.")
+OF_ONE = ("loop", "add", "model_file", "save_model", "json_file", "html", "picture")
+OF_ALL = ("output", "jobs", "engine", "scheduler", "loops_matching", "sample")
 
 
-@click.command(short_help="Compare a model with the measurements of a loop.",
-               epilog="\b\nExamples:\n  backlash compare sample_data/plant.csv --loop FIC109\n"
-               "  backlash compare sample_data/plant.csv --loop FIC109 --html compare.html\n"
-               "  backlash explain sample_data/plant.csv --loop FIC109 --save-model fic109.toml\n"
-               "  backlash compare sample_data/plant.csv --model fic109.toml")
-@loop_option
-@options.path("--model", "model_file", help="Model file (TOML) as explain --save-model writes it. Default: the plain "
-             "model (gain, one lag, offset; dead time where the settings give theta), fitted to this record.")
-@other_loop_option
-@options.JSON
-@options.path("--html", help="Draw measured and predicted PV, the residual and what it depends on.")
-@picture_option
-@options.verbose("List every region of the record.")
-@options.export()
-def compare(loop: str | None, model_file: Path | None, other_loop: bool, json_file: Path | None, html: Path | None,
-            picture: Path | None, verbose: bool, **given: Any) -> int:
-    """Predict PV from the measured OP, compare it with the measured PV, and say where the model fails.
-
-    INPUT is one or more CSV or Parquet files, or folders of them; they must hold the controller output (OP). The
-    error is given for the fit, for samples the fit did not see, and beside the measurement noise.
-    """
+@command
+def compare(loop: str | None, model_file: Path | None, other_loop: bool, **given: Any) -> int:
+    """Predict PV from the measured OP, compare it with the measured PV, and say where the model fails."""
     from ..model import compare as compare_with
-    from ..reporter.explain_report import judged, write_picture
 
     export = Export.of(given)
-    check_places(export, picture, json_file, html)
-    found = compare_with(*record_and_model(export, loop, model_file, other_loop=other_loop))
-    if picture is not None:
-        write_picture(found, picture)
-        say(f"picture written to {picture}")
-    return deliver(judged(found), json_file, html, verbose=verbose)
+    check_places(export, given)
+    return show(compare_with(*record_and_model(export, loop, model_file, other_loop=other_loop)), given)
 
 
-@click.command(short_help="Find the physical effects that are missing in a loop's model.",
-               epilog="\b\nExamples:\n  backlash explain sample_data/plant.csv --loop FIC109\n"
-               "  backlash explain sample_data/plant.csv --loop FIC109 --html explain.html --save-model fic109.toml\n"
-               "  backlash explain sample_data/plant.csv --all --output effects.csv")
-@loop_option
-@click.option("--add", metavar="EFFECT", multiple=True,
-              help="Your own choice instead of the search: add this effect (backlash effects lists them); may be "
-              "repeated. module:NAME is one from outside.")
-@click.option("--effect", "outside", metavar="MODULE:NAME", multiple=True,
-              help="Also try this effect of your own in the search; may be repeated.")
-@options.path("--model", "model_file",
-             help="Go on from this model file (TOML): its effects stay, their numbers are refitted.")
-@other_loop_option
-@options.path("--save-model",
-             help="Keep the final model as TOML, to edit by hand, go on with, or compare with another day.")
-@options.JSON
-@options.path("--html", help="Draw the ladder, each step over the measurement.")
-@click.option("--all", "every", is_flag=True, help="Explain every loop of the plant and write a summary.")
-@options.output("With --all: the summary as .csv, .json or .html, or a folder with all three and the JSON of each "
-                "loop. Default: a table on the terminal.", "FILE|DIR")
-@picture_option
-@options.verbose("List every candidate with its numbers, and every region.")
-@options.JOBS
-@options.ENGINE
-@options.export(*options.SELECTION)
+@command
 def explain(loop: str | None, add: tuple[str, ...], outside: tuple[str, ...], model_file: Path | None,
-            other_loop: bool, save_model: Path | None, json_file: Path | None, html: Path | None, picture: Path | None,
-            every: bool, output: Path | None, verbose: bool, **values: Any) -> int:
-    """Find the physical effects that are missing in a loop's model, add them, and watch the error fall.
-
-    Starts from gain, one lag and offset; tries every effect at its place in the loop; keeps one only when it also
-    predicts samples that the fit did not see. "Nothing is missing" is a normal answer.
-
-    Exit status: 0 done; 2 wrong use, or the loop cannot be explained; 3 with --all: done, but some loop could not be.
-    """
+            other_loop: bool, save_model: Path | None, every: bool, **given: Any) -> int:
+    """Find the physical effects that are missing in a loop's model, add them, and watch the error fall."""
     from ..api import save_model as keep
     from ..effects.registry import load_effect
     from ..model import explain as explain_record
-    from ..reporter.explain_report import judged, write_picture
 
-    export, workers = Export.of(values), Workers.of(values)
-    engine = None if workers.engine == "local" else workers.engine
-    of_one = {"--loop": loop, "--add": add, "--model": model_file, "--save-model": save_model, "--json": json_file,
-              "--html": html, "--picture": picture}
-    of_all = {"--output": output, "--jobs": workers.jobs, "--sample": export.reading.sample, "--loops-matching":
-              export.reading.loops_matching, "--engine": engine, "--scheduler": workers.scheduler}
-    given = [name for name, value in (of_one if every else of_all).items() if value]
-    if given and every:
-        raise UsageError(f"{', '.join(given)} and --all do not fit together", where="--all",
+    context = click.get_current_context()
+    wrong = [p.opts[0] for p in context.command.params if p.name in (OF_ONE if every else OF_ALL)
+             and context.params[p.name] not in (None, (), p.default)]
+    if wrong and every:
+        raise UsageError(f"{', '.join(wrong)} and --all do not fit together", where="--all",
                          remedy="--all explains every loop by search and writes --output")
-    if given:
-        raise UsageError(f"{given[0]} goes with --all", where=given[0],
+    if wrong:
+        raise UsageError(f"{wrong[0]} goes with --all", where=wrong[0],
                          remedy="add --all; for one loop there are --json, --html and --save-model")
-    check_places(export, picture, json_file, html, save_model, output)
+    export = Export.of(given)
+    check_places(export, given, save_model)
     more, chosen = ([load_effect(name) for name in names] for names in (outside, add))
     if every:
-        return explain_plant(export, outside, output, workers)
+        return explain_plant(export, outside, given)
     record, model = record_and_model(export, loop, model_file, other_loop=other_loop)
     found = explain_record(record, model, add=chosen, effects=more)
     if save_model is not None and found.model is not None:
         keep(found.model, save_model)
         say(f"model written to {save_model}")
-    if picture is not None:
-        write_picture(found, picture)
-        say(f"picture written to {picture}")
-    return deliver(judged(found), json_file, html, verbose=verbose)
+    return show(found, given)
 
 
-def check_places(export: Export, picture: Path | None, *outputs: Path | None) -> None:
+def check_places(export: Export, given: Mapping[str, Any], save_model: Path | None = None) -> None:
     """Refuse a name that no picture can have, and to write a result over the export it comes from."""
     from ..reporter.explain_report import check_picture
 
-    check_picture(picture)
-    for output in (picture, *outputs):
-        if output is not None and any(p.is_file() and output.resolve() == p.resolve() for p in export.inputs):
+    check_picture(given["picture"])
+    for output in filter(None, (save_model, *map(given.get, ("picture", "json_file", "html", "output")))):
+        if any(p.is_file() and output.resolve() == p.resolve() for p in export.inputs):
             raise UsageError("this is the export itself", where=str(output), remedy="choose another name")
+
+
+def show(found: Comparison | Explanation, given: Mapping[str, Any]) -> int:
+    """Draw and write what was found where it was asked for, and show it."""
+    from ..reporter.explain_report import judged, write_picture
+
+    if given["picture"] is not None:
+        write_picture(found, given["picture"])
+        say(f"picture written to {given['picture']}")
+    return deliver(judged(found), given["json_file"], given["html"], verbose=given["verbose"])
 
 
 def record_and_model(export: Export, name: str | None, model_file: Path | None, *, other_loop: bool
@@ -147,9 +93,10 @@ def record_and_model(export: Export, name: str | None, model_file: Path | None, 
     """
     from ..api import load_model
 
-    if model_file is None or other_loop:
-        return one_loop(export, name), None if model_file is None else load_model(model_file)
-    model, where = load_model(model_file), str(model_file)
+    model = None if model_file is None else load_model(model_file)
+    if model is None or other_loop:
+        return one_loop(export, name), model
+    where = str(model_file)
     try:
         record = one_loop(export, name or model.loop)
     except UsageError as error:
@@ -160,16 +107,14 @@ def record_and_model(export: Export, name: str | None, model_file: Path | None, 
     if model.loop.strip().lower() != record.loop.strip().lower():
         raise UsageError(f"this model is of loop {model.loop}, not of {record.loop}", where=where,
                          remedy=f"give --loop {model.loop}, or --other-loop to use it all the same")
-    s = record.settings
-    for key, kept, now in (("pv_range", model.pv_range, s.pv_range), ("op_range", model.op_range, s.op_range)):
+    for key in ("pv_range", "op_range"):
+        kept, now = getattr(model, key), getattr(record.settings, key)
         # a range guessed from the data gives way to the model's
-        if kept is not None and tuple(kept) != tuple(now) and s.source.get(key) != "data":
-            raise UsageError(
-                f"the model's numbers belong to {key} = [{kept[0]:g}, {kept[1]:g}], this record is read with "
-                f"[{now[0]:g}, {now[1]:g}]", where=where,
-                remedy=f"set {key} of {record.loop} in its loops.toml as in the model, or fit the model anew; "
-                       "--other-loop uses it all the same",
-            )
+        if kept is not None and tuple(kept) != tuple(now) and record.settings.source.get(key) != "data":
+            raise UsageError(f"the model's numbers belong to {key} = [{kept[0]:g}, {kept[1]:g}], this record is read "
+                             f"with [{now[0]:g}, {now[1]:g}]", where=where,
+                             remedy=f"set {key} of {record.loop} in its loops.toml as in the model, or fit the model "
+                             "anew; --other-loop uses it all the same")
     return record, model
 
 
@@ -194,7 +139,7 @@ def names_in(plant: Plant) -> list[str]:
     return sorted({*(record.loop for record in plant), *lost})
 
 
-def explain_plant(export: Export, effects: tuple[str, ...], output: Path | None, workers: Workers) -> int:
+def explain_plant(export: Export, effects: tuple[str, ...], given: Mapping[str, Any]) -> int:
     """Explain every loop and write the summary to a file or folder, or show it; 3 when a loop could not be."""
     from ..engines.local import answers
     from ..model import explain as explain_record
@@ -204,39 +149,36 @@ def explain_plant(export: Export, effects: tuple[str, ...], output: Path | None,
     from ..reporter.templates import sentence
     from ..results import PlantExplanation
 
+    output: Path | None = given["output"]
     folder = output is not None and output.suffix.lower() not in SUFFIXES
     if output is not None and output.exists() and output.is_dir() != folder:
         raise UsageError(f"this is {'a file' if folder else 'a folder'}", where=f"--output {output}",
                          remedy=f"give a file ending in {', '.join(SUFFIXES[:3])}, or a folder")
     plant = export.read()
-    names = names_in(plant)
-    kept: list[Explanation] = []
-    lost: list[Note] = []
-
-    def so_far() -> PlantExplanation:
-        return PlantExplanation(tuple(kept), plant.inputs, plant.warnings, (*plant.failures, *lost))
+    names, found = names_in(plant), PlantExplanation((), plant.inputs, plant.warnings, plant.failures)
 
     def pages() -> Iterator[tuple[str, dict[str, str]]]:
         """Keep each explanation without its series; give page and numbers of its loop for a folder."""
+        nonlocal found
         work = partial(explain_record, effects=effects)
-        for result in answers(plant.records, work, jobs=workers.jobs, client=client):
+        for result in answers(plant.records, work, jobs=given["jobs"], client=client):
             if isinstance(result, Note):
-                lost.append(result)
+                found = replace(found, failures=(*found.failures, result))
             else:
-                kept.append(result.light())
+                found = replace(found, loops=(*found.loops, result.light()))
                 if folder:
                     report = judged(result)
                     yield result.loop, {"html": report.page(**BACK), "json": report.json()}
             step()
 
-    with workers.client() as client, progress("explaining", len(names),
-                                              stopped="loops were explained; no summary was written") as step:
+    with cluster(given) as client, progress("explaining", len(names),
+                                            stopped="loops were explained; no summary was written") as step:
         if folder and output is not None:
             write_pages(output, (plant.inputs, export.reading), names, pages(),
-                        lambda **where: summary(so_far()).page(**where))
+                        lambda **where: summary(found).page(**where))
         else:
             list(pages())
-    found, report = so_far(), summary(so_far())
+    report = summary(found)
     if output is None:
         put(None, report.text(colour=sys.stdout.isatty()))
         return 3 if found.failures else 0

@@ -1,14 +1,14 @@
 """Physical effects, in the order a signal meets them between controller and historian.
 
-To add one: write it in the same shape (`stiction.py` shows it) and list it here, or keep it outside and name it
+To add one: write it in the same shape (`backlash.py` shows it) and list it here, or keep it outside and name it
 `module:NAME`.
 """
 
-from . import actuator_speed, backlash, curves, loads, process, random_signals, recording, stiction
+from . import actuator_speed, backlash, curves, loads, process, random_signals, recording
 from .shape import Effect, Parameter, Stage
 
 EFFECTS: tuple[Effect, ...] = (
-    actuator_speed.RATE_LIMIT, actuator_speed.UNEQUAL_SPEED, backlash.EFFECT, stiction.EFFECT, curves.SATURATION,
+    actuator_speed.RATE_LIMIT, actuator_speed.UNEQUAL_SPEED, backlash.EFFECT, backlash.STICTION, curves.SATURATION,
     curves.VALVE_CHARACTERISTIC, process.DEAD_TIME, process.SECOND_LAG, process.GAIN_DRIFT,
     loads.LOAD_STEP, loads.LOAD_DRIFT, loads.EXTERNAL_OSCILLATION, loads.MEASURED_DISTURBANCE,
     random_signals.RANDOM_LOAD, backlash.SENSOR_HYSTERESIS, curves.SENSOR_CURVE, random_signals.MEASUREMENT_NOISE,

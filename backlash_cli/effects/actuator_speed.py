@@ -29,23 +29,18 @@ def start(p: FloatArray, interval: float, first: float) -> FloatArray:
 
 
 def step(state: FloatArray, value: float, p: FloatArray) -> float:
-    position = state[0]
-    move = value - position
+    position, move = state[0], value - state[0]
     reach = state[1] if move > 0.0 else state[2]
-    if abs(move) <= reach:
-        state[0] = value
-        if move == 0.0 or reach == np.inf:
-            return value
-        return value - move * abs(move) / (2.0 * reach)
-    end = position + reach if move > 0.0 else position - reach
-    state[0] = end
-    return 0.5 * (position + end)
+    if abs(move) > reach:
+        state[0] = position + reach if move > 0.0 else position - reach
+        return 0.5 * (position + state[0])
+    state[0] = value
+    return value if move == 0.0 or reach == np.inf else value - move * abs(move) / (2.0 * reach)
 
 
 def speeds(clues: Clues) -> list[Values]:
     """Return speeds that cross the output's usual travel in a fraction of the process lag up to many lags."""
-    low, high = np.quantile(clues.output, [0.05, 0.95])
-    travel = max(float(high - low), 1e-3)
+    travel = max(float(np.ptp(np.quantile(clues.output, [0.05, 0.95]))), 1e-3)
     return [{"rate": travel / (share * clues.lag)} for share in (0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0)]
 
 

@@ -1,10 +1,21 @@
-"""Backlash: play between actuator and stem; after a reversal the stem waits until the command has crossed the gap.
+"""Play and friction: what follows a command only after it has turned and moved some way.
 
-The stem stays where it is while the command moves inside the gap d, then follows it half a gap behind:
-x = u - d/2 while it is pushed up, x = u + d/2 while it is pulled down (Fig. 2 of the source).
+Backlash: play between actuator and stem. The stem stays where it is while the command moves inside the gap d, then
+follows it half a gap behind: x = u - d/2 while it is pushed up, x = u + d/2 while it is pulled down (Fig. 2 of the
+source).
 
 >>> EFFECT.apply([0.5, 0.7, 0.9, 0.8, 0.6, 0.4], EFFECT.pack(d=0.2), interval=1.0).round(2).tolist()
 [0.5, 0.6, 0.8, 0.8, 0.7, 0.5]
+
+Stiction, Kano's two-parameter model: the stem sticks, jumps, then slides behind the command. S is the dead band plus
+the stick band, J the slip jump. A resting stem holds while the command is within (S + J)/2 of it (static friction),
+jumps to (S - J)/2 behind the command (moving friction) and slides there with slope 1 until the command turns or rests.
+J = 0 is backlash with d = S. With restick = 1 the stem sticks again after every sample (He's model), so a ramp makes a
+staircase of steps J.
+
+>>> p = STICTION.pack(S=0.4, J=0.2, position=-1/3)
+>>> STICTION.apply([0.0, 0.15, 0.25, 0.5, 0.45, 0.2, 0.05], p, interval=1.0).round(2).tolist()
+[-0.1, -0.1, 0.15, 0.4, 0.4, 0.4, 0.15]
 
 Sensor hysteresis is the same in a transmitter: the shown value rests while the true one moves inside the width w, then
 follows it half a width behind, so that it shows one value while PV rises and another while it falls.
@@ -16,14 +27,16 @@ follows it half a width behind, so that it shows one value while PV rises and an
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..record import FloatArray
 from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
 
-# gaps worth trying as shares of the output's travel, beside those of usual size
-WIDE_SHARES = (0.55, 0.65, 0.75, 0.85, 0.93)
+WIDE_SHARES = (0.55, 0.65, 0.75, 0.85, 0.93)  # gaps worth trying, in travels of the output, beside those of usual size
+LEAST_JUMP = 0.1  # a slip jump below this share of the band moves the stem as backlash does
 
 
 def start(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -33,16 +46,8 @@ def start(p: FloatArray, interval: float, first: float) -> FloatArray:
 
 def step(state: FloatArray, value: float, p: FloatArray) -> float:
     half = 0.5 * p[0]
-    if half == 0.0:
-        state[0] = value
-        return value
-    stem = state[0]
-    if value - half > stem:
-        stem = value - half
-    elif value + half < stem:
-        stem = value + half
-    state[0] = stem
-    return stem
+    state[0] = value if half == 0.0 else min(max(state[0], value - half), value + half)
+    return state[0]
 
 
 def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
@@ -91,3 +96,58 @@ SENSOR_HYSTERESIS = Effect(
         propose=widths, whole=whole, seldom=True, rivals=("backlash", "stiction"),
         meaning="What is measured must turn and move {w} of span before PV shows it. Check the transmitter's linkage, "
         "float or diaphragm and its filter, and compare with a second gauge."))
+
+
+def stuck(p: FloatArray, interval: float, first: float) -> FloatArray:
+    """State: [stem position, direction of sliding (0 rests), last command]."""
+    return np.array([first + 0.5 * (p[0] + p[1]) * p[2], 0.0, first])
+
+
+def slip_step(state: FloatArray, value: float, p: FloatArray) -> float:
+    if p[0] == 0.0 and p[1] == 0.0:
+        state[0] = value
+        state[2] = value
+        return value
+    stem, sliding = state[0], state[1]
+    if p[3] != 0.0 or (value - state[2]) * sliding <= 0.0:
+        sliding = 0.0
+    if sliding == 0.0 and abs(value - stem) > 0.5 * (p[0] + p[1]):
+        sliding = 1.0 if value > stem else -1.0
+    if sliding != 0.0:
+        stem = value - 0.5 * sliding * (p[0] - p[1])
+    state[0], state[1], state[2] = stem, sliding, value
+    return stem
+
+
+def bands(clues: Clues) -> list[Values]:
+    """Return bands around the dead band that fits best, in steps about as fine as the valleys of the error."""
+    dead_band = float(clues.known.get("backlash", {}).get("d", 0.0))  # type: ignore[arg-type]
+    sizes, shares = np.geomspace(0.006, 0.2, 30), np.geomspace(0.25, 1.0, 7)
+    if dead_band > 0.0:
+        # a physical valve of static friction Fs and moving friction Fc has S = Fs + Fc, J = Fs - Fc: mostly a tenth to
+        # a third of S, which moves the stem much as backlash of a little less than S does
+        sizes = dead_band * np.concatenate([np.geomspace(0.95, 1.35, 24), np.geomspace(1.4, 2.7, 11)])
+        shares = np.concatenate([np.geomspace(LEAST_JUMP, 0.24, 8), np.geomspace(0.25, 1.0, 25)])
+    sizes = sizes[sizes < 0.8 * float(np.ptp(clues.output))]
+    return [{"S": float(band), "J": float(share * band), "position": 0.0, "restick": restick}
+            for band in sizes for share in shares for restick in (0.0, 1.0)]
+
+
+def plausible(values: Values, travel: Callable[[float], float]) -> bool:
+    """True when the slip jump is large enough to tell the valve from one with play."""
+    return float(values["J"]) >= LEAST_JUMP * float(values["S"])  # type: ignore[arg-type]
+
+
+STICTION = Effect(
+    "stiction", Stage.VALVE,
+    "Sticky packing: the stem stays stuck, then jumps and slides, so corrections come late and too large.",
+    "Kano et al., IFAC DYCOPS, Cambridge MA (2004); restick: He et al., Ind. Eng. Chem. Res. 46 (2007)",
+    (Parameter("S", "span", "dead band plus stick band", 0.0, 0.0, 0.5, (0.01, 0.02, 0.05)),
+     Parameter("J", "span", "slip jump", 0.0, 0.0, 0.5, (0.005, 0.01, 0.03)),
+     Parameter("position", "half band", "place of the stem at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True),
+     Parameter("restick", "0 or 1", "1: sticks again after each sample", 0.0, 0.0, 1.0, choices=(0.0, 1.0))),
+    stuck, slip_step,
+    fitting=Fitting(
+        propose=bands, search="jumpy", plausible=plausible, rivals=("sensor_hysteresis",), siblings=("backlash",),
+        meaning="The valve sticks: the output must move {S} before the stem moves, and then it jumps by {J}. "
+        "Check the packing, the seat and the actuator's size."))

@@ -31,7 +31,6 @@ class Clues(Protocol):
     interval: float
     lag: float
     duration: float
-
     known: Mapping[str, Values]
 
     def step_times(self, count: int) -> list[tuple[float, ...]]:
@@ -50,15 +49,13 @@ Interval = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 class Fitting:
     """How an effect takes part in a fit.
 
-    linear: parameters in which the effect adds in proportion; they are solved for, not searched.
-    phase: parameter that turns a linear swing, solved for together with the amplitude.
+    linear: parameters in which the effect adds in proportion; they are solved for, not searched. phase: parameter that
+    turns a linear swing, solved for together with the amplitude. fixed: parameters that stay as proposed.
     propose: start values from the data; default are the `start` values of the parameters, in all combinations.
-    fixed: parameters that stay as proposed.
     dear: parameters picked from the whole record, such as the time of an event or the period of a line: among so
     many places something always looks good, so they cost more.
     search: "smooth" parameters are refined by slopes only; "jumpy" ones also by random trials, because the error has
-    narrow valleys.
-    siblings: names of effects that look much alike.
+    narrow valleys. siblings: names of effects that look much alike.
     rivals: names of effects of another kind that must do clearly worse in its place before this one is called clear.
     bounds: (measurement, parameters) -> lowest and highest true value of each sample, for effects of the recorder.
     meaning: what it means in the plant, with {name} of parameters.

@@ -46,8 +46,7 @@ from ..record import FloatArray
 from .fitting import Fitting, Values
 from .shape import Effect, Parameter, Stage
 
-# a step may be this many times larger than what OP travelled around it: a slow loop may not be through yet
-UNANSWERED = 1.5
+UNANSWERED = 1.5  # travels of OP around it that a step may be larger: a slow loop may not be through yet
 
 
 def clock(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -92,9 +91,8 @@ def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
     state[0] += 1.0
     if p[0] != 0.0:
         value += p[0] * hours
-    piece = int(place)
+    piece, bends = int(place), p.size - 2
     share = place - piece
-    bends = p.size - 2
     # bend number piece lies at the start of this piece; both ends of the line are 0
     if 0 < piece <= bends:
         value += (1.0 - share) * p[1 + piece]
@@ -130,9 +128,7 @@ LOAD_DRIFT = Effect(
 def swing_step(state: FloatArray, value: float, p: FloatArray) -> float:
     now = state[0] * state[1]
     state[0] += 1.0
-    if p[1] == 0.0:
-        return value
-    return value + p[1] * math.sin(2.0 * math.pi * now / p[0] + p[2])
+    return value if p[1] == 0.0 else value + p[1] * math.sin(2.0 * math.pi * now / p[0] + p[2])
 
 
 EXTERNAL_OSCILLATION = Effect(
@@ -151,11 +147,8 @@ EXTERNAL_OSCILLATION = Effect(
 
 
 def column_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    k = int(state[0])
     state[0] += 1.0
-    if p[0] == 0.0:
-        return value
-    return value + p[0] * state[1 + k]
+    return value if p[0] == 0.0 else value + p[0] * state[int(state[0])]
 
 
 MEASURED_DISTURBANCE = Effect(

@@ -30,8 +30,7 @@ from .shape import Effect, Parameter, Stage
 # share of samples that repeat the one before, above which rounding counts: with white noise of standard deviation s
 # a rounding step q repeats this often at q = 1.5 s, where the rounding error is a fifth of the noise variance
 REPEATS = 0.4
-# the smallest report of an exception test is its deviation, over the one in twenty that is next
-SHARP = 0.9
+SHARP = 0.9  # smallest report of an exception test, its deviation, over the one in twenty that is next
 
 
 def nothing_kept(p: FloatArray, interval: float, first: float) -> FloatArray:

@@ -36,8 +36,7 @@ def all_effects() -> tuple[Effect, ...]:
     """Return the project's effects in the order a signal meets them, then those of installed packages."""
     from importlib.metadata import entry_points
 
-    found = [_from_module(point.value) for point in sorted(entry_points(group=GROUP), key=lambda e: e.name)]
-    return (*EFFECTS, *found)
+    return (*EFFECTS, *(_from_module(point.value) for point in sorted(entry_points(group=GROUP), key=lambda e: e.name)))
 
 
 def _from_module(name: str) -> Effect:

@@ -39,6 +39,7 @@ WIDTHS, FINE = 16, 9  # how many of them, and how many between the neighbours of
 AS_GOOD = 0.8  # of what the best imitation gains, that a gap must gain at least
 LEAST_INTERVAL, IMPERFECTION = 0.08, 0.6  # of d, each way: floor, and what imitations gain as a share of the gap's gain
 GAP = 20  # samples; a hole as long ends a recording
+COARSE = 8.0  # samples per Ti, of a record with fewer than that the controller is sure to have seen OP turn in between
 
 
 @dataclass(frozen=True)
@@ -205,20 +206,30 @@ def _confirmation(s: Study) -> Confirmation:
     imitation = float(np.mean([a.imitation for a in best]))
     imperfection = min(imitation / max(float(answer[at]), 1e-9), 1.0)
     low, high = width_interval(grid, answer, d, LEAST_INTERVAL + IMPERFECTION * imperfection)
+    crossings = sum(gap_crossings(r.output[r.usable], d) for r in s.recordings)  # in automatic
     for a, test in zip(best, tests, strict=True):  # a size that another block length does not share is known less well
         if a.net.max() > 0.0:
             low, high = min(low, peak_of(grid, test.gain)), max(high, peak_of(grid, test.gain))
+    unseen = _unseen_motion(s)
+    d, high = d + unseen, high + 2.0 * unseen
     details: dict[str, float | str] = {
         "evidence": evidence, "gain": float(answer[at]), "imitation": imitation, "share": float(of.share[at]),
         "share_deviation": float(of.deviation[at]),
         "edge": float(at in (0, len(grid) - 1)), "rows": float(sum(p.rows for p in best[0].predictions)),
         "block_s": best[0].predictions[0].size * s.interval, "output_range": s.span / 100.0,
-        "crossings": float(sum(gap_crossings(r.output, d) for r in s.recordings)),
+        "crossings": float(crossings), "unseen_motion": unseen / 100.0,
         "recordings": float(len(s.recordings)), "trace": float(evidence >= TRACE),
         "sign_known": float(s.settings.K is not None), "output": "rebuilt" if s.rebuilt else "recorded",
     }
     limit = excluded(s.tests, s.length, s.span)
     return confirmation(d, (low, high), float(of.error_reduction[at]), limit, details, grid, answer)
+
+
+def _unseen_motion(s: Study) -> float:
+    """How much narrower [% of span] a dead band looks because OP turned between two samples, further out than recorded:
+    about half a step of OP at either end, where the record is so coarse that the controller is sure to be faster."""
+    steps = np.concatenate([np.abs(np.diff(r.output))[r.usable[1:]] for r in s.recordings])
+    return float(steps.mean()) * min(1.0, COARSE * s.interval / s.Ti)
 
 
 def _explained(tests: Sequence[GapTest]) -> FloatArray:

@@ -123,8 +123,6 @@ def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
         sure = min(sure, DISPUTED)
         reasons.insert(1, Note("tests_differ", "normal operation speaks against the test: " + other.reasons[0].message))
     if automatic.verdict is Verdict.OSCILLATING:
-        if tested.verdict is not Verdict.BACKLASH:
-            return replace(automatic, reasons=(*automatic.reasons, *reasons))
         reasons.append(automatic.reasons[0])
     return replace(first, reasons=tuple(reasons), confidence=sure)
 

@@ -9,6 +9,7 @@ back, so that either all of a run is in the file or nothing of it.
 from __future__ import annotations
 
 import contextlib
+import json
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -46,6 +47,7 @@ STEPS = (  # statements from each version to the next; an empty file has version
     # half periods over the cut are worked out when they are asked for
     ("DROP TABLE IF EXISTS joins", "DELETE FROM half_periods WHERE joined"),
 )
+AS_JSON = ("settings", "reasons", "warnings", "details", "inputs", "failures")  # columns
 _BUSY = ("another run is still writing to the history", "run again when it has finished")
 _WRONG = {
     sqlite3.SQLITE_BUSY: _BUSY, sqlite3.SQLITE_LOCKED: _BUSY,
@@ -63,34 +65,31 @@ class Database:
     """An open history file; use it in a `with` block.
 
     path: the SQLite file. create: make it where it does not exist; an older one is brought up to date. patience:
-    seconds to wait for another run. say: is told when this run waits for another one. Raises BacklashError with the
-    remedy for all that can go wrong.
+    seconds to wait for another run. say: is told, once, when this run waits for another one. Raises BacklashError with
+    the remedy for all that can go wrong.
     """
 
     def __init__(self, path: str | Path, *, create: bool = False, patience: float = PATIENCE,
                  say: Callable[[str], object] = lambda text: None) -> None:
         self.path, self.patience, self.say = Path(path), patience, say
-        if not create and not self.path.is_file():
+        if create:
+            check_folder(self.path)
+        elif not self.path.is_file():
             raise BacklashError("there is no history at this place", where=str(path), code="no_history",
                                 remedy="make one with: backlash scan EXPORT --history FILE")
-        if create and not self.path.parent.is_dir():
-            raise BacklashError("the folder of the history does not exist", where=str(self.path.parent),
-                                code="no_history", remedy="make the folder first")
-        with self._in_words():
+        with self._in_words(), contextlib.ExitStack() as opening:
             self.db = sqlite3.connect(path, timeout=QUIET, isolation_level=None)
+            opening.callback(self.db.close)
             self.db.row_factory = sqlite3.Row
-            try:
-                self.db.execute("PRAGMA synchronous = FULL")
-                if self._patiently(self._version) < len(STEPS):
-                    with self.transaction():
-                        # another run may have done it while this one waited
-                        for statement in (s for step in STEPS[self._version() :] for s in step):
-                            self.db.execute(statement)
-                        self.db.execute(f"PRAGMA application_id = {APPLICATION}")
-                        self.db.execute(f"PRAGMA user_version = {len(STEPS)}")
-            except BaseException:
-                self.db.close()
-                raise
+            self.db.execute("PRAGMA synchronous = FULL")
+            if self._patiently(self._version) < len(STEPS):
+                with self.transaction():
+                    # another run may have done it while this one waited
+                    for statement in (s for step in STEPS[self._version() :] for s in step):
+                        self.db.execute(statement)
+                    self.db.execute(f"PRAGMA application_id = {APPLICATION}")
+                    self.db.execute(f"PRAGMA user_version = {len(STEPS)}")
+            opening.pop_all()
 
     def __enter__(self) -> Self:
         return self
@@ -98,29 +97,26 @@ class Database:
     def __exit__(self, *error: object) -> None:
         self.db.close()
 
-    def rows(self, query: str, *values: object) -> list[sqlite3.Row]:
-        """Return the answer to a query."""
+    def rows(self, query: str, values: Sequence[object] | Mapping[str, object] = ()) -> list[dict[str, Any]]:
+        """Return the answer to a query with its values."""
         with self._in_words():
-            return self.db.execute(query, values).fetchall()
+            return [{name: json.loads(value) if name in AS_JSON else value for name, value in dict(row).items()}
+                    for row in self.db.execute(query, values)]
 
     def insert(self, table: str, rows: Sequence[Mapping[str, Any]], known: str = "REPLACE") -> None:
         """Write rows of the same columns; one that is known is replaced, or with `known="IGNORE"` left as it is."""
         if rows:
             values = ", ".join(f":{name}" for name in rows[0])
-            self.db.executemany(f"INSERT OR {known} INTO {table} ({', '.join(rows[0])}) VALUES ({values})", rows)
+            self.db.executemany(f"INSERT OR {known} INTO {table} ({', '.join(rows[0])}) VALUES ({values})",
+                                map(stored, rows))
 
     @contextlib.contextmanager
     def transaction(self) -> Iterator[None]:
         """All or nothing: what happens inside is in the file after the block, or not at all."""
         with self._in_words():
             self._patiently(lambda: self.db.execute("BEGIN IMMEDIATE"))
-            try:
+            with self.db:
                 yield
-                self.db.execute("COMMIT")
-            except BaseException:
-                if self.db.in_transaction:
-                    self.db.execute("ROLLBACK")
-                raise
 
     def _version(self) -> int:
         """Return the version of the tables, 0 for an empty file; refuse what is no history or a newer one."""
@@ -139,14 +135,11 @@ class Database:
         try:
             return action()
         except sqlite3.OperationalError as error:
-            if _WRONG.get(_code(error)) != _BUSY:
+            if _wrong(error) != _BUSY:
                 raise
         self.say(f"another run is writing to {self.path}; waiting up to {self.patience:g} s")
         self.db.execute(f"PRAGMA busy_timeout = {int(1000 * self.patience)}")
-        try:
-            return action()
-        finally:
-            self.db.execute(f"PRAGMA busy_timeout = {int(1000 * QUIET)}")
+        return action()
 
     @contextlib.contextmanager
     def _in_words(self) -> Iterator[None]:
@@ -154,10 +147,29 @@ class Database:
         try:
             yield
         except sqlite3.Error as error:
-            wrong = _WRONG.get(_code(error), (f"the history cannot be used: {error}", "check the file"))
-            raise BacklashError(wrong[0], where=str(self.path), remedy=wrong[1],
-                                code="history_busy" if wrong == _BUSY else "history_unusable") from error
+            what, remedy = _wrong(error)
+            raise BacklashError(what, where=str(self.path), remedy=remedy, code="history_busy" if what == _BUSY[0]
+                                else "history_unusable") from error
 
 
-def _code(error: sqlite3.Error) -> int:
-    return getattr(error, "sqlite_errorcode", 0) & 0xFF
+def as_json(value: object) -> str:
+    """Return JSON that is the same for the same value."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
+
+
+def stored(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row as its table holds it."""
+    return {name: as_json(value) if name in AS_JSON else value for name, value in row.items()}
+
+
+def check_folder(path: Path) -> None:
+    """Raises BacklashError where the folder in which a history would be made does not exist."""
+    if not path.parent.is_dir():
+        raise BacklashError("the folder of the history does not exist", where=str(path.parent), code="no_history",
+                            remedy="make the folder first")
+
+
+def _wrong(error: sqlite3.Error) -> tuple[str, str]:
+    """Return what is wrong and the remedy."""
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    return _WRONG.get(code, (f"the history cannot be used: {error}", "check the file"))

@@ -51,10 +51,8 @@ class Limits:
 
     def of(self, loop: str) -> Limit:
         """Return the limit of a loop: its own, else that of the first pattern that fits, else the default's."""
-        if loop in self.loops:
-            return self.loops[loop]
         fitting = (name for pattern, name in self.assign if fnmatchcase(loop.lower(), pattern.lower()))
-        return self.classes[next(fitting, self.default)]
+        return self.loops.get(loop) or self.classes[next(fitting, self.default)]
 
     def known(self, name: str, where: str) -> str:
         """Return the name of a class. Raises MetadataError where the profile has none of that name."""

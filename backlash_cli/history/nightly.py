@@ -84,10 +84,9 @@ def read_config(path: str | Path) -> NightlyConfig:
     text, where = read_page(path, "the configuration", f"check the path; {example}"), str(path)
     page = checked(parsed(text, where), NightlyConfig, where, text, remedy=example, hook=beside,
                    words={"format": "give one of: text, json", "inputs": "give a text in quotes or a list of them"})
-    for key in page.reading:
-        if key not in READING:
-            raise MetadataError(f"unknown key {key!r}", where=line_of(text, where, "reading", key),
-                                remedy=nearest(key, READING))
+    for key in [key for key in page.reading if key not in READING]:
+        raise MetadataError(f"unknown key {key!r}", where=line_of(text, where, "reading", key),
+                            remedy=nearest(key, READING))
     scan, line = page.outputs.scan, line_of(text, where, "outputs", "scan")
     if scan is not None and "{date" not in scan:
         raise MetadataError("the name of a night's report needs its date", where=line,
@@ -125,12 +124,13 @@ def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: 
 
     Files of one date are one plant. Without `{date}` every file is an export by itself, or all are one (`together`).
     """
-    found = sorted({match for pattern in patterns for match in matches(pattern)}, key=lambda match: match[0])
-    days = sorted({day for _, day in found if day is not None})
-    dated = [DatedExport(day.isoformat(), tuple(path for path, other in found if other == day), day) for day in days
-             if (days[-1] - day).days <= look_back]
-    files = tuple(path for path, day in found if day is None)
-    return dated + [DatedExport(g[0].name, g) for g in ([files] if together and files else [(f,) for f in files])]
+    nights: dict[date | str, list[Path]] = {}
+    for path, day in sorted({match for pattern in patterns for match in matches(pattern)}, key=lambda match: match[0]):
+        nights.setdefault(day or ("" if together else str(path)), []).append(path)
+    dated = sorted(day for day in nights if isinstance(day, date))
+    return [*(DatedExport(day.isoformat(), tuple(nights[day]), day) for day in dated
+              if (dated[-1] - day).days <= look_back),
+            *(DatedExport(files[0].name, tuple(files)) for day, files in nights.items() if isinstance(day, str))]
 
 
 def matches(pattern: str) -> list[tuple[Path, date | None]]:
@@ -154,7 +154,7 @@ def matches(pattern: str) -> list[tuple[Path, date | None]]:
         if found is None or not Path(name).is_file():
             continue
         with contextlib.suppress(ValueError):  # no date of the calendar
-            days = {datetime.strptime(text, form).date() for text, form in zip(found.groups(), formats, strict=True)}
+            days = {datetime.strptime(*pair).date() for pair in zip(found.groups(), formats, strict=True)}
             if len(days) <= 1:
                 out.append((Path(name), days.pop() if days else None))
     return out
@@ -163,10 +163,9 @@ def matches(pattern: str) -> list[tuple[Path, date | None]]:
 def expand(pattern: str, name: str) -> str:
     """Return `pattern` with `{date}` filled in; a night without a date in its name stands for itself."""
     def fill(found: re.Match[str]) -> str:
-        try:
+        with contextlib.suppress(ValueError):
             return date.fromisoformat(name).strftime(found[1] or "%Y-%m-%d")
-        except ValueError:
-            return re.sub(r"[^A-Za-z0-9._-]+", "_", name)
+        return re.sub(r"[^A-Za-z0-9._-]+", "_", name)
 
     return _DATE.sub(fill, pattern)
 
@@ -185,7 +184,19 @@ def lock(path: Path) -> Iterator[str]:
         raise BacklashError(f"cannot make the lock file: {error.strerror}", where=str(path), code="lock",
                             remedy="check the folder, or set `lock` in the configuration") from None
     with file:
-        taken = _hold(file.fileno())
+        try:
+            if sys.platform == "win32":
+                import msvcrt
+
+                file.seek(1 << 20)  # beyond the text, which others must be able to read
+                msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+            else:
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            taken = True
+        except OSError:
+            taken = False
         file.seek(0)
         before = file.read(200).decode("utf-8", "replace").strip()
         if not taken:
@@ -197,20 +208,3 @@ def lock(path: Path) -> Iterator[str]:
             yield f"the last job ({before}) was stopped before its end; its lock is taken over" if before else ""
         finally:
             file.truncate(0)
-
-
-def _hold(handle: int) -> bool:
-    """Take the lock at once, or return False."""
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            os.lseek(handle, 1 << 20, os.SEEK_SET)  # beyond the text, which others must be able to read
-            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
-        else:
-            import fcntl
-
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True

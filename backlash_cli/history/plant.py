@@ -1,18 +1,40 @@
-"""The whole history at once: nights, wear and the order of repair; repairs as people type them; plain tables."""
+"""The whole history at once: nights, wear and the order of repair; repairs as people type them; plain tables.
+
+The rule of the order, which valves to pull at the next shutdown and which to leave alone. First the group:
+1. pull: even the lower end of the interval of the present dead band is above the limit, and at least three nights
+   agree;
+2. pull if there is room: above the limit without being sure of it, or the limit is reached before the horizon;
+3. watch: growing, or above 70 % of the limit, or too few nights since a repair to say;
+4. leave alone: below the limit, not growing, or nights without any dead band;
+5. check loop and data: no night gave an answer (it oscillates, or the export does not allow one).
+Then, inside a group, by the score: dead band expected at the horizon over the limit, times confidence, times a travel
+factor between 0.7 and 1.5 (a valve that moves more wears faster and harms more), the square root of its output travel
+over the plant's median.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
+
 from ..errors import UsageError, nearest
-from ..results.history import Night, Place, Wear
+from ..results import Verdict
+from ..results.history import DAY, Night, Place, Wear
 from .limits import Limits
-from .ranking import HORIZON, rank
 from .store import History
 from .trend import wear
+
+HORIZON = 90.0  # days ahead that count as "until the next shutdown" unless given
+AGREE = 0.5
+ENOUGH = 3  # nights with a size that a valve is pulled for
+NEAR = 0.7
+RECENT = 14  # nights that stand for the present
+ORDER = ("pull", "room", "watch", "leave", "check")
+TABLES = ("nights", "half_periods", "repairs", "runs")
 
 
 @dataclass(frozen=True)
@@ -30,6 +52,45 @@ def plant_history(history: History, limits: Limits, *, loops: Sequence[str] = ()
     nights = {name: history.nights(name) for name in chosen(history, loops)}
     wears = {name: wear(name, found, history.repairs(name), limits.of(name)) for name, found in nights.items()}
     return PlantHistory(nights, wears, rank(list(wears.values()), nights, horizon))
+
+
+def rank(wears: Sequence[Wear], nights: Mapping[str, Sequence[Night]], horizon: float = HORIZON) -> list[Place]:
+    """Return all loops in the order of repair. horizon: days after the plant's last night that the plan must cover."""
+    last = max((n.end for found in nights.values() for n in found), default=0.0)
+    recent = {w.loop: [n for n in sorted(nights.get(w.loop, ()), key=lambda n: n.time)
+                       if not w.repairs or n.time >= w.repairs[-1].time][-RECENT:] for w in wears}
+    moves = {loop: [n.travel for n in found if n.travel is not None] for loop, found in recent.items()}
+    travel = {loop: x for loop, found in moves.items() if found and (x := float(np.median(found)))}
+    factor = {loop: float(np.clip(np.sqrt(x / np.median([*travel.values()])), 0.7, 1.5)) for loop, x in travel.items()}
+    placed = sorted((_placed(w, recent[w.loop], factor.get(w.loop, 1.0), last, horizon) for w in wears),
+                    key=lambda row: (ORDER.index(row[1].action), -row[0], row[1].loop))
+    return [replace(place, rank=number) for number, (_, place) in enumerate(placed, 1)]
+
+
+def _placed(wear: Wear, recent: Sequence[Night], factor: float, last: float, horizon: float) -> tuple[float, Place]:
+    """Return the score of a loop and its place. recent: the last nights since the repair; last: time of the plant's."""
+    now, limit = wear.now, wear.limit.value
+    silent, swinging = (sum(n.verdict is v for n in recent) for v in (Verdict.NO_BACKLASH, Verdict.OSCILLATING))
+    answers = [n.confidence for n in recent if n.measured] or [
+        n.confidence for n in recent if n.verdict is Verdict.NO_BACKLASH]
+    confidence = float(np.sum(answers)) / max(len(recent), 1)
+    days_left = (wear.limit_date[0] - last) / DAY if wear.limit_date else np.inf
+    if now is None:
+        action = "leave" if silent and silent >= 0.5 * len(recent) else "check"
+    elif silent > 0.5 * len(recent):
+        action = "watch" if now.level > limit else "leave"
+    elif now.level_ci95[0] > limit and confidence >= AGREE and now.nights >= ENOUGH:
+        action = "pull"
+    elif now.level > limit or days_left <= horizon:
+        action = "room"
+    else:
+        near = now.growing or now.level > NEAR * limit or wear.state == "too_few_nights"
+        action = "watch" if near else "leave"
+    growth = now.slope * horizon if now and now.growing and now.slope else 0.0  # only what is sure counts
+    expected = max(now.level + growth, 0.0) / limit if now else 0.0
+    return expected * confidence * factor, Place(
+        wear.loop, 0, action, now.level / limit if now else None, confidence, len(recent), silent, swinging,
+        tuple(sorted({code for _, code in wear.gaps[-RECENT:]})), factor, days_left, horizon)
 
 
 def chosen(history: History, names: Sequence[str]) -> list[str]:
@@ -67,25 +128,22 @@ def moment_of(date: str) -> float:
     return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
 
 
-TABLES = ("nights", "half_periods", "repairs", "runs")
-
-
 def rows_of(history: History, table: str, loops: list[str]) -> list[dict[str, Any]]:
     """Return one table of the history as flat rows; dead bands in output spans, times in epoch seconds.
 
     Raises UsageError for a table that does not exist.
     """
-    if table not in TABLES:
-        raise UsageError(f"no table {table!r}", where="--table", remedy=nearest(table, TABLES))
-    if table == "runs":
-        return [{"start": r.first, "end": r.last, "loops": r.loops, "nights": r.nights, "inputs": ", ".join(r.inputs),
-                 "failures": "; ".join(n.message for n in r.failures), "tool": r.tool} for r in history.runs()]
+    if table == "nights":
+        return [_night_values(night) for loop in loops for night in history.nights(loop)]
+    if table == "half_periods":
+        return [{"loop": loop, **vars(p)} for loop in loops for p in history.half_periods(loop)]
     if table == "repairs":
         return [{"loop": loop, "time": r.time, "date": r.date.isoformat(), "note": r.note}
                 for loop in loops for r in history.repairs(loop)]
-    if table == "half_periods":
-        return [{"loop": loop, **asdict(p)} for loop in loops for p in history.half_periods(loop)]
-    return [night for loop in loops for night in map(_night_values, history.nights(loop))]
+    if table == "runs":
+        return [{"start": r.first, "end": r.last, "loops": r.loops, "nights": r.nights, "inputs": ", ".join(r.inputs),
+                 "failures": "; ".join(n.message for n in r.failures), "tool": r.tool} for r in history.runs()]
+    raise UsageError(f"no table {table!r}", where="--table", remedy=nearest(table, TABLES))
 
 
 def _night_values(night: Night) -> dict[str, Any]:

@@ -18,8 +18,8 @@ import numpy as np
 
 from ..record import FloatArray
 from ..results import Verdict
-from ..results.history import DAY, HeldOut, Limit, Night, Repair, Segment, Wear, day_of, day_text, missing_days
-from .local_trend import BELIEF, ENOUGH, LEAST, LINE, Nights, Shocks, Trend, find_shocks, fit
+from ..results.history import DAY, HeldOut, Limit, Night, Repair, Segment, Wear, day_of, missing_days
+from .local_trend import BELIEF, ENOUGH, LEAST, LINE, Nights, Trend, find_shocks, fit
 
 SAME_REPAIR = 5  # a drop found this close (in nights) to a marked repair is that repair
 SMALLEST_SHARE = 0.25  # a repair takes away at least a quarter of the dead band ...
@@ -40,48 +40,66 @@ def wear(loop: str, nights: Sequence[Night], marked: Sequence[Repair], limit: Li
     nights = sorted(nights, key=lambda n: n.time)
     points, gaps = points_of(nights)
     covered = (day_of(k * DAY) for n in nights for k in range(int(n.start // DAY), int(n.end // DAY) + 1))
-    parts = _between(points, marked)
-    repairs = sorted([*marked, *_found(loop, parts)], key=lambda r: r.time)
-    if len(repairs) > len(marked):
+    repairs, parts = tuple(marked), _between(points, marked)
+    if found := _found(loop, parts):
+        repairs = tuple(sorted([*marked, *found], key=lambda r: r.time))
         parts = _between(points, repairs)
-    out = Wear(loop, len(nights), limit, "no_estimate", "", tuple(part.segment() for part in parts if part.nights),
-               tuple(repairs), None, tuple(gaps), tuple(missing_days(covered)))
+    out = Wear(loop, len(nights), limit, "no_estimate", tuple(segment for _, segment, _ in parts if segment),
+               repairs, None, tuple(gaps), tuple(missing_days(covered)))
     # after the last repair nothing may have been measured yet: then no older slope speaks for the valve
-    return _outlook(out, parts[-1])
+    _, segment, trend = parts[-1]
+    if segment is None:
+        return out
+    if trend is None or segment.slope_ci95 is None:
+        silent = not segment.nights and segment.below >= ENOUGH
+        return replace(out, state="no_trend" if silent else "too_few_nights")
+    compared, stepped = held_out(trend.nights), bool(trend.nights.steps.any())
+    # a line has to stand both tests: the nights that it has not seen, and all of them against trends that bend
+    line = trend.straight >= UNLIKELY * BELIEF[LINE] and not stepped and (compared is None or compared.line_holds)
+    out = replace(out, model="line" if line else "local", held_out=compared, state="no_trend")
+    last = len(trend.nights) - 1
+    if segment.slope_ci95[0] <= 0 and not (stepped and trend.low[last] > trend.high[0]):
+        return out
+    used = fit(trend.nights, (LINE,)) if line else trend
+    value, early, late = used.reaches(limit.value)
+    if not np.isfinite(value):
+        return replace(out, state="growing")
+    # as far as a figure shows it
+    ahead = used.days[last] + np.linspace(0.0, min(value + 3.0 - used.days[last], DRAWN), 12)
+    return replace(out, state="growing", limit_date=(DAY * value, DAY * early, DAY * late),
+                   forecast=used.path(ahead) if value > used.days[last] else ())
 
 
-def _between(points: Sequence[Night], repairs: Sequence[Repair]) -> list[_Part]:
+Part = tuple[list[Night], Segment | None, Trend | None]  # nights between two repairs and their wear
+
+
+def _between(points: Sequence[Night], repairs: Sequence[Repair]) -> list[Part]:
     """Return the nights before, between and after the repairs."""
     edges = [-np.inf, *sorted(r.time for r in repairs), np.inf]
-    return [_Part([p for p in points if first <= p.time < last]) for first, last in pairwise(edges)]
+    parts = ([p for p in points if first <= p.time < last] for first, last in pairwise(edges))
+    return [(part, *_fitted(part)) for part in parts]
 
 
-class _Part:
-    """Nights between two repairs, with what is measured and fitted of them: `trend` is None where fewer than five of
-    them have a size."""
-
-    def __init__(self, nights: Sequence[Night]) -> None:
-        self.nights, self.sized = nights, [p for p in nights if p.d is not None]
-        self.measured = measurements(self.sized) if self.sized else None
-        enough = self.measured is not None and len(self.sized) >= ENOUGH
-        self.trend = fit(self.measured, find_shocks(self.measured)) if self.measured and enough else None
-
-    def segment(self) -> Segment:
-        """Return the wear in words of the report."""
-        part, trend = self.nights, self.trend
-        out = Segment(part[0].time, part[-1].time, len(self.sized), len(part) - len(self.sized))
-        if self.measured is None:  # nothing but bounds: somewhere below
-            bound = float(np.median([p.limit_of_detection or 0.0 for p in part]))
-            return replace(out, level_first=0.5 * bound, level=0.5 * bound, level_ci95=(0.0, bound))
-        if trend is None:
-            size = self.measured.size
-            level = float(np.median(size))
-            spread = 1.96 * float(np.median(self.measured.error)) + float(np.abs(size - level).max())
-            return replace(out, level_first=level, level=level, level_ci95=(max(level - spread, 0.0), level + spread))
-        now, low, high = (float(x) for x in trend.at(part[-1].time / DAY))
-        slope, *ends = trend.slope
-        return replace(out, slope=slope, slope_ci95=(ends[0], ends[1]), level_first=float(trend.level[0]), level=now,
-                       level_ci95=(max(low, 0.0), high), path=_points(trend, trend.days[: trend.nights]))
+def _fitted(part: Sequence[Night]) -> tuple[Segment | None, Trend | None]:
+    """Return the wear of nights, and the trend where at least five of them have a size."""
+    if not part:
+        return None, None
+    sized = [p for p in part if p.d is not None]
+    out = Segment(part[0].time, part[-1].time, len(sized), len(part) - len(sized))
+    if not sized:  # nothing but bounds: somewhere below
+        bound = float(np.median([p.limit_of_detection or 0.0 for p in part]))
+        return replace(out, level_first=0.5 * bound, level=0.5 * bound, level_ci95=(0.0, bound)), None
+    measured = measurements(sized)
+    if len(sized) < ENOUGH:
+        level = float(np.median(measured.size))
+        spread = 1.96 * float(np.median(measured.error)) + float(np.abs(measured.size - level).max())
+        ci95 = max(level - spread, 0.0), level + spread
+        return replace(out, level_first=level, level=level, level_ci95=ci95), None
+    trend = fit(find_shocks(measured))
+    now, low, high = trend.at(part[-1].time / DAY).tolist()
+    slope, *ends = trend.slope
+    return replace(out, slope=slope, slope_ci95=(ends[0], ends[1]), level_first=float(trend.level[0]), level=now,
+                   level_ci95=(max(low, 0.0), high), path=trend.path(trend.nights.days)), trend
 
 
 def points_of(nights: Sequence[Night]) -> tuple[list[Night], list[tuple[str, str]]]:
@@ -125,7 +143,7 @@ def measurements(sized: Sequence[Night]) -> Nights:
         trust = 2.0 * LEAST  # nights that the intervals' own word is worth
         error *= np.sqrt((trust + len(z) * (np.median(z) / 0.6745) ** 2) / (trust + len(z)))
     error *= np.where([p.verdict is Verdict.SUSPECTED for p in sized], 2.0, 1.0)
-    return Nights(time, size, error)
+    return Nights(time, size, error, *np.zeros((2, len(size)), bool))
 
 
 def _running_median(x: FloatArray) -> FloatArray:
@@ -134,32 +152,28 @@ def _running_median(x: FloatArray) -> FloatArray:
     return np.array([np.median(v) if len(v := part[np.isfinite(part)]) else np.nan for part in near])
 
 
-def _found(loop: str, parts: Sequence[_Part]) -> list[Repair]:
-    """Return repairs seen in the data that nobody marked; searched between the marked ones."""
+def _found(loop: str, parts: Sequence[Part]) -> list[Repair]:
+    """Return repairs seen in the data that nobody marked; searched between the marked ones.
+
+    Wear makes a dead band grow slowly; nothing but a repair makes it fall, suddenly and lastingly. Either a step of the
+    sizes down (`find_shocks`), or nights that nearly all see no dead band where nearly all did before.
+    """
     out = []
-    for number, part in enumerate(parts):
-        nights = part.nights
-        for k, before, after in drops(part):
+    for number, (nights, _, trend) in enumerate(parts):
+        sized, falls = [p for p in nights if p.measured], []
+        if trend is not None:
+            level = trend.level.tolist()
+            falls = [(nights.index(sized[k]), level[k - 1], level[k]) for k in np.flatnonzero(trend.nights.steps)
+                     if _fell(level[k - 1], level[k])]
+        falls += [fall for fall in _falls_silent(nights) if all(abs(fall[0] - k) > WINDOW for k, _, _ in falls)]
+        for k, before, after in sorted(falls):
             if (number and k <= SAME_REPAIR) or (number + 1 < len(parts) and len(nights) - k <= SAME_REPAIR):
                 continue
-            midnight = nights[k].time // DAY * DAY
-            time = midnight if midnight > nights[k - 1].time else 0.5 * (nights[k - 1].time + nights[k].time)
-            note = f"found: dead band fell from {percent(before)} to {percent(after)}"
+            midnight, between = nights[k].time // DAY * DAY, 0.5 * (nights[k - 1].time + nights[k].time)
+            note = f"found: dead band fell from {100 * before:.2g} % to {100 * after:.2g} %"
+            time = midnight if midnight > nights[k - 1].time else between
             out.append(Repair(loop, float(time), note, True, before, after))
     return out
-
-
-def drops(part: _Part) -> list[tuple[int, float, float]]:
-    """Return where the dead band is suddenly and lastingly smaller: (position, dead band before, after).
-
-    Wear makes a dead band grow slowly; nothing but a repair makes it fall at once. Either a step of the sizes down
-    (`find_shocks`), or nights that nearly all see no dead band where nearly all did before.
-    """
-    level = part.trend.level.tolist() if part.trend is not None else []
-    steps = part.trend.shocks.steps if part.trend is not None and len(part.sized) >= 2 * LEAST else ()
-    found = [(part.nights.index(part.sized[k]), level[k - 1], level[k]) for k in steps if _fell(level[k - 1], level[k])]
-    silent = [drop for drop in _falls_silent(part.nights) if all(abs(drop[0] - k) > WINDOW for k, _, _ in found)]
-    return sorted([*found, *silent])
 
 
 def _fell(before: float, after: float) -> bool:
@@ -186,84 +200,22 @@ def _falls_silent(part: Sequence[Night]) -> list[tuple[int, float, float]]:
     return found
 
 
-def held_out(nights: Nights, shocks: Shocks) -> HeldOut | None:
+def held_out(nights: Nights) -> HeldOut | None:
     """Compare a straight line and the local trend on the last nights, that neither fit has seen; None with too few.
 
     Which nights lie apart, and where steps are, is known to both from all nights.
     """
     count = len(nights) - min(max(int(HIDDEN * len(nights)), LEAST), 30)
-    before = Shocks(tuple(k for k in shocks.apart if k < count), tuple(k for k in shocks.steps if k < count))
-    hidden = [k for k in range(count, len(nights)) if k not in shocks.apart]
-    if count < 2 * ENOUGH or not hidden:
+    hidden = count + np.flatnonzero(~nights.apart[count:])
+    if count < 2 * ENOUGH or not len(hidden):
         return None
     days, size, error = nights.days[hidden], nights.size[hidden], nights.error[hidden]
     scores, off = [], []
     for ways in ((LINE,), tuple(BELIEF)):
-        mean, low, high = fit(nights.part(0, count), before, ways).at(days)
+        mean, low, high = fit(nights.part(0, count), ways).at(days)
         variance = ((high - low) / 3.92) ** 2 + error**2
         scores.append(float(-0.5 * ((size - mean) ** 2 / variance + np.log(variance)).sum()))
         off.append(size - mean)
     line, local = (float(np.median(np.abs(x))) for x in off)
     return HeldOut(len(hidden), float(days[0] * DAY), line, local, float(np.median(off[0])),
                    scores[0] >= scores[1] - CLEAR)
-
-
-def _outlook(out: Wear, part: _Part) -> Wear:
-    """Return the wear with its state, sentence, model and the date of the limit in epoch seconds."""
-    limit, since, trend = out.limit.value, " since the last repair" if out.repairs else "", part.trend
-    segment = out.current
-    if not part.nights or segment is None:
-        return replace(out, message=f"no night{since} gives a size of the dead band")
-    over = segment.level > limit
-    now = f"now {percent(segment.level)}, {'above' if over else 'below'} the limit of {percent(limit)}"
-    if not segment.nights and segment.below >= ENOUGH:
-        return replace(out, state="no_trend", message=f"no night{since} shows a dead band; it is below "
-                       f"{percent(segment.level_ci95[1])}")
-    if trend is None or part.measured is None or segment.slope is None or segment.slope_ci95 is None:
-        n = segment.nights + segment.below
-        said = f"{n} night{'s' * (n != 1)} since the last repair or start"
-        return replace(out, state="too_few_nights", message=f"{said}; a trend needs {ENOUGH} with a size; {now}")
-    compared = held_out(part.measured, trend.shocks)
-    # a line has to stand both tests: the nights that it has not seen, and all of them against trends that bend
-    line = trend.straight >= UNLIKELY * BELIEF[LINE] and not trend.shocks.steps
-    line = line and (compared is None or compared.line_holds)
-    out = replace(out, model="line" if line else "local", held_out=compared)
-    used = fit(part.measured, trend.shocks, (LINE,)) if line else trend
-    low, high = segment.slope_ci95
-    rate = f"{100 * segment.slope:.2g} % of span per day (95 %: {100 * low:.2g} to {100 * high:.2g})"
-    if low <= 0 and not (trend.shocks.steps and trend.low[trend.nights - 1] > trend.high[0]):
-        word = "falls" if high < 0 else "shows no trend"
-        return replace(out, state="no_trend", message=f"the dead band {word}, {rate}; {now}")
-    grows = f"the dead band grows by {rate}" if low > 0 else f"the dead band grows in steps, of late by {rate}"
-    value, early, late = (DAY * day for day in used.reaches(limit))
-    if not np.isfinite(value):
-        return replace(out, state="growing", message=f"{grows}; {now}, which it does not reach if it goes on so")
-    value_day, first_day, last_day = (day_text(time) or "never" for time in (value, early, late))
-    verb = "was" if value <= out.segments[-1].last else "is"
-    message = (f"{grows}; now {percent(segment.level)}; the limit of {percent(limit)} {verb} reached about "
-               f"{value_day} (between {first_day} and {last_day}), by {MODELS[out.model]}")
-    return replace(out, state="growing", message=message, limit_date=(value, early, late),
-                   forecast=_forecast(used, value / DAY))
-
-
-MODELS = {"line": "a straight line", "local": "a trend that may bend"}
-
-
-def _forecast(trend: Trend, date: float) -> tuple[tuple[float, float, float, float], ...]:
-    """Return (time, level, low, high) from the last night to the limit, as far as a figure shows it."""
-    last = float(trend.days[trend.nights - 1])
-    return _points(trend, last + np.linspace(0.0, min(date + 3.0 - last, DRAWN), 12)) if date > last else ()
-
-
-def _points(trend: Trend, days: FloatArray) -> tuple[tuple[float, float, float, float], ...]:
-    """Return (time, level, low, high) at days."""
-    return tuple(zip((days * DAY).tolist(), *(y.tolist() for y in trend.at(days)), strict=True))
-
-
-def percent(value: float) -> str:
-    """Return a dead band in words.
-
-    >>> percent(0.0314)
-    '3.1 %'
-    """
-    return f"{100 * value:.2g} %"

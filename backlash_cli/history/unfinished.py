@@ -12,8 +12,7 @@ import base64
 import contextlib
 import hashlib
 import time
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,8 @@ import numpy as np
 
 from .._version import __version__
 from ..errors import BacklashError
-from ..results import Estimate, Estimates, LoopReport, Verdict
+from ..results import LoopReport, Verdict
+from .database import check_folder
 
 KEPT = 30 * 86400.0  # seconds; what a stopped scan left is no use any more
 
@@ -40,9 +40,7 @@ class Unfinished:
         self.path = history.with_name(f"{history.name}.unfinished-{name}")
         self.known: dict[str, LoopReport] = {}
         self.resumed = resume
-        if not history.parent.is_dir():
-            raise BacklashError("the folder of the history does not exist", where=str(history.parent),
-                                code="no_history", remedy="make the folder first")
+        check_folder(history)
         try:
             with open(self.path, "a+b" if resume else "w+b") as file:
                 file.seek(0)
@@ -52,14 +50,14 @@ class Unfinished:
                     with contextlib.suppress(ValueError):
                         if text and checksum == _checksum(text):
                             self.known[key.decode()] = from_text(report)
-            # what scans left that were stopped long ago and never resumed
-            for path in history.parent.glob(f"{history.name}.unfinished-????????????"):
-                with contextlib.suppress(OSError):
-                    if path.stat().st_mtime < time.time() - KEPT:
-                        path.unlink()
         except OSError as error:
             raise BacklashError(f"the history may not be written: {error.strerror}", where=str(history),
                                 code="history_unusable", remedy="check the rights of its folder") from None
+        # what scans left that were stopped long ago and never resumed
+        for path in history.parent.glob(f"{history.name}.unfinished-????????????"):
+            with contextlib.suppress(OSError):
+                if path.stat().st_mtime < time.time() - KEPT:
+                    path.unlink()
 
     def add(self, key: str, report: LoopReport) -> None:
         """Keep the report of a finished loop; one that failed is tried again next time. key: empty, nothing is kept.
@@ -75,19 +73,14 @@ class Unfinished:
                 while line:
                     line = line[file.write(line) :]
 
-    def remove(self) -> None:
-        """The scan has ended well: nothing is left to go on with."""
+    def close(self, *, ended: bool = False) -> None:
+        """The scan has stopped: the file stays where it holds anything; or has ended well, and leaves nothing to do."""
         with contextlib.suppress(OSError):
-            self.path.unlink()
-
-    def close(self) -> None:
-        """The scan has ended: the file stays where it holds anything."""
-        with contextlib.suppress(OSError):
-            if not self.path.stat().st_size:
+            if ended or not self.path.stat().st_size:
                 self.path.unlink()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"path": self.path, "known": {}, "resumed": self.resumed}
+        return {**vars(self), "known": {}}
 
 
 def to_text(report: LoopReport) -> bytes:
@@ -95,16 +88,12 @@ def to_text(report: LoopReport) -> bytes:
 
     Raises TypeError, ValueError or OverflowError for what cannot be brought back as it was.
     """
-    halves = report.estimates
-    columns, rows = (halves, ()) if isinstance(halves, Estimates) else (None, tuple(halves))
-    return base64.b64encode(msgspec.msgpack.encode((replace(report, estimates=()), columns, rows), enc_hook=_plain))
+    return base64.b64encode(msgspec.msgpack.encode(report, enc_hook=_plain))
 
 
 def from_text(text: bytes) -> LoopReport:
     """Return what `to_text` was given. Raises ValueError for any other text."""
-    report, columns, rows = msgspec.msgpack.decode(
-        base64.b64decode(text), type=tuple[LoopReport, Estimates | None, tuple[Estimate, ...]], dec_hook=_array)
-    return replace(report, estimates=rows if columns is None else columns)
+    return msgspec.msgpack.decode(base64.b64decode(text), type=LoopReport, dec_hook=_array)
 
 
 def _plain(value: Any) -> Any:
@@ -112,8 +101,6 @@ def _plain(value: Any) -> Any:
         return value.dtype.str, value.tobytes()
     if isinstance(value, np.generic):
         return value.item()
-    if isinstance(value, Mapping):
-        return dict(value)
     raise TypeError(f"{type(value).__name__} cannot be kept")
 
 

@@ -5,9 +5,10 @@ A loop longer than CHUNK rows is made in chunks of that size: its grid and spans
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from bisect import bisect_left
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -18,10 +19,9 @@ from numpy.typing import NDArray
 from ..errors import LoopError
 from ..record import FloatArray, IntArray, LoopSettings, Note, Record
 from ..settings import LoopValues, Settings, settings_of
-from .grid import GAP_FACTOR, MAX_HOLE, SPARSE_SHARE, Grid, Steps, Times, held, linear
+from .grid import GAP_FACTOR, MAX_HOLE, NAT, SPARSE_SHARE, Grid, Ordered, Times, held, linear
 from .join import Faults, Joiner, LoopSeries, Signal, add_faults
 from .options import ReadOptions
-from .order import NAT, Ordered
 from .signals import Axis, Series
 from .states import automatic, judged, state_notes
 
@@ -64,15 +64,14 @@ class Recipe:
     def keyed(self, marks: Mapping[str, str], common: tuple[object, ...]) -> Recipe:
         """Return the recipe with its key; without one where a file cannot be known again. marks: what changes when the
         content of a file does, by its name. common: what else a report depends on."""
-        items = [(role, item) for role, items in sorted(self.series.roles.items()) for item in items]
-        if not all(marks.get(item.axis.where) for _, item in items):
+        parts = [(role, item.tag, item.loop, item.signal, item.axis.where, marks.get(item.axis.where))
+                 for role, items in sorted(self.series.roles.items()) for item in items]
+        if not all(part[-1] for part in parts):
             return self
-        parts = [(role, i.tag, i.loop, i.signal, i.axis.where, marks[i.axis.where]) for role, i in items]
         # which loops are wanted is not how they are read
         how = replace(self.options, only_loops=(), loops_matching=(), sample=None, sample_seed=0, since=None)
-        values = self.values
-        settings = None if values is None else (dict(values.values), values.where, sorted(values.from_defaults))
-        whole = repr((common, how, self.loop, settings, [(note.code, note.message) for note in self.notes],
+        values = self.values and (dict(self.values.values), self.values.where, sorted(self.values.from_defaults))
+        whole = repr((common, how, self.loop, values, [(note.code, note.message) for note in self.notes],
                       sorted(self.series.missing_tags.items()), parts))
         return replace(self, key=hashlib.sha256(whole.encode("utf-8", "backslashreplace")).hexdigest()[:32])
 
@@ -81,7 +80,7 @@ class Recipe:
         """
         columns: dict[Axis, set[str]] = {}
         for item in chain.from_iterable((*self.series.roles.values(), *self.series.extra.values())):
-            columns.setdefault(item.axis, set()).update(filter(None, (item.column, item.quality)))
+            columns.setdefault(item.axis, set()).update(f"v{i}" for i in (item.column, item.marked) if i >= 0)
         return replace(self, series=self.series.changed(lambda axis: axis.packed(columns[axis])))
 
     @property
@@ -92,8 +91,7 @@ class Recipe:
 
 @dataclass
 class _Making:
-    """Makes the record of a loop, or chunk after chunk of it: what a chunk goes on from, and what is counted for the
-    notes.
+    """Makes the record of a loop, or chunk after chunk of it: what a chunk goes on from, and what is counted for notes.
 
     grid, spans, has_output: of the first chunk. place: a stamp near the end of the last one and its grid number. until:
     the grid number of its last sample. carried: setpoint and mode that still hold. times, order, bridge, notes: of this
@@ -109,9 +107,7 @@ class _Making:
     place: tuple[int, int] = (0, 0)
     until: int = -1
     counts: Counter[str] = field(default_factory=Counter)
-    samples: int = 0
-    recorded: int = 0
-    steps: list[Steps] = field(default_factory=list)
+    tally: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
     faults: Faults = field(default_factory=dict)
     carried: dict[str, float] = field(default_factory=dict)
     times: Times | None = None
@@ -128,20 +124,13 @@ class _Making:
             self.joiner.next_chunk(begin, end)
         pv = _where_recorded(self.joiner.signal(loop.roles["pv"], "pv", loop.name))
         self.order = pv.times.order(pv.values)
-        if self.grid is None:
-            grid = pv.times.grid(self.order)
-            self.grid = replace(grid, index=grid.index[:0], rows=None, recorded=None)
-        else:
-            grid = self.grid.laid(self.order, self.place)
-        first, last, on_grid = 0, len(grid.index), list(grid.notes)
-        if end is not None:
-            first, last = self._own_samples(grid, end)
-            on_grid = self._said_of_grid(grid, begin, end, first, last)
+        grid = pv.times.grid(self.order) if self.grid is None else self.grid.laid(self.order, self.place)
+        self.grid = self.grid or replace(grid, index=grid.index[:0], rows=None, recorded=None)
+        first, last, on_grid = (0, len(grid.index), grid.notes) if end is None else self._own_samples(grid, begin, end)
         self.times, self.bridge = pv.times, fill_limit(settings.loop.Ti, grid.interval)
         self.notes = [*self.recipe.notes, *settings.notes, *pv.times.notes, *on_grid]
         self._say(pv)
         measured = self._on_grid(pv, "pv", grid)
-        interpolated = None if grid.recorded is None else ~grid.recorded & np.isfinite(measured)
         if first_chunk and not np.isfinite(measured).any():
             raise LoopError("the measurement (PV) holds no number at all", code="no_measurement",
                             remedy="check the column and the export")
@@ -159,13 +148,14 @@ class _Making:
         manual, on_mode = self._manual(loop, (*self.recipe.options.auto_modes, *settings.auto_modes), grid)
         sp, op = (None if values is None else normalised(values, span)
                   for values, span in ((setpoint, scaled.pv_range), (output, scaled.op_range)))
-        y, state, marks = judged(grid.index, sp, normalised(measured, scaled.pv_range), op, interpolated, manual,
+        y, state, marks = judged(grid.index, sp, normalised(measured, scaled.pv_range), op,
+                                 None if grid.recorded is None else ~grid.recorded & np.isfinite(measured), manual,
                                  self.bridge)
-        self.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()})
-        self.samples += last - first
+        self.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()},
+                           samples=last - first)
         missing = [] if sp is not None else [Note(
             "no_setpoint", "no setpoint (SP) column: what needs the control error cannot be done", {"loop": loop.name})]
-        said = [state_notes(self.counts, self.samples, *kinds) for kinds in (
+        said = [state_notes(self.counts, *kinds) for kinds in (
             ("wild", "filled", "frozen", "saturated", "missing"), ("setpoint", "output"), ("manual",))]
         extra = {name: self._disturbance(items, grid) for name, items in loop.extra.items()}
         record = Record(loop.name, grid.start / 1e6, grid.interval, grid.index,
@@ -174,27 +164,20 @@ class _Making:
                         (*self.notes, *said[0], *missing, *said[1], *on_mode, *said[2]))
         return record if end is None else record.slice(first, last)
 
-    def _own_samples(self, grid: Grid, end: int) -> tuple[int, int]:
-        """The first sample of a chunk and the one after its last; notes where it ends."""
-        first = int(np.searchsorted(grid.index, self.until, side="right"))
+    def _own_samples(self, grid: Grid, begin: int, end: int) -> tuple[int, int, list[Note]]:
+        """The first sample of a chunk, the one after its last, and what is to be said of all stamps so far; notes where
+        it ends."""
+        stamps, first = self.order.stamps, int(np.searchsorted(grid.index, self.until, side="right"))
         if grid.kind == "regular":
             at = grid.index if grid.rows is None else grid.index[grid.rows >= 0]
-            stamps = self.order.stamps[-len(at) :]
-            row = int(np.searchsorted(stamps, end)) - 1
+            row = int(np.searchsorted(stamps, end)) - 1 - (len(stamps) - len(at))
             near = max(row - MARGIN, 0)
-            self.place, self.until = (int(stamps[near]), int(at[near])), int(at[row])
+            self.place, self.until = (int(stamps[near - len(at)]), int(at[near])), int(at[row])
         else:
             self.until = (end - 1 - grid.start) // grid.step
-        return first, int(np.searchsorted(grid.index, self.until, side="right"))
-
-    def _said_of_grid(self, grid: Grid, begin: int, end: int, first: int, last: int) -> list[Note]:
-        """What is to be said of the stamps of all chunks so far."""
-        stamps = self.order.stamps
-        own = stamps[max(int(np.searchsorted(stamps, begin)) - 1, 0) : int(np.searchsorted(stamps, end))]
-        self.steps += [Steps.of(own)] if len(own) > 1 else []
-        self.recorded += last - first if grid.recorded is None else int(grid.recorded[first:last].sum())
-        share = self.recorded / max(self.samples + last - first, 1)
-        return replace(grid, steps=Steps.joined(self.steps)).said(share) if self.steps else []
+        last, begun = int(np.searchsorted(grid.index, self.until, side="right")), int(np.searchsorted(stamps, begin))
+        own = stamps[max(begun - 1, 0) : int(np.searchsorted(stamps, end))]
+        return first, last, grid.said(own, None if grid.recorded is None else grid.recorded[first:last], self.tally)
 
     def _say(self, signal: Signal) -> None:
         """Note what was found out about a signal."""
@@ -214,12 +197,11 @@ class _Making:
 
     def _disturbance(self, items: list[Series], grid: Grid) -> FloatArray | None:
         """A further measured column in its own units; None when it holds no numbers or cannot be joined."""
-        first_of_each = {item.axis: item for item in reversed(items)}
-        try:
-            signal = self.joiner.signal(list(first_of_each.values()), "", "")
-        except LoopError:
-            return None
-        return self._on_grid(signal, "dv", grid) if np.isfinite(signal.values).any() else None
+        with contextlib.suppress(LoopError):
+            signal = self.joiner.signal([*{item.axis: item for item in reversed(items)}.values()], "", "")
+            if np.isfinite(signal.values).any():
+                return self._on_grid(signal, "dv", grid)
+        return None
 
     def _manual(self, loop: LoopSeries, auto_modes: tuple[str, ...], grid: Grid
                 ) -> tuple[NDArray[np.bool_] | None, list[Note]]:

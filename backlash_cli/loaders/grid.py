@@ -1,4 +1,6 @@
-"""A uniform grid for stamps that are nearly, or by intention not, uniform, and values brought to its points.
+"""Stamps in time order, a uniform grid for them, and values brought to its points.
+
+Unreadable, far-off, repeated and set-back stamps are found and named. The grid is
 
 regular: the stamps lie on a grid; rows are put at their grid number, nothing is interpolated.
 jitter: at least 90 % of the spacings lie within 0.3 to 1.7 of the usual one; values are interpolated to the grid.
@@ -8,7 +10,7 @@ the historian means it. Anything else is refused.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,8 +18,14 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..record import FloatArray, IntArray, Note, duration
-from .order import SECOND, Ordered, ordered, utc_text
 
+NAT = np.iinfo(np.int64).min
+SECOND = 1_000_000
+DAY = 86_400 * SECOND
+HOUR = 3600 * SECOND
+OUTLIER_SHARE = 0.01  # of the stamps that may lie far from all others:
+FAR = 10.0  # times the distance of their 5 % and 95 % quantiles, and two days
+CLOCK_CODES = ("dst_repeated_hour", "clock_set_back")
 MAX_HOLE = 5  # absent samples that may be bridged when nothing else is known
 ABSENT_ROWS = 60  # absent samples that get rows of their own; more is a gap
 SPARSE_SHARE = 0.15  # share of spacings longer than one interval that means compression, not loss
@@ -26,51 +34,140 @@ MAX_GROWTH = 200  # grid points per recorded row
 JITTER = (0.3, 1.7)
 _NICE = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 90, 100, 120, 150, 180, 200, 240, 250,
                   300, 360, 400, 450, 480, 500, 600, 720, 750, 800, 900, 1000])
-_NONE: IntArray = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True, eq=False)
-class Steps:
-    """values: (distinct,) distances of stamps in microseconds, ascending; counts: how often each occurs. first: stamp
-    at the beginning. before_longest: the stamp before the first of the longest distances."""
+class Ordered:
+    """stamps: strictly increasing microseconds. rows: row of each stamp, None when it is every row in order."""
 
-    values: IntArray
-    counts: IntArray
-    first: int
-    before_longest: int
+    stamps: IntArray
+    rows: IntArray | None
+    notes: tuple[Note, ...] = ()
 
-    @staticmethod
-    def of(stamps: IntArray) -> Steps:
-        """Count the distances of two or more stamps."""
-        steps = np.diff(stamps)
-        if steps.min() == steps.max():
-            values, counts = steps[:1], np.array([len(steps)])
-        else:
-            values, counts = np.unique(steps, return_counts=True)
-        return Steps(values, counts, int(stamps[0]), int(stamps[np.argmax(steps)]))
 
-    @staticmethod
-    def joined(parts: Sequence[Steps]) -> Steps:
-        """Put the distances of several stretches together."""
-        values, place = np.unique(np.concatenate([part.values for part in parts]), return_inverse=True)
-        counts = np.bincount(place, np.concatenate([part.counts for part in parts])).astype(np.int64)
-        return Steps(values, counts, parts[0].first, max(parts, key=lambda part: part.longest).before_longest)
+def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), line: int = 0) -> Ordered:
+    """Bring stamps into strictly increasing order.
 
-    @property
-    def longest(self) -> int:
-        return int(self.values[-1])
+    probe: (rows,) one measured signal of these rows; it tells repeated rows from rows of another time.
+    parts: first rows of further files. line: line of row 0 in its file, for messages. Raises LoopError when no time
+    passes.
+    """
+    if len(micros) and micros.min() != NAT:
+        steps, few = np.diff(micros), len(micros) // 20
+        if (not len(steps) or steps.min() > 0) and not (few and float(micros[-1]) - float(micros[0]) > FAR * (
+                float(micros[-1 - few]) - float(micros[few])) + 2.0 * DAY):
+            return Ordered(micros, None)
+    notes: list[Note] = []
+    rows = np.flatnonzero(micros != NAT)
+    if lost := len(micros) - len(rows):
+        at = f", the first in line {line + int(np.argmax(micros == NAT))}" if line else ""
+        notes.append(_counted("unreadable_times", lost, f"rows without a readable time stamp were dropped{at}"))
+    if not len(rows):
+        raise LoopError("no readable time stamps", remedy="describe them with --time-format", code="no_times")
+    stamps = micros[rows]
+    low, middle, high = np.quantile(stamps.astype(np.float64), [0.05, 0.5, 0.95])
+    far = np.abs(stamps.astype(np.float64) - middle) > FAR * (high - low) + 2.0 * DAY
+    if len(stamps) >= 20 and 0 < far.sum() <= max(3, OUTLIER_SHARE * len(stamps)):  # a clock reset to 1970, a year 9999
+        shown = ", ".join(map(utc_text, stamps[far][:3]))
+        notes.append(_counted("time_outliers", int(far.sum()),
+                              f"rows with implausible time stamps far out of range were dropped ({shown})"))
+        rows, stamps = rows[~far], stamps[~far]
+    if len(stamps) > 1 and stamps.min() == stamps.max():
+        raise LoopError(f"all {len(stamps)} rows carry the same time stamp {utc_text(stamps[0])}", code="constant_time",
+                        remedy="export with full time stamps (the time does not advance)")
+    values, back = probe[rows], np.flatnonzero(np.diff(stamps) < 0)
+    shifted = None if np.isin(rows[back + 1], parts).any() else _clock_set_back(stamps, back, values, notes)
+    if shifted is not None:
+        stamps = shifted
+    elif len(back):
+        turn = np.argsort(stamps, kind="stable")
+        stamps, rows, values = stamps[turn], rows[turn], values[turn]
+        notes.append(Note("unsorted", f"rows were not in time order ({len(back)} steps backwards); they were sorted",
+                          {"steps": float(len(back))}))
+    repeats = np.flatnonzero(np.diff(stamps) == 0)
+    differ = _differ(values[repeats], values[repeats + 1], values)
+    spread = _spread_evenly(stamps) if len(repeats) and differ.mean() > 0.5 else None
+    if spread is not None:
+        notes.append(Note("coarse_stamps", "several rows share each time stamp; they were spread evenly over the time "
+                          "to the next stamp"))
+        stamps = spread
+    elif len(repeats):
+        conflicts = int(differ.sum())
+        more = f", {conflicts} of them with another value" if conflicts else ""
+        notes.append(_counted("duplicate_times", len(repeats), f"rows repeat the time stamp of another row{more}; the "
+                              "first of each is kept", conflicts=float(conflicts)))
+        if conflicts > 0.5 * len(stamps):
+            raise LoopError("most rows repeat a time stamp with another value: the times do not tell the rows apart",
+                            code="constant_time", remedy="export with finer time stamps")
+        # of rows with one stamp the first, or the first that holds a value
+        kept = np.lexsort((~np.isfinite(values), stamps))[np.diff(stamps, prepend=stamps[0] - 1) != 0]
+        stamps, rows = stamps[kept], rows[kept]
+    return Ordered(stamps, rows, tuple(notes))
 
-    def share(self, which: NDArray[np.bool_]) -> float:
-        """Return the share of the distances that are of the chosen values."""
-        return float(self.counts[which].sum() / self.counts.sum())
 
-    def mean(self, which: NDArray[np.bool_], of: FloatArray | IntArray) -> float:
-        """Return the mean of something over the distances of the chosen values; of: (distinct,)."""
-        return float(np.sum(of[which] * self.counts[which].astype(np.float64)) / max(self.counts[which].sum(), 1))
+def _counted(code: str, count: int, text: str, **more: float) -> Note:
+    return Note(code, f"{count} {text}", {"rows": float(count), **more})
 
-    def quantile(self, share: float) -> float:
-        """Return a quantile of the distances."""
-        return float(np.quantile(np.repeat(self.values, self.counts), share))
+
+def _clock_set_back(stamps: IntArray, back: IntArray, values: FloatArray, notes: list[Note]) -> IntArray | None:
+    """A clock that was set back while recording: few steps back, and other values for the same stamps.
+
+    The rows went on in file order, so all stamps after the step are moved on by it. In the night of a Sunday one
+    step back of an hour is enough. Returns None when the rows are simply not in order.
+    """
+    if not 0 < len(back) <= max(3, len(stamps) // 2000):
+        return None
+    forward = np.diff(stamps)
+    step = int(np.median(forward[forward > 0])) if np.any(forward > 0) else 0
+    before = stamps[back]
+    lost = before - stamps[back + 1] + step
+    hour = np.abs(lost - HOUR) <= 2 * step
+    day, clock = divmod(int(before[0]), DAY)
+    sunday = len(back) == 1 and (day + 3) % 7 == 6 and clock <= 4 * HOUR and bool(hour[0]) and 2 * step < HOUR
+    turn = np.argsort(stamps, kind="stable")
+    same = np.flatnonzero(np.diff(stamps[turn]) == 0)
+    if not sunday and not (len(same) and _differ(values[turn[same]], values[turn[same + 1]], values).mean() >= 0.5):
+        return None
+    lost[hour] = HOUR
+    out = stamps + np.cumsum(np.bincount(back + 1, lost, len(stamps))).astype(np.int64)
+    if np.any(np.diff(out) < 0):
+        return None
+    for stamp, is_hour, seconds in zip(before, hour, lost / SECOND, strict=True):
+        what = ("time stamps go back one hour (end of daylight saving time?); the repeated hour is kept in file order,"
+                if is_hour else f"the clock jumps backwards by {seconds:g} s with other values for the same time")
+        notes.append(Note(CLOCK_CODES[not is_hour], f"{what} at {utc_text(stamp)}; later stamps are moved on by it",
+                          {"seconds": float(seconds)}))
+    return out
+
+
+def _differ(a: FloatArray, b: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
+    """Whether values differ by more than 0.2 % of the width of what 90 % of all values lie in."""
+    known = values[np.isfinite(values)] if len(a) else values[:0]
+    scale = float(np.subtract(*np.quantile(known, [0.95, 0.05]))) if len(known) else 0.0
+    with np.errstate(invalid="ignore", over="ignore"):
+        return (np.abs(a - b) > 0.002 * scale) & np.isfinite(a) & np.isfinite(b)
+
+
+def _spread_evenly(stamps: IntArray) -> IntArray | None:
+    """Stamps written too coarsely (to the minute): spread the rows of each stamp evenly, if their number is steady."""
+    unique, counts = np.unique(stamps, return_counts=True)
+    if len(unique) < 4:
+        return None
+    inner, steps = counts[1:-1], np.diff(unique)
+    usual, width = int(np.median(inner)), int(np.median(steps))
+    steady = np.mean(np.abs(inner - usual) <= 1) >= 0.95 and np.mean(steps == width) >= 0.9
+    if not 2 <= usual <= width or not steady or counts.max() > usual + 1:
+        return None
+    rank = np.arange(len(stamps)) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = np.where(np.abs(counts - usual) <= 1, counts, usual)
+    share[[0, -1]] = usual
+    rank[: counts[0]] += max(usual - counts[0], 0)
+    return stamps + (rank * width) // np.repeat(share, counts)
+
+
+def utc_text(micros: int) -> str:
+    """Return a stamp as readable text, for messages."""
+    return str(np.datetime64(int(micros) // SECOND, "s")).replace("T", " ")
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +182,9 @@ class Grid:
     start: int
     step: int
     kind: str
-    gap: float
-    steps: Steps
+    gap: float = np.inf
     usual: float = 0.0
-    index: IntArray = field(default_factory=_NONE.copy)
+    index: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     rows: IntArray | None = None
     recorded: NDArray[np.bool_] | None = None
     notes: tuple[Note, ...] = ()
@@ -136,34 +232,42 @@ class Grid:
             np.abs(stamps[after] - times), np.abs(stamps[after - 1] - times)) <= self.step // 2
         return replace(self, index=index, recorded=recorded)
 
-    def said(self, share: float) -> list[Note]:
-        """Return what is to be said of the grid. share: of its points that are recorded."""
-        found: list[Note] = []
-        steps, every = self.steps, self.interval
-        apart = steps.values / self.step
+    def said(self, stamps: IntArray, recorded: NDArray[np.bool_] | None, tally: defaultdict[str, float]) -> list[Note]:
+        """Add to a tally what stamps, and which points are recorded, tell; return what is to be said of all so far."""
+        steps, regular = np.diff(stamps), self.kind == "regular"
+        long = np.flatnonzero(steps >= 1.5 * self.step if regular else steps > self.gap)
+        advance = np.rint(steps[long] / self.step)
+        holes = regular & (advance <= ABSENT_ROWS + 1)
+        if len(long) and steps[long].max() > tally["longest"]:
+            tally["longest"], tally["from"] = steps[long].max(), stamps[long[np.argmax(steps[long])]]
+        near = steps[steps <= self.gap] / self.step if self.kind == "jitter" else np.zeros(0)
+        points = np.zeros(0) if recorded is None else recorded
+        for name, more in {"gaps": np.sum(~holes), "short": np.sum(holes), "absent": np.sum(advance[holes] - 1),
+                           "near": len(near), "sum": near.sum(), "squares": near @ near,
+                           "recorded": np.sum(points), "points": np.size(points)}.items():
+            tally[name] += float(more)
+        found, every = [], self.interval
         if self.kind == "jitter":
-            near = steps.values <= self.gap
-            spread = round(steps.mean(near, (apart - steps.mean(near, apart)) ** 2) ** 0.5, 9)
+            variance = tally["squares"] / max(tally["near"], 1.0) - (tally["sum"] / max(tally["near"], 1.0)) ** 2
+            spread = round(max(variance, 0.0) ** 0.5, 9)
             text = (f"time stamps vary around {every:g} s (standard deviation {100 * spread:.0f} %); values are "
                     f"interpolated to every {every:g} s")
             found.append(Note("resampled", text, {"interval_s": every, "jitter": spread}))
         elif self.kind == "compressed":
+            share = tally["recorded"] / max(tally["points"], 1.0)
             text = (f"samples are irregular, as after exception or swinging-door compression: {100 * share:.0f} % of "
                     f"the grid of {every:g} s was recorded, up to {self.gap / SECOND:g} s are bridged")
             found.append(Note("compressed", text, {"interval_s": every, "recorded_share": share,
                                                    "median_spacing_s": self.usual / SECOND}))
-        advance = np.maximum(1, np.rint(apart))
-        gaps = int(steps.counts[advance > ABSENT_ROWS + 1 if self.kind == "regular" else steps.values > self.gap].sum())
-        if gaps:
+        if gaps := tally["gaps"]:
+            longest = tally["longest"] / SECOND
             found.append(Note(
-                "gaps", f"{gaps} gap{'s' * (gaps > 1)} in the record, the longest {duration(steps.longest / SECOND)} "
-                f"from {utc_text(steps.before_longest)}; nothing is estimated across a gap",
-                {"gaps": float(gaps), "longest_s": float(steps.longest / SECOND)}))
-        holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
-        if self.kind == "regular" and holes.any():
-            absent, short = float(np.sum((advance - 1)[holes] * steps.counts[holes])), int(steps.counts[holes].sum())
-            found.append(Note("missing_rows", f"{absent:.0f} samples are missing in {short} short gaps",
-                              {"samples": absent}))
+                "gaps", f"{gaps:.0f} gap{'s' * (gaps > 1)} in the record, the longest {duration(longest)} from "
+                f"{utc_text(int(tally['from']))}; nothing is estimated across a gap",
+                {"gaps": gaps, "longest_s": longest}))
+        if short := tally["short"]:
+            found.append(Note("missing_rows", f"{tally['absent']:.0f} samples are missing in {short:.0f} short gaps",
+                              {"samples": tally["absent"]}))
         return found
 
 
@@ -202,35 +306,35 @@ def make_grid(order: Ordered) -> Grid:
     if len(order.stamps) < 2:
         raise LoopError(f"only {len(order.stamps)} sample: the record is too short", code="too_few_samples",
                         remedy="export a longer time")
-    grid = _plan(Steps.of(order.stamps)).laid(order)
-    share = 1.0 if grid.recorded is None else float(grid.recorded.mean())
-    return replace(grid, notes=(*order.notes, *grid.said(share)))
+    grid = _plan(order.stamps).laid(order)
+    return replace(grid, notes=(*order.notes, *grid.said(order.stamps, grid.recorded, defaultdict(float))))
 
 
-def _plan(steps: Steps) -> Grid:
+def _plan(stamps: IntArray) -> Grid:
     """Find start, step and kind of the grid, without points."""
-    start, values = steps.first, steps.values
-    usual = int(values[np.argmax(steps.counts)])
-    multiple = values / usual
-    on_grid = np.abs(multiple - np.rint(multiple)) < 0.02
-    if steps.share(values == usual) >= 0.5 and steps.share(on_grid) >= 0.9 and (
-            steps.share(multiple > 1.5) <= SPARSE_SHARE):
-        return Grid(start, usual, "regular", np.inf, steps)
-    middle = steps.quantile(0.5)
-    if steps.share((values >= JITTER[0] * middle) & (values <= JITTER[1] * middle)) >= 0.9:
-        spacing = steps.mean(values <= 1.5 * middle, values)  # the median of coarse stamps (2, 2, 3, 2, 3 s) is not it
-        near = values <= 10 * middle
-        step = _nice(steps.mean(near, values) / steps.mean(near, np.rint(values / spacing)))
-        return Grid(start, step, "jitter", (MAX_HOLE + 1.5) * step, steps)
+    start, steps = int(stamps[0]), np.diff(stamps)
+    if steps.min() == steps.max():
+        return Grid(start, int(steps[0]), "regular")
+    values, counts = np.unique(steps, return_counts=True)
+    usual = int(values[np.argmax(counts)])
+    multiple = steps / usual
+    if np.mean(steps == usual) >= 0.5 and np.mean(np.abs(multiple - np.rint(multiple)) < 0.02) >= 0.9 and (
+            np.mean(multiple > 1.5) <= SPARSE_SHARE):
+        return Grid(start, usual, "regular")
+    low, middle, high = np.quantile(steps, [0.1, 0.5, 0.99]).tolist()
+    if np.mean((steps >= JITTER[0] * middle) & (steps <= JITTER[1] * middle)) >= 0.9:
+        spacing = steps[steps <= 1.5 * middle].mean()  # the median of coarse stamps (2, 2, 3, 2, 3 s) is not it
+        near = steps[steps <= 10 * middle]
+        step = _nice(near.mean() / np.rint(near / spacing).mean())
+        return Grid(start, step, "jitter", (MAX_HOLE + 1.5) * step)
     base = int(np.gcd.reduce(values))
     if base < middle / MAX_GROWTH:
-        base = _nice(steps.quantile(0.1))
-    gap = max(GAP_FACTOR * steps.quantile(0.99), (MAX_HOLE + 1.5) * base)
-    near = values <= gap
-    if float(np.sum(values[near] * steps.counts[near].astype(float))) / base > MAX_GROWTH * (steps.counts.sum() + 1):
-        raise LoopError(f"samples are too irregular: {base / SECOND:g} s to {steps.longest / SECOND:g} s apart",
+        base = _nice(low)
+    gap = max(GAP_FACTOR * high, (MAX_HOLE + 1.5) * base)
+    if steps[steps <= gap].sum(dtype=float) / base > MAX_GROWTH * len(stamps):
+        raise LoopError(f"samples are too irregular: {base / SECOND:g} s to {values[-1] / SECOND:g} s apart",
                         code="irregular", remedy="export at a fixed interval, not interpolated")
-    return Grid(start, base, "compressed", gap, steps, usual=middle)
+    return Grid(start, base, "compressed", gap, middle)
 
 
 def _nice(step: float) -> int:

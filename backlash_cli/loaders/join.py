@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 
@@ -62,41 +62,37 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     """Assign every series to a loop; tags named in the metadata go where it says."""
     explicit, asked = explicit_tags(metadata)
     loops: dict[str, LoopSeries] = {}
-    renamed = renamed_loops(dict.fromkeys(item.loop for item in series if item.loop), metadata)
+
+    def own(name: str) -> LoopSeries:
+        return loops.setdefault(name, LoopSeries(name))
+
+    # loops that the metadata know by another spelling or by a whole part of the name, one by one
+    present = {item.loop for item in series if item.loop} if metadata.loops else set()
+    found = {name: metadata.match(name) or metadata.part_of(name) for name in present - metadata.loops.keys()}
+    counts = Counter(found.values())
+    renamed = {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
     for item in series:
         owners = explicit.get(item.tag.strip().lower(), ())
         for loop, role in owners:
-            loops.setdefault(loop, LoopSeries(loop)).roles.setdefault(role, []).append(item)
+            own(loop).roles.setdefault(role, []).append(item)
         name = renamed.get(item.loop, item.loop)
         # unless the metadata name another tag for this signal
         if item.loop and not owners and not (item.role and item.role in asked.get(name, {})):
-            own = loops.setdefault(name, LoopSeries(name))
-            (own.roles if item.role else own.extra).setdefault(item.role or item.signal, []).append(item)
+            (own(name).roles if item.role else own(name).extra).setdefault(item.role or item.signal, []).append(item)
     for loop, tags in asked.items():
-        own = loops.setdefault(loop, LoopSeries(loop))
-        own.missing_tags |= {role: tag for role, tag in tags.items() if role not in own.roles}
-    return {name: own for name, own in loops.items() if own.roles}
+        own(loop).missing_tags |= {role: tag for role, tag in tags.items() if role not in own(loop).roles}
+    return {name: loop for name, loop in loops.items() if loop.roles}
 
 
 def explicit_tags(metadata: Metadata) -> tuple[dict[str, list[tuple[str, str]]], dict[str, dict[str, str]]]:
     """Return the tags that the metadata name: tag in lower case -> (loop, role) of each, and loop -> role -> tag."""
     explicit: dict[str, list[tuple[str, str]]] = {}
-    asked: dict[str, dict[str, str]] = {}
-    for loop, values in metadata.loops.items():
-        for role in ROLE_KEYS:
-            tag = values.values.get(role)
-            if isinstance(tag, str) and tag.strip():
-                explicit.setdefault(tag.strip().lower(), []).append((loop, role))
-                asked.setdefault(loop, {})[role] = tag
+    asked = {loop: {role: tag for role in ROLE_KEYS if isinstance(tag := values.values.get(role), str) and tag.strip()}
+             for loop, values in metadata.loops.items()}
+    for loop, tags in asked.items():
+        for role, tag in tags.items():
+            explicit.setdefault(tag.strip().lower(), []).append((loop, role))
     return explicit, asked
-
-
-def renamed_loops(known: Iterable[str], metadata: Metadata) -> dict[str, str]:
-    """Loops of the data that the metadata know by another spelling or by a whole part of the name, one by one."""
-    present = set(known) if metadata.loops else set()
-    found = {name: metadata.match(name) or metadata.part_of(name) for name in present - metadata.loops.keys()}
-    counts = Counter(found.values())
-    return {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
 
 
 class Joiner:
@@ -118,30 +114,29 @@ class Joiner:
         chosen, notes = _one_per_file(series, role, loop)
         chosen = sorted(chosen, key=lambda item: item.axis.first()) if len(chosen) > 1 else chosen
         parts = [self._part(item) for item in chosen]
-        if len(parts) == 1:
-            return replace(parts[0], notes=(*parts[0].notes, *notes))
-        faults: Faults = {}
-        for part in parts:
+        faults: Faults = parts[0].faults
+        for part in parts[1:]:
             add_faults(faults, part.faults)
         said = {(note.code, note.message): note for part in parts for note in part.notes}
-        return Signal(self.times(*(item.axis for item in chosen)), np.concatenate([part.values for part in parts]),
-                      np.concatenate([part.bad for part in parts]), (*said.values(), *notes), faults)
+        one = parts[0] if len(parts) == 1 else Signal(
+            self.times(*(item.axis for item in chosen)), np.concatenate([part.values for part in parts]),
+            np.concatenate([part.bad for part in parts]))
+        return replace(one, notes=(*said.values(), *notes), faults=faults)
 
     def _part(self, item: Series) -> Signal:
-        cells, good = item.cells(), None
+        cells, marks, good = item.cells(), item.marks(), None
         values, bad = cells.numbers()
         notes: list[Note] = []
         times = self.times(item.axis)
         own = slice(None) if self.only is None else slice(*np.searchsorted(times.micros, self.only).tolist())
         faults: Faults = {("not_numbers", item.tag): cells.words(bad, own)}
-        if (marks := item.marks()) is not None:
+        if marks is not None:
             known = {} if self.only is None else self._marks.setdefault((item.axis.where, item.tag), {})
-            good, notes = good_samples(marks, self.good_quality, item.quality_name, known)
+            good, notes = good_samples(marks, self.good_quality, item.quality, known)
         for code in ("bad_quality", "lone_zeros"):
-            wrong = lone_zeros(values) if code == "lone_zeros" else None if good is None or good.all() else ~good
-            faults[code, item.tag] = Counter()
-            if wrong is not None:
-                faults[code, item.tag][code] = int(np.count_nonzero(wrong[own]))
+            wrong = lone_zeros(values) if code == "lone_zeros" else None if good is None else ~good
+            faults[code, item.tag] = Counter({code: 0 if wrong is None else int(np.count_nonzero(wrong[own]))})
+            if wrong is not None and wrong.any():
                 bad, values = bad | wrong, np.where(wrong, np.nan, values)
         return Signal(times, values, bad, tuple(notes), faults)
 
@@ -194,13 +189,11 @@ def lone_zeros(values: FloatArray) -> NDArray[np.bool_] | None:
 
 
 def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Series], list[Note]]:
-    if len(series) == 1:
-        return series, []
     notes: list[Note] = []
     groups: dict[str, list[Series]] = {}
     for item in series:
         groups.setdefault(item.axis.where, []).append(item)
-    chosen = []
+    chosen: list[Series] = []
     priority = {word: i for i, word in enumerate(SIGNALS.get(role, "").split())}
     for where, items in groups.items():
         ranks = [priority.get(plain(item.signal), 99) for item in items]
@@ -209,13 +202,13 @@ def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Seri
             names = ", ".join(item.tag for item in items)
             notes.append(Note("several_columns", f"{names} could all be {role.upper()}; {first[0].tag} is used"))
         if len(first) > 1 and first[0].axis is first[1].axis:
-            values = [item.cells().numbers()[0] for item in first]
-            if not all(np.array_equal(values[0], other, equal_nan=True) for other in values[1:]):
+            values, *others = (item.cells().numbers()[0] for item in first)
+            if not all(np.array_equal(values, other, equal_nan=True) for other in others):
                 raise LoopError(f"{len(first)} columns are called {first[0].tag!r} and differ: duplicate column names",
                                 where=where, remedy="rename one of them, or name the right one in loops.toml",
                                 code="duplicate_columns")
             notes.append(Note("duplicate_columns",
                               f"column {first[0].tag} stands {len(first)} times with the same content"))
             first = first[:1]
-        chosen.extend(first)
+        chosen += first
     return chosen, notes

@@ -13,9 +13,10 @@ import numpy as np
 import pyarrow as pa
 
 from ..errors import InputError
+from .cells import codes_and_words, is_number, is_text
 from .names import IGNORED, LOOP, SIGNALS, TAG, VALUE, Tag, is_quality_name, is_time_name, plain, signal_role, split_tag
-from .numbers import codes_and_words, is_number, is_text
 from .options import ReadOptions
+from .signals import Series
 from .states import quality_words
 from .times import is_midnight
 
@@ -105,18 +106,6 @@ class Layout:
     def stored(self) -> list[int]:
         """Columns of cells."""
         return sorted({*self.values, *self.quality.values()})
-
-
-@dataclass(frozen=True)
-class Named:
-    """A column whose signal is known. stamps: place of its set of rows in the layout."""
-
-    column: int
-    tag: str
-    loop: str
-    role: str
-    signal: str
-    stamps: int = 0
 
 
 def layout_of(head: Head, options: ReadOptions) -> Layout:
@@ -218,12 +207,11 @@ def _pairs(head: Head) -> Layout:
 
 def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
     """Columns of quality by the columns they mark: by name, or the one before."""
-    by_name = {name: i for i, name in enumerate(head.names)}
     quality: dict[int, int] = {}
     for i in values:
         tag, before = head.tags[i], i - 1
-        if tag.role == "quality" and tag.of in by_name:
-            quality[by_name[tag.of]] = i
+        if tag.role == "quality" and tag.of in head.names:
+            quality[head.names.index(tag.of)] = i
         elif before in values and (not tag.of or head.tags[before].loop == tag.loop) and (
                 tag.role == "quality" or is_quality_name(head.plain[i])
                 or (not tag.role and i in head.texts and before not in head.texts and head.marks(i))):
@@ -231,14 +219,14 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
     return quality
 
 
-def signals_of(head: Head, layout: Layout, empty: Collection[int] = ()) -> list[Named]:
-    """Name the signals of a wide file or of pairs. empty: columns without any cell. Raises InputError without any.
+def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[Series]:
+    """Name the signals of a wide file or of pairs. blank: columns without any cell. Raises InputError without any.
 
     A header that names no loop is completed by what the folders or the file are called; one that says "value" stands
     for what its time column, the folders or the file are called.
     """
     pairs, marks, tags = layout.kind == "pairs", set(layout.quality.values()), head.tags
-    signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in empty))]
+    signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in blank))]
     alone = not pairs and any(not tags[i].loop and tags[i].role in SIGNALS for i in signals)  # of one loop
     only = not pairs and not alone and len(signals) == 1 and not (tags[signals[0]].loop and tags[signals[0]].role)
     loop = next((v for k, v in head.partition.items() if plain(k) in LOOP), "")
@@ -256,11 +244,10 @@ def signals_of(head: Head, layout: Layout, empty: Collection[int] = ()) -> list[
             name = home or head.stem
         elif only and not tags[i].loop and split_tag(head.stem).role in SIGNALS:
             name = head.stem
-        named = of_tag(name, i, place if pairs else 0)
-        if alone and (home or not named.loop or not named.role):
-            signal = named.signal if named.role or not named.loop else header
-            named = replace(named, loop=home or head.stem, signal=signal)
-        found.append(named)
+        one = of_tag(head, layout, name, i, place if pairs else 0)
+        if alone and (home or not one.loop or not one.role):
+            one = replace(one, loop=home or head.stem, signal=one.signal if one.role or not one.loop else header)
+        found.append(one)
     if not found:
         shown = ", ".join((name or "(blank)")[:40] for name in head.names[:8]) + ", ..." * (len(head.names) > 8)
         raise InputError(f"no signal columns found beside the time (columns: {shown})", where=head.where,
@@ -268,7 +255,8 @@ def signals_of(head: Head, layout: Layout, empty: Collection[int] = ()) -> list[
     return found
 
 
-def of_tag(name: str, column: int, place: int = 0) -> Named:
-    """The signal that a tag names."""
-    tag = split_tag(name)
-    return Named(column, name, tag.loop, tag.role if tag.role in SIGNALS else "", tag.signal, place)
+def of_tag(head: Head, layout: Layout, name: str, column: int, place: int = 0) -> Series:
+    """The signal that a tag names, in a column of cells with the stamps of a place in the layout."""
+    tag, mark = split_tag(name), layout.quality.get(column, -1)
+    return Series(name, tag.loop, tag.role if tag.role in SIGNALS else "", tag.signal, column, place, mark,
+                  head.names[mark] if mark >= 0 else "")

@@ -9,7 +9,6 @@ import gzip
 import io
 import lzma
 import re
-import stat
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime
@@ -40,24 +39,23 @@ _FOREIGN = {b"PK\x03\x04": ("a zip archive", "unpack it"),
             b"ORC": ("an ORC file", "export the data as CSV or Parquet")}
 _DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, pa.ArrowException)
 _MARKS = {"utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}
+_TEXT = bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)})
 _ANNOTATION = re.compile(rb"^#(?:datatype|group|default)\b", re.MULTILINE)
 
 
-def kind_of(path: Path | Remote) -> str:
-    """Return "parquet", "workbook" or "text". Raises InputError for what is no export."""
+def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
+    """Return "parquet", "workbook" or "text" for a file, or for one that begins so. Raises InputError for what is no
+    export."""
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
+        if not path.is_file():
             raise InputError("not a regular file", where=str(path), remedy="save the export as a file first")
-        with open_place(path) as file:
-            magic = file.read(16)
+        if not magic:
+            with open_place(path) as file:
+                magic = file.read(16)
     except OSError as error:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
     if not magic:
         raise InputError("file is empty (0 bytes)", where=str(path), remedy="export it again")
-    return _kind(magic, path)
-
-
-def _kind(magic: bytes, path: Path | Remote) -> str:
     if magic.startswith(b"PK\x03\x04") and path.name.lower().endswith((".xlsx", ".xlsm")):
         return "workbook"
     for what, remedy in (said for mark, said in _FOREIGN.items() if magic.startswith(mark)):
@@ -124,14 +122,10 @@ class Text:
             head += piece
         if not head:
             raise InputError("file holds no data", where=str(self.path), remedy="export it again")
-        if _kind(head, self.path) == "parquet":
+        if kind_of(self.path, head) == "parquet":
             raise InputError("compressed Parquet file", where=str(self.path), remedy="decompress it first")
         encoding = guess_encoding(head, self.path, self.options)
-        try:
-            decoder = codecs.getincrementaldecoder(encoding)("strict" if encoding == "utf-8" else "replace")
-            decoder.decode(b"")
-        except (LookupError, ValueError) as error:
-            raise InputError(f"cannot decode the text as {encoding}: {error}", where=str(self.path)) from None
+        decoder = codecs.getincrementaldecoder(encoding)("strict" if encoding == "utf-8" else "replace")
         for piece in chain([head.removeprefix(codecs.BOM_UTF8)], pieces, [b""]):
             if encoding == "utf-8" and piece.isascii() and not decoder.getstate()[0]:
                 yield piece
@@ -179,26 +173,21 @@ def _without_annotations(blocks: Iterable[bytearray]) -> Iterator[bytearray]:
     """Take the annotations out of InfluxDB's annotated CSV, where a table of other columns may follow after a blank
     line; the columns of all tables are brought to those of the first."""
     columns: list[bytes] = []
-    place: list[int] | None = None
-    fresh = True
+    place, fresh = [0], True
     for block in blocks:
         out = []
         for line in bytes(block).splitlines():
+            cells = line.split(b",")
             if not line.strip(b" ,\r") or line.startswith((b"#", b'"#')):
                 fresh = True
-                continue
-            cells = line.split(b",")
-            if fresh and not any(cell[:1].isdigit() for cell in cells):
-                names = [cell.strip(b'"\r ') for cell in cells]
-                if not columns:
-                    columns = names
-                    out.append(b",".join(names))
-                place = None if names == columns else [names.index(name) if name in names else -1 for name in columns]
-            elif place is None:
-                out.append(line)
+            elif fresh and not any(cell[:1].isdigit() for cell in cells):
+                names, fresh = [cell.strip(b'"\r ') for cell in cells], False
+                out += [] if columns else [b",".join(names)]
+                columns = columns or names
+                place = [names.index(name) if name in names else -1 for name in columns]
             else:
-                out.append(b",".join(cells[k] if 0 <= k < len(cells) else b"" for k in place))
-            fresh = False
+                fresh, known = False, dict(enumerate(cells))
+                out.append(b",".join([known.get(k, b"") for k in place]))
         if out:
             yield bytearray(b"\n".join(out) + b"\n")
 
@@ -212,12 +201,10 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
         return options.encoding.lower().replace("utf8", "utf-8")
     sample = head[:SAMPLE]
     even, odd = sample[0::2].count(0), sample[1::2].count(0)
-    if odd > 0.4 * len(sample) / 2 and even < odd / 8:
-        return "utf-16-le"
-    if even > 0.4 * len(sample) / 2 and odd < even / 8:
-        return "utf-16-be"
-    control = sum(sample.count(c) for c in range(32) if c not in (9, 10, 11, 12, 13, 26, 27))
-    if control > 0.02 * len(sample):
+    for encoding, many, few in (("utf-16-le", odd, even), ("utf-16-be", even, odd)):
+        if many > 0.2 * len(sample) and few < many / 8:
+            return encoding
+    if len(sample.translate(None, _TEXT)) > 0.02 * len(sample):
         raise InputError("not text: binary data that is neither CSV nor Parquet", where=str(path),
                          remedy="export it again as CSV")
     return "utf-8"

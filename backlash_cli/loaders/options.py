@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import contextlib
 import math
 import re
@@ -14,7 +13,7 @@ from functools import lru_cache
 from zoneinfo import ZoneInfo, available_timezones
 
 from ..errors import UsageError, nearest
-from .order import SECOND
+from .grid import SECOND
 
 LAYOUTS = ("wide", "single", "long", "pairs")
 TIME_WORDS = ("iso", "ymd", "dmy", "mdy", "epoch_s", "epoch_ms", "epoch_us", "epoch_ns", "excel", "seconds")
@@ -77,7 +76,7 @@ class ReadOptions:
                                  remedy="give one character or one of: comma, semicolon, tab, pipe, space")
         if self.encoding is not None:
             try:
-                codecs.lookup(self.encoding)
+                "".encode(self.encoding)
             except (LookupError, ValueError):
                 raise UsageError(f"no text encoding {self.encoding!r}", where="--encoding",
                                  remedy="for example utf-8, utf-16, cp1252") from None
@@ -101,9 +100,8 @@ class ReadOptions:
 def sample_size(text: str, loops: int) -> int:
     """Return how many of so many loops "20" or "5%" means, a percentage rounded up. Raises UsageError."""
     found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(%?)\s*", text)
-    number = float(found[1]) if found else 0.0
-    percent = bool(found and found[2])
-    if not number or (percent and number > 100.0) or (not percent and number % 1.0):
+    number, percent = (float(found[1]), bool(found[2])) if found else (0.0, False)
+    if not number or (number > 100.0 if percent else number % 1.0):
         raise UsageError(f"{text!r} is no size of a sample", where="--sample",
                          remedy="give a number of loops such as 20, or a share such as 5%")
     return min(loops, math.ceil(number / 100.0 * loops - 1e-9) if percent else int(number))

@@ -6,11 +6,11 @@ engine or the machine.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
-from functools import cache, cached_property
+from functools import cache
 from os import PathLike
 
 import numpy as np
@@ -20,12 +20,10 @@ from ..errors import BacklashError, InputError, LoopError, UsageError, nearest
 from ..record import Note, Record
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
+from .grid import NAT, utc_text
 from .join import Joiner, LoopSeries, by_loop, explicit_tags, failure
-from .layouts import Named
 from .options import ReadOptions, check_pattern, parse_since, sample_size
-from .order import NAT, utc_text
-from .scratch import Room
-from .signals import Axis, Series
+from .signals import Axis, Room, Series
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import Reading, signals_of_file
 
@@ -50,12 +48,11 @@ class Plant:
     def __getitem__(self, name: str) -> Record:
         """Return one loop. Raises LoopError when it could not be read, UsageError when it does not exist."""
         by_name = {record.loop: record for record in self.records}
+        same = [record for record in self.records if record.loop.lower() == name.lower()]
         if name in by_name:
             return by_name[name]
-        for lost in self.failures:
-            if lost.values.get("loop") == name:
-                raise LoopError(lost.message, code=lost.code)
-        same = [record for record in self.records if record.loop.lower() == name.lower()]
+        if lost := next((note for note in self.failures if note.values.get("loop") == name), None):
+            raise LoopError(lost.message, code=lost.code)
         if len(same) == 1:
             return same[0]
         raise UsageError(f"no loop {name!r} in the data", where="--loop", remedy=nearest(name, by_name))
@@ -102,21 +99,18 @@ class OpenPlant(Mapping[str, Record]):
     inputs: tuple[str, ...] = ()
     lost: tuple[Note, ...] = ()
 
-    @cached_property
-    def _by_name(self) -> dict[str, Recipe]:
-        return {recipe.loop: recipe for recipe in self.recipes}
-
     def __getitem__(self, loop: str) -> Record:
-        try:
-            return self._by_name[loop].record()
-        except BacklashError as error:
-            raise KeyError(str(error)) from None
+        for recipe in self.recipes:
+            if recipe.loop == loop:
+                with contextlib.suppress(BacklashError):
+                    return recipe.record()
+        raise KeyError(loop)
 
     def __contains__(self, loop: object) -> bool:
-        return loop in self._by_name
+        return loop in [*self]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._by_name)
+        return (recipe.loop for recipe in self.recipes)
 
     def __len__(self) -> int:
         return len(self.recipes)
@@ -235,25 +229,23 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
     return Recipe(name, series, metadata.fallback() if values is None else values, options, notes)
 
 
-def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Named], bool]:
+def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Series], bool]:
     """Return what says whether a loop that the options do not rule out may use a signal. Which loops are drawn for a
     sample is known only when all files are open."""
-    owners, only, matching = explicit_tags(metadata)[0], options.only_loops, options.loops_matching
+    owners = explicit_tags(metadata)[0]
 
     @cache
     def wanted(loop: str) -> bool:
         names = [loop] if loop in metadata.loops else [loop, metadata.match(loop), metadata.part_of(loop)]
-        return any(_fits(name, only, matching) for name in names if name)
+        return any(_fits(name, options.only_loops) and _fits(name, options.loops_matching) for name in names if name)
 
-    return lambda one: not (only or matching) or wanted(one.loop) or any(
-        wanted(loop) for loop, _ in owners.get(one.tag.strip().lower(), ()))
+    return lambda one: wanted(one.loop) or any(wanted(loop) for loop, _ in owners.get(one.tag.strip().lower(), ())) or (
+        not options.only_loops and not options.loops_matching)
 
 
-def _fits(name: str, only: Sequence[str], matching: Sequence[str] = ()) -> bool:
-    """Say whether a loop is one of those named, also by wildcards, and its name fits a pattern; all do where there are
-    none."""
-    return (not only or any(name == one or fnmatchcase(name.lower(), one.lower()) for one in only)) and (
-        not matching or any(check_pattern(pattern)(name) for pattern in matching))
+def _fits(name: str, patterns: Sequence[str]) -> bool:
+    """Say whether a loop is one of those named, or fits a pattern; all do where there are none."""
+    return not patterns or any(name == pattern or check_pattern(pattern)(name) for pattern in patterns)
 
 
 def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[str] = (), sample: str | None = None,
@@ -268,8 +260,8 @@ def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[st
         if not any(_fits(name, [pattern]) for name in everything):
             raise UsageError(f"no loop {pattern!r} in the data", where="--loop", remedy=nearest(pattern, everything))
     named = [name for name in everything if _fits(name, only)]
-    fitting = [name for name in named if _fits(name, (), matching)]
-    words = " or ".join(repr(pattern) for pattern in matching)
+    fitting = [name for name in named if _fits(name, matching)]
+    words = " or ".join(map(repr, matching))
     if matching and not fitting:
         raise UsageError(f"none of {len(named)} loops matches {words}", where="--loops-matching",
                          remedy=nearest(matching[0], everything))
@@ -279,7 +271,7 @@ def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[st
         notes.append(Note("not_matching", f"{left} of {len(named)} loops do not match {words} and were not computed",
                           {"loops": float(left)}))
     if left := len(fitting) - len(drawn):
-        text = (f"{len(drawn)} of {len(fitting)} loops were drawn (--sample {sample}, seed {seed}): {shown(drawn)}; "
+        text = (f"{len(drawn)} of {len(fitting)} loops were drawn (--sample {sample}, seed {seed}): {_shown(drawn)}; "
                 f"{left} were not computed")
         notes.append(Note("sampled", text, {"loops": float(left), "seed": float(seed), "drawn": ", ".join(drawn)}))
     return drawn, notes
@@ -292,8 +284,7 @@ def draw(names: Sequence[str], count: int, seed: int = 0) -> list[str]:
         f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest())[:count])
 
 
-def shown(names: Sequence[str]) -> str:
-    """The first names, and how many more there are."""
+def _shown(names: Sequence[str]) -> str:
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
     return ", ".join(name[:40] for name in names[:SHOWN]) + more
 
@@ -332,10 +323,11 @@ def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, t
             lost.append(failure(error, loop=name))
             continue
         of_pv = {item.axis for item in measured}  # no value of PV before the moment stays
-        kept[name] = own.changed(lambda axis, of_pv=of_pv: cut(axis, axis not in of_pv))  # type: ignore[misc]
-        if measured and "pv" not in kept[name].roles:
+        rest = own.changed(lambda axis, of_pv=of_pv: cut(axis, axis not in of_pv))  # type: ignore[misc]
+        if measured and "pv" not in rest.roles:
             without.append(name)
-            del kept[name]
+        else:
+            kept[name] = rest
     text = f"{utc_text(moment)} UTC"
     if without and not kept:
         ends = "" if last is None else f"; the data end at {utc_text(last)} UTC"
@@ -343,8 +335,9 @@ def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, t
                          remedy="give an earlier time, or an age such as 3d")
     notes = [Note("since", f"data before {text} were left out (--since {when})", {"since": text})]
     if without:
-        said = f"{len(without)} of {len(loops)} loops have no data since {text} and were not computed: {shown(without)}"
-        notes.append(Note("nothing_since", said, {"loops": float(len(without)), "names": ", ".join(without)}))
+        said = f"{len(without)} of {len(loops)} loops have no data since {text} and were not computed: "
+        notes.append(Note("nothing_since", said + _shown(without),
+                          {"loops": float(len(without)), "names": ", ".join(without)}))
     return kept, notes, lost, moment
 
 

@@ -22,14 +22,12 @@ from .times import stamp_kind
 
 _NUMBER = re.compile(
     r"^[+-]?(?:\d{1,3}(?:[ .,'’\u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?$"
-)
+    r"|^[+-]?(?:inf(?:inity)?|nan|1\.#\w+)$", re.IGNORECASE)
 _WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
-_WORDS = re.compile(r"^[+-]?(?:inf(?:inity)?|nan|1\.#\w+)$", re.IGNORECASE)
 COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 DELIMITERS = (",", ";", "\t", "|")
 HEAD_LINES = 4000
 Line = tuple[int, int, str]
-Row = tuple[int, list[str]]
 _DECIMAL_COMMA = re.compile(r"^\s*[+-]?(?:\d{1,3}(?:\.\d{3})+|\d+),\d+(?:[eE][+-]?\d+)?\s*(?:[^\d\s].*)?$")
 _DECIMAL_POINT = re.compile(r"^\s*[+-]?(?:\d*\.\d+|\d{1,3}(?:,\d{3})+\.\d*)\s*(?:[^\d\s].*)?$")
 
@@ -69,7 +67,7 @@ def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> D
     first = _first_row(lines, cells, kinds, options.header_row or 0)
     if first is None or all(k == "text" for k in kinds if k != "empty"):
         raise _without_data([cells(i) for i in range(min(10, len(lines)))], width, options, where)
-    before = [(lines[i][0], cells(i)) for i in range(max(first - HEAD_LINES // 10, 0), first)]
+    before = {lines[i][0]: cells(i) for i in range(max(first - HEAD_LINES // 10, 0), first)}
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
@@ -81,22 +79,18 @@ def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> D
 def _delimiter(lines: list[str], first: list[str]) -> str:
     """The delimiter that cuts the lines into equally many cells which look like times, numbers and words. first: the
     first lines; a line of as many names among them speaks for a delimiter."""
-    best, chosen = 0.0, ","
+    scores = dict.fromkeys(DELIMITERS, 0.0)
     for candidate in DELIMITERS:
-        rows = [split_line(line, candidate) for line in lines[-24:]]
+        rows = [split_line(line, candidate) for line in lines]
         width, count = Counter(map(len, rows)).most_common(1)[0]
         if width < 2:
             continue
         kinds = [kind(cell) for row in rows if len(row) == width for cell in row[:40]]
-        known = sum(k != "text" for k in kinds)
-        filled = sum(k != "empty" for k in kinds)
-        score = count / len(rows) * (known + 0.3 * (len(kinds) - known)) / len(kinds) * (filled / len(kinds)) ** 0.1
+        known, filled = len(kinds) - kinds.count("text"), len(kinds) - kinds.count("empty")
         begun = [{*map(kind, row[:40])} for row in (split_line(line, candidate) for line in first) if len(row) == width]
-        if {"text"} in begun or {"text", "empty"} in begun:
-            score *= 1.3
-        if score > best:
-            best, chosen = score, candidate
-    return chosen
+        scores[candidate] = (count / len(rows) * (0.7 * known / len(kinds) + 0.3) * (filled / len(kinds)) ** 0.1
+                             * (1.3 if {"text"} in begun or {"text", "empty"} in begun else 1.0))
+    return max(DELIMITERS, key=scores.__getitem__)
 
 
 def _column_kinds(rows: list[list[str]], width: int) -> tuple[str, ...]:
@@ -136,27 +130,27 @@ def _decimal(rows: list[list[str]], delimiter: str) -> str:
 
 
 def _without_data(begun: list[list[str]], width: int, options: ReadOptions, where: str) -> InputError:
+    what = "no rows with a time and numbers found: this is not an export of measurements"
+    remedy = "name the time with --time-format, the decimal sign with --decimal, the header with --header-row"
     if width < 2 and options.delimiter:
-        return InputError(f"the lines are not divided by {options.delimiter!r}", where=where,
-                          remedy="leave --delimiter out to have it found, or name another")
-    if all(score_names(cells) > 0 for cells in begun):
-        return InputError("only a header: no rows of data", where=where, remedy="export it again with samples")
-    if width < 2:
-        return InputError("no columns found: the lines have no common delimiter", where=where,
-                          remedy="name it with --delimiter, or export as CSV")
-    return InputError("no rows with a time and numbers found: this is not an export of measurements", where=where,
-                      remedy="name the time with --time-format, the decimal sign with --decimal, the header with "
-                      "--header-row")
+        what = f"the lines are not divided by {options.delimiter!r}"
+        remedy = "leave --delimiter out to have it found, or name another"
+    elif all(score_names(cells) > 0 for cells in begun):
+        what, remedy = "only a header: no rows of data", "export it again with samples"
+    elif width < 2:
+        what = "no columns found: the lines have no common delimiter"
+        remedy = "name it with --delimiter, or export as CSV"
+    return InputError(what, where=where, remedy=remedy)
 
 
-def column_names(before: Sequence[Row], width: int, options: ReadOptions, where: str) -> tuple[str, ...]:
-    """Return the names from the lines above the data; a two-line header is put together."""
+def column_names(before: dict[int, list[str]], width: int, options: ReadOptions, where: str) -> tuple[str, ...]:
+    """Return the names from the lines above the data, by their numbers; a two-line header is put together."""
     if options.columns or options.header_row is not None:
-        given = list(options.columns) or next((cells for number, cells in before if number == options.header_row), [])
+        given = list(options.columns) or before.get(options.header_row or 0)
         if not given:
             raise InputError(f"line {options.header_row} cannot be the header", where=where)
         return tuple(_fit(given, width))
-    rows = [cells for _, cells in before if _spans(cells, width)]
+    rows = [cells for cells in before.values() if _spans(cells, width)]
     commented = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in rows if COMMENT.match(cells[0])][-1:]
     rows = [cells for cells in rows if not COMMENT.match(cells[0])] or [row for row in commented if score_names(row)]
     if not rows:
@@ -219,7 +213,7 @@ def kind(cell: str) -> str:
     text = cell.strip(" \t\"'")
     if not text or len(text) > 60:
         return "text" if text else "empty"
-    if _NUMBER.match(text) or _WORDS.match(text):
+    if _NUMBER.match(text):
         return "time" if len(text) >= 14 and stamp_kind(text) else "number"
     return stamp_kind(text) or ("number" if _WITH_UNIT.match(text) else "text")
 

@@ -9,13 +9,14 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import stat
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property, reduce
 from operator import truediv
 from os import PathLike
 from pathlib import Path, PurePosixPath
+from types import SimpleNamespace
 from typing import Any, BinaryIO
 from urllib.parse import unquote, urlsplit
 from urllib.request import url2pathname
@@ -35,8 +36,6 @@ _DRIVERS = {  # scheme -> what to install
     "http": "fsspec[http]", "https": "fsspec[http]", "sftp": "paramiko", "ssh": "paramiko", "smb": "smbprotocol",
 }  # fmt: skip
 _VERSIONS = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "created")  # as the stores call it
-MAX_FILES = 200_000
-SIZE_LIMIT = 32 << 20  # bytes of a loops file
 BLOCK = 8 << 20  # bytes fetched at a time from an object
 
 
@@ -62,8 +61,8 @@ class Remote(str):
     """A file or folder behind an address; every failure is an InputError that says what to do. Credentials come from
     where the drivers look for them (environment, ~/.aws, ~/.config/fsspec ...), never from here."""
 
-    def __reduce__(self) -> tuple[type[Remote], tuple[str]]:
-        return Remote, (str(self),)
+    def __getstate__(self) -> None:
+        """Send nothing beside the address to another process."""
 
     @property
     def scheme(self) -> str:
@@ -89,7 +88,6 @@ class Remote(str):
         return Remote(f"{head}{key / name}")
 
     def absolute(self) -> Remote:
-        """Return the address itself."""
         return self
 
     def is_dir(self) -> bool:
@@ -100,17 +98,14 @@ class Remote(str):
         """Say whether this is a file. Raises InputError where that cannot be known."""
         return self._info["type"] not in ("directory", "nothing")
 
-    def stat(self) -> os.stat_result:
-        """Return kind and size (and times as zero). Raises FileNotFoundError when nothing is there."""
-        if self._info["type"] == "nothing":
-            raise FileNotFoundError(self)
-        kind = stat.S_IFDIR if self.is_dir() else stat.S_IFREG
-        return os.stat_result((kind | 0o444, 0, 0, 1, 0, 0, int(self._info.get("size") or 0), 0, 0, 0))
-
-    def version(self) -> str:
-        """What changes when the object does: its size, and its tag or time; "" where the store gives neither."""
+    def stat(self) -> SimpleNamespace:
+        """Return the size as st_size, and as `version` what changes when the object does: its size, and its tag or
+        time; "" where the store gives neither. Raises FileNotFoundError when nothing is there."""
         info = self._info
-        return next((f"{info.get('size')} {info[key]}" for key in _VERSIONS if info.get(key)), "")
+        if info["type"] == "nothing":
+            raise FileNotFoundError(self)
+        version = next((f"{info.get('size')} {info[key]}" for key in _VERSIONS if info.get(key)), "")
+        return SimpleNamespace(st_size=int(info.get("size") or 0), version=version)
 
     def open_bytes(self) -> BinaryIO:
         """Open the object for reading; it is fetched in blocks, only where it is read."""
@@ -138,6 +133,7 @@ class Remote(str):
     def _info(self) -> dict[str, Any]:
         with self._in_words():
             system, path = self._system
+            web = self.scheme in ("http", "https")
             try:
                 found = dict(system.info(path))
             except FileNotFoundError as error:
@@ -147,9 +143,8 @@ class Remote(str):
                         getattr(reason, "status", 0) not in (404, 410)):
                     raise reason from None
                 return {"type": "nothing"}
-            if self.scheme in ("http", "https"):
-                found["type"] = "directory" if self.partition("?")[0].endswith("/") else "file"
-            return found
+            kind = "directory" if self.partition("?")[0].endswith("/") else "file"
+            return {**found, "type": kind} if web else found
 
     @contextlib.contextmanager
     def _in_words(self) -> Iterator[None]:
@@ -190,59 +185,52 @@ class Source:
     def mark(self) -> str:
         """Return what changes when the content of the file does, "" where that cannot be known."""
         try:
-            if isinstance(self.path, Remote):
-                return self.path.version()
-            about = self.path.stat()
-            return f"{about.st_size} {about.st_mtime_ns} {about.st_ctime_ns}"
+            about: Any = self.path.stat()
         except OSError:
             return ""
+        return about.version if isinstance(self.path, Remote) else (
+            f"{about.st_size} {about.st_mtime_ns} {about.st_ctime_ns}")
 
 
 def find_sources(inputs: Sequence[str | PathLike[str]]) -> list[Source]:
     """Return the files behind the inputs, each once, in order. Raises InputError for what does not exist."""
     if not inputs:
         raise InputError("no input given", remedy="name an export file or a folder of exports")
-    found: list[Source] = []
+    found: dict[str, Source] = {}
     for item in inputs:
-        if "\x00" in os.fspath(item):
-            raise InputError("a file name holds a zero byte", remedy="check the name")
         path = place(item)
         try:
-            found += _below(path) if stat.S_ISDIR(path.stat().st_mode) else [Source(path)]
+            path.stat()
+            for source in _below(path) if path.is_dir() else [Source(path)]:
+                found.setdefault(str(source.path.absolute()), source)
         except (FileNotFoundError, NotADirectoryError):
             raise InputError("no such file or folder: not found", where=str(path),
                              remedy="check the name and the path") from None
-        except OSError as error:
-            raise InputError(f"cannot open: {error.strerror}", where=str(path)[:200]) from None
-    unique: dict[str, Source] = {}
-    for source in found:
-        unique.setdefault(str(source.path.absolute()), source)
-    return list(unique.values())
+        except (OSError, ValueError) as error:  # too long a name, a zero byte in it
+            raise InputError(f"cannot open: {getattr(error, 'strerror', error)}", where=ascii(path)[:200],
+                             remedy="check the name") from None
+    return list(found.values())
 
 
 def _below(folder: Path | Remote) -> list[Source]:
-    listed: dict[tuple[str, ...], list[str]] = {}  # of every folder in and below it, its parts below: its files
-    if isinstance(folder, Remote):
-        for parts in folder.files_below():
-            if not any(part.startswith((".", "_")) for part in parts[:-1]):
-                listed.setdefault(parts[:-1], []).append(parts[-1])
-    else:
-        for root, folders, names in os.walk(folder):
-            folders[:] = [name for name in folders if not name.startswith((".", "_"))]
-            listed[Path(root).relative_to(folder).parts] = names
+    files = folder.files_below() if isinstance(folder, Remote) else [
+        (*parts, name) for root, _, names in os.walk(folder) for parts in [Path(root).relative_to(folder).parts]
+        for name in names]
+    listed: defaultdict[tuple[str, ...], list[str]] = defaultdict(list)  # a folder in or below it -> its files
+    for *parts, name in files:
+        if not any(part.startswith((".", "_")) for part in parts):
+            listed[tuple(parts)].append(name)
     found: list[Source] = []
-    for parts, names in sorted(listed.items()):
-        way = (folder.name, *parts)
+    for way_down, names in sorted(listed.items()):
+        way = (folder.name, *way_down)
         partition = {key: unquote(value) for key, equals, value in (part.partition("=") for part in way) if equals}
         # the nearest folder that is called after something: no key=value, no date
         home = next((part for part in reversed(way) if "=" not in part and not _DATE.fullmatch(part)), "")
         named = any(plain(key) in LOOP | TAG for key in partition)
-        here, beside = reduce(truediv, parts, folder), frozenset(names)
+        here, beside = reduce(truediv, way_down, folder), frozenset(names)
         for name in sorted(filter(is_export, names)):
             own = {**partition, "loop": home} if home and not named and _PART.match(name) else partition
             found.append(Source(here / name, own, beside))
-        if len(found) > MAX_FILES:
-            raise InputError(f"more than {MAX_FILES} files", where=str(folder), remedy="scan it in parts")
     if not found:
         other = sorted({Path(name).suffix or name for names in listed.values() for name in names})
         there = f"; found there: {', '.join(other[:8])}" + ", ..." * (len(other) > 8) if other else "; it is empty"
@@ -292,18 +280,13 @@ def read_metadata(path: str | PathLike[str]) -> Metadata:
     MetadataError naming file, line and key, with the nearest known ones."""
     path = place(path)
     try:
-        if path.stat().st_size > SIZE_LIMIT:
-            raise MetadataError("metadata file is larger than 32 MB", where=str(path), remedy="is this the data file?")
         with open_place(path) as file:
             text = file.read().decode("utf-8-sig")
-    except FileNotFoundError:
-        raise MetadataError("loops file not found: no such file", where=str(path),
-                            remedy="check the path given to --loops") from None
-    except OSError as error:
-        raise MetadataError(f"cannot read the loops file: {error.strerror}", where=str(path)) from None
-    except UnicodeDecodeError as error:
-        raise MetadataError(f"loops file is not UTF-8 text (byte {error.start})", where=str(path),
-                            remedy="save it as UTF-8") from None
+    except (OSError, UnicodeDecodeError) as error:
+        what, remedy = f"cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}", "save it as UTF-8"
+        if isinstance(error, FileNotFoundError):
+            what, remedy = "not found: no such file", "check the path given to --loops"
+        raise MetadataError(f"loops file {what}", where=str(path), remedy=remedy) from None
     parse = parse_table if Path(path.name).suffix.lower() in (".csv", ".txt", ".tsv") else parse_toml
     return parse(text, str(path))
 

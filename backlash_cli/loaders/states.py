@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray, Note, SampleState
-from .signals import Cells
+from .cells import Cells
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
 AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
@@ -49,6 +49,12 @@ def _numbers_or_words(cells: Cells, *, all_texts: bool) -> tuple[FloatArray | No
     return None, *cells.texts()
 
 
+def _named(further: tuple[str, ...]) -> tuple[set[str], list[float]]:
+    """Further words that the user names, and the numbers among them."""
+    extra = {word.strip().lower() for word in further}
+    return extra, [float(word) for word in extra if re.fullmatch(r"-?\d+(?:\.\d+)?", word)]
+
+
 def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, float] | None = None
                  ) -> tuple[NDArray[np.bool_], list[Note]]:
     """Return (rows,) True where the quality says good. Numbers are OPC codes (192 and more), percents or 0/1.
@@ -57,9 +63,11 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
     known: what the chunks of a loop before this one tell of its numbers; it is added to.
     """
     numbers, codes, words = _numbers_or_words(cells, all_texts=True)
+    extra, wanted = _named(further)
     if numbers is not None:
-        return _good_numbers(numbers, further, name, {} if known is None else known)
-    extra = {word.strip().lower() for word in further}
+        if wanted or not np.isfinite(numbers).any():
+            return np.isin(numbers, wanted) if wanted else np.ones(len(numbers), bool), []
+        return _good_numbers(numbers, name, {} if known is None else known)
     good = [word.strip().lower() in extra or (bool(_GOOD.match(word)) and not _DOUBT.search(word)) for word in words]
     if not any(good):  # only faults are marked: an empty cell is good
         note = Note("quality_words", f"no quality reads Good; rows marked {_some(words)} are dropped")
@@ -69,12 +77,8 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
     return np.append(np.array(good, bool), False)[codes], []
 
 
-def _good_numbers(values: FloatArray, further: tuple[str, ...], name: str, seen: dict[str, float]
-                  ) -> tuple[NDArray[np.bool_], list[Note]]:
-    wanted = [float(word) for word in further if re.fullmatch(r"\d+(?:\.\d+)?", word)]
+def _good_numbers(values: FloatArray, name: str, seen: dict[str, float]) -> tuple[NDArray[np.bool_], list[Note]]:
     known = values[np.isfinite(values)]
-    if wanted or not len(known):
-        return np.isin(values, wanted) if wanted else np.ones(len(values), bool), []
     low = seen["low"] = min(seen.get("low", np.inf), float(known.min()))
     high = seen["high"] = max(seen.get("high", -np.inf), float(known.max()))
     usual = seen.setdefault("usual", float(np.median(known)))
@@ -84,21 +88,19 @@ def _good_numbers(values: FloatArray, further: tuple[str, ...], name: str, seen:
         return (values >= 192) & (values < 256), []
     if high == 100 or (_ONE_IS_GOOD.search(name) and low >= 0.0 and high <= 1.0):
         return values == (100.0 if high == 100 else 1.0), []
-    if low == high and usual not in (0.0, 1.0):
-        return np.zeros(len(values), bool), []
-    notes = [] if low == high else [Note(
-        "quality_code", f"quality numbers are not OPC codes; {usual:g}, the most frequent, is taken as good "
-        "(--good-quality names others)")]
-    return values == usual, notes
+    if low == high:
+        return np.full(len(values), usual in (0.0, 1.0)) & (values == usual), []
+    return values == usual, [Note("quality_code", f"quality numbers are not OPC codes; {usual:g}, the most frequent, "
+                                  "is taken as good (--good-quality names others)")]
 
 
 def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[Note]]:
     """Return (rows,) 1 where the controller was in automatic (or cascade), 0 where not, nan where not recorded.
     Numbers: 0 manual and 1, 2, 3 automatic or cascade; powers of two from 16 on as in Foundation Fieldbus."""
-    extra = {word.strip().lower() for word in further}
     numbers, codes, words = _numbers_or_words(cells, all_texts=False)
+    extra, named = _named(further)
     if numbers is not None:
-        return _auto_numbers(numbers, extra)
+        return _auto_numbers(numbers, named)
     texts = [word.strip().lower() for word in words]
     auto = [text in extra or bool(_AUTO.match(text)) for text in texts]
     unknown = [word.strip() for word, text, yes in zip(words, texts, auto, strict=True)
@@ -109,24 +111,19 @@ def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[
     return np.array([*states, np.nan])[codes], notes
 
 
-def _auto_numbers(values: FloatArray, extra: set[str]) -> tuple[FloatArray, list[Note]]:
+def _auto_numbers(values: FloatArray, named: list[float]) -> tuple[FloatArray, list[Note]]:
     present = np.isfinite(values)
     distinct = np.unique(values[present])
-    named = [float(w) for w in extra if re.fullmatch(r"-?\d+(?:\.\d+)?", w)]
-    whole, notes = np.clip(distinct, 0, 256).astype(np.int64), []
-    if named:
-        auto = np.isin(values, named)
-    elif np.isin(distinct, (0.0, 1.0, 2.0, 3.0)).all():
-        auto = values >= 1
+    whole, text = np.clip(distinct, 0, 256).astype(np.int64), ""
+    if named or np.isin(distinct, (0.0, 1.0, 2.0, 3.0)).all():
+        auto = np.isin(values, named or (1.0, 2.0, 3.0))
     elif np.all((distinct == whole) & (whole > 0) & (whole <= 128) & (whole & (whole - 1) == 0)):
         auto = np.isin(values, (16.0, 32.0, 64.0))
-        notes = [Note("mode_numbers", "modes are read as fieldbus numbers: 16, 32 and 64 are automatic")]
+        text = "modes are read as fieldbus numbers: 16, 32 and 64 are automatic"
     else:
-        auto = values == 1
-        shown = ", ".join(f"{v:g}" for v in distinct[:5])
-        notes = [Note("mode_numbers", f"modes {shown} are not all known; only 1 counts as automatic (auto_modes in "
-                      "loops.toml names others)")]
-    return np.where(present, auto, np.nan), notes
+        auto, shown = values == 1, ", ".join(f"{v:g}" for v in distinct[:5])
+        text = (f"modes {shown} are not all known; only 1 counts as automatic (auto_modes in loops.toml names others)")
+    return np.where(present, auto, np.nan), [Note("mode_numbers", text)] if text else []
 
 
 def _some(words: list[str]) -> str:
@@ -157,8 +154,7 @@ def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[Floa
 
 def saturated(output: FloatArray) -> NDArray[np.bool_]:
     """(samples,) True where a normalised output stays at 0 or 1 for several samples."""
-    with np.errstate(invalid="ignore"):
-        starts, ends = runs((output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT))
+    starts, ends = runs((output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT))
     long = ends - starts >= LIMIT_RUN
     return inside(starts[long], ends[long], len(output))
 
@@ -173,8 +169,7 @@ def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
 
 def implausible(measurement: FloatArray) -> NDArray[np.bool_]:
     """(samples,) True where a normalised measurement lies more than BEYOND spans outside its range."""
-    with np.errstate(invalid="ignore"):
-        return (measurement < -BEYOND) | (measurement > 1.0 + BEYOND)
+    return np.abs(measurement - 0.5) > 0.5 + BEYOND
 
 
 def frozen(values: FloatArray) -> NDArray[np.bool_]:
@@ -202,9 +197,7 @@ def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
     """Is the noise resolved? Then neighbouring changes point in opposite directions (their correlation tends to -1/2),
     and changes are larger than the recorder's step."""
     changes = np.diff(values)
-    keep = np.isfinite(changes)
-    for start, end in zip(starts, ends, strict=True):
-        keep[start:end] = False
+    keep = np.isfinite(changes) & ~inside(starts, ends, len(changes))
     both = keep[1:] & keep[:-1]
     a, b = changes[:-1][both], changes[1:][both]
     power = float(a @ a + b @ b) / 2.0
@@ -228,9 +221,9 @@ _KINDS = {  # what a sample is, later ones count more: (its state, the code of t
 }
 
 
-def state_notes(counts: Counter[str], samples: int, *kinds: str) -> list[Note]:
-    """Say how many of so many samples are of these kinds, in order."""
-    found = []
+def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
+    """Say how many of all "samples" are of these kinds, in order."""
+    found, samples = [], counts["samples"]
     for kind in kinds:
         _, code, text = _KINDS[kind]
         if kind == "wild" and counts[kind] > 0.5 * samples:

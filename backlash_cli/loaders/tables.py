@@ -21,21 +21,19 @@ from numpy.typing import NDArray
 
 from ..errors import BacklashError, InputError
 from ..record import IntArray, Note
-from .layouts import Head, Layout, Named, layout_of, of_tag, signals_of
+from .cells import BLANK, Cells, Lexicon, codes_and_words, is_number, is_text, stored
+from .grid import CLOCK_CODES, NAT, ordered
+from .layouts import Head, Layout, layout_of, of_tag, signals_of
 from .names import signal_role
-from .numbers import BLANK, codes_and_words, is_number, is_text, stored
 from .opening import Text, kind_of, sheets
 from .options import ReadOptions
-from .order import CLOCK_CODES, NAT, ordered
-from .scratch import Piece, Room, Store
-from .signals import Axis, Cells, Lexicon, Series, StoredRows
+from .signals import Axis, Piece, Room, Series, Store
 from .sniff import HEAD_LINES, find_dialect
 from .sources import Remote, Source, open_place, stem_of
 from .times import StampReader, micros_of
 
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS = 1 << 22, 1 << 19  # cells and rows of Parquet that are read at once
-MAX_COLUMNS = 100_000
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
 _TWO_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # a name of two levels as pandas writes it
 _WORDS = pa.dictionary(pa.int32(), pa.string())
@@ -48,8 +46,6 @@ class TextTable:
     def __init__(self, text: Text, stem: str, partition: dict[str, str]) -> None:
         self.text, self.where = text, str(text.path)
         self.dialect = dialect = find_dialect(text.head, text.options, self.where)
-        if len(dialect.names) > MAX_COLUMNS:
-            raise InputError(f"{len(dialect.names)} columns are too many", where=self.where)
         self._bad: list[tuple[int | None, int, int]] = []
         first = self._parsed(text.head[dialect.offset : dialect.end], None, threads=False)
         if first.num_rows == 0:
@@ -143,8 +139,6 @@ class ParquetTable:
         file = open_parquet(path)
         about, schema, size = file.metadata, file.schema_arrow, path.stat().st_size
         self.count, decoded = about.num_rows, about.num_rows * about.num_columns * 8
-        if about.num_columns > MAX_COLUMNS:
-            raise InputError(f"{about.num_columns} columns are too many", where=self.where)
         if decoded > options.max_bytes and decoded > MAX_GROWTH * size:
             raise InputError(f"{size} bytes of Parquet expand to {decoded >> 20} MB", where=self.where,
                              remedy="if this is a real export, cut it into parts")
@@ -170,13 +164,13 @@ class ParquetTable:
                                                           columns=[self._names[i] for i in wanted], use_threads=False):
             yield {i: pa.chunked_array([batch.column(self._names[i])]) for i in wanted}
 
-    def cells(self, column: str, first: int, last: int) -> Cells:
+    def cells(self, column: str, first: int, last: int, group: int = 0) -> Cells:
         """Return the cells of rows first..last-1 of the column "v3"."""
         words: dict[str, int] = {}
         values, codes = stored(self._column(int(column[1:]), first, last), words)
         return Cells(values, codes, Lexicon(list(words)))
 
-    def stamps(self, column: str, first: int, last: int) -> IntArray:
+    def stamps(self, column: str, first: int, last: int, group: int = 0) -> IntArray:
         """Return the stamps of rows first..last-1 of the column "v0" [microseconds since 1970 UTC]."""
         return micros_of(self._column(int(column[1:]), first, last))
 
@@ -206,7 +200,7 @@ class Reading:
     were read."""
 
     options: ReadOptions
-    needed: Callable[[Named], bool]
+    needed: Callable[[Series], bool]
     taken: Callable[[int], None] | None
     room: Room
 
@@ -230,125 +224,102 @@ def signals_of_file(source: Source, reading: Reading) -> tuple[list[Series], lis
         except InputError as error:
             problems.append(error)
             continue
-        found += (_grouped if layout.naming else _wide)(table, layout, reading)
+        found += _signals(table, layout, reading)
         notes += table.notes
     if len(problems) == len(parts):
         raise problems[0]
     return found, notes
 
 
-class _Kept:
-    """The columns of a file in a store, with their stamps in UTC as "t0", "t1" ... and their cells as "v3", "v4" ...
-
-    filled: columns that hold anything. about: of each set of rows what its Axis says. numbers: of the tags of a long
-    file, or of the loops of a tall one; they stand in the column "group". Raises InputError when the stamps are not
-    understood.
-    """
-
-    def __init__(self, table: Table, layout: Layout, columns: Sequence[int], reading: Reading) -> None:
-        head, written = table.head, isinstance(table, TextTable)
-        readers = [StampReader([head.names[i] for i in pair], reading.options, head.where) for pair in layout.stamps]
-        raw, self.store = Store(reading.room), Store(reading.room)
-        self.filled: set[int] = set()
-        self.numbers: dict[str, int] = {}
-        words: dict[int, dict[str, int]] = {i: {} for i in columns}
-        for batch in table.batches([*columns, *layout.naming], {i for pair in layout.stamps for i in pair}):
-            piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
-                            for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
-            if layout.naming:
-                piece["group"] = self._tags(batch, layout.naming, head)
-            for i in columns:
-                values, codes = stored(batch[i], words[i], head.decimal, written=written)
-                piece |= {f"v{i}": values} if codes is None else {f"v{i}": values, f"v{i}w": codes}
-                if i not in self.filled and (codes is not None or not np.isnan(values).all()):
-                    self.filled.add(i)
-            raw.add(piece)
-        self.lexicons = {f"v{i}": Lexicon(list(found), head.decimal) for i, found in words.items() if found}
-        clocks = [reader.finish() for reader in readers]
-        for piece in raw.emptied():
-            self.store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
-        self.about: list[dict[str, Any]] = [
-            {"absolute": reader.absolute, "notes": reader.all_notes, "where": head.where} for reader in readers]
-
-    def _tags(self, batch: Batch, naming: Sequence[int], head: Head) -> NDArray[np.int32]:
-        """Return the number of each row's tag, -1 for none, such as a header in between."""
-        header = ".".join(head.names[i].strip() for i in naming)
-        codes, words = codes_and_words(batch[naming[0]])
-        if len(naming) == 2:
-            second, fields = codes_and_words(batch[naming[1]])
-            both = np.where((codes < 0) | (second < 0), -1, codes * max(len(fields), 1) + second)
-            present, codes = np.unique(both, return_inverse=True)
-            words = ["" if p < 0 else f"{words[p // len(fields)]}.{fields[p % len(fields)]}" for p in present.tolist()]
-        table = np.full(len(words) + 1, -1, np.int32)
-        for i in np.flatnonzero(np.bincount(codes + 1)[1:]).tolist():
-            if (name := words[i].strip()) and name != header:
-                table[i] = self.numbers.setdefault(name, len(self.numbers))
-        return table[codes]
-
-
-def _wide(table: Table, layout: Layout, reading: Reading) -> list[Series]:
-    """A column per signal; of Parquet with stamps that are UTC it stays in the file until it is needed."""
-    head = table.head
-    empty = {i for i in layout.stored if pa.types.is_null(head.columns[i].type)}
+def _signals(table: Table, layout: Layout, reading: Reading) -> list[Series]:
+    """Store what is needed of a file: stamps in UTC as "t0", "t1" ..., cells as "v3", "v4" ... Rows of several tags or
+    loops are put together by tag. A column of Parquet with stamps in UTC stays in the file until it is needed."""
+    head, options = table.head, reading.options
+    blank = {i for i in layout.stored if pa.types.is_null(head.columns[i].type)}
     kinds = [head.columns[i].type for pair in layout.stamps for i in pair]
-    if isinstance(table, ParquetTable) and len(kinds) == len(layout.stamps) and all(
-            pa.types.is_timestamp(kind) and (kind.tz or not reading.options.timezone) for kind in kinds):
+    if not layout.naming and isinstance(table, ParquetTable) and len(kinds) == len(layout.stamps) and all(
+            pa.types.is_timestamp(kind) and (kind.tz or not options.timezone) for kind in kinds):
         axes = [Axis(table, f"v{pair[0]}", range(table.count), where=head.where) for pair in layout.stamps]
-    else:
-        needed = {one.column for one in signals_of(head, layout) if reading.needed(one)}
-        needed |= {layout.quality[i] for i in needed if i in layout.quality}
-        # what is still empty may be a tag of the loops file
-        columns = sorted((needed | empty).intersection(layout.stored))
-        kept = _Kept(table, layout, columns, reading)
-        rows, count = StoredRows(kept.store, kept.lexicons), int(kept.store.rows().sum())
-        axes = [Axis(rows, f"t{k}", range(count), first_line=head.first_line, **about)
-                for k, about in enumerate(kept.about)]
-        empty = set(columns) - kept.filled
+        return _on_axes(signals_of(head, layout, blank), axes, layout)
+    columns = layout.stored
+    if not layout.naming:  # what is still blank may be a tag of the loops file
+        needed = {i for one in signals_of(head, layout) if reading.needed(one) for i in (one.column, one.marked)}
+        columns = [i for i in columns if i in needed or i in blank]
+    readers = [StampReader([head.names[i] for i in pair], options, head.where) for pair in layout.stamps]
+    raw, store, tags, blank = Store(reading.room), Store(reading.room), dict[str, int](), set(columns)
+    words: dict[int, dict[str, int]] = {i: {} for i in columns}
+    for batch in table.batches([*columns, *layout.naming], {i for pair in layout.stamps for i in pair}):
+        piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
+                        for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
+        for i in columns:
+            values, codes = stored(batch[i], words[i], head.decimal, written=isinstance(table, TextTable))
+            piece |= {f"v{i}": values} if codes is None else {f"v{i}": values, f"v{i}w": codes}
+            if i in blank and (codes is not None or not np.isnan(values).all()):
+                blank.remove(i)
+        if layout.naming:
+            piece["group"] = _numbered(batch, layout.naming, head, tags)
+        raw.add(piece)
+    clocks = [reader.finish() for reader in readers]
+    for piece in raw.emptied():
+        store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
+    store.lexicons = {f"v{i}": Lexicon(list(found), head.decimal) for i, found in words.items() if found}
+    count = int(store.rows().sum())
+    axes = [Axis(store, f"t{k}", range(count), absolute=reader.absolute, notes=reader.all_notes, where=head.where,
+                 first_line=head.first_line) for k, reader in enumerate(readers)]
+    if layout.naming:
+        return _by_tag(axes[0], store, tags, blank, head, layout, reading)
+    return _on_axes(signals_of(head, layout, blank), axes, layout)
+
+
+def _on_axes(signals: list[Series], axes: list[Axis], layout: Layout) -> list[Series]:
     if layout.kind == "pairs":  # shorter ones are padded with rows without a stamp
-        for k, axis in enumerate(axes):
-            known = np.flatnonzero(axis.read() != NAT)
-            axes[k] = axis.part(slice(0, len(known)) if not len(known) or known[-1] == len(known) - 1 else known)
-    return [_series(one, head, layout, axes[one.stamps]) for one in signals_of(head, layout, empty)]
+        axes = [axis.part(slice(0, 1 + int(np.flatnonzero(axis.read() != NAT).max(initial=-1)))) for axis in axes]
+    return [replace(one, axis=axes[one.stamps]) for one in signals]
 
 
-def _series(one: Named, head: Head, layout: Layout, axis: Axis) -> Series:
-    mark = layout.quality.get(one.column)
-    quality, name = ("", "") if mark is None else (f"v{mark}", head.names[mark])
-    return Series(one.tag, one.loop, one.role, one.signal, axis, f"v{one.column}", quality, name)
+def _numbered(batch: Batch, naming: Sequence[int], head: Head, tags: dict[str, int]) -> NDArray[np.int32]:
+    """Return the number of each row's tag, -1 for none, such as a header in between; new tags are added."""
+    header = ".".join(head.names[i].strip() for i in naming)
+    codes, words = codes_and_words(batch[naming[0]])
+    if len(naming) == 2:
+        second, fields = codes_and_words(batch[naming[1]])
+        both = np.where((codes < 0) | (second < 0), -1, codes * max(len(fields), 1) + second)
+        present, codes = np.unique(both, return_inverse=True)
+        words = ["" if p < 0 else f"{words[p // len(fields)]}.{fields[p % len(fields)]}" for p in present.tolist()]
+    table = np.full(len(words) + 1, -1, np.int32)
+    for i in np.flatnonzero(np.bincount(codes + 1)[1:]).tolist():
+        if (name := words[i].strip()) and name != header:
+            table[i] = tags.setdefault(name, len(tags))
+    return table[codes]
 
 
-def _grouped(table: Table, layout: Layout, reading: Reading) -> list[Series]:
-    """Rows that belong to different tags or loops: they are put together by tag."""
-    head, tall = table.head, layout.kind == "tall"
-    kept = _Kept(table, layout, layout.stored, reading)
-    about: dict[str, Any] = kept.about[0]
-    moved: list[tuple[int, int]] = []
-    if not tall:
-        moved, more = _one_clock(kept.store, f"v{layout.values[0]}", len(kept.numbers))
-        about["notes"] = (*about["notes"], *more)
-    named = [[Named(i, f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i])
-              for i in layout.values] if tall else [of_tag(name, layout.values[0])] for name in kept.numbers]
+def _by_tag(all_rows: Axis, store: Store, tags: Collection[str], blank: set[int], head: Head, layout: Layout,
+            reading: Reading) -> list[Series]:
+    """Put the rows of each tag, or of each loop of a tall file, together; of those that are needed."""
+    tall = layout.kind == "tall"
+    moved, notes = ([], []) if tall else _one_clock(store, f"v{layout.values[0]}", len(tags))
+    named = [[Series(f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i], i)
+              for i in layout.values if i not in blank] if tall else [of_tag(head, layout, name, layout.values[0])]
+             for name in tags]
     wanted = np.array([any(map(reading.needed, ones)) for ones in named] + [False])
-    grouped, first, last = Store(reading.room, groups=True), 0, NAT
-    for piece in kept.store.emptied():
-        arrays = {name: column[:] for name, column in piece.items()}
-        micros = arrays["t0"].astype(np.int64, copy=False)
+    grouped, first, last = Store(reading.room, grouped=True), 0, NAT
+    grouped.lexicons = store.lexicons
+    for piece in store.emptied():
+        arrays: Piece = {name: column[:] for name, column in piece.items()}
+        micros, keep = arrays["t0"][:].astype(np.int64, copy=False), wanted[arrays["group"][:]]
         for row, shift in moved:
-            later = (np.arange(first, first + len(micros)) > row) & (micros != NAT)
-            micros = np.where(later, micros + shift, micros)
+            micros = np.where((np.arange(first, first + len(micros)) > row) & (micros != NAT), micros + shift, micros)
         first, last = first + len(micros), max(last, int(micros.max(initial=NAT)))
-        keep = wanted[arrays["group"]]
+        arrays["t0"] = micros
         if not tall:  # rows without a stamp, such as headers in between, are no samples
             keep &= micros != NAT
-        arrays["t0"] = micros
-        grouped.add(arrays if keep.all() else {name: column[keep] for name, column in arrays.items()})
+        grouped.add(arrays if keep.all() else {name: column[:][keep] for name, column in arrays.items()})
     found = []
     for number, ones in enumerate(named):
         count = int(grouped.rows(number).sum())
-        if count or not wanted[number]:
-            axis = Axis(StoredRows(grouped, kept.lexicons, number), "t0", range(count), **about)
-            axis = axis if wanted[number] else replace(axis, end=last)
-            found += [_series(one, head, layout, axis) for one in ones if not tall or one.column in kept.filled]
+        axis = replace(all_rows, rows=grouped, which=range(count), group=number, first_line=0,
+                       notes=(*all_rows.notes, *notes), end=None if wanted[number] else last)
+        found += [replace(one, axis=axis) for one in ones if count or not wanted[number]]
     return found
 
 
@@ -356,21 +327,21 @@ def _one_clock(store: Store, column: str, tags: int) -> tuple[list[tuple[int, in
     """A clock that was set back in a file written in time order went back for all tags, the rarely recorded too. Return
     after which rows by how much [microseconds] it did, and what is to be said of it."""
     back: list[int] = []
-    first, before = 0, NAT
-    counts = np.zeros(tags, np.int64)
+    first, before, counts = 0, -(1 << 62), np.zeros(tags + 1, np.int64)
     for piece in store.pieces:
-        micros, group = piece["t0"][:], piece["group"][:]
+        micros = piece["t0"][:]
         known = np.flatnonzero(micros != NAT)
-        fell = np.diff(micros[known], prepend=micros[known[:1]] if before == NAT else before) < 0
-        back += (first - 1 + known[fell]).tolist()
+        back += (first - 1 + known[np.diff(micros[known], prepend=before) < 0]).tolist() if len(known) else []
         before, first = int(micros[known[-1]]) if len(known) else before, first + len(micros)
-        counts += np.bincount(group[group >= 0], minlength=tags)
+        counts += np.bincount(piece["group"][:] + 1, minlength=tags + 1)
+    if not 0 < len(back) <= FEW:
+        return [], []
+    usual = int(np.argmax(counts[1:]))
+    times, values = (np.concatenate([piece[name][:][piece["group"][:] == usual] for piece in store.pieces])
+                     for name in ("t0", column))
     clock: list[Note] = []
-    if 0 < len(back) <= FEW:
-        usual = int(np.argmax(counts))
-        times, values = (np.concatenate([piece[name][:][piece["group"][:] == usual] for piece in store.pieces])
-                         for name in ("t0", column))
-        with contextlib.suppress(BacklashError):
-            clock = [note for note in ordered(times, values).notes if note.code in CLOCK_CODES]
-    clock = clock if len(clock) == len(back) else []
-    return [(row, round(float(note.values["seconds"]) * 1e6)) for row, note in zip(back, clock, strict=False)], clock
+    with contextlib.suppress(BacklashError):
+        clock = [note for note in ordered(times, values).notes if note.code in CLOCK_CODES]
+    if len(clock) != len(back):
+        return [], []
+    return [(row, round(float(note.values["seconds"]) * 1e6)) for row, note in zip(back, clock, strict=True)], clock

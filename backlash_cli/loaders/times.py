@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from datetime import datetime, timedelta
-from typing import NamedTuple
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -20,10 +18,10 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..record import FloatArray, IntArray, Note
+from .cells import codes_and_words, is_number, is_text, plain_numbers, to_array
+from .grid import DAY, HOUR, NAT, SECOND
 from .names import plain
-from .numbers import codes_and_words, is_number, is_text, plain_numbers, to_array
 from .options import ReadOptions
-from .order import DAY, HOUR, NAT, SECOND
 
 LETTER = r"[^\x00-@\[-`{-\x7f]"  # also of other alphabets; \pL takes forty times as long to compile
 _CLOCK = (r"(?P<h>\d{1,2})[:.h](?P<mi>\d{2})(?:[:.](?P<s>\d{2})(?:[.,:](?P<f>\d{1,9})\d*)?)?"
@@ -70,20 +68,10 @@ _NAMED = (("millis", ("ms",), ("ms", "msec")), ("minutes", ("min", "minutes"), (
           ("hours", ("hours", "timeh"), ("h", "hours")))  # unit: ends of a column's name, words in brackets behind it
 
 
-class Dates(NamedTuple):
-    """Texts read as stamps. micros: (words,) microseconds, NAT where nothing was read, packed where it is open what is
-    day and what is month. zoned: (words,) they carry an offset. of_day: the texts are times of day only. shown: the
-    first open one.
-    """
-
-    micros: IntArray
-    zoned: NDArray[np.bool_]
-    of_day: bool
-    shown: str
-
-
-def read_dates(words: list[str]) -> Dates:
-    """Read texts as dates with or without a time of day, or as times of day."""
+def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
+    """Read texts as dates with or without a time of day, or as times of day. Return (micros, zoned, of_day): (words,)
+    microseconds, NAT where nothing was read, packed where it is open what is day and what is month; (words,) they carry
+    an offset; the texts are times of day only."""
     text, rest, of_day = pa.array(words, pa.string()), np.arange(len(words)), False
     micros, zoned = np.full(len(words), NAT), np.zeros(len(words), bool)
     for form, rewritten in ((_DATED, ()), (_DATED, _REWRITTEN), (_COMPACT, ()), (_OF_DAY, ())):
@@ -97,8 +85,7 @@ def read_dates(words: list[str]) -> Dates:
         text, rest = text.filter(pa.array(~valid)), rest[~valid]
         if not len(rest):
             break
-    unclear = np.flatnonzero(_is_open(micros))
-    return Dates(micros, zoned, of_day, words[unclear[0]].strip() if len(unclear) else "")
+    return micros, zoned, of_day
 
 
 def stamp_kind(text: str) -> str:
@@ -194,16 +181,14 @@ class StampReader:
     """Takes the stamps of a file block by block. names: of their column, or of those of date and time of day."""
 
     def __init__(self, names: Sequence[str], options: ReadOptions, where: str) -> None:
-        self.name, self.options, self.where = names[0], options, where
+        self.name, self.options, self.where, self.form = names[0], options, where, options.time_format or ""
         self.notes: list[Note] = []
         self.absolute = True
-        self._known = False  # there was a stamp
+        self._zones: set[bool | None] = set()  # stamps carry an offset, carry none, or need none
         self._shown = self._shown_open = ""  # a text that is none, and one with an open date
-        self._zoned = self._bare = False  # some stamps carry an offset, some do not
         self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
         self._unit = ""  # of stamps that are numbers
         self._of_day: tuple[int, int] | None = None  # last time of day without a date, and days since the first
-        self._zone: ZoneInfo | None = None  # where the clocks stand that show the stamps
         self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
         self._last: int | None = None  # stamp of the last row, and whether it lay in such an hour
         self._within = False
@@ -211,9 +196,9 @@ class StampReader:
     def take(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
         """Return the stamps of the next rows, to be given to what `finish` returns."""
         column = columns[0]
-        if len(columns) == 2 and "%" in (self.options.time_format or ""):
+        if len(columns) == 2 and "%" in self.form:
             date = self._texts(column)
-            clock = read_dates([text or "" for text in columns[1].cast(pa.string()).to_pylist()]).micros
+            clock = read_dates([text or "" for text in columns[1].cast(pa.string()).to_pylist()])[0]
             return np.where((date == NAT) | (clock == NAT), NAT, date + clock % DAY)
         if len(columns) == 2:
             column = pc.binary_join_element_wise(*(part.cast(pa.string()) for part in columns), " ")
@@ -222,8 +207,7 @@ class StampReader:
         kind = column.type
         if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
             micros = micros_of(column)
-            self._seen(micros, np.full(len(micros), getattr(kind, "tz", None) is not None))
-            return micros
+            return self._seen(micros, np.full(len(micros), getattr(kind, "tz", None) is not None))
         if pa.types.is_time(kind):
             return self._past_midnight(micros_of(column))
         if pa.types.is_null(kind):
@@ -238,37 +222,31 @@ class StampReader:
     def finish(self) -> Callable[[IntArray], IntArray]:
         """Return what gives the stamps in UTC, to be called for all rows in file order. `notes` are complete after
         that. Raises InputError when there were no stamps, or when day and month cannot be told apart."""
-        if not self._known:
+        if not self._zones:
             what = f"readable time stamps (for example {self._shown!r})" if self._shown else "time stamps"
             raise InputError(f"time column {self.name!r} holds no {what}", where=self.where,
                              remedy="describe them with --time-format, for example --time-format '%d/%m/%Y %H:%M:%S'")
-        order = self.options.time_format
-        if self._open and order not in ("dmy", "mdy", "ymd"):
-            order = self._date_order()
-        if self._zoned and self._bare:
+        order = self.form if self.form in ("dmy", "mdy", "ymd") or not self._open else self._date_order()
+        if {True, False} <= self._zones:
             self.notes.append(Note(
                 "mixed_zones", "some time stamps carry an offset and some do not; the others count as UTC"))
-        counted = self._unit.startswith("epoch") or not self.absolute or self._of_day is not None
-        if self.options.timezone and not counted and (self._bare or not self._zoned):
-            self._zone = ZoneInfo(self.options.timezone)
+        zone = ZoneInfo(self.options.timezone) if self.options.timezone and False in self._zones else None
 
         def resolved(stamps: IntArray) -> IntArray:
             is_open = _is_open(stamps)
             if is_open.any():
                 numbers, clock = _unpacked(stamps[is_open])
                 stamps = stamps.copy()
-                stamps[is_open] = _at(days_of(*_readings(numbers)[order or ""]), clock)
-            return stamps if self._zone is None else self._utc(stamps, self._zone)
+                stamps[is_open] = _at(days_of(*_readings(numbers)[order]), clock)
+            return stamps if zone is None else self._utc(stamps, zone)
 
         return resolved
 
     @property
     def all_notes(self) -> tuple[Note, ...]:
         """What is to be said of all stamps, when they were resolved."""
-        if not self._doubled:
-            return tuple(self.notes)
-        return (*self.notes, Note("dst_repeated_hour", f"{self._doubled} rows lie in the hour that occurs twice in "
-                                  f"{self.options.timezone}; they are taken in file order"))
+        text = f"{self._doubled} rows lie in the hour that occurs twice in {self.options.timezone}; they are taken in "
+        return (*self.notes, *[Note("dst_repeated_hour", f"{text}file order")][: self._doubled])
 
     def _utc(self, micros: IntArray, zone: ZoneInfo) -> IntArray:
         """The next rows in UTC; after the clock went back (a step of more than half an hour in the doubled hour) the
@@ -276,10 +254,12 @@ class StampReader:
         known = np.flatnonzero(micros != NAT)
         if not len(known):
             return micros
+        import pandas as pd
+
         local = micros[known]
-        hours, inverse = np.unique(local // HOUR, return_inverse=True)
-        first, second = (np.array([_offset(zone, hour, fold) for hour in hours.tolist()], np.int64)[inverse]
-                         for fold in (0, 1))
+        walls = pd.DatetimeIndex(local.astype("datetime64[us]"))
+        first, second = (walls.tz_localize(zone, ambiguous=np.full(len(local), summer), nonexistent=pd.Timedelta("1h")
+                                           ).asi8 for summer in (True, False))
         doubled = first != second
         back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
         count = self._back + np.cumsum(back)
@@ -288,28 +268,24 @@ class StampReader:
         self._doubled += int(np.count_nonzero(doubled))
         self._last, self._within, self._back = int(local[-1]), bool(doubled[-1]), int(since[-1])
         out = micros.copy()
-        out[known] = local - np.where(doubled & (since > 0), second, first)
+        out[known] = np.where(doubled & (since > 0), second, first)
         return out
 
-    def _seen(self, micros: IntArray, zoned: NDArray[np.bool_]) -> None:
-        """Note whether there are stamps, and whether they carry offsets."""
-        there = micros != NAT
-        if there.any():
-            self._known = True
-            self._zoned |= bool(zoned[there].any())
-            self._bare |= not zoned[there].all()
+    def _seen(self, micros: IntArray, zoned: NDArray[np.bool_]) -> IntArray:
+        """Return stamps; note whether there are any, and whether they carry offsets."""
+        self._zones |= set(np.unique(zoned[micros != NAT]).tolist())
+        return micros
 
     def _past_midnight(self, micros: IntArray) -> IntArray:
         """Times of day without a date: count on past midnight."""
-        known = np.flatnonzero(micros != NAT)
         if self._of_day is None:
             self.notes.append(Note("relative_time", "times of day without a date: shown from 1970-01-01"))
-        last, days = self._of_day or (0, 0)
+        known = np.flatnonzero(micros != NAT)
+        last, days = self._of_day or (int(micros[known[0]]) if len(known) else 0, 0)
         out = micros.copy()
         if len(known):
-            self._known = True
-            steps = np.diff(micros[known], prepend=last if self._of_day else micros[known[0]])
-            passed = days + np.cumsum(steps < -DAY // 2)
+            self._zones.add(None)
+            passed = days + np.cumsum(np.diff(micros[known], prepend=last) < -DAY // 2)
             out[known] += passed * DAY
             last, days = int(micros[known[-1]]), int(passed[-1])
         self._of_day = last, days
@@ -320,37 +296,35 @@ class StampReader:
         if not words:
             return np.full(len(codes), NAT)
         self._shown = self._shown or next((word for word in words if word.strip()), "")[:40]
-        if "%" in (self.options.time_format or ""):
+        if "%" in self.form:
             import pandas as pd
 
-            text, pattern = pd.Series(words, dtype="str").str.strip(), self.options.time_format
+            text = pd.Series(words, dtype="str").str.strip()
             try:
-                found = pd.to_datetime(text, format=pattern, errors="coerce", utc=True)
+                found = pd.to_datetime(text, format=self.form, errors="coerce", utc=True)
             except (ValueError, TypeError, OverflowError) as error:
-                raise InputError(f"bad --time-format {pattern!r}: {error}",
+                raise InputError(f"bad --time-format {self.form!r}: {error}",
                                  remedy="for example '%d/%m/%Y %H:%M:%S'") from None
             micros = found.to_numpy(dtype="datetime64[us]").astype(np.int64)
-            self._seen(micros, np.zeros(len(words), bool))
-            return np.append(micros, NAT)[codes]
+            return np.append(self._seen(micros, np.zeros(len(words), bool)), NAT)[codes]
         if self._unit:
             return self._numbers(np.append(plain_numbers(words), np.nan)[codes])
-        dates = read_dates(words)
-        if dates.of_day and (self._of_day is not None or not self._known):
-            return self._past_midnight(np.append(dates.micros, NAT)[codes])
-        if not self._known and not np.any(dates.micros != NAT):
-            for decimal in (".", ","):
-                values = np.append(plain_numbers(words, decimal), np.nan)[codes]
-                if np.isfinite(values).mean() > 0.5:
-                    return self._numbers(values)
-        self._shown_open = self._shown_open or dates.shown
-        numbers, clocks = _unpacked(dates.micros[_is_open(dates.micros)])
+        micros, zoned, of_day = read_dates(words)
+        if of_day and (self._of_day is not None or not self._zones):
+            return self._past_midnight(np.append(micros, NAT)[codes])
+        for decimal in (".", ",") if not self._zones and np.all(micros == NAT) else ():
+            values = np.append(plain_numbers(words, decimal), np.nan)[codes]
+            if np.isfinite(values).mean() > 0.5:
+                return self._numbers(values)
+        is_open = np.flatnonzero(_is_open(micros))
+        self._shown_open = self._shown_open or (words[is_open[0]].strip() if len(is_open) else "")
+        numbers, clocks = _unpacked(micros[is_open])
         days, begins, counts = np.unique(numbers, return_index=True, return_counts=True)
         ends = len(numbers) - 1 - np.unique(numbers[::-1], return_index=True)[1]
         for k in np.argsort(begins).tolist():  # in the order in which they stand in the file
             seen = self._open.setdefault(int(days[k]), [int(clocks[begins[k]]), 0, 0])
             seen[1:] = int(clocks[ends[k]]), seen[2] + int(counts[k])
-        self._seen(dates.micros, dates.zoned)
-        return np.append(dates.micros, NAT)[codes]
+        return np.append(self._seen(micros, zoned), NAT)[codes]
 
     def _date_order(self) -> str:
         """Which of day, month and year comes first, from all open dates. Raises InputError when it may be either."""
@@ -386,11 +360,10 @@ class StampReader:
     def _numbers(self, values: FloatArray) -> IntArray:
         """Numeric stamps: epoch seconds to nanoseconds, spreadsheet days, or seconds from an unknown start."""
         known = values[np.isfinite(values)]
-        out = np.full(len(values), NAT)
         if not len(known):
-            return out
+            return np.full(len(values), NAT)
         if not self._unit:
-            self._unit = self.options.time_format or _unit_of(known, self.name)
+            self._unit = self.form or _unit_of(known, self.name)
             if self._unit not in _FACTORS and self._unit != "digits":
                 raise InputError(f"column {self.name!r} holds numbers, not {self._unit!r} stamps", where=self.where,
                                  remedy="mend --time-format")
@@ -403,19 +376,15 @@ class StampReader:
         if self._unit == "digits":
             codes, words = codes_and_words(pa.array(values, from_pandas=True).cast(pa.int64(), safe=False).cast(
                 pa.string()))
-            found = read_dates(words)
-            self._seen(found.micros, found.zoned)
-            return np.append(found.micros, NAT)[codes]
-        self._known = True
+            return np.append(self._seen(*read_dates(words)[:2]), NAT)[codes]
+        self._zones.add(None if self._unit.startswith("epoch") or not self.absolute else False)
         factor, zero, _ = _FACTORS[self._unit]
         with np.errstate(over="ignore", invalid="ignore"):
             scaled = (values - zero) * factor
-        if self._unit == "excel":
-            # a day number carries about 2 microseconds of rounding; stamps are written to the millisecond at best
-            scaled = np.rint(scaled / 1000.0) * 1000.0
-        usable = np.isfinite(scaled) & (np.abs(scaled) < LIMIT)
-        out[usable] = np.rint(scaled[usable]).astype(np.int64)
-        return out
+            if self._unit == "excel":
+                # a day number carries about 2 microseconds of rounding; stamps are written to the millisecond at best
+                scaled = np.rint(scaled / 1000.0) * 1000.0
+            return np.where(np.abs(scaled) < LIMIT, np.rint(scaled).astype(np.int64), NAT)
 
 
 def is_midnight(column: pa.ChunkedArray, name: str, options: ReadOptions, where: str) -> bool:
@@ -447,11 +416,3 @@ def micros_of(column: pa.ChunkedArray | pa.Array) -> IntArray:
     usual = pa.time64("us") if pa.types.is_time(kind) else pa.timestamp("us", getattr(kind, "tz", None))
     micros = to_array(pc.fill_null(column.cast(usual, safe=False).cast(pa.int64()), NAT))
     return np.where(np.abs(micros) < LIMIT, micros, NAT)
-
-
-def _offset(zone: ZoneInfo, hour: int, fold: int) -> int:
-    try:
-        moment = (datetime(1970, 1, 1) + timedelta(hours=hour)).replace(tzinfo=zone, fold=fold)
-        return int((moment.utcoffset() or timedelta()).total_seconds() * SECOND)
-    except (OverflowError, ValueError):
-        return 0

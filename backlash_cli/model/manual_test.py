@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
-from ..effects.process import delayed_lag
 from ..estimator.criteria import FEWEST_CROSSINGS, MOTION
 from ..estimator.predictor import COMPLETE, FREEDOM, Recording, block_means
 from ..estimator.width_profile import DROP, NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
@@ -32,7 +32,8 @@ from ..record import FloatArray, Note
 from ..results import Confirmation
 from .noise import Noise, whitener
 
-MOST_BLOCKS, FEWEST_BLOCKS = 400, 30  # PV is compared in block means, so many in all
+BLOCKS, FEWEST_BLOCKS = (400, 1000), 30  # PV is compared in block means, so many in all,
+FOR_EACH_STEP = 20  # the more of them the more steps of OP there are: coarse blocks blur the steps
 LEAST_MOTION = 1.5 * NARROWEST  # % of span: OP moved less is no test
 LIMITS = np.geomspace(1.0, 10.0, 14)  # % of span: the limits of detection that are told apart
 LAGS, LONGEST = 7, 0.25  # how many lags are tried, up to which part of the longest test
@@ -61,12 +62,12 @@ class Answer:
     delay: float = 0.0
     integrating: bool = False
 
-    def of(self, stem: FloatArray, interval: float) -> FloatArray:
-        """Answer (blocks,) to a stem (blocks,) that is at rest before, gain 1."""
-        x = delayed_lag(stem, interval, self.lag, self.delay)
+    def of(self, stems: FloatArray, interval: float) -> FloatArray:
+        """Answers (.., blocks) to stems (.., blocks) that are at rest before, gain 1."""
+        x = _lagged(stems, interval, self.lag, self.delay)
         if self.second:
-            x = delayed_lag(x, interval, self.second, 0.0)
-        return np.append(0.0, np.cumsum(x)[:-1]) * interval / self.lag if self.integrating else x
+            x = _lagged(x, interval, self.second, 0.0)
+        return _before(np.cumsum(x, axis=-1), 1) * interval / self.lag if self.integrating else x
 
     def near(self, factor: float, interval: float) -> list[Answer]:
         """This answer and those about it, by a factor in the lag and as much in what else there is."""
@@ -75,6 +76,20 @@ class Answer:
         delays = np.unique(np.maximum(self.delay + steps * max(self.lag, interval), 0.0)).tolist()
         return [Answer(self.lag * f, b * self.lag * f, c, self.integrating)
                 for f in (1.0 / factor, 1.0, factor) for b in seconds for c in delays]
+
+
+def _before(x: FloatArray, blocks: int) -> FloatArray:
+    """Return x (.., blocks) so many blocks later, 0 before."""
+    return np.concatenate([np.zeros((*x.shape[:-1], blocks)), x], axis=-1)[..., : x.shape[-1]]
+
+
+def _lagged(u: FloatArray, h: float, tau: float, delay: float) -> FloatArray:
+    """Return what `effects.process.delayed_lag` does, of many signals (.., blocks)."""
+    whole = int(delay / h)
+    a, e = float(np.exp(-h / tau)), float(np.exp(-(1.0 - (delay / h - whole)) * h / tau))
+    rest = u[..., :1]
+    followed: FloatArray = rest + lfilter([1.0 - e, e - a], [1.0, -a], _before(u - rest, whole + 1))
+    return followed
 
 
 @dataclass(frozen=True)
@@ -114,14 +129,15 @@ class _Blocks:
         the same for the square of the stem, and beside an integrator a drift of each recording's own."""
         found = []
         for i, y in enumerate(self.measurement):
-            rows = [y]
-            for stem in (several[i] for several in stems):
-                for a in answers:
-                    both = (a.of(x, self.interval) for x in (stem, stem * stem / self.span))
-                    # a block mean lies half a block after the block's first sample
-                    rows += [x if self.size == 1 else 0.5 * (x + np.append(x[1:], x[-1])) for x in both]
-                    rows += [np.arange(len(y)) / len(y) * (a.integrating and k == i) for k in range(len(self.used))]
-            found.append(np.array(rows))
+            stem = np.array([several[i] for several in stems])
+            both = np.stack([stem, stem * stem / self.span], axis=1)
+            rows = np.zeros((len(stems), len(answers), 2 + len(self.used), len(y)))
+            for k, a in enumerate(answers):
+                rows[:, k, :2] = a.of(both, self.interval)
+                rows[:, k, 2 + i] = np.arange(len(y)) / len(y) * a.integrating
+            if self.size > 1:  # a block mean lies half a block after the block's first sample
+                rows[:, :, :2, :-1] = 0.5 * (rows[:, :, :2, :-1] + rows[:, :, :2, 1:])
+            found.append(np.vstack([y, rows.reshape(-1, len(y))]))
         return found
 
     def whitened(self, noise: Noise, columns: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -193,8 +209,9 @@ def _blocks(recordings: Sequence[Recording], interval: float) -> _Blocks | None:
     count = sum(int(np.count_nonzero(r.usable)) for r in recordings)
     if count < FEWEST_BLOCKS:
         return None
-    size = -(-count // MOST_BLOCKS)
     moved = [r.output[r.usable] for r in recordings]
+    steps = sum(int(np.count_nonzero(np.abs(np.diff(u)) > NARROWEST)) for u in moved)
+    size = -(-count // int(np.clip(FOR_EACH_STEP * steps, *BLOCKS)))
     mean, span = float(np.mean(np.concatenate(moved))), float(max(map(np.ptp, moved)))
     used = tuple(block_means(r.usable.astype(float), size) >= COMPLETE for r in recordings)
     level = [block_means(r.measurement - r.measurement[r.usable].mean(), size) for r in recordings]
@@ -262,13 +279,16 @@ def _likelihoods(X: FloatArray, y: FloatArray, weights: FloatArray, rounds: int 
         error = y - np.einsum("mc,mcr->mr", b, X)
         square = np.maximum(np.mean(weight[:, 0] * error**2, axis=1), 1e-12)
         if not again:
-            normal, variance, first = float(np.log(weights).sum()) - 0.5 * n * np.log(square), square, b
+            normal, variance = float(np.log(weights).sum()) - 0.5 * n * np.log(square), square
+            first = np.asarray(b, dtype=np.float64)
             deviation = np.asarray(np.sqrt(square * np.linalg.inv(gram)[:, 0, 0]), dtype=np.float64)
+            if not rounds:
+                return _Fits(normal, normal, first, variance, deviation), error
             square = np.minimum(square, (1.4 * np.median(np.abs(error), axis=1)) ** 2 + 1e-12)
         weight = ((FREEDOM + 1.0) / (FREEDOM + error**2 / square[:, None]))[:, None]
     by_row = -0.5 * ((FREEDOM + 1.0) * np.log1p(error**2 / (FREEDOM * square[:, None])) + np.log(square)[:, None])
     by_row += np.log(weights)
-    return _Fits(normal, by_row.sum(1), np.asarray(first, dtype=np.float64), variance, deviation), by_row
+    return _Fits(normal, by_row.sum(1), first, variance, deviation), by_row
 
 
 def _gains(none: _Fits, some: _Fits) -> FloatArray:

@@ -16,15 +16,14 @@ from ..errors import LoopError
 from ..estimator.criteria import CLEARED
 from ..estimator.quality import data_quality
 from ..record import Record
-from ..results import NOTHING_SAID, UNDECIDED, LoopReport, Verdict
-from ..results.plan import Course, LoopPlan, PlanOption
+from ..results import UNDECIDED, LoopReport, Verdict
+from ..results.plan import ENOUGH, Course, LoopPlan, PlanOption
 from ..scanning import scan
 from .twin import KINDS, TENTH, Move, Test, Twin, behind, twin_of
-from .words import logging_words, model_words, option_words, too_small
+from .words import logging_words, model_words, option_words
 
 TARGET = 0.02  # span: dead band that matters, where the record has no limit of detection
-GLANCE, HOPELESS = 5, 0.3  # repeats of a rung, and what its chance must be for more of them
-FIRST_LOOK, PROMISING = 20, 0.7  # these, and what it must be for all
+LOOKS = ((2, 0.5), (6, 0.5), (20, 0.7))  # repeats of a rung, and what its chance must be for more of them
 TOLD = 1.1  # limits of detection are told in steps, 2.03 % is one of them
 LONGER = (1.0, 3.0, 9.0)  # waits, in lengths of the record
 LONGEST_WAIT, LEAST_WAIT = 14 * 86400.0, 20.0  # seconds; integral times
@@ -34,12 +33,13 @@ HOLD = 10.0  # integral times that a setpoint is held
 TURNS = (2, 4)  # times up and down, where once is not enough
 AROUND = 5.0  # integral times of ordinary operation before and after a test
 # steps of OP in manual, in dead bands of the target's size: of just that size, the first step back does nothing and the
-# second all, which is the clearest picture; fewer than two rounds turn OP too seldom for the scan to call it
-STEPS, LEAST_STEP, ROUNDS = (1.0, 2.5), 0.75, (2, 4, 8)
-HOLDS, FEWEST_HELD = (1.5, 3.0), 10.0  # lags of the process beyond its dead time that a step is held; samples, at least
+# second all, which is the clearest picture; larger ones tell more of the process, and more rounds average the load
+STEPS, ROUNDS = (1.0, 2.5), (2, 5, 12)
+HOLDS, FEWEST_HELD = (0.7, 2.0), 8.0  # lags of the process beyond its dead time that a step is held; samples, at least
 ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
-OVER = 1.1  # what the load adds to a move that the limits allow
+OVER = 1.1  # what a move may go beyond a limit before it counts as beyond it: repeats differ
 OVERSHOOT = 1.3  # of PV beyond a step of the setpoint, that limits must allow for
+FEW = 20  # repeats that tell how far a test moves PV
 POINTS = 400  # of a drawn course
 
 
@@ -59,9 +59,10 @@ class PlanOptions:
 
 @dataclass
 class Played:
-    """What the scan said of the repeats of one test, with a worn and with a healthy valve, and how far the test
-    alone moved PV and OP [spans]."""
+    """A test, what the scan said of its repeats with a worn and with a healthy valve, and how far the test alone
+    moved PV and OP in them [spans]."""
 
+    test: Test
     worn: Counter[Verdict] = field(default_factory=Counter)
     healthy: Counter[Verdict] = field(default_factory=Counter)
     moves: list[tuple[float, ...]] = field(default_factory=list)
@@ -72,10 +73,9 @@ class Played:
         pv, op = np.percentile(self.moves, 90.0, axis=0) if self.moves else (0.0, 0.0)
         return float(pv), float(op)
 
-    def chance(self, limits: tuple[float, float]) -> float:
-        """Chance to be told, of the valve that is harder to tell; none where PV or OP go further than they may."""
-        if any(move > OVER * limit for move, limit in zip(self.moved, limits, strict=True)):
-            return 0.0
+    @property
+    def chance(self) -> float:
+        """Chance to be told, of the valve that is harder to tell."""
         return min(self.worn[Verdict.BACKLASH], self.healthy[Verdict.NO_BACKLASH]) / max(self.worn.total(), 1)
 
 
@@ -107,8 +107,8 @@ def plan(record: Record, options: PlanOptions | None = None, report: LoopReport 
                           report.verdict)
     except LoopError as error:
         return found if logging else replace(found, options=(PlanOption("logging", f"{error.what}: {error.remedy}"),))
-    return replace(found, model=model_words(subject.healthy),
-                   options=(*logging, *sorted(subject.tried(), key=lambda option: not option.decides)))
+    tried = sorted(subject.tried(), key=lambda option: (not option.decides, not option.within_limits))
+    return replace(found, model=model_words(subject.healthy), options=(*logging, *tried))
 
 
 @dataclass
@@ -142,64 +142,63 @@ class Subject:
         most = min(LONGEST_WAIT, MOST_SAMPLES * h)
         return [Test("wait", t) for t in sorted({min(k * length, most) for k in LONGER})]
 
-    def _setpoint_steps(self) -> list[Test] | PlanOption:
+    def _setpoint_steps(self) -> list[Test]:
         w, (pv_most, op_most) = self.healthy, self.limits
         hold = max(HOLD * w.controller.Ti, 2.0 * w.answer_time)
         gain = w.settled(hold)
         # PV overshoots; OP kicks by K times the step, and goes for good by the step over the gain
-        kick = max(abs(w.controller.K), 1.0 / gain)
-        most = min(pv_most / OVERSHOOT, op_most / kick)
-        least = ACROSS[0] * self.target * gain
-        if most < least:
-            return PlanOption("setpoint_steps", too_small("a setpoint step", OVERSHOOT * least, kick * least,
-                                                          self.limits, w.record.settings))
-        sizes = sorted({min(k * self.target * gain, most) for k in ACROSS})
-        down = w.level > 0.5
-        once = (-1.0, 0.0) if down else (1.0, 0.0)
-        return [*(Test("setpoint_steps", hold, s, once) for s in sizes),
-                *(Test("setpoint_steps", hold, sizes[-1], once * n) for n in TURNS)]
+        most = min(pv_most / OVERSHOOT, op_most / max(abs(w.controller.K), 1.0 / gain))
+        least, large = (k * self.target * gain for k in ACROSS)
+        large = max(least, min(large, most))
+        once = (-1.0, 0.0) if w.level > 0.5 else (1.0, 0.0)
+        return [*(Test("setpoint_steps", hold, size, once) for size in dict.fromkeys((least, large))),
+                *(Test("setpoint_steps", hold, large, once * n) for n in TURNS)]
 
-    def _manual_tests(self) -> list[Test] | PlanOption:
+    def _manual_tests(self) -> list[Test]:
         """Up, up, down, down; where PV ramps for as long as OP is off its balance, up, down, down, up."""
         w, (pv_most, op_most) = self.healthy, self.limits
         p = w.process
         # a lag far above Ti is one that the record does not tell from an integrator
         slow = min(sum(p.lags), w.controller.Ti) if p.lags and not p.integrating else w.controller.Ti
-        holds = [max(p.dead_time + k * slow, FEWEST_HELD * self.record.interval) for k in HOLDS]
-        levels: tuple[float, ...] = (1.0, 0.0, -1.0, 0.0) if w.process.integrating else (1.0, 2.0, 1.0, 0.0)
-        peak, gain = max(levels), w.settled(holds[0])
-        most, least = min(op_most / peak, pv_most / (peak * gain)), LEAST_STEP * self.target
-        if most < least:
-            return PlanOption("manual_test", too_small("a test in manual", peak * gain * least, peak * least,
-                                                       self.limits, w.record.settings))
-        levels = tuple(-x for x in levels) if w.output > 0.5 else levels
-        small, large = (min(k * self.target, most) for k in STEPS)
-        sizes = [small] if large == small else [small, large]
-        rungs = [Test("manual_test", hold, m, levels * n) for n in ROUNDS for m in sizes for hold in holds]
-        return [t for t in rungs if t.duration <= LONGEST_TEST] or rungs[:1]
+        levels: tuple[float, ...] = (1.0, 0.0, -1.0, 0.0) if p.integrating else (1.0, 2.0, 1.0, 0.0)
+        peak, levels, rungs = max(levels), tuple(-x if w.output > 0.5 else x for x in levels), []
+        for k in HOLDS:
+            hold = max(p.dead_time + k * slow, FEWEST_HELD * self.record.interval)
+            most = min(op_most, pv_most / w.settled(hold)) / peak
+            least, large = (size * self.target for size in STEPS)
+            rungs += [Test("manual_test", hold, size, levels * n)
+                      for size in dict.fromkeys((least, max(least, min(large, most)))) for n in ROUNDS]
+        rungs.sort(key=lambda test: test.duration)
+        return [test for test in rungs if test.duration <= LONGEST_TEST] or rungs[:1]
 
-    def _least(self, rungs: list[Test] | PlanOption) -> PlanOption:
-        """Return the first rung that decides, with all its repeats; the most promising one where none does."""
-        if isinstance(rungs, PlanOption):
-            return rungs
-        looks: list[tuple[Test, Played]] = []
-        look = min(FIRST_LOOK, self.options.repeats)
+    def _least(self, rungs: list[Test]) -> PlanOption:
+        """Return the first rung that decides within the limits; else of those that decide the one that goes least
+        beyond them; else the most promising one."""
+        beyond: list[Played] = []
+        looks: list[Played] = []
         for test in rungs:
-            played = Played()
-            looks.append((test, played))
-            self._repeat(test, played, min(GLANCE, look))
-            if played.chance(self.limits) >= HOPELESS:
-                self._repeat(test, played, look)
-            if played.chance(self.limits) >= PROMISING:
-                self._repeat(test, played, self.options.repeats)
-                if (option := self._option(test, played)).decides:
+            looks.append(played := Played(test))
+            for upto, least in (*LOOKS, (self.options.repeats, ENOUGH)):
+                self._repeat(played, min(upto, self.options.repeats))
+                if played.chance < least or (beyond and self._excess(played) >= self._excess(beyond[-1])):
+                    break
+            else:
+                if not (option := self._option(played)).decides:
+                    continue
+                if option.within_limits:
                     return option
-        test, played = max(reversed(looks), key=lambda one: one[1].chance(self.limits))
-        self._repeat(test, played, self.options.repeats)
-        return self._option(test, played)
+                beyond.append(played)
+        return self._option(beyond[-1] if beyond else max(reversed(looks), key=lambda played: played.chance))
 
-    def _repeat(self, test: Test, played: Played, upto: int) -> None:
+    def _excess(self, played: Played) -> float:
+        """How far a test goes beyond the limits: 1 for within."""
+        return max(1.0, *(move / (OVER * limit) for move, limit in zip(played.moved, self.limits, strict=True)))
+
+    def _repeat(self, played: Played, upto: int) -> None:
         """Go on until the test was played so often with each valve."""
+        test = played.test
+        # a test in manual speaks for itself, but where there was a suspicion
+        alone = test.kind == "manual_test" and self.before is not Verdict.SUSPECTED
         for twin, said in ((self.worn, played.worn), (self.healthy, played.healthy)):
             for k in range(said.total(), upto):
                 seed = 2 * (k + self.options.repeats * self.options.seed) + (twin is self.worn)
@@ -209,29 +208,30 @@ class Subject:
                 except LoopError:  # a limit cycle that leaves the span: this test says nothing
                     said[Verdict.ERROR] += 1
                     continue
-                # a test in manual speaks for itself where ordinary operation said nothing
-                alone = test.kind == "manual_test" and self.before in NOTHING_SAID
                 report = scan(later if alone else behind(self.record, later))
                 verdict = report.verdict
                 if verdict is Verdict.NO_BACKLASH and (excluded(report) or 0.0) > TOLD * self.target:
                     verdict = Verdict.CANNOT_TELL  # cleared, but of a larger dead band than the one that matters
                 said[verdict] += 1
-                if test.move and len(played.moves) < FIRST_LOOK:
+                if test.move and len(played.moves) < FEW:
                     still = twin.play(replace(test, kind="setpoint_steps", move=0.0), seed, around=around)[1]
                     size = min(len(run.output), len(still.output))
-                    played.moves.append(tuple(float(np.abs(one[:size] - other[:size]).max()) for one, other in (
-                        (run.process_output, still.process_output), (run.output, still.output))))
+                    pv, op = (float(np.abs(one[:size] - other[:size]).max()) for one, other in (
+                        (run.process_output, still.process_output), (run.output, still.output)))
+                    if test.kind == "manual_test":  # all else is what the controller would have done to OP
+                        op = test.move * max(map(abs, test.levels))
+                    played.moves.append((pv, op))
 
-    def _option(self, test: Test, played: Played) -> PlanOption:
-        n = self.options.repeats
+    def _option(self, played: Played) -> PlanOption:
+        test, n = played.test, max(played.worn.total(), 1)
         pv, op = played.moved if played.moves else (None, None)
         option = PlanOption(
             test.kind, "", test.duration, test.move or None, test.levels if test.move else (),
             test.hold if test.move else None, op, pv, played.worn[Verdict.BACKLASH] / n,
             played.healthy[Verdict.NO_BACKLASH] / n, played.healthy[Verdict.BACKLASH] / n,
-            played.worn[Verdict.NO_BACKLASH] / n, n,
+            played.worn[Verdict.NO_BACKLASH] / n, n, self._excess(played) == 1.0,
             *(None if test.kind == "wait" else self._course(twin, test) for twin in (self.worn, self.healthy)))
-        return replace(option, text=option_words(option, self.healthy, self.target))
+        return replace(option, text=option_words(option, self.healthy, self.target, self.limits))
 
     def _course(self, twin: Twin, test: Test) -> Course | None:
         try:

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter, ss2tf
 
-from ..compensate import model_of
 from ..effects.loads import MEASURED_DISTURBANCE as ADDED
 from ..effects.shape import Stage
 from ..errors import LoopError
@@ -22,6 +21,7 @@ from ..estimator.predictor import recording_of
 from ..kernels import play
 from ..record import FloatArray, Record
 from ..simulator import Applied, Controller, Manual, Process, Recorder, Scenario, Signal, Trace, export, trace, use
+from ..simulator.compensation import model_of
 
 HOLE = 20  # samples; a longer one ends the stretch that is played again
 LONGEST = 200_000  # samples of it, the last ones

@@ -63,8 +63,8 @@ def _of(share: float | None) -> str:
     return f"{100 * (share or 0.0):.0f} % of the time"
 
 
-def option_words(option: PlanOption, twin: Twin, target: float) -> str:
-    """What to do, what will be seen, and how sure it is, in sentences."""
+def option_words(option: PlanOption, twin: Twin, target: float, limits: tuple[float, float]) -> str:
+    """What to do, what will be seen, and how sure it is, in sentences. limits: how far PV and OP may move [spans]."""
     s, said = twin.record.settings, chances(option, target)
     assert option.duration_s is not None
     if option.kind == "wait":
@@ -79,14 +79,11 @@ def option_words(option: PlanOption, twin: Twin, target: float) -> str:
     where = "In automatic" if signal == "SP" else "In manual"
     test = (f"{where}: step {signal} {ways} by {amount(option.move, span)}, each held for {lasting(option.hold_s)}, "
             f"{lasting(option.duration_s)} in all, then scan the export with it.")
-    seen = ("" if option.pv_move is None or option.op_move is None else
-            f" PV will move by up to {amount(option.pv_move, s.pv_range)}, OP by up to "
-            f"{amount(option.op_move, s.op_range)}.")
-    return test + seen + ("" if option.decides else " This is not enough to be sure.") + f" {said}"
-
-
-def too_small(test: str, pv: float, op: float, limits: tuple[float, float], s: LoopSettings) -> str:
-    """Why the limits leave no room for a test. pv, op: least moves [spans] it needs, limits: those allowed."""
-    return (f"No room for {test}: PV would have to move by {amount(pv, s.pv_range)} and OP by "
-            f"{amount(op, s.op_range)}; allowed are {amount(limits[0], s.pv_range)} (--max-pv-move) and "
-            f"{amount(limits[1], s.op_range)} (--max-op-move).")
+    if option.pv_move is None or option.op_move is None:
+        return f"{test} {said}"
+    moves = (option.pv_move, s.pv_range, "PV"), (option.op_move, s.op_range, "OP")
+    seen = ", ".join(f"{name} by up to {amount(move, span)}" for move, span, name in moves)
+    needed = " and ".join(f"--max-{name.lower()}-move {100 * move:.2g}%" for (move, _, name), limit
+                          in zip(moves, limits, strict=True) if move > limit)
+    beyond = "" if option.within_limits else f" This goes beyond your limits: it needs {needed}."
+    return f"{test} It moves {seen}.{beyond}{'' if option.decides else ' This is not enough to be sure.'} {said}"

@@ -10,21 +10,21 @@ import numpy as np
 
 from ..results.compensation import CompensationStudy
 from ..results.plan import Course, LoopPlan, PlanOption
-from .figures import EVIDENCE, GREEN, MEASUREMENT, OUTPUT, QUIET, SETPOINT, Figure, across, axis, trace, units, written
-from .json_report import fields_of, strict
+from .figures import EVIDENCE, GREEN, MEASUREMENT, OUTPUT, QUIET, SETPOINT, Figure, across, axis, figure, trace, written
+from .figures import units as in_units
+from .json_report import fields_of
 from .report import Report
 from .safe import shorten
-from .tables import csv_text
+from .tables import csv_table
 from .words import percent
 
-ADVICE = ("This is advice to a person. Nothing was written to the control system; whether and how to try it is a "
-          "decision of the people who run the plant.")
-TEST = ("This is advice to a person. Nothing is written to the control system; whether and when to test a valve is a "
-        "decision of the people who run the plant.")
+ADVICE, TEST = (
+    f"This is advice to a person. Nothing {word} written to the control system; whether and {what} is a decision of "
+    "the people who run the plant." for word, what in (("was", "how to try it"), ("is", "when to test a valve")))
 GAINS = ("Gain [%]", "of d", "Mean error", "Peak error", "Valve travel", "OP travel", "Reversals", "Limit cycle")
 KINDS = {"wait": "wait", "setpoint_steps": "setpoint steps", "manual_test": "test in manual", "logging": "logging"}
 COLUMNS = ("loop", "verdict", "target", "kind", "decides", "power", "clears", "false_alarm", "missed", "repeats",
-           "duration_s", "move", "levels", "hold_s", "op_move", "pv_move", "text")
+           "duration_s", "move", "levels", "hold_s", "op_move", "pv_move", "within_limits", "text")
 
 
 def compensation(study: CompensationStudy) -> Report:
@@ -33,7 +33,7 @@ def compensation(study: CompensationStudy) -> Report:
         recommended = {"gain": study.recommended, "scheme": "error-sign (9)", "hysteresis": study.hysteresis}
         told = ("loop", "settings", "output_noise", "load", "reason", "rule_gain", "refusals", "warnings")
         return {
-            **{name: getattr(study, name) for name in told}, "process": fields_of(study.process, "profile"),
+            **{name: getattr(study, name) for name in told}, "process": study.process,
             "dead_band": {"d": study.d, "ci95": study.interval, "source": study.d_source},
             "recommended": None if study.recommended is None else recommended,
             "trials": [{**fields_of(t, "travel", "output_travel", "reversals"), "valve_travel_per_hour": t.travel,
@@ -49,7 +49,7 @@ def compensation(study: CompensationStudy) -> Report:
 def _line(run: Course, values: Sequence[float], span: tuple[float, float], name: str, colour: str, *, unit: float = 1.0,
           digits: int = 4, **more: Any) -> Figure:
     """A signal of a simulation over its time, shown in units of so many seconds."""
-    return trace([round(t / unit, 3) for t in run.time], units(np.array(values), span, digits), name, colour, **more)
+    return trace([round(t / unit, 3) for t in run.time], in_units(np.array(values), span, digits), name, colour, **more)
 
 
 def _trends(study: CompensationStudy) -> Figure | None:
@@ -64,10 +64,9 @@ def _trends(study: CompensationStudy) -> Figure | None:
     for run, name, colour in runs:
         for what, y, values in (("PV", "y", run.measurement), ("OP", "y2", run.output), ("valve", "y3", run.valve)):
             data.append(_line(run, values, (0.0, 100.0), f"{what}, {name}", colour, yaxis=y, **looks))
-    return {"data": data, "layout": {
-        "height": 620, "hovermode": "x", "xaxis": axis("time [s]", anchor="y3"),
-        "yaxis": axis("PV, deviation [%]", domain=[0.7, 1.0]), "yaxis2": axis("OP, change [%]", domain=[0.36, 0.64]),
-        "yaxis3": axis("valve, change [%]", domain=[0.0, 0.3])}}
+    panels = (("PV, deviation", [0.7, 1.0]), ("OP, change", [0.36, 0.64]), ("valve, change", [0.0, 0.3]))
+    return figure(data, axis("time [s]"), *(axis(f"{what} [%]", domain=domain) for what, domain in panels),
+                  height=620, hovermode="x")
 
 
 def _gains(study: CompensationStudy) -> Figure:
@@ -78,47 +77,40 @@ def _gains(study: CompensationStudy) -> Figure:
         first = getattr(study.base, key)
         y = [getattr(t, key) / first if first > 0 else None for t in study.trials]
         data.append(trace(x, y, name, colour, mode="lines+markers", size=6, hover="%{y:.2f}"))
-    marks = [(study.d, "dead band", "left", QUIET, "dot")]
+    marks = [(100 * study.d, "dead band", "left", QUIET, "dot")]
     if study.recommended is not None:
-        marks.append((study.recommended, "advice", "right", GREEN, "solid"))
+        marks.append((100 * study.recommended, "advice", "right", GREEN, "solid"))
     top = min(max(3.0, 1.1 * max((t.iae / study.base.iae for t in study.trials), default=1.0)), 6.0)
-    return {"data": data, "layout": {
-        "xaxis": axis("compensator gain [% of output span]"), "height": 380,
-        "yaxis": axis("relative to no compensator", range=[0, top]),
-        "shapes": [across("x", 100 * at, colour, width=2, dash=dash) for at, _, _, colour, dash in marks],
-        "annotations": [written(text, 100 * at, 1.0, yref="paper", xanchor=side) for at, text, side, _, _ in marks]}}
+    return figure(
+        data, axis("compensator gain [% of output span]"), axis("relative to no compensator", range=[0, top]),
+        height=380, shapes=[across("x", at, colour, width=2, dash=dash) for at, _, _, colour, dash in marks],
+        annotations=[written(text, at, 1.0, yref="paper", xanchor=side) for at, text, side, _, _ in marks])
 
 
 def plans(found: Sequence[LoopPlan], loops: int) -> Report:
-    """Return every plan, its options one below the other, the ones that decide marked; a sheet for each loop.
-
-    loops: so many were scanned. Moves are shares of the spans, times in seconds.
-    """
+    """Return every plan, its options one below the other, the ones that decide marked; a sheet for each loop. loops: so
+    many were scanned."""
     told = sum(any(o.decides for o in p.options) for p in found)
     return Report(
         "plan", "Test plans", {"plans": found, "told": told, "loops": loops, "advice": TEST, "kinds": KINDS},
-        lambda: {"advice": TEST, "loops": [
-            {**fields_of(p, "pv_range", "op_range"), "options": [*map(_option, p.options)]} for p in found]},
+        lambda: {"advice": TEST, "loops": [{**fields_of(p), "options": [*map(_option, p.options)]} for p in found]},
         lambda: {"sheets": [_sheet(p, f"sheet-{i}") for i, p in enumerate(found)]},
         "Simulated from the records; nothing was written to the control system")
 
 
 def _option(option: PlanOption) -> dict[str, Any]:
-    return {**fields_of(option, "worn", "healthy"), "decides": option.decides}
+    return {**fields_of(option), "decides": option.decides}
 
 
 def plans_csv(found: Sequence[LoopPlan]) -> str:
     """Return a row per option."""
-    rows = ({**fields_of(p), **_option(o), "levels": " ".join(f"{x:g}" for x in o.levels)}
-            for p in found for o in p.options)
-    return csv_text([COLUMNS, *(strict([row[name] for name in COLUMNS]) for row in rows)])
+    return csv_table(COLUMNS, ({**fields_of(p), **_option(o), "levels": " ".join(f"{x:g}" for x in o.levels)}
+                               for p in found for o in p.options))
 
 
 def _sheet(plan: LoopPlan, anchor: str) -> dict[str, Any]:
-    """What fits one sheet of paper: all options in words, the steps and the trend of the one to carry out.
-
-    best: the first option that decides, or what comes before any.
-    """
+    """What fits one sheet of paper: all options in words, the steps and the trend of the one to carry out; best: the
+    first that decides, or what comes before any."""
     tests = [o for o in plan.options if o.move is not None]
     shown = max(tests, key=lambda o: 1.0 if o.decides else min(o.power or 0.0, o.clears or 0.0), default=None)
     return {"plan": plan, "anchor": anchor, "shown": shown, "figure": None if shown is None else _expected(plan, shown),
@@ -133,6 +125,5 @@ def _expected(plan: LoopPlan, option: PlanOption) -> Figure | None:
     for one, name, colour in ((option.healthy, "without play", MEASUREMENT), (option.worn, "with play", EVIDENCE)):
         lines += [_line(one, one.measurement, plan.pv_range, f"PV {name}", colour, unit=60.0),
                   _line(one, one.output, plan.op_range, f"OP {name}", colour, unit=60.0, dash="dash", yaxis="y2")]
-    return {"data": lines, "layout": {
-        "height": 420, "hovermode": "x", "xaxis": axis("time from the start of the test [min]", anchor="y2"),
-        "yaxis": axis("SP, PV", domain=[0.48, 1.0]), "yaxis2": axis("OP", domain=[0.0, 0.4])}}
+    return figure(lines, axis("time from the start of the test [min]"), axis("SP, PV", domain=[0.48, 1.0]),
+                  axis("OP", domain=[0.0, 0.4]), height=420, hovermode="x")

@@ -33,17 +33,12 @@ def checked(result: PlantResult) -> Report:
 
 def _findings(loop: LoopCheck) -> list[Note]:
     """Everything worth saying about a loop, settings first."""
-    notes = list(loop.settings_notes)
-    if loop.unidentified is not None:
-        notes = notes or [loop.unidentified]
-    if loop.identified is not None:
-        notes += loop.identified.notes
-    if loop.quality is not None:
-        told = {note.code for note in loop.notes}
-        notes += [note for note in loop.quality.notes if note.code not in told]
-    if loop.diagnosis is not None:
-        notes.append(loop.diagnosis.note)
-    return [*notes, *loop.notes, *([loop.failure] if loop.failure is not None else [])]
+    told = {note.code for note in loop.notes}
+    notes = [*loop.settings_notes] or [note for note in (loop.unidentified,) if note]
+    notes += loop.identified.notes if loop.identified else ()
+    notes += [note for note in loop.quality.notes if note.code not in told] if loop.quality else ()
+    notes += [loop.diagnosis.note] if loop.diagnosis else []
+    return [*notes, *loop.notes, *([loop.failure] if loop.failure else [])]
 
 
 def _loop(loop: LoopCheck) -> dict[str, Any]:
@@ -51,11 +46,9 @@ def _loop(loop: LoopCheck) -> dict[str, Any]:
     return {
         "loop": loop.loop, "start": iso_time(loop.start), "end": iso_time(loop.end), "effect": loop.effect,
         "meaning": loop.meaning, "settings": {n: getattr(loop.settings, n) for n in ("K", "Ti", "Td", "source")},
-        "identified": None if found is None else {
-            n: getattr(found, n) for n in ("K", "Ti", "Td", "ratio", "b", "Tf", "r2", "form")},
-        "quality": None if loop.quality is None else fields_of(loop.quality, "notes"),
-        "oscillation": None if diagnosis is None else {
+        "identified": found and {n: getattr(found, n) for n in ("K", "Ti", "Td", "ratio", "b", "Tf", "r2", "form")},
+        "quality": loop.quality and fields_of(loop.quality, "notes"),
+        "oscillation": diagnosis and {
             "looks_like": diagnosis.kind, "period_s": diagnosis.period, "d": diagnosis.d,
             "statement": diagnosis.statement, "votes": diagnosis.votes},
-        "findings": [fields_of(note) for note in _findings(loop)],
-    }
+        "findings": [fields_of(note) for note in _findings(loop)]}

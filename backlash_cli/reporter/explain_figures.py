@@ -7,7 +7,7 @@ the speed of OP, loads in the time of the record, swings from outside in one fre
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ SHADES = ("#d1345b2e", "#c777002e", "#2a9d5c2e", "#7a5bc72e", "#0b8a9e2e", "#8d9
 POINTS = 4000  # per line: a page of five steps stays below 3 MB
 DIGITS = 5  # of the span: residuals are small beside it
 USUAL = 0.99  # share of the residuals that the axis shows at least
-SHADED = 6  # kinds of regions offered for shading
+REACH = 5  # samples to each side, for the speed of OP
 BINS = 12
 FEWEST = 8  # samples in a bin that is drawn
 Binned = tuple[FloatArray, FloatArray, FloatArray]  # x, mean and root mean square of a residual [PV span], each (bins,)
@@ -34,16 +34,10 @@ NOTHING: Binned = (np.empty(0), np.empty(0), np.empty(0))
 
 def overlay(series: Series, models: Mapping[str, FloatArray], settings: LoopSettings, noise_floor: float,
             regions: Sequence[Region] = ()) -> Figure:
-    """Measured PV with the prediction of each model, what each leaves, and OP, on one time axis.
-
-    models: name -> PV (samples,); of several, buttons choose which are shown. regions: the worst of them are shaded.
-    """
+    """Measured PV with the prediction of each model, what each leaves, and OP, on one time axis. models: name -> PV
+    (samples,); of several, buttons choose which are shown. regions: the worst of them are shaded."""
     (low, high), last = settings.pv_range, len(models) - 1
-
-    def line(values: FloatArray, span: tuple[float, float], name: str, colour: str, **more: Any) -> Figure:
-        return fig.over_time(series.time, values, span, name, colour, points=POINTS, digits=DIGITS, connectgaps=False,
-                             **{"width": 1.4, **more})
-
+    line = partial(fig.over_time, series.time, points=POINTS, digits=DIGITS, connectgaps=False, width=1.4)
     lines = [line(series.setpoint, (low, high), "SP", fig.SETPOINT, width=1.2, dash="dot"),
              line(series.measured, (low, high), "PV measured", fig.MEASUREMENT),
              line(series.output, settings.op_range, "OP", fig.OUTPUT, yaxis="y3")]
@@ -59,17 +53,22 @@ def overlay(series: Series, models: Mapping[str, FloatArray], settings: LoopSett
                   line(rest, (0.0, high - low), f"residual, {name}", left, yaxis="y2", showlegend=False, **look)]
         if np.isfinite(rest).any():
             reach = max(reach, (high - low) * float(np.nanquantile(np.abs(rest), USUAL)))
-    shaded = [r for r in (fails(regions) or regions) if r.stretches][:SHADED]
-    lines += [_shading(region, place) for place, region in enumerate(shaded)]
+    shaded = [r for r in (fails(regions) or regions) if r.stretches]
+    for region, shade in zip(shaded, SHADES, strict=False):  # filled behind the residual, switched by the legend
+        ends = [(fig.ms(first), fig.ms(last)) for first, last in region.stretches]
+        lines.append(fig.trace(
+            [x for a, b in ends for x in (a, a, b, b, None)], [0, 1, 1, 0, None] * len(ends), region.region, fig.QUIET,
+            width=0, hover="", hoverinfo="skip", yaxis="y4", fill="tozeroy", fillcolor=shade,
+            visible=True if region is shaded[0] else "legendonly"))
     band = 2 * noise_floor * (high - low)
+    panels = fig.axis("PV", domain=[0.52, 1.0]), fig.axis("residual", domain=[0.25, 0.46]), fig.axis(
+        "OP", domain=[0.0, 0.19])
+    if reach:  # a model is often far off in its first seconds; the lines go on beyond the axis
+        panels[1]["range"] = [side * 1.5 * max(reach, band) for side in (-1.0, 1.0)]
     layout: Figure = {
-        "xaxis": {"type": "date", "anchor": "y3"}, "yaxis": fig.axis("PV", domain=[0.52, 1.0]),
-        "yaxis2": fig.axis("residual", domain=[0.25, 0.46]), "yaxis3": fig.axis("OP", domain=[0.0, 0.19]),
         "yaxis4": {"overlaying": "y2", "range": [0, 1], "fixedrange": True, "visible": False, "side": "right"},
         "shapes": [fig.across("y", y, fig.QUIET, dash="dot", yref="y2") for y in (-band, band)],
         "hovermode": "x", "height": 640}
-    if reach:  # a model is often far off in its first seconds; the lines go on beyond the axis
-        layout["yaxis2"]["range"] = [side * 1.5 * max(reach, band) for side in (-1.0, 1.0)]
     if last > 0:  # numbers, not names: buttons do not wrap on a narrow screen
         numbers = [name.partition(":")[0] for name in models]
         wanted = {**{number: {k} for k, number in enumerate(numbers)}, f"{numbers[0]} + {numbers[-1]}": {0, last},
@@ -80,7 +79,7 @@ def overlay(series: Series, models: Mapping[str, FloatArray], settings: LoopSett
         layout |= {"margin": {"b": 90}, "updatemenus": [{
             "type": "buttons", "direction": "right", "x": 0, "xanchor": "left", "y": -0.12, "yanchor": "top",
             "active": -1, "showactive": True, "bgcolor": "#f2f4f6", "font": {"color": "#1d2733"}, "buttons": buttons}]}
-    return {"data": lines, "layout": layout}
+    return fig.figure(lines, fig.DATES, *panels, **layout)
 
 
 def ladder_bars(steps: Sequence[Step], noise_floor: float) -> Figure:
@@ -93,10 +92,9 @@ def ladder_bars(steps: Sequence[Step], noise_floor: float) -> Figure:
             "marker": {"color": [STEP_COLOURS[k % len(STEP_COLOURS)] for k in range(len(steps))]}}
     words = fig.written("on unseen samples; dashed: noise floor", 0, 1.0, xref="paper", xanchor="left", yref="paper",
                     yanchor="bottom")
-    return {"data": [bars], "layout": {
-        "xaxis": fig.axis("error [% of PV span]", range=[0, 1.4 * max([*errors, floor])]),
-        "yaxis": {"type": "category", "autorange": "reversed"}, "annotations": [words], "height": 150 + 48 * len(steps),
-        "shapes": [fig.across("x", floor, fig.MEASUREMENT, width=1.5, dash="dash")]}}
+    return fig.figure([bars], fig.axis("error [% of PV span]", range=[0, 1.4 * max([*errors, floor])]),
+                      {"type": "category", "autorange": "reversed"}, annotations=[words], height=150 + 48 * len(steps),
+                      shapes=[fig.across("x", floor, fig.MEASUREMENT, width=1.5, dash="dash")])
 
 
 def plane(series: Series, settings: LoopSettings) -> Figure:
@@ -107,58 +105,47 @@ def plane(series: Series, settings: LoopSettings) -> Figure:
                        colour, width=1, opacity=0.7, hover="OP %{x}, PV %{y}")
              for name, values, colour in (("measured", series.measured, fig.MEASUREMENT),
                                           ("predicted", series.predicted, PREDICTED))]
-    return {"data": lines, "layout": {"xaxis": fig.axis("OP"), "yaxis": fig.axis("PV"), "height": 440}}
-
-
-def _shading(region: Region, place: int) -> Figure:
-    """The stretches of a region as one filled line behind the residual, that the legend can switch."""
-    ends = [(fig.ms(first), fig.ms(last)) for first, last in region.stretches]
-    return fig.trace([x for a, b in ends for x in (a, a, b, b, None)], [0, 1, 1, 0, None] * len(ends), region.region,
-                     fig.QUIET, width=0, hover="", hoverinfo="skip", yaxis="y4", fill="tozeroy",
-                     fillcolor=SHADES[place % len(SHADES)], visible=True if place == 0 else "legendonly")
+    return fig.figure(lines, fig.axis("OP"), fig.axis("PV"), height=440)
 
 
 def causes(series: Series, predictions: Mapping[str, FloatArray], noise_floor: float) -> list[tuple[str, str, Figure]]:
-    """The residual of each model against what it may depend on: title, what to look for, figure.
-
-    predictions: model -> PV (samples,).
-    """
+    """The residual of each model against what it may depend on: title, what to look for, figure. predictions: model ->
+    PV (samples,)."""
     h = float(np.median(np.diff(series.time))) if len(series.time) > 1 else 1.0
     since, upward = since_reversal(series.output)
     early = (since >= 0) & (since < np.quantile(since[since >= 0], 0.9) if np.any(since >= 0) else False)
-    speed, clock = 100 * np.abs(smooth_speed(series.output, h)), (series.time - series.time[0]) / 3600.0
-    mean, size = "mean residual", "residual (rms)"
-    shown: list[tuple[str, str, str, str, Callable[[FloatArray], dict[str, Binned]]]] = [
-        ("Time since OP turned", "time since OP turned [s]", mean,
+    near = np.clip(np.add(np.arange(len(since)), [[-REACH], [REACH]]), 0, len(since) - 1)
+    (change,), (steps,) = np.diff(series.output[near], axis=0), np.diff(near, axis=0)
+    speed, clock = 100 * np.abs(change) / (np.maximum(steps, 1) * h), (series.time - series.time[0]) / 3600.0
+    mean, size, linear = "mean residual", "residual (rms)", "linear"
+    shown: list[tuple[str, str, str, str, str, Callable[[FloatArray], dict[str, Binned]]]] = [
+        ("Time since OP turned", "time since OP turned [s]", linear, mean,
          "Play or stiction: of opposite sign after turns up and down, largest soon after the turn.",
-         lambda r: {f"OP turned {word}": binned(since * h, r, early & (upward == up), even=True)
+         lambda r: {f", OP turned {word}": binned(since * h, r, early & (upward == up), even=True)
                     for up, word in ((1, "up"), (-1, "down"))}),
-        ("Level of OP", "OP [% of span]", mean, "A curved valve bends this line; a stop tilts one of its ends.",
+        ("Level of OP", "OP [% of span]", linear, mean, "A curved valve bends this line; a stop tilts one of its ends.",
          lambda r: {"": binned(100 * series.output, r)}),
-        ("Speed of OP", "|dOP/dt| [% of span per s]", size, "A slow actuator: the error grows with the speed of OP.",
-         lambda r: {"": binned(speed, r)}),
-        ("Time of the record", "time [h]", mean, "Load steps make jumps here, a drifting load a slope.",
+        ("Speed of OP", "|dOP/dt| [% of span per s]", linear, size,
+         "A slow actuator: the error grows with the speed of OP.", lambda r: {"": binned(speed, r)}),
+        ("Time of the record", "time [h]", linear, mean, "Load steps make jumps here, a drifting load a slope.",
          lambda r: {"": binned(clock, r, even=True, bins=3 * BINS)}),
-        ("Period", "period [s]", size, "A peak is a swing from outside; noise alone is level.",
+        ("Period", "period [s]", "log", size, "A peak is a swing from outside; noise alone is level.",
          lambda r: {"": spectrum(r, h)})]
     colours = [PREDICTED] if len(predictions) == 1 else [fig.QUIET, STEP_COLOURS[2]]
     looks, found = (("solid", "circle"), ("dash", "circle-open")), []
-    for title, x_label, y_label, note, curves in shown:
+    for title, x_label, scale, y_label, note, curves in shown:
         lines = []
         for (model, prediction), colour in zip(predictions.items(), colours, strict=True):
             parts = curves(series.residual(prediction)).items()
             for (part, (x, *ys)), (dash, symbol) in zip(parts, looks, strict=False):
-                name, y = f"{model}, {part}" if part else model, ys[y_label == size]
-                lines.append(fig.trace(fig.digits(x), fig.digits(100 * y), name, colour, mode="lines+markers", size=6,
-                                       width=1.6, dash=dash, symbol=symbol, hover="%{x:.4g}: %{y:.3g} %"))
-        layout: Figure = {"xaxis": fig.axis(x_label), "yaxis": fig.axis(f"{y_label} [% of PV span]"),
-                          "height": 320}
-        if title == "Period":
-            layout["xaxis"]["type"] = "log"
-        else:
-            layout["shapes"] = [fig.across("y", 0.0 if y_label == mean else 100 * noise_floor, fig.QUIET, dash="dot")]
+                lines.append(fig.trace(fig.digits(x), fig.digits(100 * ys[y_label == size]), model + part, colour,
+                                       mode="lines+markers", size=6, width=1.6, dash=dash, symbol=symbol,
+                                       hover="%{x:.4g}: %{y:.3g} %"))
+        level = 0.0 if y_label == mean else 100 * noise_floor
+        shapes = [fig.across("y", level, fig.QUIET, dash="dot")] if scale == linear else []
         if lines := [line for line in lines if line["x"]]:
-            found.append((title, note, {"data": lines, "layout": layout}))
+            found.append((title, note, fig.figure(lines, fig.axis(x_label, type=scale), fig.axis(
+                f"{y_label} [% of PV span]"), height=320, shapes=shapes)))
     return found
 
 
@@ -194,31 +181,22 @@ def spectrum(residual: FloatArray, h: float) -> Binned:
 
 
 def since_reversal(output: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return samples since OP last turned (-1 before the first turn) and where it goes since (1 up, -1 down).
-
-    A turn counts when OP then goes on by more than its own noise and 2 % of its travel.
-    """
+    """Return samples since OP last turned (-1 before the first turn) and where it goes since (1 up, -1 down). A turn
+    counts when OP then goes on by more than its own noise and 2 % of its travel."""
     from scipy.signal import find_peaks
 
-    third = np.diff(output, 3)
+    third, count = np.diff(output, 3), np.arange(len(output))
     noise = float(np.sqrt(np.nanmean(third**2) / 20.0)) if third.size else 0.0
     least = max(4.0 * noise, 0.02 * float(np.nanmax(output) - np.nanmin(output)), 1e-9)
-    since, upward = np.full(len(output), -1.0), np.zeros(len(output), dtype=np.int64)
     known = np.flatnonzero(np.isfinite(output))
-    whole = np.interp(np.arange(len(output)), known, output[known])
-    found = {sign: find_peaks(-sign * whole, prominence=least, plateau_size=1)[1]["left_edges"] for sign in (1, -1)}
-    turns = sorted((int(place), sign) for sign, places in found.items() for place in places)
-    # of stops of the same height the first is the turn
-    turns = [turn for before, turn in zip([(0, 0), *turns], turns, strict=False) if turn[1] != before[1]]
-    for (first, sign), last in zip(turns, [*(place for place, _ in turns[1:]), len(output)], strict=False):
-        since[first:last] = np.arange(last - first)
-        upward[first:last] = sign
-    return since, upward
+    whole = np.interp(count, known, output[known])
+    goes = np.zeros(len(output), dtype=np.int64)
+    for sign in (1, -1):
+        goes[find_peaks(-sign * whole, prominence=least, plateau_size=1)[1]["left_edges"]] = sign
+    turns = np.flatnonzero(goes)
+    turns = turns[np.diff(goes[turns], prepend=0) != 0]  # of stops of the same height the first is the turn
+    last = np.append(turns, len(output))[np.searchsorted(turns, count, side="right") - 1]  # the end before the first
+    before = count < last
+    return np.where(before, -1.0, count - last), np.where(before, 0, np.append(goes, 0)[last])
 
 
-def smooth_speed(output: FloatArray, h: float, reach: int = 5) -> FloatArray:
-    """Return dOP/dt [span/s] (samples,) over `reach` samples to each side."""
-    n = len(output)
-    low, high = np.maximum(np.arange(n) - reach, 0), np.minimum(np.arange(n) + reach, n - 1)
-    out: FloatArray = (output[high] - output[low]) / (np.maximum(high - low, 1) * h)
-    return out

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray, Record
 from ..results import Estimate, LoopReport
@@ -27,21 +27,29 @@ GREEN = "#2a9d5c"
 COLOURS = {"bad": EVIDENCE, "warn": OUTPUT, "good": GREEN, "quiet": QUIET}  # by mark
 Figure = dict[str, Any]
 Flank = tuple[FloatArray, FloatArray]
+DATES: Figure = {"type": "date"}
+
+
+def figure(data: Sequence[Figure], x: Figure, *panels: Figure, **layout: Any) -> Figure:
+    """Traces over one horizontal axis, on one vertical axis or several from top to bottom; layout, and `more` below:
+    further keys as plotly knows them."""
+    uprights = {f"yaxis{k}" if k > 1 else "yaxis": panel for k, panel in enumerate(panels, 1)}
+    below = {"anchor": f"y{len(panels)}"} if len(panels) > 1 else {}
+    return {"data": data, "layout": {"xaxis": x | below, **uprights, **layout}}
 
 
 def axis(title: str, **more: Any) -> Figure:
-    """An axis with its title; more, here and below: further keys as plotly knows them."""
+    """An axis with its title."""
     return {"title": {"text": title}, **more}
 
 
 def trace(x: Sequence[Any], y: Sequence[Any], name: str, colour: str, *, mode: str = "lines", hover: str = "%{y}",
           width: float = 1.5, dash: str = "solid", symbol: str = "circle", size: float = 8, **more: Any) -> Figure:
     """A line, or markers, or both as the mode says."""
-    looks = {"line": {"color": colour, "width": width, "dash": dash} if "lines" in mode else None,
-             "marker": {"color": colour, "symbol": symbol, "size": size} if "markers" in mode else None,
-             "hovertemplate": hover}
-    return {"type": "scatter", "mode": mode, "name": picture(name), "x": x, "y": y,
-            **{key: value for key, value in looks.items() if value}, **more}
+    line = {"line": {"color": colour, "width": width, "dash": dash}} if "lines" in mode else {}
+    marker = {"marker": {"color": colour, "symbol": symbol, "size": size}} if "markers" in mode else {}
+    pointed = {"hovertemplate": hover} if hover else {}
+    return {"type": "scatter", "mode": mode, "name": picture(name), "x": x, "y": y, **line, **marker, **pointed, **more}
 
 
 def dots(points: Sequence[tuple[float, float]], name: str, colour: str, **more: Any) -> Figure:
@@ -52,17 +60,14 @@ def dots(points: Sequence[tuple[float, float]], name: str, colour: str, **more: 
 
 def across(which: str, at: float | tuple[float, float], colour: str, *, name: str = "", width: float = 1.0,
            dash: str = "solid", **more: Any) -> Figure:
-    """A line over the whole panel where the axis `which`, "x" or "y", is `at`; a band from one value to another.
-
-    name: its words in the legend, if it stands there.
-    """
+    """A line over the whole panel where the axis `which`, "x" or "y", is `at`; a band from one value to another. name:
+    its words in the legend, if it stands there."""
     other = "y" if which == "x" else "x"
     low, high = at if isinstance(at, tuple) else (at, at)
     looks: Figure = {"type": "rect", "fillcolor": colour, "opacity": 0.15, "line": {"width": 0}} if isinstance(
         at, tuple) else {"type": "line", "line": {"color": colour, "width": width, "dash": dash}}
-    legend: Figure = {"name": name, "showlegend": True} if name else {}
     return {f"{which}0": low, f"{which}1": high, f"{other}ref": "paper", f"{other}0": 0, f"{other}1": 1, **looks,
-            **legend, **more}
+            **({"name": name, "showlegend": True} if name else {}), **more}
 
 
 def written(text: str, x: float, y: float, **more: Any) -> Figure:
@@ -75,28 +80,32 @@ def trend(record: Record, report: LoopReport, window: slice | None = None, point
     """SP, PV and OP over time, with the half periods that carry the verdict drawn over the measurement.
 
     Of a window also the stem, as OP through a gap of the size found, with the stretches shaded where OP crosses the gap
-    while the stem stands still. Long records are thinned to smallest and largest of each piece, so that no peak is
-    lost: `points` per line. room: least distance of the estimates that are written above, as a share of the width.
+    while the stem stands still. points: per line, smallest and largest of each piece, so that no peak is lost. room:
+    least distance of the estimates that are written above, as a share of the width.
     """
     part = record if window is None else record.slice(window.start, window.stop)
     (pv_span, pv_unit), (op_span, op_unit) = shown(record.settings.pv_range), shown(record.settings.op_range)
-
-    def line(values: FloatArray, span: tuple[float, float], name: str, colour: str, **more: Any) -> Figure:
-        return over_time(part.time, values, span, name, colour, index=part.index, points=points, **more)
-
+    line = partial(over_time, part.time, index=part.index, points=points)
     lines = [line(part.setpoint, pv_span, "SP", SETPOINT, width=1.2, dash="dot"),
              line(part.measurement, pv_span, "PV", MEASUREMENT)]
-    used = used_in(part, report)
-    marked = np.where(_inside(part, used), part.measurement, np.nan)
+    used, marked = used_in(part, report), np.full(len(part), np.nan)
+    for first, last in np.searchsorted(part.time, [(e.start, e.end) for e in used]):
+        marked[first:last] = part.measurement[first:last]
     if np.isfinite(marked).any():
         lines.append(line(marked, pv_span, "PV in the half periods used", EVIDENCE, width=3))
-    layout: Figure = {"xaxis": {"type": "date"}, "yaxis": axis(f"SP, PV ({pv_unit})"), "hovermode": "x"}
-    if room is not None and (notes := _sizes_written(used, part, room)):
+    panels, layout = [axis(f"SP, PV ({pv_unit})")], {"hovermode": "x"}  # type: list[Figure], Figure
+    if room is not None and used:
+        beside, length, notes = part.time[0], part.time[-1] - part.time[0] or 1.0, []
+        for e in used:  # where they were made, those left out that would hide each other
+            if beside + room * length <= (middle := 0.5 * (e.start + e.end)) <= part.time[0] + 0.98 * length:
+                beside = middle
+                notes.append(written(f"{100 * e.d:.1f} %", ms(middle), 0.99, yref="y domain", yanchor="top",
+                                     textangle=-90, font={"size": 10}))
         both = np.concatenate([part.measurement, part.setpoint])
-        both = both[np.isfinite(both)]
+        low, high = np.nanmin(both), np.nanmax(both)
+        if notes and high > low:
+            panels[0]["range"] = units(np.array([1.05 * low - 0.05 * high, 1.25 * high - 0.25 * low]), pv_span)
         layout["annotations"] = notes
-        if both.size and (width := np.ptp(both)) > 0.0:
-            layout["yaxis"]["range"] = units(np.array([both.min() - 0.05 * width, both.max() + 0.25 * width]), pv_span)
     if part.output is not None:
         lines.append(line(part.output, op_span, "OP", OUTPUT, yaxis="y2"))
         d = size(report)
@@ -107,53 +116,35 @@ def trend(record: Record, report: LoopReport, window: slice | None = None, point
                 across("x", (ms(part.time[first]), ms(part.time[last])), STEM, opacity=0.16, layer="below",
                        legendgroup="still", name="stem stands still in the gap", showlegend=number == 0)
                 for number, (first, last) in enumerate(stands_still(part.output, stem, d))]
-        layout["yaxis"]["domain"] = [0.42, 1.0]
-        layout |= {"yaxis2": axis(f"OP ({op_unit})", domain=[0.0, 0.36]),
-                   "xaxis": {"type": "date", "anchor": "y2"}, "height": 480}
-    return {"data": lines, "layout": layout}
+        panels = [panels[0] | {"domain": [0.42, 1.0]}, axis(f"OP ({op_unit})", domain=[0.0, 0.36])]
+        layout["height"] = 480
+    return figure(lines, DATES, *panels, **layout)
 
 
 def stem_of(output: FloatArray, size: float) -> FloatArray:
     """Return where the stem is, (samples,) [span]: OP through a gap of `size`; it stays where OP is not known."""
+    import pandas as pd
+
     from ..kernels import play
 
-    known = np.isfinite(output)
-    if not known.any():
-        return output
-    last = np.maximum.accumulate(np.where(known, np.arange(len(output)), known.argmax()))
-    return np.asarray(play(output[last], size, float(output[last[0]])))
+    known = pd.Series(output).ffill().bfill().to_numpy(copy=True)
+    return np.asarray(play(known, size, float(known[0]))) if np.isfinite(output).any() else output
 
 
 def stands_still(output: FloatArray, stem: FloatArray, size: float) -> list[tuple[int, int]]:
     """Return (first, last) sample of the stretches in which OP crosses half of the gap or more and the stem stays."""
     if len(stem) < 2:
         return []
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(stem) != 0.0) + 1])
+    starts = np.flatnonzero(np.diff(stem, prepend=np.nan) != 0.0)
     low, high = (f.reduceat(np.where(np.isfinite(output), output, stem), starts) for f in (np.minimum, np.maximum))
     ends = np.append(starts[1:], len(stem)) - 1
     kept = (high - low >= CROSSED * size) & (ends > starts)
     return list(zip(starts[kept].tolist(), ends[kept].tolist(), strict=True))
 
 
-def _sizes_written(used: list[Estimate], part: Record, room: float) -> list[Figure]:
-    """The estimates where they were made, those left out that would hide each other."""
-    notes: list[Figure] = []
-    before = 0.0
-    for e in used:
-        middle = 0.5 * (e.start + e.end)
-        place = (middle - part.time[0]) / (part.time[-1] - part.time[0] or 1.0)
-        if before + room <= place <= 0.98:
-            before = place
-            notes.append(written(f"{100 * e.d:.1f} %", ms(middle), 0.99, yref="y domain", yanchor="top", textangle=-90,
-                                 font={"size": 10}))
-    return notes
-
-
 def plane(record: Record, window: slice, report: LoopReport, points: int = POINTS) -> Figure:
-    """PV against OP: without dead band a line or a cloud, with dead band a leaning box with flat sides.
-
-    Where a size is claimed, it is drawn as wide as it is, with the two flanks of the valve where PV follows it.
-    """
+    """PV against OP: without dead band a line or a cloud, with dead band a leaning box with flat sides. A size that is
+    claimed is drawn as wide as it is, with the two flanks of the valve where PV follows it."""
     (pv_span, pv_unit), (op_span, op_unit) = shown(record.settings.pv_range), shown(record.settings.op_range)
     near, every = record.slice(window.start, window.stop), slice(None, None, max(1, len(record) // points))
     assert record.output is not None and near.output is not None
@@ -163,29 +154,24 @@ def plane(record: Record, window: slice, report: LoopReport, points: int = POINT
 
     lines = [path(record.output[every], record.measurement[every], "whole record", QUIET, mode="markers", size=3),
              path(means(near.output, 150), means(near.measurement, 150), "close look", EVIDENCE)]
-    d = size(report)
-    y_axis = axis(f"PV ({pv_unit})")
+    d, y_axis = size(report), axis(f"PV ({pv_unit})")
     if d is not None and np.isfinite(record.measurement).any() and np.isfinite(record.output).any():
         for (op, pv), name, dash in zip(flanks(near, d) or (), ("valve opening", "valve closing"), ("dash", "dot"),
                                         strict=False):
             lines.append(path(op, pv, name, STEM, dash=dash))
         low, high = float(np.nanmin(record.measurement)), float(np.nanmax(record.measurement))
-        middle, level = 0.5 * float(np.nanmin(record.output) + np.nanmax(record.output)), low - 0.12 * (high - low)
         if high > low:
-            y_axis["range"] = units(np.array([low - 0.2 * (high - low), high + 0.05 * (high - low)]), pv_span)
-        gap = middle + d * np.array([-0.5, 0.0, 0.5])
-        lines.append(path(gap, np.full(3, level), "", STEM, mode="lines+text", width=4, showlegend=False,
-                          text=["", f"dead band {percent(d)}", ""], textposition="top center", hoverinfo="skip"))
-    return {"data": lines, "layout": {"xaxis": axis(f"OP ({op_unit})"), "yaxis": y_axis,
-                                      "height": 420}}
+            y_axis["range"] = units(np.array([1.2 * low - 0.2 * high, 1.05 * high - 0.05 * low]), pv_span)
+        gap = 0.5 * float(np.nanmin(record.output) + np.nanmax(record.output)) + d * np.array([-0.5, 0.0, 0.5])
+        lines.append(path(gap, np.full(3, 1.12 * low - 0.12 * high), "", STEM, mode="lines+text", width=4,
+                          showlegend=False, text=["", f"dead band {percent(d)}", ""], textposition="top center",
+                          hoverinfo="skip"))
+    return figure(lines, axis(f"OP ({op_unit})"), y_axis, height=420)
 
 
 def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
-    """Return (OP, PV) of both flanks PV = gain (OP -+ d/2) + offset, opening and closing.
-
-    None where PV does not follow. The valve position is OP through a gap of `size`; PV is compared with it at the delay
-    that suits best.
-    """
+    """Return (OP, PV) of both flanks PV = gain (OP -+ d/2) + offset, opening and closing; None where PV does not follow
+    OP through a gap of `size`, with the delay that suits best."""
     from scipy.stats import linregress
 
     if near.output is None:
@@ -195,9 +181,9 @@ def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
     if len(op) < 20 or np.ptp(op) <= size or np.ptp(pv) == 0.0:
         return None
     valve = stem_of(op, size)
-    fits = [linregress(valve[: len(op) - delay], pv[delay:]) for delay in range(0, len(op) // 8, max(1, len(op) // 200))
-            if np.ptp(valve[: len(op) - delay]) > 0.0]
-    best = max(fits, key=lambda fit: fit.rvalue**2, default=None)
+    best = max((linregress(valve[: len(op) - delay], pv[delay:])
+                for delay in range(0, len(op) // 8, max(1, len(op) // 200)) if np.ptp(valve[: len(op) - delay]) > 0.0),
+               key=lambda fit: fit.rvalue**2, default=None)
     if best is None or best.rvalue**2 < FOLLOWS:
         return None
     ends = np.array([op.min(), op.max()])
@@ -208,32 +194,32 @@ def flanks(near: Record, size: float) -> tuple[Flank, Flank] | None:
 def estimates(report: LoopReport) -> Figure:
     """Every estimate over time in % of the output span: used ones, refused ones with the reason, and the cluster."""
     groups: list[Figure] = []
-    kinds = ((False, "refused", QUIET, "x-thin-open"), (True, "used", EVIDENCE, "circle"))
-    for accepted, name, colour, symbol in kinds:
+    looks = (False, "refused", QUIET, "x-thin-open"), (True, "used", EVIDENCE, "circle")
+    for accepted, name, colour, symbol in looks:
         # finite ones, and of very many the latest
         chosen = [e for e in report.estimates if e.accepted is accepted and math.isfinite(e.d)][-POINTS:]
         groups.append(dots([(e.start, e.d) for e in chosen], name, colour, symbol=symbol, hover="%{y:.2f} % (%{text})",
                            text=[picture(f"{e.why}, {e.dt_s:.4g} s") for e in chosen]))
-    top = max(groups[1]["y"], default=0.0)
-    layout: Figure = {"xaxis": {"type": "date"}, "yaxis": axis("dead band [% of OP span]")}
+    upright, layout, top = axis("dead band [% of OP span]"), Figure(), max(groups[1]["y"], default=0.0)
     if (c := report.cluster) is not None:
         low, high = (100 * end for end in c.ci95)
         layout["shapes"] = [across("y", (low, high), EVIDENCE),
                             across("y", 100 * c.d, EVIDENCE, width=1.5, name=f"{percent(c.d)} ({interval(c.ci95)})")]
         top = max(top, high)
     if top > 0:
-        layout["yaxis"]["range"] = [0, 1.25 * top]
+        upright["range"] = [0, 1.25 * top]
     if not report.estimates:
         layout["annotations"] = [written("no half period was long enough", 0.5, 0.5, xref="paper", yref="paper")]
-    return {"data": groups, "layout": layout}
+    return figure(groups, DATES, upright, **layout)
 
 
 def profile(report: LoopReport) -> Figure:
     """Evidence for each size of dead band, from the test of PV against OP through a dead band of that size."""
     c = report.confirmation
     assert c is not None
-    x = [round(100 * d, 4) for d, _ in c.profile if d > 0.0]
-    line = trace(x, [evidence for d, evidence in c.profile if d > 0.0], "", MEASUREMENT, mode="lines+markers", size=5,
+    tried = [(round(100 * d, 4), evidence) for d, evidence in c.profile if d > 0.0]
+    x = [d for d, _ in tried]
+    line = trace(x, [evidence for _, evidence in tried], "", MEASUREMENT, mode="lines+markers", size=5,
                  showlegend=False, hover="%{x} %: %{y:.3g}")
     shapes = [across("x", (100 * c.ci95[0], 100 * c.ci95[1]), EVIDENCE),
               across("x", 100 * c.d, EVIDENCE, width=2, name=f"PV against OP: {percent(c.d)}")]
@@ -241,27 +227,24 @@ def profile(report: LoopReport) -> Figure:
         middle = float(np.median(used))
         shapes.append(across("x", 100 * middle, SETPOINT, width=2, dash="dot",
                              name=f"half periods, median: {percent(middle)}"))
-    limit = c.limit_of_detection
-    if limit is not None and x and min(x) < 100 * limit <= 100 * c.d:
+    if (limit := c.limit_of_detection) is not None and x and min(x) < 100 * limit <= 100 * c.d:
         shapes.append(across("x", (min(x), 100 * limit), QUIET, name="too small to see"))
     ticks = [s for s in SIZES if x and min(x) <= s <= max(x)]
-    return {"data": [line], "layout": {
-        "xaxis": axis("dead band tried [% of OP span]", type="log", tickvals=ticks),
-        "yaxis": axis("evidence (log likelihood)"), "shapes": shapes}}
+    return figure([line], axis("dead band tried [% of OP span]", type="log", tickvals=ticks),
+                  axis("evidence (log likelihood)"), shapes=shapes)
 
 
 def close_look(record: Record, report: LoopReport) -> slice:
     """The samples around the most ordinary of the half periods used, a window of about eight of them; without any a
     tenth of the record around its middle, 200 samples at least."""
-    used = [e for e in used_in(record, report) if math.isfinite(e.d)]
+    used = sorted((e for e in used_in(record, report) if math.isfinite(e.d)), key=lambda e: e.d)
     if not used:
         reach, middle = max(len(record) // 20, 100), len(record) // 2
         return slice(max(middle - reach, 0), min(middle + reach, len(record)))
-    ordinary = sorted(used, key=lambda e: e.d)[len(used) // 2]
-    wide = CLOSE_LOOK / 2 * ordinary.dt_s
-    center = 0.5 * (ordinary.start + ordinary.end)
-    first, last = np.searchsorted(record.time, [center - wide, center + wide])
-    return slice(int(first), max(int(last), int(first) + 1))
+    ordinary = used[len(used) // 2]
+    center, wide = 0.5 * (ordinary.start + ordinary.end), CLOSE_LOOK / 2 * ordinary.dt_s
+    first, last = np.searchsorted(record.time, [center - wide, center + wide]).tolist()
+    return slice(first, max(last, first + 1))
 
 
 def known_part(record: Record) -> Record:
@@ -276,20 +259,10 @@ def used_in(record: Record, report: LoopReport) -> list[Estimate]:
     return [e for e in report.estimates if e.accepted and first <= e.end and e.start <= last]
 
 
-def _inside(record: Record, used: list[Estimate]) -> NDArray[np.bool_]:
-    """(samples,) True within a half period that was used."""
-    inside = np.zeros(len(record), dtype=bool)
-    for first, last in np.searchsorted(record.time, [(e.start, e.end) for e in used]):
-        inside[first:last] = True
-    return inside
-
-
 def over_time(time: FloatArray, values: FloatArray, span: tuple[float, float], name: str, colour: str, *,
               index: IntArray | None = None, points: int = POINTS, digits: int = 4, **more: Any) -> Figure:
     """A signal in engineering units; it breaks where it is not known, and where grid numbers of `index` are left out.
-
-    time: (samples,) epoch seconds; values: (samples,) normalised.
-    """
+    time: (samples,) epoch seconds; values: (samples,) normalised."""
     chosen, gaps = thin(np.arange(len(values)) if index is None else index, values, points)
     x = np.insert(time[chosen], gaps, time[chosen][gaps])
     y = np.insert(values[chosen], gaps, np.nan)
@@ -297,23 +270,16 @@ def over_time(time: FloatArray, values: FloatArray, span: tuple[float, float], n
 
 
 def thin(index: IntArray, values: FloatArray, points: int = POINTS) -> tuple[IntArray, list[int]]:
-    """Return which samples to draw, at most `points`, and before which of them the line breaks at a gap.
-
-    index: (samples,) grid numbers, values: (samples,). Of each piece the smallest and the largest value stay.
-    """
+    """Return which samples to draw, at most `points`, and before which of them the line breaks at a gap: the smallest
+    and the largest of each piece. index: (samples,) grid numbers, values: (samples,)."""
     n = len(values)
     chosen = np.arange(n)
     if n > points:
         width = -(-n // (points // 2))
-        padded = np.full(-(-n // width) * width, np.nan)
-        padded[:n] = values
-        pieces = padded.reshape(-1, width)
-        known = np.isfinite(pieces)
-        low = np.where(known, pieces, np.inf).argmin(axis=1)
-        high = np.where(known, pieces, -np.inf).argmax(axis=1)
-        both = np.sort(np.stack([low, high], axis=1), axis=1) + width * np.arange(len(pieces))[:, None]
-        chosen = np.unique(np.minimum(both.ravel(), n - 1))
-    piece = np.concatenate([[0], np.cumsum(np.diff(index) > 1)])[chosen] if n else chosen
+        pieces = np.pad(values, (0, -n % width), constant_values=np.nan).reshape(-1, width)
+        ends = [np.where(np.isfinite(pieces), sign * pieces, np.inf).argmin(axis=1) for sign in (1.0, -1.0)]
+        chosen = np.unique(np.minimum(ends + width * np.arange(len(pieces)), n - 1))
+    piece = np.cumsum(np.diff(index, prepend=index[:1]) > 1)[chosen]
     return chosen, (np.flatnonzero(np.diff(piece)) + 1).tolist()
 
 
@@ -373,8 +339,7 @@ def plant(rows: Sequence[PlantRow], tick: str) -> Figure:
     for group in dict.fromkeys(row.group for row in rows):
         own = [(k, row) for k, row in enumerate(rows) if row.group == group]
         at = [100 * (row.size or row.below or 0.0) for _, row in own]
-        spans = [None if row.size is None or row.interval is None else (100 * row.interval[0], 100 * row.interval[1])
-                 for _, row in own]
+        spans = [None if row.size is None else row.interval for _, row in own]
         colour = COLOURS[own[0][1].mark]
         line = trace(at, [k for k, _ in own], f"{group} ({len(own)})", colour, mode="markers+text", size=10, hover="",
                      text=[row.words for _, row in own], textposition="middle right", cliponaxis=False,
@@ -389,23 +354,21 @@ def plant(rows: Sequence[PlantRow], tick: str) -> Figure:
                      size=16, hover=f"{tick} %{{x:.2f}} %<extra></extra>")
         line["marker"]["line"] = {"width": 3}
         data.append(line)
-    layout: Figure = {
-        "xaxis": axis("dead band [% of output span]", rangemode="tozero"),
-        "yaxis": {"tickvals": [*range(len(rows))], "ticktext": [picture(row.loop, 16) for row in rows],
-                  "fixedrange": True, "range": [len(rows) - 0.4, -0.6], "zeroline": False},
-        "height": 130 + 26 * len(rows)}
+    sizes, weeks = axis("dead band [% of output span]", rangemode="tozero"), Figure()
     if any(row.last for row in rows):
         data += _last_weeks(rows)
-        layout["xaxis"]["domain"] = [0.0, 0.6]
-        layout["xaxis2"] = {"type": "date", "domain": [0.66, 1.0], "showgrid": False, "showticklabels": False}
-    return {"data": data, "layout": layout}
+        sizes["domain"] = [0.0, 0.6]
+        weeks = {"xaxis2": DATES | {"domain": [0.66, 1.0], "showgrid": False, "showticklabels": False}}
+    names = {"tickvals": [*range(len(rows))], "ticktext": [picture(row.loop, 16) for row in rows],
+             "fixedrange": True, "range": [len(rows) - 0.4, -0.6], "zeroline": False}
+    return figure(data, sizes, names, height=130 + 26 * len(rows), **weeks)
 
 
 def bars(at: Sequence[float], spans: Sequence[tuple[float, float] | None], colour: str, **more: Any) -> Figure:
-    """Intervals as error bars, none where there is no interval."""
-    both = [span or (x, x) for x, span in zip(at, spans, strict=True)]
-    above, below = ([round(max(sign * (span[side] - x), 0.0), 4) for x, span in zip(at, both, strict=True)]
-                    for side, sign in ((1, 1.0), (0, -1.0)))
+    """Intervals [span] of sizes [%] as error bars, none where there is no interval."""
+    both = [(x, x) if span is None else (100 * span[0], 100 * span[1]) for x, span in zip(at, spans, strict=True)]
+    below, above = ([round(max(sign * (span[side] - x), 0.0), 4) for x, span in zip(at, both, strict=True)]
+                    for side, sign in ((0, -1.0), (1, 1.0)))
     return {"type": "data", "symmetric": False, "color": colour, "array": above, "arrayminus": below, **more}
 
 

@@ -18,8 +18,7 @@ from ..errors import BacklashError
 LEFT_BEHIND = 86400.0  # seconds; no run takes a day to write one file
 _TEMPORARY = re.compile(r"\.backlash-[0-9a-f]{12}\.tmp")
 _MENDED = {
-    errno.ENOSPC: ("the disk is full", "free some space, or write to another disk"),
-    errno.EDQUOT: ("the disk quota is used up", "free some space, or write to another disk"),
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), ("the disk is full", "free some space, or write to another disk")),
     **dict.fromkeys((errno.EACCES, errno.EPERM), ("no permission to write there", "choose another place")),
     errno.EROFS: ("the disk is read-only", "choose another place"),
     errno.ENOENT: ("the folder does not exist", "make the folder first, or choose another folder"),
@@ -31,7 +30,7 @@ _MENDED = {
 
 
 def write_text(path: str | os.PathLike[str], text: str | Iterable[str]) -> None:
-    """Write a text, or one in pieces, as UTF-8 to `path`, whole or not at all; the old file stays until it is complete.
+    """Write a text, or one in pieces, as UTF-8 to `path`, whole or not at all.
 
     Raises BacklashError when the disk is full or the folder cannot be written; the old file is then untouched.
     """
@@ -44,16 +43,16 @@ def write_text(path: str | os.PathLike[str], text: str | Iterable[str]) -> None:
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a temporary file to write to, and move it to `path` when the block ends well.
 
-    The temporary file stands in the same folder, because only then is the move one step for every reader. On any
-    failure, and on Ctrl-C, it is removed and `path` keeps its old content. A link is followed; a device or pipe
-    (/dev/stdout, /dev/null) is written straight, since it must not be replaced by a file.
+    It stands in the same folder, because only then is the move one step for every reader. On any failure, and on
+    Ctrl-C, it is removed and `path` keeps its old content. A link is followed; a device or pipe (/dev/stdout) is
+    written straight, since it must not be replaced by a file. Raises BacklashError as `write_text`.
     """
     target = Path(os.path.realpath(path))
     with _told(path):
         mode = target.stat().st_mode if target.exists() else None
+        if target.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "is a folder")
         if mode is not None and not stat.S_ISREG(mode):
-            if stat.S_ISDIR(mode):
-                raise IsADirectoryError(errno.EISDIR, "is a folder")
             yield target
             return
         _sweep(target.parent)
@@ -88,8 +87,7 @@ def _told(path: str | os.PathLike[str]) -> Iterator[None]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        known = _MENDED.get(error.errno or 0)
-        what, remedy = known or (error.strerror or str(error), "choose another place")
+        what, remedy = _MENDED.get(error.errno or 0, (error.strerror or str(error), "choose another place"))
         raise BacklashError(f"cannot write: {what}", where=str(path), remedy=remedy, code="cannot_write") from error
 
 

@@ -11,17 +11,17 @@ from typing import Any
 
 from .._version import __version__
 from ..results import Compensator, Verdict
-from ..results.history import DAY, HalfPeriod, Night, Place, Repair, Run, Segment, Wear, day_text
+from ..results.history import DAY, HalfPeriod, Night, Place, Repair, Run, Segment, Wear
 from . import figures as fig
 from .figures import Figure
 from .json_report import fields_of, iso_time
-from .page import LoopPart, PlantPages, is_page
-from .report import Report
+from .page import is_page
+from .report import LoopPart, Report
 from .safe import picture
-from .templates import screen, sentence
+from .templates import lines, screen, sentence
+from .words import TITLES, day
 
 WIDTH = 160  # lines of names, dates and numbers are not wrapped
-TO_DO = {"pull": "pull", "room": "pull if room", "watch": "watch", "leave": "leave alone", "check": "check"}
 MARKS = {"pull": "bad", "room": "warn", "watch": "warn", "leave": "good", "check": "quiet"}
 DRAWN = 60  # loops with figures in a single file
 RANKED = 40  # loops in the picture of the plant
@@ -38,40 +38,36 @@ def loops_text(nights: Mapping[str, Sequence[Night]], repairs: Mapping[str, Sequ
 
 def runs_text(runs: Sequence[Run]) -> str:
     """Return one line per run that added to the history, in the order of their data."""
-    return screen("runs.txt", width=WIDTH, runs=runs, day_text=day_text)
+    return screen("runs.txt", width=WIDTH, runs=runs)
 
 
 def trend(wears: Mapping[str, Wear], places: Sequence[Place]) -> Report:
     """Return wear and ranking of all loops in the order of repair; verbose: why every loop has its place."""
-    content = {"wears": wears, "places": places, "day_text": day_text, "growth": growth, "to_do": TO_DO}
+    content = {"wears": wears, "places": places, "growth": growth}
     return Report("trend", "", content, lambda: {"loops": [_wear(wears[place.loop], place) for place in places]},
                   width=WIDTH)
 
 
 def _wear(wear: Wear, place: Place) -> dict[str, Any]:
     """Return one loop's wear with the names of the contract; dead bands are shares of the output span."""
-    now, h, date = wear.now, wear.held_out, wear.limit_date
+    now, h, date = wear.now, wear.held_out, wear.limit_date and [*map(day, wear.limit_date)]
     return {
-        **{name: getattr(wear, name) for name in ("loop", "nights", "state", "message")},
-        "slope_per_day": _slope(now),
+        "message": sentence("outlook", wear), "why": lines("why_place", place, wear),
+        **{name: getattr(wear, name) for name in ("loop", "nights", "state")},
+        **{name: getattr(place, name) for name in ("rank", "action", "confidence")},
+        "ratio_to_limit": place.ratio, "slope_per_day": _slope(now),
         "level": None if now is None or now.level_ci95 is None else {"value": now.level, "ci95": now.level_ci95},
         "limit": wear.limit.value, "limit_class": wear.limit.name, "limit_source": wear.limit.source,
-        "limit_date": None if date is None else {
-            "value": day_text(date[0]), "ci95": [day_text(date[1]), day_text(date[2])]},
-        "model": wear.model or None,
-        "held_out": None if h is None else {
-            "nights": h.nights, "since": day_text(h.since), "straight_line_error": h.line, "local_error": h.local,
+        "limit_date": date and {"value": date[0], "ci95": date[1:]}, "model": wear.model or None,
+        "held_out": h and {
+            "nights": h.nights, "since": day(h.since), "straight_line_error": h.line, "local_error": h.local,
             "straight_line_bias": h.bias, "straight_line_holds": h.line_holds},
         "repairs": [{"date": r.date.isoformat(), **fields_of(r, "loop"), "time": iso_time(r.time)}
                     for r in wear.repairs],
-        "segments": [{"start": day_text(s.first), "end": day_text(s.last), "nights": s.nights,
+        "segments": [{"start": day(s.first), "end": day(s.last), "nights": s.nights,
                       "below_detection": s.below, "slope_per_day": _slope(s), "level_start": s.level_first,
                       "level_end": s.level} for s in wear.segments],
-        "gaps": [{"date": day, "code": code} for day, code in wear.gaps],
-        "missing_days": wear.missing,
-        **{name: getattr(place, name) for name in ("rank", "action", "why")},
-        "ratio_to_limit": place.ratio, "confidence": place.confidence,
-    }
+        "gaps": [{"date": day, "code": code} for day, code in wear.gaps], "missing_days": wear.missing}
 
 
 def _slope(segment: Segment | None) -> dict[str, Any]:
@@ -87,22 +83,20 @@ def growth(now: Segment | None) -> float | None:
 
 def write_report(output: Path, places: Sequence[Place], wears: Mapping[str, Wear],
                  nights: Mapping[str, Sequence[Night]], half_periods: Callable[[str], Sequence[HalfPeriod]]) -> None:
-    """Write one .html file, figures for the first 60 places and numbers for all, or a folder for any other name.
-
-    The old report stays until the new one is whole. half_periods: gives the recent half periods of a loop by its name.
-    """
+    """Write one .html file, figures for the first 60 places and numbers for all, or a folder for any other name; the
+    old report stays until the new one is whole. half_periods: gives the recent half periods of a loop by its name."""
     single = is_page(output)
     times = [n.time for found in nights.values() for n in found]
-    first, last = (day_text(edge(times)) if times else None for edge in (min, max))  # the clock is not asked
-    subtitle = sentence("made", len(nights), first, last, __version__, len(times))
-    loops = [LoopPart(p.loop, MARKS[p.action], sentence("brief_wear", p, wears[p.loop]), "wear_loop.html",
-                      partial(_loop, p, wears[p.loop], nights[p.loop], half_periods, not single or p.rank <= DRAWN))
-             for p in places]
-    content = {"places": places, "wears": wears, "picture": plant_picture(places[:RANKED], wears, nights),
-               "counts": Counter(p.title for p in places), "cut": DRAWN * (single and len(places) > DRAWN),
-               "ranked": RANKED, "weeks": WEEKS, "marks": MARKS, "day_text": day_text, "growth": growth}
+    first, last = (day(edge(times)) if times else None for edge in (min, max))  # the clock is not asked
+    content = {"places": places, "wears": wears, "counts": Counter(TITLES[p.action] for p in places), "ranked": RANKED,
+               "cut": DRAWN * (single and len(places) > DRAWN), "weeks": WEEKS, "marks": MARKS, "growth": growth}
     told = (places, [[n.digest for n in nights[p.loop]] for p in places], [wears[p.loop] for p in places])
-    PlantPages("Valve wear report", subtitle, "wear.html", content, loops).write(output, told)
+    Report("wear", "Valve wear report", content, drawn=lambda: {
+        "picture": plant_picture(places[:RANKED], wears, nights)},
+           subtitle=sentence("made", len(nights), first, last, __version__, len(times)), loops=lambda: [
+        LoopPart(p.loop, MARKS[p.action], sentence("brief_wear", p, wears[p.loop]), "wear_loop.html",
+                 partial(_loop, p, wears[p.loop], nights[p.loop], half_periods, not single or p.rank <= DRAWN))
+        for p in places]).write(output, told)
 
 
 def plant_picture(places: Sequence[Place], wears: Mapping[str, Wear], nights: Mapping[str, Sequence[Night]]) -> Figure:
@@ -112,10 +106,9 @@ def plant_picture(places: Sequence[Place], wears: Mapping[str, Wear], nights: Ma
     for p in places:
         wear, now = wears[p.loop], wears[p.loop].now
         last = sorted((n.time, n.d) for n in nights[p.loop] if n.d is not None and n.time >= since)
-        level = None if now is None else now.level
-        rows.append(fig.PlantRow(
-            p.loop, p.title, MARKS[p.action], level, now.level_ci95 if now else None, None, wear.limit.value,
-            "" if level else "no size", sentence("brief_wear", p, wear), tuple(last)))
+        level, ci95 = (now.level, now.level_ci95) if now else (None, None)
+        rows.append(fig.PlantRow(p.loop, TITLES[p.action], MARKS[p.action], level, ci95, None, wear.limit.value,
+                                 "" if level else "no size", sentence("brief_wear", p, wear), tuple(last)))
     return fig.plant(rows, "limit")
 
 
@@ -135,14 +128,12 @@ def _loop(place: Place, wear: Wear, nights: Sequence[Night], half_periods: Calla
 def _wear_figure(nights: Sequence[Night], wear: Wear) -> Figure:
     """Return dead band over time in % of the output span, with the lines between repairs and the limit."""
     first, last = min(n.time for n in nights), max([*(n.time for n in nights), *(p[0] for p in wear.forecast)])
-    limit = 100 * wear.limit.value
-    lines = []
+    limit, lines = 100 * wear.limit.value, []
     for suspected, name, symbol in ((False, "night", "circle"), (True, "suspected", "circle-open")):
         own = [n for n in nights if n.measured and (n.verdict is Verdict.SUSPECTED) is suspected]
         line = fig.dots([(n.time, n.d or 0.0) for n in own], name, fig.EVIDENCE, symbol=symbol, size=7,
                         hover="%{x|%Y-%m-%d}: %{y:.2f} %")
-        spans = [None if n.ci95 is None else (100 * n.ci95[0], 100 * n.ci95[1]) for n in own]
-        lines.append(line | {"error_y": fig.bars(line["y"], spans, fig.QUIET, thickness=1, width=2)})
+        lines.append(line | {"error_y": fig.bars(line["y"], [n.ci95 for n in own], fig.QUIET, thickness=1, width=2)})
     below = [(n.time, n.limit_of_detection or 0.0) for n in nights if n.below_detection]
     lines.append(fig.dots(below, "below detection", fig.SETPOINT, symbol="triangle-down-open",
                           hover="%{x|%Y-%m-%d}: below %{y:.2f} %"))
@@ -152,14 +143,13 @@ def _wear_figure(nights: Sequence[Night], wear: Wear) -> Figure:
         lines += _band(wear.forecast, "if it goes on", dash="dot", width=2)
     lines.append(fig.trace([fig.ms(first), fig.ms(last)], [limit, limit], f"limit {limit:.2g} %", fig.OUTPUT,
                            dash="dash", width=2, hoverinfo="name", hover=""))
-    repairs = [(fig.ms(r.time), "repair found" if r.found else f"repair: {r.note}" if r.note else "repair")
-               for r in wear.repairs]
-    shapes = [fig.across("x", at, fig.QUIET, width=2, dash="dashdot") for at, _ in repairs]
-    words = [fig.written(picture(note, 30), at, 1.0, yref="paper", xanchor="left", yanchor="top", xshift=4)
-             for at, note in repairs]
-    return {"data": [line for line in lines if line["x"]], "layout": {
-        "xaxis": {"type": "date"}, "yaxis": fig.axis("dead band [% of output span]", rangemode="tozero"),
-        "height": 420, "shapes": shapes, "annotations": words, "margin": {"t": 60}}}
+    words = [fig.written(picture("repair found" if r.found else f"repair: {r.note}" if r.note else "repair", 30),
+                         fig.ms(r.time), 1.0, yref="paper", xanchor="left", yanchor="top", xshift=4)
+             for r in wear.repairs]
+    shapes = [fig.across("x", note["x"], fig.QUIET, width=2, dash="dashdot") for note in words]
+    return fig.figure([line for line in lines if line["x"]], fig.DATES, fig.axis(
+        "dead band [% of output span]", rangemode="tozero"), height=420, shapes=shapes, annotations=words,
+        margin={"t": 60})
 
 
 def _half_period_figure(half_periods: Sequence[HalfPeriod]) -> Figure:
@@ -169,8 +159,8 @@ def _half_period_figure(half_periods: Sequence[HalfPeriod]) -> Figure:
         part = [p for p in half_periods if p.accepted and p.joined is joined]
         groups.append(fig.dots([(p.start, p.d) for p in part], name, fig.EVIDENCE, symbol=symbol, size=6,
                                hover="%{y:.2f} % (%{text})", text=[f"{p.dt_s:.4g} s long" for p in part]))
-    return {"data": [g for g in groups if g["x"]], "layout": {
-        "xaxis": {"type": "date"}, "yaxis": fig.axis("estimate [% of output span]", rangemode="tozero"), "height": 320}}
+    return fig.figure([g for g in groups if g["x"]], fig.DATES, fig.axis(
+        "estimate [% of output span]", rangemode="tozero"), height=320)
 
 
 def _band(path: Sequence[tuple[float, ...]], name: str, *, shown: bool = True, **line: Any) -> list[Figure]:

@@ -33,21 +33,17 @@ def json_parts(result: results.ScanResult) -> Iterator[str]:
 
 def loop(report: results.LoopReport) -> dict[str, Any]:
     """Return one loop's report as plain values, names as in the contract; times are ISO 8601 in UTC."""
-    s, confirmed = report.settings, report.confirmation
     found: dict[str, Any] = strict({
-        **fields_of(report, "carry"), "start": iso_time(report.start), "end": iso_time(report.end), "estimates": (),
-        "settings": {**fields_of(s), "Tf": s.filter_time},
-        "confirmation": None if confirmed is None else fields_of(confirmed, "profile")})
+        **fields_of(report), "start": iso_time(report.start), "end": iso_time(report.end), "estimates": (),
+        "settings": {**fields_of(report.settings), "Tf": report.settings.filter_time}})
     return found | {"estimates": half_periods(report.estimates)}
 
 
 def half_periods(found: Iterable[results.Estimate]) -> list[dict[str, Any]]:
-    """Return half periods as strict values: a plant has hundreds of thousands of them."""
-    found = list(found)
-    starts, ends = (times(np.array([getattr(e, name) for e in found])) for name in ("start", "end"))
-    return [{"start": start, "end": end, "dt_s": shown(e.dt_s), "dy": shown(e.dy), "e_max": shown(e.e_max),
-             "d": shown(e.d), "direction": e.direction, "accepted": e.accepted, "why": e.why}
-            for e, start, end in zip(found, starts, ends, strict=True)]
+    """Return half periods as strict values."""
+    rows = [*map(vars, found)]
+    starts, ends = (times(np.array([row[name] for row in rows])) for name in ("start", "end"))
+    return [strict({**row, "start": start, "end": end}) for row, start, end in zip(rows, starts, ends, strict=True)]
 
 
 def header() -> dict[str, Any]:
@@ -81,8 +77,8 @@ def strict(value: Any) -> Any:
 
 
 def fields_of(value: Any, *without: str) -> dict[str, Any]:
-    """Return the fields of a result by name, but for those named."""
-    return {f.name: getattr(value, f.name) for f in fields(value) if f.name not in without}
+    """Return the fields of a result by name, but for those named and those that its `repr` leaves out, too."""
+    return {f.name: getattr(value, f.name) for f in fields(value) if f.repr and f.name not in without}
 
 
 def shown(value: float) -> float | None:
@@ -93,7 +89,7 @@ def shown(value: float) -> float | None:
 
 def iso_time(epoch: float | None) -> str | None:
     """Return UTC epoch seconds as ISO 8601 text, with a fraction only where there is one; None if not a date."""
-    return None if epoch is None else times(np.array([epoch], dtype=np.float64))[0]
+    return None if epoch is None else times(np.array([epoch]))[0]
 
 
 def times(epoch: FloatArray) -> list[str | None]:
@@ -109,63 +105,42 @@ def times(epoch: FloatArray) -> list[str | None]:
             for stamp, there in zip(stamps, known.tolist(), strict=True)]
 
 
-
 def judged(found: results.Judged) -> dict[str, Any]:
     """Return a comparison or an explanation with names as in the contract, its values as `strict` takes them."""
-    s = found.series
+    s, kept = found.series, found.model
     first, last = (s.time[[0, -1]].tolist() if s is not None and len(s.time) else (None, None))
+    effects = [{"effect": f.effect, "confidence": f.confidence or None, **_fitted(f), "sentence": f.sentence,
+                "notes": f.notes} for f in found.effects]
     own = _explanation(found) if isinstance(found, results.Explanation) else _comparison(found)
     return {
-        **header(), "loop": found.loop, "start": iso_time(first), "end": iso_time(last),
-        "samples": None if s is None else s.used.sum(), "baseline": _fitness(found.baseline),
-        "noise_floor": found.noise_floor, **own, "unexplained": found.unexplained,
-        "effects": [{"effect": f.effect, "confidence": f.confidence or None, **_fitted(f), "sentence": f.sentence,
-                     "notes": f.notes} for f in found.effects],
-        "where": [fields_of(r, "stretches") for r in found.where],
-        **{name: getattr(found, name) for name in ("reasons", "warnings", "details")},
-        "model": None if found.model is None else _kept(found.model)}
+        **header(), **fields_of(found), "start": iso_time(first), "end": iso_time(last), "effects": effects,
+        "samples": None if s is None else s.used.sum(), "model": kept and {
+            **fields_of(kept), "start": iso_time(kept.start), "end": iso_time(kept.end),
+            "effects": [{"effect": e.reference, "column": e.column or None, **e.parameters} for e in kept.effects]},
+        **own}
 
 
 def _explanation(e: results.Explanation) -> dict[str, Any]:
     tried = ("effect", "rmse_holdout", "error_reduction", "evidence", "verdict", "why")
-    return {
-        "candidates": [{**{name: getattr(c, name) for name in tried}, **_fitted(c)} for c in e.candidates],
-        "steps": [fields_of(s, "prediction") for s in e.steps],
-        **{name: getattr(e, name) for name in ("missing_effect", "adequate", "rest", "verdict", "look_alikes")},
-        "where_before": [fields_of(r, "stretches") for r in e.where_before],
-        "margin": None if e.margin is None else {"evidence": e.margin[0], "runner_up": e.margin[1]},
-        "final": None if e.final is None else _fitness(e.final)}
+    return {"candidates": [{**{name: getattr(c, name) for name in tried}, **_fitted(c)} for c in e.candidates],
+            "margin": e.margin and dict(zip(("evidence", "runner_up"), e.margin, strict=True))}
 
 
 def _comparison(c: Any) -> dict[str, Any]:
-    """The same fields: no candidates, and the model's effects as they stand."""
+    """The fields of an explanation: no candidates, and the model's effects as they stand."""
     steps: list[dict[str, Any]] = [{"added": None, **fields_of(c.baseline, "parameters")}]
     if not c.fitted:
         name = c.effects[-1].effect if c.effects else "model"
         steps.append({"added": name, **fields_of(c.fitness, "parameters"), "chosen": "user"})
-    return {"fitness": _fitness(c.fitness), "fitted": c.fitted, "seen": c.seen, "candidates": [], "steps": steps,
-            "missing_effect": None}
-
-
-def _fitness(f: results.Fitness) -> dict[str, Any]:
-    return {**fields_of(f), "parameters": _parameters(f.parameters)}
-
-
-def _parameters(given: Mapping[str, results.FittedParameter], *, nuisance: bool = False) -> dict[str, Any]:
-    return {name: {"value": p.value, "ci95": p.ci95, "unit": p.unit} for name, p in given.items()
-            if p.nuisance is nuisance}
+    return {"candidates": [], "steps": steps, "missing_effect": None}
 
 
 def _fitted(found: results.FittedEffect) -> dict[str, Any]:
     """Parameters of an effect; what only says how the record began stands apart."""
     column = {"column": {"value": found.column, "ci95": None, "unit": ""}} if found.column else {}
-    return {"parameters": {**column, **_parameters(found.parameters)},
-            "start_values": _parameters(found.parameters, nuisance=True)}
-
-
-def _kept(m: results.Model) -> dict[str, Any]:
-    return {**fields_of(m, "rmse_holdout"), "start": iso_time(m.start), "end": iso_time(m.end),
-            "effects": [{"effect": e.reference, "column": e.column or None, **e.parameters} for e in m.effects]}
+    own, start = ({name: p for name, p in found.parameters.items() if p.nuisance is nuisance}
+                  for nuisance in (False, True))
+    return {"parameters": {**column, **own}, "start_values": start}
 
 
 _line = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode

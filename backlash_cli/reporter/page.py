@@ -1,8 +1,7 @@
 """Report pages: one HTML file that holds everything, works from disk and offline, and lets nothing out.
 
-What a page says stands in templates/NAME.html, built from the sections, tables and figures of templates/parts.html.
-All text is escaped by the template engine; scripts are allowed by their fingerprint only, so markup in a tag name can
-neither show nor run.
+What a page says stands in templates/NAME.html. All text is escaped by the template engine; scripts are allowed by their
+fingerprint only, so markup in a tag name can neither show nor run.
 """
 
 from __future__ import annotations
@@ -14,9 +13,8 @@ import hashlib
 import math
 import re
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache, partial
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -24,9 +22,8 @@ from typing import Any
 import msgspec
 from markupsafe import Markup
 
-from .._version import __version__
 from .files import make_folder, write_text
-from .safe import file_names, shorten
+from .safe import file_names
 from .templates import environment
 
 BACK: Mapping[str, Any] = {"plotly_file": "plotly.js", "back": ("../index.html", "All loops")}  # of a folder's pages
@@ -38,27 +35,28 @@ def page(template: str, title: str, *, subtitle: str = "", plotly_file: str = ""
     """Return the HTML of a whole page, self-contained: styles, scripts, data and the plotting library are inside.
 
     template: file that says what stands on the page; content: the values it asks for. Figures (plotly Figure, or its
-    dict) and library are packed, a third of their size, and the browser unpacks them. plotly_file: relative address of
-    a plotly.js beside the page, for folders of many pages, instead of the library inside. back: (address, words) of a
-    link above the title.
+    dict) and library are packed, a third of their size. plotly_file: relative address of a plotly.js beside the page
+    instead of the library inside. back: (address, words) of a link above the title.
     """
     figures: list[str] = []  # as text, a fifth of the memory that their numbers take
-    body = environment("html").get_template(template).render(plot=partial(_plot, figures), cell=cell, **content)
-    script, library = _asset("page.js"), plotly_script() if figures and not plotly_file else ""
-    allowed = " ".join(_fingerprint(s) for s in (library, script) if s)
+
+    def plot(figure: Any) -> Markup:
+        """Keep a figure as JSON, null for numbers that JSON does not know, and return the place where it is drawn."""
+        figures.append(figure.to_json() if hasattr(figure, "to_json") else
+                       msgspec.json.encode(figure, enc_hook=lambda value: value.tolist()).decode())
+        return Markup('<div class="plot"></div>')
+
+    body = environment("html").get_template(template).render(plot=plot, cell=cell, **content)
+    style, script = (files(__package__).joinpath(f"templates/page.{kind}").read_text("utf-8") for kind in ("css", "js"))
+    library = plotly_script() if figures and not plotly_file else ""
+    allowed = [f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in (library, script)
+               if s]
     if figures and plotly_file:
-        allowed += " 'self' file:"  # a page opened from disk has no origin of its own; file: is its folder
+        allowed += ["'self'", "file:"]  # a page opened from disk has no origin of its own; file: is its folder
     return environment("html").get_template("page.html").render(
-        title=title, subtitle=subtitle, body=body, style=_asset("page.css"), script=script, allowed=allowed, back=back,
+        title=title, subtitle=subtitle, body=body, style=style, script=script, allowed=" ".join(allowed), back=back,
         figures=_packed(f"[{','.join(figures)}]") if figures else "", plotly=library and _packed_plotly(),
         plotly_file=plotly_file if figures else "")
-
-
-def _plot(figures: list[str], figure: Any) -> Markup:
-    """Keep a figure as JSON, where numbers that JSON does not know are null, and return the place where it is drawn."""
-    figures.append(figure.to_json() if hasattr(figure, "to_json") else
-                   msgspec.json.encode(figure, enc_hook=lambda value: value.tolist()).decode())
-    return Markup('<div class="plot"></div>')
 
 
 @cache
@@ -79,71 +77,13 @@ def _packed(text: str) -> str:
     return base64.b64encode(gzip.compress(text.encode("utf-8"), mtime=0)).decode("ascii")
 
 
-@cache
-def _asset(name: str) -> str:
-    return files("backlash_cli.reporter").joinpath("templates", name).read_text("utf-8")
-
-
-def _fingerprint(script: str) -> str:
-    digest = hashlib.sha256(script.encode("utf-8")).digest()
-    return f"'sha256-{base64.b64encode(digest).decode()}'"
-
-
 def cell(value: Any, text: str = "") -> dict[str, Any]:
     """Return what a table needs to know of a value: how it is shown and sorted, and whether it is a number."""
     raw = value.item() if hasattr(value, "item") else value
     number = isinstance(raw, int | float) and not isinstance(raw, bool) and math.isfinite(raw)
     shown = f"{raw:.4g}" if isinstance(raw, float) else str(raw)
-    if raw is None or (isinstance(raw, float) and not number):
-        shown = "–"
-    elif isinstance(raw, bool):
-        shown = "yes" if raw else "no"
+    shown = {"None": "–", "nan": "–", "inf": "–", "-inf": "–", "True": "yes", "False": "no"}.get(repr(raw), shown)
     return {"text": text or shown, "key": repr(raw) if number else "" if shown == "–" else shown, "number": number}
-
-
-@dataclass(frozen=True)
-class LoopPart:
-    """One loop of a report."""
-
-    name: str
-    mark: str
-    brief: str  # one line on it
-    template: str  # of its part, and what makes the content of that
-    content: Callable[[], Mapping[str, Any]]
-
-
-@dataclass(frozen=True)
-class PlantPages:
-    """A report on many loops: its overview, and a part for each."""
-
-    title: str
-    subtitle: str
-    overview: str  # template, and the values it asks for besides `links` to the parts
-    content: Mapping[str, Any]
-    loops: Sequence[LoopPart]
-
-    def page(self) -> str:
-        """Return one self-contained page with every loop folded below the overview."""
-        links = {one.name: f"#loop-{i}" for i, one in enumerate(self.loops)}
-        return page("loops.html", self.title, subtitle=self.subtitle, loops=self.loops, overview=self.overview,
-                    links=links, **self.content)
-
-    def write(self, output: Path, told: object, step: Callable[[], None] = lambda: None) -> None:
-        """Write that page, or for a name without .html a folder: index.html and a page per loop, loaded when opened.
-
-        told: tells this report from others. step: called after each page. The old report is whole until the new one is.
-        """
-        def pages() -> Iterator[tuple[str, dict[str, str]]]:
-            for one in self.loops:
-                yield one.name, {"html": page(one.template, shorten(one.name, 120), subtitle=one.brief,
-                                              x=one.content(), **BACK)}
-                step()
-
-        if is_page(output):
-            write_text(output, self.page())
-        else:
-            write_pages(output, (__version__, told), [one.name for one in self.loops], pages(), lambda **where: page(
-                self.overview, self.title, subtitle=self.subtitle, **where, **self.content))
 
 
 def is_page(output: Path) -> bool:
@@ -161,10 +101,9 @@ def write_pages(folder: Path, told: object, loops: Iterable[str], pages: Iterabl
     """
     mark = hashlib.sha256(repr(told).encode("utf-8", "backslashreplace")).hexdigest()[:12]
     subfolder, names, links = folder / f"loops-{mark}", file_names(loops), {}
-    previous = None  # the subfolder that the present index.html points to
+    before = ""  # the subfolder that the present index.html points to
     with contextlib.suppress(OSError, ValueError):
-        previous = _PAGES.search((folder / "index.html").read_text("utf-8"))
-    spared = {subfolder.name, previous and previous.group()}
+        before = "".join(_PAGES.findall((folder / "index.html").read_text("utf-8"))[:1])
     make_folder(subfolder)
     try:
         write_text(subfolder / "plotly.js", plotly_script())
@@ -174,9 +113,9 @@ def write_pages(folder: Path, told: object, loops: Iterable[str], pages: Iterabl
             links[loop] = f"{subfolder.name}/{names[loop]}.html"
         write_text(folder / "index.html", index(links=links, plotly_file=f"{subfolder.name}/plotly.js"))
     except BaseException:
-        if previous is None or subfolder.name != previous.group():
+        if subfolder.name != before:
             shutil.rmtree(subfolder, ignore_errors=True)
         raise
     for old in folder.iterdir():
-        if _PAGES.fullmatch(old.name) and old.name not in spared:
+        if _PAGES.fullmatch(old.name) and old.name not in (subfolder.name, before):
             shutil.rmtree(old, ignore_errors=True)

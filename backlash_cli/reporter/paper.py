@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..results.paper import Line, PaperFigure, PaperReport
+from ..results.paper import PaperFigure, PaperReport
 from .figures import GREEN, QUIET, Figure, axis, digits, trace, written
 from .json_report import fields_of
 from .report import Report
@@ -35,16 +35,18 @@ def _plot(figure: PaperFigure) -> Figure:
     """A figure with its panels below each other."""
     n = len(figure.panels)
     height = (1.0 - GAP * (n - 1)) / n
-    data: list[Figure] = []
     layout: Figure = {"height": 190 * n + 160, "annotations": []}
-    shown: set[str] = set()
+    data: list[Figure] = []
     for k, panel in enumerate(figure.panels):
-        mark = "" if k == 0 else str(k + 1)
+        mark = str(k + 1) if k else ""
         top = 1.0 - k * (height + GAP)
-        colours = iter(COLOURS * len(panel.lines))
+        known, colours = {one["name"] for one in data}, iter(COLOURS * len(panel.lines))
         for line in panel.lines:
-            data.append(_line(line, QUIET if line.quiet else next(colours), mark, first=line.name not in shown))
-            shown.add(line.name)
+            data.append(trace(
+                digits(line.x), digits(line.y), line.name, QUIET if line.quiet else next(colours),
+                mode="markers" if len(line.x) == 1 else "lines", width=1.2 if line.quiet else 1.6, dash=line.dash,
+                size=10, symbol="diamond", hover="", showlegend=line.name not in known, legendgroup=line.name,
+                xaxis=f"x{mark}", yaxis=f"y{mark}"))
         for letter, label, limits, more in (
                 ("x", panel.x_label, panel.x_limits, {"anchor": f"y{mark}"}),
                 ("y", panel.y_label, panel.y_limits, {"anchor": f"x{mark}", "domain": [max(top - height, 0.0), top]})):
@@ -57,9 +59,3 @@ def _plot(figure: PaperFigure) -> Figure:
         layout["annotations"] += [written(text, x, y, xref=f"x{mark}", yref=f"y{mark}", yshift=12)
                                   for x, y, text in panel.marks]
     return {"data": data, "layout": layout}
-
-
-def _line(line: Line, colour: str, mark: str, *, first: bool) -> Figure:
-    return trace(digits(line.x), digits(line.y), line.name, colour, mode="markers" if len(line.x) == 1 else "lines",
-                 width=1.2 if line.quiet else 1.6, dash=line.dash, size=10, symbol="diamond", hover="",
-                 showlegend=first, legendgroup=line.name, xaxis=f"x{mark}", yaxis=f"y{mark}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,14 +16,13 @@ import pyarrow.parquet as pq
 from pyarrow import compute, csv
 
 from ..errors import BacklashError, UsageError
-from ..record import FloatArray, Record, SampleState
+from ..record import Record, SampleState
 from .files import replacing, write_text
 from .json_report import strict
 
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 SETTINGS = ("K", "Ti", "Td", "Tf", "Kp", "theta", "pv_range", "op_range")
-# finest step of a written number, in spans: far below any transmitter's resolution
-FINEST = 1e-6
+FINEST = 1e-6  # finest step of a written number, in spans: far below any transmitter's resolution
 
 
 def stem_of(path: Path) -> str:
@@ -36,11 +36,11 @@ def stem_of(path: Path) -> str:
 def write_plant(path: Path, records: Sequence[Record], *, layout: str = "wide", finest: float = FINEST) -> None:
     """Write the records of a plant in engineering units, whole or not at all; the suffix of `path` is the format.
 
-    layout: "wide" (one column per signal; all loops need the same times) or "long" (tag, time, value).
-    finest: rounding of the numbers in spans.
+    layout: "wide" (one column per signal; all loops need the same times) or "long" (tag, time, value). finest: rounding
+    of the numbers in spans.
     """
     stem_of(path)
-    table = _long(records, finest) if layout == "long" else _wide(records, finest)
+    table = (_long if layout == "long" else _wide)(records, finest)
     # Arrow puts no time stamp into gzip, so that the same plant gives the same bytes
     packed = "gzip" if path.name.endswith(".gz") else None
     with replacing(path) as temporary, pa.output_stream(str(temporary), compression=packed) as sink:
@@ -48,10 +48,9 @@ def write_plant(path: Path, records: Sequence[Record], *, layout: str = "wide", 
             pq.write_table(table, sink, compression="zstd")
         else:
             sink.write((",".join(table.column_names) + "\n").encode())
-            times = table["timestamp"]  # ISO 8601 with Z; milliseconds only where a time has them
-            with contextlib.suppress(pa.ArrowInvalid):
+            place, times = table.schema.get_field_index("timestamp"), table["timestamp"]
+            with contextlib.suppress(pa.ArrowInvalid):  # ISO 8601 with Z; milliseconds only where a time has them
                 times = times.cast(pa.timestamp("s", tz="UTC"))
-            place = table.schema.get_field_index("timestamp")
             table = table.set_column(place, "timestamp", compute.strftime(times, "%Y-%m-%dT%H:%M:%SZ"))
             csv.write_csv(table, sink, csv.WriteOptions(include_header=False, quoting_style="none"))
 
@@ -60,7 +59,8 @@ def write_settings(path: Path, records: Iterable[Record]) -> None:
     """Write the loops' settings as `loops.toml` that `scan` finds beside the export."""
     lines = ["# Settings of the loops: gains on signals normalised by the ranges, times in seconds."]
     for record in records:
-        lines += ["", f"[loops.{_key(record.loop)}]"]
+        bare = re.fullmatch("[A-Za-z0-9_-]+", record.loop)
+        lines += ["", f"[loops.{record.loop if bare else json.dumps(record.loop, ensure_ascii=False)}]"]
         lines += [f"{name} = {json.dumps(strict(value))}" for name in SETTINGS
                   if (value := getattr(record.settings, name)) is not None and not (name == "Td" and value == 0.0)]
     write_text(path, "\n".join(lines) + "\n")
@@ -68,8 +68,8 @@ def write_settings(path: Path, records: Iterable[Record]) -> None:
 
 def write_truth(path: Path, rows: Iterable[Sequence[object]]) -> None:
     """Write what was planted, one row per loop and parameter: loop, effect, parameter, value, unit."""
-    text = ["loop,effect,parameter,value,unit", *(",".join(str(cell) for cell in row) for row in rows)]
-    write_text(path, "\n".join(text) + "\n")
+    write_text(path, "".join(",".join(map(str, row)) + "\n" for row in (
+        ("loop", "effect", "parameter", "value", "unit"), *rows)))
 
 
 def _wide(records: Sequence[Record], finest: float) -> pa.Table:
@@ -94,29 +94,20 @@ def _long(records: Sequence[Record], finest: float) -> pa.Table:
 
 def _signals(record: Record, finest: float) -> dict[str, Any]:
     """Columns of one loop in engineering units, name -> (samples,); MODE only where the loop was ever in manual."""
-    def engineering(values: FloatArray, low: float, high: float) -> FloatArray:
-        decimals = max(0, math.ceil(-math.log10(abs(high - low) * finest) - 1e-9))
-        return np.round(low + (high - low) * values, decimals) + 0.0
-
-    s = record.settings
-    columns: dict[str, Any] = {"SP": engineering(record.setpoint, *s.pv_range),
-                               "PV": engineering(record.measurement, *s.pv_range)}
-    if record.output is not None:
-        columns["OP"] = engineering(record.output, *s.op_range)
-    manual = record.state == SampleState.MANUAL
+    s, manual = record.settings, record.state == SampleState.MANUAL
+    columns: dict[str, Any] = {}
+    for name, values, (low, high) in (("SP", record.setpoint, s.pv_range), ("PV", record.measurement, s.pv_range),
+                                      ("OP", record.output, s.op_range)):
+        if values is not None:
+            decimals = max(0, math.ceil(-math.log10(abs(high - low) * finest) - 1e-9))
+            columns[name] = np.round(low + (high - low) * values, decimals) + 0.0
     if manual.any():
         columns["MODE"] = np.where(manual, "MAN", "AUTO")
     for name, values in record.disturbances.items():
         # five significant digits of its own swing: the span of a further signal is not known
-        swing = float(np.ptp(values)) or 1.0
-        columns[name] = np.round(values, max(0, 5 - math.ceil(math.log10(swing))))
+        columns[name] = np.round(values, max(0, 5 - math.ceil(math.log10(float(np.ptp(values)) or 1.0))))
     return columns
 
 
 def _times(record: Record) -> Any:
     return pa.array(np.round(record.time * 1e3).astype(np.int64), type=pa.timestamp("ms", tz="UTC"))
-
-
-def _key(name: str) -> str:
-    bare = name.replace("-", "").replace("_", "").isalnum() and name.isascii()
-    return name if bare else json.dumps(name, ensure_ascii=False)  # a text of JSON is one of TOML

@@ -13,7 +13,7 @@ import unicodedata
 from collections.abc import Iterable
 
 _NAMED = {"\n": "\\n", "\r": "\\r", "\t": "\\t", "\x1b": "\\e"}
-_FORMULA = "=+-@|%\t\r\n＝＋－＠"
+_FORMULA = tuple("=+-@|%\t\r\n＝＋－＠")
 _RESERVED = {"con", "prn", "aux", "nul", *(f"com{i}" for i in range(10)), *(f"lpt{i}" for i in range(10))}
 
 
@@ -28,21 +28,15 @@ def terminal(text: object, limit: int = 2000) -> str:
 
 def _visible(text: str, kept: str = "") -> str:
     """Control characters, invisible format and direction marks, surrogates and line separators spelled out."""
-    def one(c: str) -> str:
-        code = ord(c)
-        if c in kept or c.isprintable() or unicodedata.category(c) == "Zs":
-            return c
-        return _NAMED.get(c) or (f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}")
-
-    return text if text.isprintable() else "".join(map(one, text))
+    return text if text.isprintable() else "".join(
+        c if c in kept or c.isprintable() or unicodedata.category(c) == "Zs" else
+        _NAMED.get(c) or (f"\\x{ord(c):02x}" if ord(c) < 256 else f"\\u{ord(c):04x}") for c in text)
 
 
 def shorten(text: str, limit: int) -> str:
     """Return `text` with its middle left out when it is longer than `limit` characters."""
-    if len(text) <= limit:
-        return text
     tail = (limit - 1) // 3
-    return text[: limit - 1 - tail] + "…" + text[len(text) - tail :]
+    return text if len(text) <= limit else text[: limit - 1 - tail] + "…" + text[len(text) - tail :]
 
 
 def clip(text: object, limit: int) -> str:
@@ -52,10 +46,8 @@ def clip(text: object, limit: int) -> str:
     'any dead band …'
     """
     shown = _visible(str(text))
-    if len(shown) <= limit:
-        return shown
     kept = shown[: limit - 1]
-    return kept[: kept.rfind(" ") + 1 or None] + "…"
+    return shown if len(shown) <= limit else kept[: kept.rfind(" ") + 1 or None] + "…"
 
 
 def spreadsheet(value: object) -> object:
@@ -67,8 +59,7 @@ def spreadsheet(value: object) -> object:
     if not isinstance(value, str):
         return value
     cleaned = _visible(value, kept="\t\r\n")
-    start = cleaned.lstrip(" \u00a0\u3000")
-    return "'" + cleaned if start[:1] and start[0] in _FORMULA else cleaned
+    return "'" + cleaned if cleaned.lstrip(" \u00a0\u3000").startswith(_FORMULA) else cleaned
 
 
 def picture(text: object, limit: int = 80) -> str:
@@ -81,10 +72,8 @@ def file_name(name: str) -> str:
 
     A name that had to be changed carries a short fingerprint, so that different loops never share a file.
 
-    >>> file_name("FIC101")
-    'FIC101'
-    >>> file_name("../../etc/x")
-    'etc_x-56da1a2e'
+    >>> file_name("FIC101"), file_name("../../etc/x")
+    ('FIC101', 'etc_x-56da1a2e')
     """
     plain = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._-")[:60]
     if plain and plain == name and plain.split(".")[0].lower() not in _RESERVED:
@@ -100,12 +89,9 @@ def file_names(names: Iterable[str]) -> dict[str, str]:
     """Return name -> file name for a plant, different also where the file system ignores upper and lower case."""
     given: dict[str, str] = {}
     taken: set[str] = set()
-    for name in names:
-        if name in given:
-            continue
-        choice = file_name(name)
-        while choice.lower() in taken:
-            choice = f"{choice[:60]}-{_mark(name + choice)}"
-        taken.add(choice.lower())
-        given[name] = choice
+    for name in dict.fromkeys(names):
+        given[name] = file_name(name)
+        while given[name].lower() in taken:
+            given[name] = f"{given[name][:60]}-{_mark(name + given[name])}"
+        taken.add(given[name].lower())
     return given

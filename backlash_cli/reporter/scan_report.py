@@ -18,10 +18,11 @@ from . import figures
 from .figures import POINTS, Figure, PlantRow
 from .files import make_folder, replacing, write_text
 from .json_report import json_parts
-from .page import LoopPart, PlantPages, is_page
+from .page import is_page
+from .report import LoopPart, Report
 from .safe import file_names
 from .tables import columns_of, csv_parts, to_dataframe
-from .templates import screen, sentence
+from .templates import sentence
 from .words import MARKS, VERDICTS, by_size, excluded, moment, percent, size
 
 DRAWN = 40  # loops in the picture of the plant, and with figures of their own in a single file; a folder has no limit
@@ -33,18 +34,15 @@ Rule = Callable[[LoopReport], bool]
 
 _RULE = re.compile(r"d\s*(>=|>)\s*(\d+(?:\.\d*)?|\.\d+)\s*(%?)")
 _RULES: dict[str, tuple[Verdict, ...]] = {
-    **{str(v): (v,) for v in (Verdict.BACKLASH, Verdict.OSCILLATING, Verdict.CANNOT_TELL, Verdict.INSUFFICIENT_DATA,
-                              Verdict.ERROR)},
+    **{str(v): (v,) for v in Verdict if v is not Verdict.NO_BACKLASH},
     "suspected": (Verdict.BACKLASH, Verdict.SUSPECTED),
     "any": (Verdict.BACKLASH, Verdict.SUSPECTED, Verdict.OSCILLATING),
 }
 
 
 def check_delivery(form: str | None, output: Path | None, table: str) -> str | None:
-    """Return the form to write, from `form` or else the suffix of `output`; None when neither says.
-
-    Raises UsageError for what cannot be, before any work is done.
-    """
+    """Return the form to write, from `form` or else the suffix of `output`; None when neither says. Raises UsageError
+    for what cannot be, before any work is done."""
     columns_of(table)
     if form is None and output is not None:
         form = _SUFFIXES.get(output.suffix.lower(), "table")
@@ -61,34 +59,29 @@ def check_delivery(form: str | None, output: Path | None, table: str) -> str | N
 def render(result: ScanResult, records: Mapping[str, Record], form: str, table: str = "loops", *, verbose: bool = False,
            colour: bool = False) -> Iterator[str]:
     """Return the report as text in one of the forms table, json, csv, html; piece by piece, loop by loop."""
-    if form == "json":
-        return json_parts(result)
-    if form == "csv":
-        return csv_parts(result, table)
-    return iter([pages(result, records).page() if form == "html" else to_text(result, verbose=verbose, colour=colour)])
+    if form in ("json", "csv"):
+        return json_parts(result) if form == "json" else csv_parts(result, table)
+    found = scanned(result, records)
+    return iter([found.page() if form == "html" else found.text(verbose=verbose, colour=colour)])
 
 
 def write(result: ScanResult, records: Mapping[str, Record], form: str, output: Path, table: str = "loops", *,
           verbose: bool = False, step: Callable[[], None] = lambda: None) -> None:
-    """Write the report to a file, or as pages to a folder; the old report stays until the new one is whole.
-
-    Raises BacklashError when the place cannot be written.
-    """
+    """Write the report to a file, or as pages to a folder; the old report stays until the new one is whole. Raises
+    BacklashError when the place cannot be written."""
     if form == "parquet":
         with replacing(output) as temporary:
             to_dataframe(result, table).to_parquet(temporary, index=False)
     elif form == "html":
-        pages(result, records, folder=not is_page(output)).write(output, result, step)
+        scanned(result, records, folder=not is_page(output)).write(output, result, step)
     else:
         write_text(output, render(result, records, form, table, verbose=verbose))
 
 
 def draw(result: ScanResult, records: Mapping[str, Record], folder: Path, step: Callable[[], None] = lambda: None
          ) -> int:
-    """Draw a picture (PNG) of each loop's evidence into `folder`, made if need be; return how many.
-
-    Loops that could not be read have no record and no picture. Raises BacklashError when the place cannot be written.
-    """
+    """Draw a picture (PNG) of the evidence of each loop that was read into `folder`, made if need be; return how many.
+    Raises BacklashError when the place cannot be written."""
     from .still import loop_figure, write_still
 
     make_folder(folder)
@@ -100,52 +93,44 @@ def draw(result: ScanResult, records: Mapping[str, Record], folder: Path, step: 
     return len(reports)
 
 
-def to_text(result: ScanResult, *, verbose: bool = False, colour: bool = False) -> str:
-    """Return a line per loop, largest dead band first; `verbose` adds every reason and warning of every loop."""
+def scanned(result: ScanResult, records: Mapping[str, Record], *, folder: bool = False) -> Report:
+    """Return a line per loop, largest dead band first, every reason and warning of every loop when verbose; as a page
+    the plant in one picture and the evidence of every loop. On a page that is not the index of a folder the first 40
+    loops have figures, all have numbers."""
     reports = by_size(result.loops)
     counts = Counter(r.verdict for r in reports)
-    said = ", ".join(f"{counts[v]} {words}" for v, words in VERDICTS.items() if counts[v])
     kinds: dict[str, dict[str, Note]] = {}  # code of a warning -> loop -> its first one
     for report in reports:
         for note in report.warnings:
             kinds.setdefault(note.code, {}).setdefault(report.loop, note)
-    return screen("scan.txt", colour=colour, result=result, reports=reports, verbose=verbose, said=said, kinds=kinds,
-                  colours=_COLOURS, undecided=sum(counts[v] for v in UNDECIDED))
-
-
-def pages(result: ScanResult, records: Mapping[str, Record], *, folder: bool = False) -> PlantPages:
-    """Return the plant in one picture and the evidence of every loop; on one page figures for the first 40 loops of the
-    work list, numbers for all."""
-    reports = by_size(result.loops)
     shown, cut = reports[:DRAWN], not folder and len(reports) > DRAWN
     points = POINTS if folder else min(POINTS, POINTS * FINE // max(1, len(shown)))
-    loops = [LoopPart(r.loop, MARKS[r.verdict], sentence("brief", r), "loop.html",
-                      partial(_evidence, r, {} if cut and place >= DRAWN else records, points))
-             for place, r in enumerate(reports)]
-    starts = [r.start for r in reports if r.start is not None]
-    ends = [r.end for r in reports if r.end is not None]
+    starts, ends = ([t for r in reports if (t := getattr(r, edge)) is not None] for edge in ("start", "end"))
     first, last = (moment(min(starts)), moment(max(ends))) if starts and ends else (None, None)
-    content = {"result": result, "reports": reports, "shown": shown, "cut": cut, "picture": plant_picture(shown)}
-    made = sentence("made", len(reports), first, last, __version__)
-    return PlantPages("Dead band report", made, "scan.html", content, loops)
+    content = {"result": result, "reports": reports, "shown": shown, "cut": cut, "kinds": kinds, "colours": _COLOURS,
+               "said": ", ".join(f"{counts[v]} {words}" for v, words in VERDICTS.items() if counts[v]),
+               "undecided": sum(counts[v] for v in UNDECIDED)}
+    return Report("scan", "Dead band report", content, drawn=lambda: {"picture": plant_picture(shown)},
+                  subtitle=sentence("made", len(reports), first, last, __version__), loops=lambda: [
+        LoopPart(r.loop, MARKS[r.verdict], sentence("brief", r), "loop.html",
+                 partial(_evidence, r, {} if cut and place >= DRAWN else records, points))
+        for place, r in enumerate(reports)])
 
 
 def _evidence(r: LoopReport, records: Mapping[str, Record], points: int) -> dict[str, Any]:
     """What can be seen with bare eyes first; points: of each line over time."""
     record = records.get(r.loop)  # one at a time is in memory
-    found = {"report": r, "undecided": r.verdict in UNDECIDED}
+    found: dict[str, Any] = {"report": r, "undecided": r.verdict in UNDECIDED, "drawn": {}}
     if record is None or not len(record):
-        return {**found, "drawn": {}}
+        return found
     window = figures.close_look(record, r)
+    found["part"] = window.stop - window.start < len(record)
     drawn = {"close": figures.trend(record, r, window, points, room=0.06),
-             "trend": figures.trend(record, r, points=points)}
-    if record.output is not None:
-        drawn["plane"] = figures.plane(record, window, r, points)
-    if r.estimates:
-        drawn["estimates"] = figures.estimates(r)
-    if r.confirmation is not None and r.confirmation.profile:
-        drawn["profile"] = figures.profile(r)
-    return {**found, "drawn": drawn, "part": window.stop - window.start < len(record)}
+             "trend": figures.trend(record, r, points=points),
+             "plane": record.output is not None and figures.plane(record, window, r, points),
+             "estimates": r.estimates and figures.estimates(r),
+             "profile": r.confirmation and r.confirmation.profile and figures.profile(r)}
+    return found | {"drawn": {name: figure for name, figure in drawn.items() if figure}}
 
 
 def plant_picture(reports: Sequence[LoopReport]) -> Figure:
@@ -170,16 +155,13 @@ def met(rules: Sequence[Rule], reports: Iterable[LoopReport]) -> list[str]:
 
 
 def _rule(text: str, where: str) -> Rule:
-    known = _RULES.get(text.lower().replace("-", "_"))
-    if known is not None:
+    if (known := _RULES.get(text.lower().replace("-", "_"))) is not None:
         return lambda report: report.verdict in known
-    found = _RULE.fullmatch(text.lower())
-    if found is None:
-        known_rules = [*_RULES, "d>0.03", "d>3%"]
-        hint = nearest(text, known_rules)
-        if hint.startswith("did"):
-            hint = f"{hint} Rules: {', '.join(known_rules)}"
-        raise UsageError(f"no rule {text!r}", where=where, remedy=hint)
+    if (found := _RULE.fullmatch(text.lower())) is None:
+        rules = [*_RULES, "d>0.03", "d>3%"]
+        hint = nearest(text, rules)
+        raise UsageError(f"no rule {text!r}", where=where,
+                         remedy=f"{hint} Rules: {', '.join(rules)}" if hint.startswith("did") else hint)
     sign, number, per_cent = found.groups()
     limit = float(number) / (100.0 if per_cent else 1.0)
     if limit > 1.0:

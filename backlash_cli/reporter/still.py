@@ -34,32 +34,25 @@ STYLE: Any = {
 
 
 def loop_figure(record: Record, report: LoopReport) -> Picture:
-    """Return the evidence of one loop as a matplotlib Figure.
-
-    Top: setpoint, measurement and output with the half periods that carry the verdict and their estimates. Bottom: a
-    close look with the stretches where the stem stands still, PV against OP with the dead band, and the evidence for
-    each size.
-    """
+    """Return the evidence of one loop: the whole record on top; below a close look with the stretches where the stem
+    stands still, PV against OP with the dead band, and the evidence for each size."""
     record = figures.known_part(record)
-    window = figures.close_look(record, report)
+    window, confirmed = figures.close_look(record, report), report.confirmation
     words = f"{report.loop}: {VERDICTS[report.verdict]}"
     if (d := size(report)) is not None and report.cluster is not None:
         words += f", dead band {percent(d)} of the output span ({interval(report.cluster.ci95)})"
     below = [("close look", figures.trend(record, report, window, POINTS, room=0.06))]
     if record.output is not None:
         below.append(("PV against OP (red: close look)", figures.plane(record, window, report, points=4000)))
-    if report.confirmation is not None and len(report.confirmation.profile) > 2:
-        below.append(("evidence for each size of dead band", figures.profile(report)))
-    else:
-        below.append(("estimates from the half periods", figures.estimates(report)))
+    below.append(("evidence for each size of dead band", figures.profile(report))
+                 if confirmed is not None and len(confirmed.profile) > 2 else
+                 ("estimates from the half periods", figures.estimates(report)))
     return still(words, [[("", figures.trend(record, report, points=POINTS, room=0.016))], below], (1.2, 1.0), SIZE)
 
 
 def write_still(path: Path, picture: Picture, dpi: int = DPI) -> None:
-    """Write a picture to a .png or .svg file, whole or not at all, the same bytes for the same picture.
-
-    Raises BacklashError when the place cannot be written.
-    """
+    """Write a picture to a .png or .svg file, whole or not at all, the same bytes for the same picture. Raises
+    BacklashError when the place cannot be written."""
     suffix = path.suffix.lower()
     with replacing(path) as temporary, warnings.catch_warnings():
         # names in scripts that the font does not have, and records so short that there is no room for dates
@@ -86,6 +79,8 @@ def still(title: str, rows: Sequence[Sequence[tuple[str, Figure]]], heights: Seq
 
 def _draw(part: Any, words: str, figure: Figure, *, narrow: bool) -> None:
     """One figure: its vertical axes below each other over one horizontal one, as their domains say."""
+    from matplotlib.ticker import FixedLocator
+
     layout = figure["layout"]
     domains = {key.replace("axis", ""): axis.get("domain", [0.0, 1.0]) for key, axis in layout.items()
                if key.startswith("yaxis") and "overlaying" not in axis}
@@ -100,9 +95,17 @@ def _draw(part: Any, words: str, figure: Figure, *, narrow: bool) -> None:
             _trace(axes[layout[name.replace("y", "yaxis")].get("overlaying", name)], trace, dates)
     for shape in layout.get("shapes", ()):
         _shape(axes, shape, dates)
-    for name, one in axes.items():
-        _scale(one, layout[name.replace("y", "yaxis")], "y")
-    _scale(panels[-1], layout["xaxis"], "x")
+    for one, which, axis in [(panels[-1], "x", layout["xaxis"]),
+                             *((axes[name], "y", layout[name.replace("y", "yaxis")]) for name in names)]:
+        one.set(**{f"{which}label": axis.get("title", {}).get("text", "")})
+        if axis.get("type") == "log":
+            one.set(**{f"{which}scale": "log"})
+            getattr(one, f"{which}axis").set(major_locator=FixedLocator(axis["tickvals"]), major_formatter="{x:g}",
+                                             minor_formatter="")
+        if "range" in axis:
+            one.set(**{f"{which}lim": axis["range"]})
+        if axis.get("autorange") == "reversed":
+            one.invert_yaxis()
     if dates:
         _dates(panels, 5 if narrow else 10)
     for note in layout.get("annotations", ()):
@@ -121,7 +124,7 @@ def _trace(one: Axes, trace: Figure, dates: bool) -> None:
         drawn = one.barh(trace["y"], trace["x"], color=marker["color"], height=trace["width"])
         one.bar_label(drawn, trace["text"], fontsize=8, padding=2)
         return
-    x, y, mode = _numbers(trace["x"], dates), _numbers(trace["y"]), trace["mode"]
+    x, y = _numbers(trace["x"], dates), _numbers(trace["y"])
     if "fill" in trace:  # stretches behind the lines, from the bottom of the panel to its top
         one.fill_between(x, 0.0, y, where=np.isfinite(y).tolist(), color=trace["fillcolor"], linewidth=0, label=label,
                          transform=one.get_xaxis_transform())
@@ -132,58 +135,44 @@ def _trace(one: Axes, trace: Figure, dates: bool) -> None:
              marker=MARKERS[marker["symbol"]] if marker else "", markersize=0.6 * size, markeredgecolor=colour,
              markerfacecolor="none" if marker and "open" in marker["symbol"] else colour,
              markeredgewidth=0.0 if size < 4 else 1.0)
-    for where, height, words in zip(x, y, trace["text"] if "text" in mode else (), strict=False):
+    for where, height, words in zip(x, y, trace["text"] if "text" in trace["mode"] else (), strict=False):
         one.text(where, height, html.unescape(words), ha="center", va="bottom")
 
 
 def _shape(axes: dict[str, Axes], shape: Figure, dates: bool) -> None:
     """A line or band across all panels, or across one of them at a height."""
     label = html.unescape(shape["name"]) if shape.get("showlegend") else "_"
-    line, upright = shape["line"], shape.get("yref") == "paper"
+    upright = shape.get("yref") == "paper"
+    low, high = _numbers([shape["x0"], shape["x1"]], dates) if upright else (shape["y0"], shape["y1"])
     for one in [*axes.values()] if upright else [axes[shape.get("yref", "y")]]:
-        low, high = _numbers([shape["x0"], shape["x1"]], dates) if upright else (shape["y0"], shape["y1"])
         if shape["type"] == "rect":
-            draw = one.axvspan if upright else one.axhspan
-            draw(low, high, color=shape["fillcolor"], alpha=shape["opacity"], linewidth=0, label=label)
+            span = one.axvspan if upright else one.axhspan
+            span(low, high, color=shape["fillcolor"], alpha=shape["opacity"], linewidth=0, label=label)
         else:
-            stroke = one.axvline if upright else one.axhline
+            line, stroke = shape["line"], one.axvline if upright else one.axhline
             stroke(low, color=line["color"], linewidth=0.8 * line["width"], linestyle=DASHES[line["dash"]], label=label)
         label = "_"
 
 
 def _annotation(one: Axes, note: Figure, dates: bool) -> None:
     """Words at a place of the data, or of the panel where they refer to it."""
-    inside = {"x": note.get("xref") == "paper", "y": str(note.get("yref", "y")) in ("paper", "y domain")}
-    transform = (one.transAxes if all(inside.values()) else one.get_xaxis_transform() if inside["y"] else one.transData)
-    x = note["x"] if inside["x"] else _numbers([note["x"]], dates)[0]
-    one.text(x, note["y"], html.unescape(note["text"]), transform=transform, rotation=-note.get("textangle", 0),
+    across, up = note.get("xref") == "paper", str(note.get("yref", "y")) in ("paper", "y domain")
+    x = note["x"] if across else _numbers([note["x"]], dates)[0]
+    one.text(x, note["y"], html.unescape(note["text"]), rotation=-note.get("textangle", 0),
+             transform=one.transAxes if across and up else one.get_xaxis_transform() if up else one.transData,
              ha=note.get("xanchor", "center"), va=note.get("yanchor", "center"))
 
 
-def _scale(one: Axes, axis: Figure, which: str) -> None:
-    one.set(**{f"{which}label": axis.get("title", {}).get("text", "")})
-    if axis.get("type") == "log":
-        one.set(**{f"{which}scale": "log"})
-        own = getattr(one, f"{which}axis")
-        own.set_ticks(axis.get("tickvals", []), minor=False)
-        own.set_major_formatter("{x:g}")
-        own.set_minor_formatter("")
-    if "range" in axis:
-        one.set(**{f"{which}lim": axis["range"]})
-    if axis.get("autorange") == "reversed":
-        one.invert_yaxis()
-
-
 def _dates(panels: Sequence[Axes], most: int) -> None:
+    """Dates on the lowest panel, and room for a minute at least."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     locator = AutoDateLocator(maxticks=most)
-    panels[-1].xaxis.set_major_locator(locator)
-    panels[-1].xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    panels[-1].xaxis.set(major_locator=locator, major_formatter=ConciseDateFormatter(locator))
     spans = np.array([one.dataLim.intervalx for one in panels])
-    if np.isfinite(spans).all(axis=1).any():
-        low, high = np.nanmin(spans[np.isfinite(spans)]), np.nanmax(spans[np.isfinite(spans)])
-        room = max(0.0, 60.0 / 86400.0 - (high - low)) / 2.0  # dates need a minute at least
+    if (known := np.isfinite(spans).all(axis=1)).any():
+        low, high = spans[known].min(), spans[known].max()
+        room = max(0.0, 60.0 / 86400.0 - (high - low)) / 2.0
         panels[-1].set_xlim(low - room, high + room)
 
 

@@ -38,7 +38,7 @@ ESTIMATE_COLUMNS = {
     "d": "number", "direction": "count", "accepted": "flag", "why": "text",
 }
 TABLES = {"loops": LOOP_COLUMNS, "estimates": ESTIMATE_COLUMNS}
-_DTYPES = {"text": "string", "number": "float64", "count": "int64", "flag": "bool"}
+_DTYPES = {"text": "string", "number": "float64", "count": "int64", "flag": "bool", "time": "datetime64[us, UTC]"}
 
 
 def columns_of(table: str) -> dict[str, str]:
@@ -72,12 +72,9 @@ def to_dataframe(result: ScanResult, table: str = "loops") -> pd.DataFrame:
     """
     import pandas as pd
 
-    columns = {name: kind.split()[0] for name, kind in columns_of(table).items()}
+    columns = {name: _DTYPES[kind.split()[0]] for name, kind in columns_of(table).items()}
     frame = pd.DataFrame([row for r in result.loops for row in _rows(r, table)], columns=list(columns))
-    for name, kind in columns.items():
-        if kind == "time":
-            frame[name] = pd.to_datetime(frame[name], utc=True, format="ISO8601")
-    return frame.astype({name: _DTYPES[kind] for name, kind in columns.items() if kind in _DTYPES})
+    return frame.astype(columns)
 
 
 def csv_parts(result: ScanResult, table: str = "loops") -> Iterator[str]:
@@ -87,18 +84,19 @@ def csv_parts(result: ScanResult, table: str = "loops") -> Iterator[str]:
     return itertools.chain([heading], (csv_text(_rows(r, table)) for r in result.loops))
 
 
+def csv_table(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return these columns of rows by name as CSV text, empty where a row has no such value."""
+    return csv_text([columns, *(strict([row.get(name) for name in columns]) for row in rows)])
+
+
 def csv_text(rows: Iterable[Sequence[object]]) -> str:
     """Return rows as CSV lines that no spreadsheet runs; every text is quoted, so that a separator of another
     country's spreadsheet cannot open a new cell."""
     out = io.StringIO()
-    csv.writer(out, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n").writerows(map(_csv_cell, row) for row in rows)
+    csv.writer(out, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n").writerows(
+        [str(cell).lower() if isinstance(cell, bool) else "" if cell is None else spreadsheet(cell) for cell in row]
+        for row in rows)
     return out.getvalue()
-
-
-def _csv_cell(value: object) -> object:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return "" if value is None else spreadsheet(value)
 
 
 def write_rows(rows: Sequence[Mapping[str, object]], path: Path) -> None:

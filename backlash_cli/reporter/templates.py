@@ -23,33 +23,30 @@ from .. import record
 from . import safe, words
 
 WIDTH = 100
-_STYLED = re.compile(r"((?:.*\t)? *)(?:\x02(.*?)\x02)?(.*)")
+_STYLED = re.compile(r"\A((?:.*\t)? *)(?:\x02(.*?)\x02)?(.*)")
 
 
 @cache
 def environment(kind: str) -> jinja2.Environment:
     """Return the environment of "html" or "txt" templates, in which foreign text is harmless wherever it is put.
 
-    Functions of `words` and `safe` are both filters and functions of the templates; the sentences are functions. Those
-    are templates of the environment "words", which leaves everything as it is.
+    Functions of `words` and `safe` are both filters and functions there; so are the sentences, which are templates of
+    the environment "words", in which everything is left as it is.
     """
     def shown(value: Any) -> Any:
         # | parts the cells of a table on a terminal; terminal() lets nothing through that stands for it here
         return value if isinstance(value, Markup) else Markup(safe.terminal(value).replace("|", "\ue000"))
 
     made = jinja2.Environment(
-        loader=jinja2.PackageLoader("backlash_cli.reporter"), autoescape=kind != "words",
-        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-        finalize=shown if kind == "txt" else None)
-    for module in (words, safe, record):
-        own = {name: value for name, value in vars(module).items() if name.isupper() or (
-            callable(value) and value.__module__.startswith("backlash_cli"))}
-        made.globals |= own
-        made.filters |= {name: value for name, value in own.items() if callable(value)}
+        loader=jinja2.PackageLoader("backlash_cli.reporter"), autoescape=kind != "words", trim_blocks=True,
+        lstrip_blocks=True, undefined=jinja2.StrictUndefined, finalize=shown if kind == "txt" else None)
+    known = {name: value for module in (words, safe, record) for name, value in vars(module).items()
+             if name.isupper() or (callable(value) and value.__module__.startswith("backlash_cli"))}
+    made.globals |= known
+    made.filters |= {name: value for name, value in known.items() if callable(value)}
     if kind != "words":
         own = vars(environment("words").get_template("sentences.txt").module)
-        made.globals |= {name: partial(sentence, name) for name in own if not name.startswith("_")}
-        made.globals["lines"] = lines
+        made.globals |= {"lines": lines} | {name: partial(sentence, name) for name in own if not name.startswith("_")}
     return made
 
 
@@ -65,10 +62,8 @@ def sentence(name: str, *about: Any) -> str:
 
 
 def screen(template: str, *, colour: bool = False, width: int = WIDTH, **content: Any) -> str:
-    """Return a report, at most `width` columns wide, without trailing blanks; nothing in a text is taken for markup.
-
-    template: NAME.txt; content: the values it asks for.
-    """
+    """Return a report of at most `width` columns; nothing in a text is taken for markup. template: NAME.txt; content:
+    the values it asks for."""
     out, tables = io.StringIO(), list[Table]()
     console = Console(file=out, width=width, force_terminal=colour, highlight=False, markup=False, emoji=False,
                       color_system="standard" if colour else None, legacy_windows=False)
@@ -94,9 +89,8 @@ def screen(template: str, *, colour: bool = False, width: int = WIDTH, **content
 
 def _styled(text: str) -> tuple[Text, Text]:
     """What stands in front of a paragraph, and the paragraph."""
-    found = _STYLED.fullmatch(text.replace("\ue000", "|"))
-    assert found is not None
-    return Text(found[1].replace("\t", "")), Text(found[3], style=found[2] or "")
+    ((lead, style, words),) = _STYLED.findall(text.replace("\ue000", "|"))
+    return Text(lead.replace("\t", "")), Text(words, style=style)
 
 
 def _table(columns: list[str], rows: list[str], most: int | None) -> Table:

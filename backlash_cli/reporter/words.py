@@ -4,28 +4,24 @@ a page."""
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
 from operator import itemgetter
-from string import Formatter
 
 from ..record import LoopSettings
 from ..results import Explanation, FittedEffect, FittedParameter, LoopReport, Region, Step, Verdict
 from .json_report import iso_time
 from .safe import terminal
 
-# words, and good, warn, bad, quiet: the mark of a page and the colour of a terminal; in the order of a work list
-_SAID = {
-    Verdict.BACKLASH: ("backlash", "bad"),
-    Verdict.SUSPECTED: ("suspected", "warn"),
-    Verdict.NO_BACKLASH: ("no backlash", "good"),
-    Verdict.OSCILLATING: ("oscillating", "warn"),
-    Verdict.INSUFFICIENT_DATA: ("too little data", "quiet"),
-    Verdict.CANNOT_TELL: ("cannot tell", "quiet"),
-    Verdict.ERROR: ("not analysed", "bad"),
-}
-VERDICTS, MARKS = ({verdict: said[k] for verdict, said in _SAID.items()} for k in (0, 1))
+# words, in the order of a work list; and good, warn, bad, quiet: the mark of a page and the colour of a terminal
+VERDICTS = {**{verdict: verdict.replace("_", " ") for verdict in Verdict}, Verdict.INSUFFICIENT_DATA: "too little data",
+            Verdict.ERROR: "not analysed"}
+MARKS = dict(zip(VERDICTS, ("bad", "warn", "good", "warn", "quiet", "quiet", "bad"), strict=True))
+TITLES = {"pull": "Pull at the next shutdown", "room": "Pull if there is room", "watch": "Watch",
+          "leave": "Leave alone", "check": "Check loop and data"}  # of what to do with a valve, and the same in short
+TO_DO = {"pull": "pull", "room": "pull if room", "watch": "watch", "leave": "leave alone", "check": "check"}
 WORSE = 1.15  # share of the error over share of the time, from which a region is worth a line
 SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
 A_DATE = 1e8  # epoch seconds (1973); a record that counts its seconds from zero stays below
@@ -41,8 +37,7 @@ _UNITS = {  # unit of a parameter -> factor to what is shown, and its words; {}:
 
 def by_size(reports: Sequence[LoopReport]) -> list[LoopReport]:
     """Reports in the order of a work list: backlash and suspicion by size, then the rest by verdict and name."""
-    order = {verdict: place for place, verdict in enumerate(VERDICTS)}
-    return sorted(reports, key=lambda r: (order[r.verdict], -(size(r) or 0.0), r.loop))
+    return sorted(reports, key=lambda r: ([*VERDICTS].index(r.verdict), -(size(r) or 0.0), r.loop))
 
 
 def size(report: LoopReport) -> float | None:
@@ -68,19 +63,13 @@ def percent(value: float | None, digits: int = 2) -> str:
 
 def interval(ci95: tuple[float, float]) -> str:
     """An interval in per cent, e.g. '2.85 to 3.20 %'."""
-    return f"{100 * ci95[0]:.2f} to {100 * ci95[1]:.2f} %"
+    return " to ".join(map(in_percent, ci95)) + " %"
 
 
 def change(value: float, base: float) -> str:
-    """How far a value is from the one without compensator.
-
-    >>> change(0.8, 1.0), change(3.0, 1.0), change(0.999, 1.0)
-    ('-20 %', '+200 %', '0 %')
-    """
-    if not base > 0.0:
-        return "–"
-    more = round(100.0 * (value / base - 1.0))
-    return f"{more:+d} %" if more else "0 %"
+    """How far a value is from the one without compensator, e.g. '-20 %', '+200 %', '0 %'."""
+    more = round(100.0 * (value / base - 1.0)) if base > 0.0 else None
+    return "–" if more is None else f"{more:+d} %".replace("+0", "0")
 
 
 def counted(number: int, what: str) -> str:
@@ -95,13 +84,12 @@ def joined(texts: Iterable[object], between: str = ", ") -> str:
 
 def moment(epoch: float | None) -> str:
     """A time as '2026-03-17 08:00 UTC'."""
-    text = iso_time(epoch)
-    return "–" if text is None else text[:16].replace("T", " ") + " UTC"
+    return (text[:16].replace("T", " ") + " UTC") if (text := iso_time(epoch)) else "–"
 
 
-def day(epoch: float) -> str:
-    """A day, e.g. '2026-03-17'."""
-    return (iso_time(epoch) or "–")[:10]
+def day(epoch: float) -> str | None:
+    """A day, e.g. '2026-03-17'; None outside the calendar (a limit that is thousands of years away)."""
+    return (iso_time(epoch) or "")[:10] or None
 
 
 def advice(report: LoopReport) -> str:
@@ -120,9 +108,7 @@ def share(value: float | None) -> str:
     """A share of a whole in whole per cent, e.g. '41 %'; two digits of small ones."""
     if value is None or not math.isfinite(value):
         return "–"
-    if abs(value) >= 0.0995 or abs(value) < 0.0005:
-        return f"{100 * value:.0f} %"
-    return f"{100 * value:.2g} %"
+    return f"{100 * value:.2g} %" if 0.0005 <= abs(value) < 0.0995 else percent(value, 0)
 
 
 def plain_name(effect: str) -> str:
@@ -145,6 +131,7 @@ def effect_name(effect: str, e: Explanation) -> str:
 def fails(regions: Sequence[Region]) -> list[Region]:
     """The regions whose share of the error is clearly larger than their share of the time, worst first."""
     return [r for r in regions if r.expected is None or r.share >= WORSE * r.expected]
+
 
 def quantity(p: FittedParameter, stage: str, settings: LoopSettings, start: float | None = None, *,
              brief: bool = False) -> str:
@@ -178,10 +165,11 @@ def quantity(p: FittedParameter, stage: str, settings: LoopSettings, start: floa
     if brief:
         return shown + short
     shown += unit.replace("{}", whose)
-    if math.isfinite(width):
-        digits, wide = _digits(0.0, width), width > UNKNOWN * max(abs(value), 1e-9 * scale)
-        known = f"{low:.{digits}f} to {high:.{digits}f}{short.partition(' per ')[0]}"
-        shown += f" (95 %: {'not known from this record' if wide else known})"
+    if width > UNKNOWN * max(abs(value), 1e-9 * scale):
+        shown += " (95 %: not known from this record)" * math.isfinite(width)
+    elif math.isfinite(width):
+        digits = _digits(0.0, width)
+        shown += f" (95 %: {low:.{digits}f} to {high:.{digits}f}{short.partition(' per ')[0]})"
     zero, full = settings.pv_range if whose == "PV" else settings.op_range
     if unit.endswith("span") and (zero, full) not in ((0.0, 1.0), (0.0, 100.0)):
         shown += f", {p.value * (full - zero) + (zero if p.level else 0.0):.3g} in {whose} units"
@@ -221,12 +209,11 @@ def _digits(value: float, width: float) -> int:
 def numbers(effect: FittedEffect, settings: LoopSettings, start: float | None = None, *, brief: bool = False
             ) -> dict[str, str]:
     """What to show of an effect: parameter name -> value with unit and interval; the start of the record left out."""
-    shown = {"column": terminal(effect.column, 60)} if effect.column else {}
-    for name, p in effect.parameters.items():
-        off = p.unit == SWITCH and not p.value
-        if not p.nuisance and not off and not (isinstance(p.value, float) and math.isinf(p.value)):
-            shown[name] = quantity(p, effect.stage, settings, start, brief=brief)
-    return shown
+    column = {"column": terminal(effect.column, 60)} if effect.column else {}
+    off = (math.inf, -math.inf)
+    return column | {name: quantity(p, effect.stage, settings, start, brief=brief)
+                     for name, p in effect.parameters.items()
+                     if not p.nuisance and p.value not in off and (p.value or p.unit != SWITCH)}
 
 
 def said_numbers(effect: FittedEffect, settings: LoopSettings, start: float | None = None, *, brief: bool = False
@@ -239,7 +226,7 @@ def events(effect: FittedEffect, settings: LoopSettings, start: float | None
            ) -> tuple[list[str], list[tuple[str, ...]]] | None:
     """An effect of several events as columns and rows, one event in a row; None for any other."""
     lists = {n: p for n, p in effect.parameters.items() if isinstance(p.value, tuple) and not p.nuisance}
-    if len(lists) < 2 or len({len(_each(p)) for p in lists.values()}) != 1:
+    if len(lists) < 2 or len({len(_each(p)) for p in lists.values()}) > 1:
         return None
     # as several of one, for times of day
     columns = [[quantity(replace(one, value=(one.value,), ci95=one.ci95 and (one.ci95,)),  # type: ignore[arg-type]
@@ -275,8 +262,5 @@ def fill(template: str, values: Mapping[str, str]) -> str:
     >>> fill("The gap is {d}, {x}.", {"d": "3 %"})
     'The gap is 3 %, none.'
     """
-    try:
-        pieces = list(Formatter().parse(template))
-    except ValueError:
-        return template.replace("{", "").replace("}", "")
-    return "".join(text + ("" if name is None else values.get(name, "none")) for text, name, _, _ in pieces)
+    filled = re.sub(r"\{(\w*)[^{}]*\}", lambda place: values.get(place[1], "none"), template)
+    return re.sub("[{}]", "", filled)

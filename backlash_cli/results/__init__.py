@@ -1,36 +1,4 @@
-"""Frozen results: all that a reporter ever sees."""
+"""Frozen results: all that a reporter ever sees. Fields without a `repr` are for figures; reports do not list them."""
 
-from .explain import (
-    Candidate,
-    Comparison,
-    Explanation,
-    Fitness,
-    FittedEffect,
-    FittedParameter,
-    Judged,
-    Model,
-    ModelEffect,
-    PlantExplanation,
-    Region,
-    Rest,
-    Series,
-    Step,
-)
-from .scan import (
-    NOTHING_SAID,
-    UNDECIDED,
-    Cluster,
-    Compensator,
-    Confirmation,
-    Estimate,
-    Estimates,
-    LoopReport,
-    PlantResult,
-    ScanResult,
-    Verdict,
-)
-
-__all__ = ["NOTHING_SAID", "UNDECIDED", "Candidate", "Cluster", "Comparison", "Compensator", "Confirmation",
-           "Estimate", "Estimates", "Explanation", "Fitness", "FittedEffect", "FittedParameter", "Judged",
-           "LoopReport", "Model", "ModelEffect", "PlantExplanation", "PlantResult", "Region", "Rest", "ScanResult",
-           "Series", "Step", "Verdict"]
+from .explain import *  # noqa: F403
+from .scan import *  # noqa: F403

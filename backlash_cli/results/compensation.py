@@ -6,7 +6,7 @@ Signals are normalised, gains of the compensator and dead bands in spans of the 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ..record import Note
 from .plan import Course
@@ -22,7 +22,7 @@ class ProcessModel:
     integrating: bool = False
     source: str = "given"  # or "fitted"
     evidence: float | None = None  # fall of -2 log likelihood that the fitted process brings
-    profile: tuple[tuple[float, float], ...] = ()  # (dead band, evidence) of smaller ones, the same process
+    profile: tuple[tuple[float, float], ...] = field(default=(), repr=False)  # (dead band, evidence) of smaller ones
 
 
 @dataclass(frozen=True)

@@ -25,9 +25,9 @@ class FittedParameter:
     value: float | tuple[float, ...]
     unit: str = ""  # as in the effect: "span", "s", "1/s", "OP span", ...
     ci95: Interval | tuple[Interval, ...] | None = None  # 95 %, one for each number; None when it was not fitted
-    meaning: str = ""
-    nuisance: bool = False  # says how the record began only
-    level: bool = False  # a place on the scale (a stop at 20 %), not an amount (a gap of 2 %)
+    meaning: str = field(default="", repr=False)
+    nuisance: bool = field(default=False, repr=False)  # says how the record began only
+    level: bool = field(default=False, repr=False)  # a place on the scale (a stop at 20 %), not an amount (2 %)
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Model:
     interval: float | None = None  # between its samples
     pv_range: Interval | None = None  # spans the normalised numbers belong to
     op_range: Interval | None = None
-    rmse_holdout: float | None = None  # on the record it was fitted to
+    rmse_holdout: float | None = field(default=None, repr=False)  # on the record it was fitted to
     output: Interval | None = None  # where OP was then, all but 2 % of the time
 
     def without(self, name: str) -> Model:
@@ -132,7 +132,7 @@ class Region:
     kind: str = ""  # of regions that cut the record in one way: "reversal", "setpoint", "frequency", "time", ...
     expected: float | None = None  # share of all usable samples; below `share` where the model is worse than on average
     sentence: str = ""  # in words an engineer understands
-    stretches: tuple[Interval, ...] = ()  # (first, last) times, for shading; none of a frequency band
+    stretches: tuple[Interval, ...] = field(default=(), repr=False)  # (first, last) times; none of a frequency band
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +166,7 @@ class Judged:
     reasons: tuple[Note, ...] = ()  # why nothing can be told, or why a kept model does no better than the plain one
     warnings: tuple[Note, ...] = ()
     series: Series | None = field(default=None, repr=False)
-    settings: LoopSettings = field(default_factory=LoopSettings)
+    settings: LoopSettings = field(default_factory=LoopSettings, repr=False)
     model: Model | None = None
     details: Mapping[str, object] = field(default_factory=dict)
 

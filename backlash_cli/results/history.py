@@ -27,14 +27,6 @@ def missing_days(covered: Iterable[date]) -> list[str]:
             if k not in known]
 
 
-def day_text(time: float) -> str | None:
-    """Return the UTC calendar day of a time, None outside the calendar (a limit that is thousands of years away)."""
-    try:
-        return day_of(time).isoformat()
-    except (ValueError, OverflowError, OSError):
-        return None
-
-
 @dataclass(frozen=True)
 class Night:
     """One scanned export of one loop."""
@@ -153,7 +145,7 @@ class Segment:
     level_first: float = 0.0
     level: float = 0.0  # at the last night
     level_ci95: tuple[float, float] = (0.0, 0.0)
-    path: tuple[tuple[float, float, float, float], ...] = ()  # (time, dead band, low, high) at every night
+    path: tuple[tuple[float, ...], ...] = ()  # (time, dead band, low, high) at every night
 
     @property
     def growing(self) -> bool:
@@ -190,7 +182,6 @@ class Wear:
     nights: int
     limit: Limit
     state: str  # "growing", "no_trend", "too_few_nights" or "no_estimate"
-    message: str
     segments: tuple[Segment, ...] = ()
     repairs: tuple[Repair, ...] = ()
     limit_date: tuple[float, float, float] | None = None  # (value, early, late) where a trend reaches the limit
@@ -198,7 +189,7 @@ class Wear:
     missing: tuple[str, ...] = ()  # days between the first and the last night without any export
     model: str = ""  # what the date comes from: "line" (straight) or "local" (a trend that may bend), if any
     held_out: HeldOut | None = None  # the two compared, None with too few nights
-    forecast: tuple[tuple[float, float, float, float], ...] = ()  # (time, dead band, low, high) to a date ahead
+    forecast: tuple[tuple[float, ...], ...] = ()  # (time, dead band, low, high) to a date ahead
 
     @property
     def current(self) -> Segment | None:
@@ -213,12 +204,17 @@ class Wear:
 
 @dataclass(frozen=True)
 class Place:
-    """A place in the order of repair: what to do with the valve, and why, in words."""
+    """A place in the order of repair: what to do with the valve, and what decided."""
 
     loop: str
     rank: int
-    action: str
-    title: str
-    why: tuple[str, ...]
-    ratio: float | None = None
-    confidence: float = 0.0
+    action: str  # "pull", "room", "watch", "leave" or "check"
+    ratio: float | None  # of the dead band to its limit
+    confidence: float
+    nights: int  # the last ones since the repair; `silent` of them saw no dead band, in `swinging` the loop oscillated
+    silent: int
+    swinging: int
+    codes: tuple[str, ...]  # why the last nights gave no size
+    travel: float  # factor of the score: above 1 the valve moves more than most
+    days_left: float  # until the limit is reached, from the last night of the plant on
+    horizon: float  # days that the plan must cover

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 ENOUGH, WRONG = 0.8, 0.05  # chance from which on an option is said to decide; the most of wrong answers
 
@@ -35,8 +35,9 @@ class PlanOption:
     false_alarm: float | None = None  # share with a healthy valve that are called `backlash`
     missed: float | None = None  # share with a worn valve that are called `no_backlash`
     repeats: int = 0  # of each kind
-    worn: Course | None = None  # what to expect
-    healthy: Course | None = None
+    within_limits: bool = True  # False: it moves PV or OP further than was allowed
+    worn: Course | None = field(default=None, repr=False)  # what to expect
+    healthy: Course | None = field(default=None, repr=False)
 
     @property
     def rounds(self) -> int:
@@ -61,5 +62,5 @@ class LoopPlan:
     target: float  # dead band that matters [span]
     options: tuple[PlanOption, ...]
     model: str = ""  # what was simulated, in words
-    pv_range: tuple[float, float] = (0.0, 1.0)
-    op_range: tuple[float, float] = (0.0, 1.0)
+    pv_range: tuple[float, float] = field(default=(0.0, 1.0), repr=False)
+    op_range: tuple[float, float] = field(default=(0.0, 1.0), repr=False)

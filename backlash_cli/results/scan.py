@@ -49,10 +49,8 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Estimates(Sequence[Estimate]):
-    """The half periods of one loop as columns, (half_periods,) arrays: read like a tuple of Estimate.
-
-    A year of a plant has millions of half periods; as columns each takes some forty bytes.
-    """
+    """The half periods of one loop as columns, (half_periods,) arrays of forty bytes a row: read like a tuple of
+    Estimate."""
 
     origin: float
     begin: FloatArray  # seconds since `origin`
@@ -69,24 +67,19 @@ class Estimates(Sequence[Estimate]):
 
     def select(self, wanted: NDArray[np.bool_]) -> Estimates:
         """Return some of them; wanted: (half_periods,)."""
-        return replace(self, begin=self.begin[wanted], dt_s=self.dt_s[wanted], dy=self.dy[wanted], d=self.d[wanted],
-                       e_max=self.e_max[wanted], direction=self.direction[wanted], why=self.why[wanted])
+        return replace(self, **{name: column[wanted] for name, column in self._columns().items()})
 
     def __getitem__(self, at: int | slice) -> Any:
-        if isinstance(at, slice):
-            return tuple(self._rows(at))
-        place = range(len(self))[at]
-        return next(self._rows(slice(place, place + 1)))
+        return tuple(self)[at]
 
     def __iter__(self) -> Iterator[Estimate]:
-        return self._rows(slice(None))
-
-    def _rows(self, part: slice) -> Iterator[Estimate]:
-        columns = (self.begin, self.dt_s, self.dy, self.e_max, self.d, self.direction, self.why)
-        for row in zip(*(column[part].tolist() for column in columns), strict=True):
-            begin, dt_s, dy, e_max, d, direction, why = row
+        rows = zip(*(column.tolist() for column in self._columns().values()), strict=True)
+        for begin, dt_s, dy, e_max, d, direction, why in rows:
             yield Estimate(self.origin + begin, self.origin + (begin + dt_s), dt_s, dy, e_max, d, direction,
                            self.codes[why] == "ok", self.codes[why])
+
+    def _columns(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
 
     def __eq__(self, other: object) -> bool:
         return tuple(self) == tuple(other) if isinstance(other, Sequence) else NotImplemented
@@ -116,7 +109,7 @@ class Confirmation:
     delta_bic: float  # Bayesian information criterion, positive in favour of a dead band
     limit_of_detection: float | None = None
     details: Mapping[str, float | str] = field(default_factory=dict)  # further numbers by name
-    profile: tuple[tuple[float, float], ...] = ()  # (d, evidence) for each size that was tried
+    profile: tuple[tuple[float, float], ...] = field(default=(), repr=False)  # (d, evidence) of each size tried
 
 
 @dataclass(frozen=True)
@@ -147,7 +140,7 @@ class LoopReport:
     detection_rate: float = 0.0
     detections_per_hour: float = 0.0
     rejected: Mapping[str, int] = field(default_factory=dict)
-    estimates: Sequence[Estimate] = ()
+    estimates: Estimates | tuple[Estimate, ...] = ()
     cluster: Cluster | None = None
     confirmation: Confirmation | None = None
     compensator: Compensator | None = None

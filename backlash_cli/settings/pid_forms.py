@@ -13,8 +13,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..errors import MetadataError, nearest
 
@@ -26,8 +25,7 @@ _QUANTITY = re.compile(r"^\s*([+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(
 _RATE = re.compile(r"^(?:repeats?|reps?|r)?\s*(?:/|per\b|p(?=m$|s$))\s*(.+)$")
 
 
-@dataclass(frozen=True)
-class Tuning:
+class Tuning(NamedTuple):
     """Ideal-form settings: gain K, integral time Ti [s] (None: not given), derivative time Td [s]."""
 
     K: float | None = None
@@ -54,7 +52,7 @@ def number(value: Any, key: str) -> float:
     except (TypeError, ValueError, OverflowError):
         result = math.nan
     if not math.isfinite(result):
-        raise MetadataError(f"{key} must be a number, not {_shown(value)}",
+        raise MetadataError(f"{key} must be a number, not {value!r:.60}",
                             remedy=f"write for example {key} = 1.5 or leave it out")
     return result
 
@@ -83,7 +81,7 @@ def per_second(value: Any, key: str) -> float:
         return number(value, key)
     rate = _RATE.match(match[2].lower())
     if rate is None:
-        raise MetadataError(f"{key} = {_shown(value)} has no known unit", remedy=f'write {key} = "2 /min" or "0.03 /s"')
+        raise MetadataError(f"{key} = {value!r:.60} has no known unit", remedy=f'write {key} = "2 /min" or "0.03 /s"')
     return number(match[1], key) / _unit(rate[1], key)
 
 
@@ -96,7 +94,7 @@ def to_ideal(values: Mapping[str, Any]) -> Tuning:
     """
     form = str(values.get("form", "ideal")).strip().lower()
     if form not in FORMS:
-        raise MetadataError(f"form = {_shown(values['form'])} is not known", remedy=nearest(form, FORMS))
+        raise MetadataError(f"form = {values['form']!r:.60} is not known", remedy=nearest(form, FORMS))
     for rivals in RIVALS:
         if len(given := [key for key in rivals if key in values]) > 1:
             raise MetadataError(f"both {' and '.join(given)} are given", remedy="keep one of them")
@@ -142,11 +140,11 @@ def _integral(values: Mapping[str, Any], gain: float | None, size: float) -> flo
     if key is None:
         return None
     if key == "reset" and not (isinstance(values[key], str) and re.search(r"[a-zA-Z]", values[key])):
-        raise MetadataError(f"reset = {_shown(values[key])} needs its unit",
+        raise MetadataError(f"reset = {values[key]!r:.60} needs its unit",
                             remedy='write reset = "2 /min" (repeats) or "30 s" (time)')
     time = seconds(values[key], key)
     if time <= 0:
-        raise MetadataError(f"{key} must be positive, not {_shown(values[key])}",
+        raise MetadataError(f"{key} must be positive, not {values[key]!r:.60}",
                             remedy="give the integral time in seconds, or leave it out to have it identified")
     return time * size
 
@@ -155,10 +153,5 @@ def _unit(text: str, key: str) -> float:
     unit = text.strip().lower().rstrip(".")
     factor = SECONDS.get(unit, SECONDS.get(unit.removesuffix("s")))
     if factor is None:
-        raise MetadataError(f"{key}: unknown time unit {_shown(text)}", remedy="use s, min or h")
+        raise MetadataError(f"{key}: unknown time unit {text!r:.60}", remedy="use s, min or h")
     return factor
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,15 +1,21 @@
-"""Loop settings as users write them, of all loops of one or several files, and what they mean: ideal form, seconds."""
+"""Loop settings as users write them, a TOML page or a CSV table, and what they mean: ideal form, seconds.
+
+They are checked key by key; what is wrong is named with its line.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 from ..errors import MetadataError, nearest
 from ..record import LoopSettings, Note
+from ..toml_text import Page, checked, line_of, parsed
 from .pid_forms import RIVALS, number, seconds, to_ideal
 
 ROLE_KEYS = ("sp", "pv", "op", "mode")
@@ -18,6 +24,8 @@ LOOP_KEYS = (  # limit_class: class of dead-band limit, for the wear report
     "units", "auto_modes", "description", "limit_class",
 )  # fmt: skip
 _SEPARATOR = re.compile(r"[\s./\\:_|-]+")
+_NUMBER = r"(-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+_RANGE = re.compile(rf"^\s*[\[(]?\s*{_NUMBER}\s*(?:\.\.\.?|,|;|:|\s|to|bis)\s*{_NUMBER}\s*[\])]?\s*$")
 
 
 @dataclass(frozen=True)
@@ -65,6 +73,72 @@ class Metadata:
         return same[0] if len(same) == 1 else None
 
 
+class _LoopsFile(Page, frozen=True):
+    defaults: Mapping[str, Any] = {}
+    loops: Mapping[str, Any] = {}
+
+
+def parse_toml(text: str, where: str) -> Metadata:
+    """Read metadata from TOML text. Raises MetadataError naming line and key, with the nearest known ones."""
+    page = checked(parsed(text, where), _LoopsFile, where, text,
+                   remedy="settings of a loop stand under [loops.NAME] of the loops file")
+    check_keys(page.defaults, partial(line_of, text, where, "defaults"))
+    for name, values in page.loops.items():
+        if not isinstance(values, dict):
+            raise MetadataError(f"'loops.{name}' must be a table", where=line_of(text, where, "loops", name),
+                                remedy=f"write it as [loops.{name}] with keys below")
+        check_keys(values, partial(line_of, text, where, "loops", name))
+    return with_defaults(page.loops, page.defaults, where)
+
+
+def parse_table(text: str, where: str) -> Metadata:
+    """Read metadata from CSV text with a column `loop`; empty cells are not set, a row `defaults` holds for all.
+
+    Ranges are written "0..900" or "[0, 900]". Raises MetadataError naming line and column.
+    """
+    head = text.partition("\n")[0]
+    delimiter = max(";\t,", key=head.count)
+    reader = csv.reader(io.StringIO(text), delimiter=delimiter)
+    try:
+        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise MetadataError(f"not a CSV table: {error}", where=f"{where}, line {reader.line_num}") from None
+    if not rows:
+        return Metadata({}, {}, (where,))
+    header = [cell.strip() for cell in rows[0][1]]
+    names = [i for i, cell in enumerate(header) if cell.lower() in ("loop", "name", "tag")]
+    if not names:
+        raise MetadataError("table has no column 'loop'", where=where, remedy="name the loops in a column called loop")
+    check_keys({key: "" for i, key in enumerate(header) if i != names[0] and key},
+               lambda key: f"{where}, line {rows[0][0]}")
+    defaults: dict[str, Any] = {}
+    loops: dict[str, dict[str, Any]] = {}
+    for line, row in rows[1:]:
+        cells = dict(zip(header, row, strict=False))
+        name = cells.pop(header[names[0]], "").strip()
+        values = {k: _value(k, v, delimiter, f"{where}, line {line}") for k, v in cells.items() if k and v.strip()}
+        if name.lower() in ("defaults", "default"):
+            defaults = values
+        elif not name or name in loops:
+            raise MetadataError(f"loop {name!r} is listed twice" if name else "row without a loop name",
+                                where=f"{where}, line {line}")
+        else:
+            loops[name] = values
+    return with_defaults(loops, defaults, where)
+
+
+def _value(key: str, text: str, delimiter: str, where: str) -> Any:
+    text = text.strip()
+    if key.endswith("_range"):
+        if delimiter == ";":
+            text = re.sub(r"(?<=\d),(?=\d)", ".", text)
+        match = _RANGE.match(text)
+        if match is None:
+            raise MetadataError(f"{key} = {text!r} is not a range", where=where, remedy='write "0..900"')
+        return [float(match[1]), float(match[2])]
+    return text.split() if key == "auto_modes" else text
+
+
 def with_defaults(loops: Mapping[str, Mapping[str, Any]], defaults: Mapping[str, Any], where: str) -> Metadata:
     """Return the settings of a file: of each loop its own and the defaults that hold for it, which are those that it
     does not set, nor contradict by another form of the same."""
@@ -91,8 +165,7 @@ def merge(parts: Iterable[Metadata]) -> Metadata:
     conflicts: list[str] = []
     for part in parts:
         files.extend(part.files)
-        for key, value in part.defaults.items():
-            defaults.setdefault(key, value)
+        defaults = {**part.defaults, **defaults}
         for name, values in part.loops.items():
             if name in loops and dict(loops[name].values) != dict(values.values):
                 conflicts.append(f"{name}: {loops[name].where} and {values.where} differ; the first is used")
@@ -126,8 +199,7 @@ def settings_of(values: LoopValues | None) -> Settings:
     if values is None:
         return Settings(LoopSettings())
     given = values.values
-    tuning = to_ideal(given)
-    notes: list[Note] = []
+    tuning, notes = to_ideal(given), tuple[Note, ...]()
     times = {key: seconds(given[key], key) for key in ("Tf", "theta") if key in given}
     for key, value in times.items():
         if value < 0:
@@ -138,20 +210,18 @@ def settings_of(values: LoopValues | None) -> Settings:
                             remedy="give the gain, or leave Kp out for the default 1.5")
     if gain is not None and tuning.K is not None and gain * tuning.K < 0:
         gain = -gain
-        notes.append(Note("kp_sign", f"Kp has the opposite sign of K, with which no loop is stable: taken as {gain:g}"))
+        notes = (Note("kp_sign", f"Kp has the opposite sign of K, with which no loop is stable: taken as {gain:g}"),)
     units = str(given.get("units", "normalised")).lower()
     if units not in ("normalised", "normalized", "engineering"):
         raise MetadataError(f"units = {given['units']!r} is not known", remedy='units is "normalised" or "engineering"')
-    named = {"PB": "K", "Ki": "Ti", "reset": "Ti", "Kd": "Td"}
-    keys = ("Tf", "Kp", "theta", "pv_range", "op_range", "K", "PB", "Ti", "Ki", "reset", "Td", "Kd")
-    source = {named.get(key, key): "default" if key in values.from_defaults else "metadata"
-              for key in keys if key in given}
+    keys = (("Tf",), ("Kp",), ("theta",), ("pv_range",), ("op_range",), *RIVALS)
+    source = {same[0]: "default" if key in values.from_defaults else "metadata"
+              for same in keys for key in same if key in given}
     setpoint, modes = given.get("sp"), given.get("auto_modes", ())
-    loop = LoopSettings(K=tuning.K, Ti=tuning.Ti, Td=tuning.Td, Tf=times.get("Tf"), Kp=gain, theta=times.get("theta"),
-                        source=source)
+    loop = LoopSettings(*tuning, times.get("Tf"), gain, times.get("theta"), source=source)
     return Settings(loop, _range(given, "pv_range"), _range(given, "op_range"), units == "engineering",
                     tuple(map(str, modes if isinstance(modes, (list, tuple)) else [modes])),
-                    number(setpoint, "sp") if isinstance(setpoint, (int, float)) else None, tuple(notes))
+                    number(setpoint, "sp") if isinstance(setpoint, (int, float)) else None, notes)
 
 
 def _range(given: Any, key: str) -> tuple[float, float] | None:
@@ -161,11 +231,10 @@ def _range(given: Any, key: str) -> tuple[float, float] | None:
     if not isinstance(value, (list, tuple)) or len(value) != 2:
         raise MetadataError(f"{key} must be two numbers, not {value!r}", remedy=f"write {key} = [0, 100]")
     low, high = number(value[0], key), number(value[1], key)
-    if low == high:
-        raise MetadataError(f"{key} = [{low:g}, {high:g}] has zero width", remedy="give the span: [low, high]")
     if low > high:
         raise MetadataError(f"{key} = [{low:g}, {high:g}] is reversed: low must be less than high",
                             remedy=f"[{high:g}, {low:g}]?")
-    if high - low == float("inf"):
-        raise MetadataError(f"{key} is too wide", remedy="give the span: [low, high]")
+    if not 0.0 < high - low < float("inf"):
+        raise MetadataError(f"{key} = [{low:g}, {high:g}] {'has zero width' if low == high else 'is too wide'}",
+                            remedy="give the span: [low, high]")
     return low, high

@@ -1,23 +1,31 @@
-"""What would a backlash compensator do to this loop? The same loads and noise, without it and with a range of gains.
+"""From one loop's record to advice on a backlash compensator: dead band, process, trials of a range of gains, choice.
 
 Noise and loads are those of the record. Advice to a person: nothing here reaches a control system.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..record import FloatArray, Note, Record
+from ..errors import LoopError
+from ..estimator.compensator import HYSTERESIS, gain_share
+from ..model.problem import noise_floor
+from ..record import FloatArray, Note, Record, SampleState
+from ..results import LoopReport, Verdict
 from ..results.compensation import CompensationStudy, ProcessModel, Trial
 from ..results.plan import Course
+from ..scanning import scan
 from .controller import Compensator, Controller, Scheme
 from .limit_cycle import limit_cycle
 from .loop import Trace, trace
 from .process import Process
+from .process_fit import fit_process
 from .scenario import Applied, Scenario, use
 
+CLEARLY = 8.0  # difference of -2 log likelihood: 4 nats, one in fifty by chance
+LEAST_MARGIN = 1.4  # gain margin below which a fitted process cannot be the one of a loop that works
 SMALLEST_LOAD, LARGEST_LOAD = 1.5, 0.2  # dead bands; span of output
 SHARES = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)  # gains shown, in dead bands
 MARGIN = 1.25  # the loop must stay quiet at this much more than the recommended gain
@@ -30,22 +38,124 @@ MOST_SAMPLES = 60_000
 SWING = 0.05  # dead bands: a valve that swings by less and for ever is not worth the name of limit cycle
 
 
-def noise_density(controller: Controller, interval: float, measured: float, arrived: float | None) -> float:
-    """Return the density [span^2 s] of the measurement noise, in the sense of the effect `measurement_noise`.
+def compensate(record: Record, *, process: Process | None = None, dead_band: float | None = None,
+               report: LoopReport | None = None, seed: int = 0) -> CompensationStudy:
+    """Return what compensation would do to a loop, simulated; advice to a person, nothing is written anywhere.
 
-    interval: of the record [s]. measured, arrived: standard deviation of white noise in third differences of PV and OP,
-    None without OP. A controller that samples faster than the historian sees less of the noise than the recorded PV
-    tells. OP shows how much arrives; but OP is often rounded, which looks like noise. The smaller of the two is right.
-    Third differences of OP pass (2 sin(w h/2))^6 of K^2 (1 + w^2 Td^2) / (1 + w^2 Tf^2)^2, 20 times white noise.
+    process: given process, else fitted to the record. dead_band: given size [span of output], else from a scan.
+    report: the record's scan, made here if not given.
+    Raises LoopError when the settings, the dead band or the process cannot be had from the record.
     """
-    density = measured**2 * interval
-    if arrived is None:
+    report = report or scan(record)
+    settings = report.settings
+    if settings.K is None or settings.Ti is None:
+        raise LoopError("K and Ti are not known", where=record.loop, remedy="give them in loops.toml",
+                        code="missing_settings")
+    d, interval, d_source = size_of(report, dead_band)
+    controller = Controller(settings.K, settings.Ti, settings.Td, settings.Tf)
+    known = replace(record, settings=settings)
+    model, warnings = model_of(known, controller, d, process)
+    if (smaller := contradiction(model)) is not None:
+        if smaller[1] == 0.0:
+            raise LoopError(f"the record fits better without any dead band than with {100 * d:.2f} %",
+                            where=record.loop, code="no_dead_band",
+                            remedy="take a later record, or test the valve: there is nothing to compensate here")
+        note = Note("smaller_dead_band", f"the record fits a dead band of {100 * smaller[1]:.2f} % clearly better than "
+                    f"{100 * d:.2f} %; the smaller one is used")
+        d, interval = smaller[1], (min(smaller[0], interval[0]), smaller[1])
+        model, more = model_of(known, controller, d, None)
+        warnings = (*warnings, note, *more)
+    if d_source == "scan" and report.verdict is Verdict.SUSPECTED:
+        warnings = (*warnings, Note("suspected", "the scan only suspects backlash; confirm it by a valve test first"))
+    simulated = process or Process.of(model)
+    if simulated.gain * controller.K < 0.0:
+        raise LoopError(f"K = {controller.K:g} and the process gain {simulated.gain:g} make positive feedback",
+                        where=record.loop, remedy="give both the same sign", code="wrong_sign")
+    density = density_of(record, controller)
+    filtered, arrived = (gain * float(np.sqrt(density)) for gain in noise_gains(controller))
+    share, why = gain_share(interval[0], derivative=controller.Td > 0.0, output_noise=arrived)
+    loop = Study(controller, simulated, d, interval, density, typical_load(record, d), HYSTERESIS * filtered,
+                 share * interval[0], why, seed)
+    return study(loop, record.loop, d_source, model, warnings)
+
+
+def size_of(report: LoopReport, given: float | None) -> tuple[float, tuple[float, float], str]:
+    """Return dead band, the ends of its interval and its source. Raises LoopError when the scan found none."""
+    if given is not None:
+        return given, (given, given), "given"
+    found = report.confirmation or report.cluster
+    if found is None or found.d <= 0.0 or report.verdict not in (Verdict.BACKLASH, Verdict.SUSPECTED):
+        reason = report.reasons[0].message if report.reasons else "no half period could be used"
+        raise LoopError(f"the scan does not see backlash ({report.verdict}: {reason})", where=report.loop,
+                        remedy="give one from a valve test with --dead-band 0.03 (3 % of the output span)",
+                        code="no_dead_band")
+    return found.d, (min(found.ci95[0], found.d), max(found.ci95[1], found.d)), "scan"
+
+
+def model_of(record: Record, controller: Controller, d: float, given: Process | None, *, integrating: bool = False
+             ) -> tuple[ProcessModel, tuple[Note, ...]]:
+    """Return the process to simulate and what to know about it. integrating: whether a fitted one may integrate."""
+    if given is not None:
+        return ProcessModel(given.static_gain or given.gain, given.lags, given.dead_time, given.integrating), ()
+    told = record.settings.source.get("Kp") == "metadata"
+    model = fit_process(record, d, record.settings.Kp if told else None, integrating=integrating)
+    margin = gain_margin(controller, Process.of(model))
+    if margin >= LEAST_MARGIN:
+        return model, ()
+    gain = model.gain * margin / LEAST_MARGIN
+    note = Note("fit_lowered", f"with the fitted process gain {model.gain:.3g} the loop would be (almost) unstable, "
+                f"which it is not; {gain:.3g} is used. --process gives a better one")
+    return replace(model, gain=gain), (note,)
+
+
+def contradiction(model: ProcessModel) -> tuple[float, float] | None:
+    """Return the low end and the best size of a dead band that fits the record clearly better, None if none does."""
+    best, most = max(model.profile, key=lambda p: p[1], default=(0.0, 0.0))
+    if not model.profile or most - model.profile[-1][1] <= CLEARLY:
+        return None
+    return min(d for d, evidence in model.profile if evidence >= most - CLEARLY), best
+
+
+def gain_margin(controller: Controller, process: Process) -> float:
+    """Return by which factor the gain may grow until the loop is unstable, infinite if it never is."""
+    slowest = max(controller.Ti, process.dead_time + sum(process.lags))
+    omega = np.logspace(-2.0, 4.0, 20_000) / slowest
+    loop = controller.response(omega) * process.response(omega)
+    down = (loop.imag[:-1] < 0.0) & (loop.imag[1:] >= 0.0) & (loop.real[1:] < 0.0)
+    return float(np.min(-1.0 / loop.real[1:][down], initial=np.inf))
+
+
+def density_of(record: Record, controller: Controller) -> float:
+    """Return the density [span^2 s] of a record's measurement noise, in the sense of the effect `measurement_noise`.
+
+    A controller that samples faster than the historian sees less of the noise than the recorded PV tells. OP shows how
+    much arrives; but OP is often rounded, which looks like noise. The smaller of the two is right. Third differences
+    of OP pass (2 sin(w h/2))^6 of K^2 (1 + w^2 Td^2) / (1 + w^2 Tf^2)^2, 20 times white noise.
+    """
+    def deviation(values: FloatArray) -> float:
+        on_grid = np.full(len(record) and record.index[-1] - record.index[0] + 1, np.nan)
+        on_grid[record.index - record.index[0]] = np.where(record.state == SampleState.GOOD, values, np.nan)
+        return noise_floor(on_grid)
+
+    h, tf = record.interval, controller.filter_time
+    density = deviation(record.measurement) ** 2 * h
+    if record.output is None:
         return density
-    tf, td = controller.filter_time, controller.Td
-    omega = np.linspace(0.0, 40.0 / min(tf, 3.0 * interval), 40_000)
-    spectrum = controller.K**2 * (1.0 + (omega * td) ** 2) / (1.0 + (omega * tf) ** 2) ** 2
-    passed = np.trapezoid(spectrum * (2.0 * np.sin(0.5 * omega * interval)) ** 6, omega) / (20.0 * np.pi)
-    return float(min(density, arrived**2 / passed))
+    omega = np.linspace(0.0, 40.0 / min(tf, 3.0 * h), 40_000)
+    spectrum = controller.K**2 * (1.0 + (omega * controller.Td) ** 2) / (1.0 + (omega * tf) ** 2) ** 2
+    passed = np.trapezoid(spectrum * (2.0 * np.sin(0.5 * omega * h)) ** 6, omega) / (20.0 * np.pi)
+    return float(min(density, deviation(record.output) ** 2 / passed))
+
+
+def noise_gains(controller: Controller) -> tuple[float, float]:
+    """Return standard deviations of filtered measurement and output per square root of the noise density [s^-1/2].
+
+    Behind 1/(1 + s Tf)^2 white noise of density S has the variance S/(4 Tf); P and D part together multiply the
+    spectrum by K^2 (1 + w^2 Td^2), which makes K^2 (1 + Td^2/Tf^2) S/(4 Tf) (Parseval). The integral part is slow.
+    """
+    tf = controller.filter_time
+    filtered = 1.0 / np.sqrt(4.0 * tf)
+    return float(filtered), float(abs(controller.K) * filtered * np.hypot(1.0, controller.Td / tf))
 
 
 def typical_load(record: Record, d: float) -> float:
@@ -82,23 +192,13 @@ class Study:
         """Time scale of the loop [s]: integral time, or the process's lags and dead time."""
         return max(self.controller.Ti, self.process.dead_time + sum(self.process.lags))
 
-    def scenario(self, duration: float, gain: float, *effects: Applied) -> Scenario:
-        """The loop at rest in the middle of its range, with compensator (9) of this gain, met by these effects."""
+    def run(self, duration: float, gain: float, *effects: Applied) -> Trace:
+        """Simulate the loop, at rest at first, with compensator (9) of this gain, met by these effects."""
         # fine enough for the filter, whose noise would be lost otherwise
         step = max(self.controller.filter_time / 4.0, duration / MOST_SAMPLES)
-        return Scenario(self.controller, self.process, duration, step, (use("backlash", d=self.d), *effects),
-                        compensator=Compensator(gain, Scheme.ERROR, hysteresis=self.hysteresis), seed=self.seed)
-
-
-def noise_gains(controller: Controller) -> tuple[float, float]:
-    """Return standard deviations of filtered measurement and output per square root of the noise density [s^-1/2].
-
-    Behind 1/(1 + s Tf)^2 white noise of density S has the variance S/(4 Tf); P and D part together multiply the
-    spectrum by K^2 (1 + w^2 Td^2), which makes K^2 (1 + Td^2/Tf^2) S/(4 Tf) (Parseval). The integral part is slow.
-    """
-    tf = controller.filter_time
-    filtered = 1.0 / np.sqrt(4.0 * tf)
-    return float(filtered), float(abs(controller.K) * filtered * np.hypot(1.0, controller.Td / tf))
+        compensator = Compensator(gain, Scheme.ERROR, hysteresis=self.hysteresis)
+        return trace(Scenario(self.controller, self.process, duration, step, (use("backlash", d=self.d), *effects),
+                              compensator=compensator, seed=self.seed))
 
 
 def study(s: Study, loop: str, d_source: str, model: ProcessModel, warnings: tuple[Note, ...] = ()
@@ -111,7 +211,7 @@ def study(s: Study, loop: str, d_source: str, model: ProcessModel, warnings: tup
     sizes = s.load * random.uniform(0.5, 1.5, LOAD_STEPS) * np.where(np.arange(LOAD_STEPS) % 2, -1.0, 1.0)
     times = spacing * (0.5 + np.arange(LOAD_STEPS) + random.uniform(-0.2, 0.2, LOAD_STEPS))
     loads = (use("load_step", times=times.tolist(), sizes=sizes.tolist()), use("measurement_noise", density=s.density))
-    runs = {gain: trace(s.scenario(spacing * (LOAD_STEPS + 0.5), gain, *loads))
+    runs = {gain: s.run(spacing * (LOAD_STEPS + 0.5), gain, *loads)
             for gain in sorted({*shares, *allowed, *(gain * MARGIN for gain in allowed)})}
     trials = {gain: judge(run, s, gain) for gain, run in runs.items()}
     recommended, reason, refusals = choose(s, trials)
@@ -122,20 +222,18 @@ def study(s: Study, loop: str, d_source: str, model: ProcessModel, warnings: tup
         loop=loop,
         settings={"K": s.controller.K, "Ti": s.controller.Ti, "Td": s.controller.Td, "Tf": s.controller.filter_time},
         d=s.d, interval=s.interval, d_source=d_source, process=model,
-        output_noise=noise_gains(s.controller)[1] * float(np.sqrt(s.density)),
-        hysteresis=s.hysteresis, load=s.load, trials=tuple(trials[gain] for gain in listed), rule_gain=s.rule_gain,
-        recommended=recommended, reason=reason, refusals=refusals, warnings=warnings, before=before, after=after,
-    )
+        output_noise=noise_gains(s.controller)[1] * float(np.sqrt(s.density)), hysteresis=s.hysteresis, load=s.load,
+        trials=tuple(trials[gain] for gain in listed), rule_gain=s.rule_gain, recommended=recommended, reason=reason,
+        refusals=refusals, warnings=warnings, before=before, after=after)
 
 
 def judge(run: Trace, s: Study, gain: float) -> Trial:
     """Return the numbers of one run."""
     hours = run.scenario.duration / 3600.0
     error = np.abs(run.setpoint - run.process_output)
-    return Trial(gain=gain, iae=float(np.mean(error)), peak=float(np.max(error)),
-                 travel=float(np.sum(np.abs(np.diff(run.valve)))) / hours,
-                 output_travel=float(np.sum(np.abs(np.diff(run.output)))) / hours,
-                 reversals=reversals(run.valve) / hours, limit_cycle=goes_on_oscillating(s, gain))
+    travel, output_travel = (float(np.sum(np.abs(np.diff(way)))) / hours for way in (run.valve, run.output))
+    return Trial(gain, float(np.mean(error)), float(np.max(error)), travel, output_travel, reversals(run.valve) / hours,
+                 goes_on_oscillating(s, gain))
 
 
 def reversals(valve: FloatArray) -> float:
@@ -147,7 +245,7 @@ def reversals(valve: FloatArray) -> float:
 def goes_on_oscillating(s: Study, gain: float) -> bool:
     """True when the loop, pushed once and then left alone without noise, still turns its valve over and over."""
     duration = 120.0 * s.slowest
-    run = trace(s.scenario(duration, gain, use("load_step", times=[0.0], sizes=[2.0 * s.d])))
+    run = s.run(duration, gain, use("load_step", times=[0.0], sizes=[2.0 * s.d]))
     valve = run.valve[run.time > 0.7 * duration]
     return bool(reversals(valve) >= 4 and np.ptp(valve) > SWING * s.d)
 
@@ -169,26 +267,24 @@ def choose(s: Study, trials: dict[float, Trial]) -> tuple[float | None, str, tup
         gain = back * s.rule_gain
         notes = objections(trials[0.0], trials[gain], trials[gain * MARGIN])
         if not notes:
-            reason = s.rule_reason
-            if back < 1.0:
-                reason = f"{back:g} of what the rule allows, because at more: {against[-1].message}"
-            return gain, reason, tuple(against)
+            at_more = f"{back:g} of what the rule allows, because at more: {against[-1].message}" if against else ""
+            return gain, at_more or s.rule_reason, tuple(against)
         against += notes
     return None, against[-1].message, tuple(against)
 
 
 def objections(base: Trial, trial: Trial, beyond: Trial) -> list[Note]:
     """Return what speaks against a gain; `beyond` is the trial at 1.25 times that gain."""
-    notes = []
+    notes, at = [], f"at a gain of {100 * trial.gain:.2f} % the"
     if trial.limit_cycle or beyond.limit_cycle:
         notes.append(Note("compensator_limit_cycle", f"the compensator itself makes the loop oscillate at a gain of "
                           f"{100 * (trial if trial.limit_cycle else beyond).gain:.2f} %"))
     if trial.travel > MOST_TRAVEL * base.travel:
-        notes.append(Note("valve_travel", f"at a gain of {100 * trial.gain:.2f} % the valve travels "
-                          f"{trial.travel / base.travel:.1f} times as far: it would wear faster"))
+        notes.append(Note("valve_travel", f"{at} valve travels {trial.travel / base.travel:.1f} times as far: it would "
+                          "wear faster"))
     if trial.iae > (1.0 - LEAST_FALL) * base.iae:
-        notes.append(Note("no_improvement", f"at a gain of {100 * trial.gain:.2f} % the mean error changes by "
-                          f"{100 * (trial.iae / base.iae - 1.0):+.0f} % only"))
+        change = 100 * (trial.iae / base.iae - 1.0)
+        notes.append(Note("no_improvement", f"{at} mean error changes by {change:+.0f} % only"))
     return notes
 
 

@@ -36,10 +36,7 @@ def describing_function(ratio: object) -> ComplexArray:
 
 @dataclass(frozen=True)
 class LimitCycle:
-    """A lasting oscillation: period [s] and amplitudes (half of peak to peak, normalised).
-
-    amplitude_u: at the controller output, the input of the gap. amplitude_y: at the measurement.
-    """
+    """A lasting oscillation: period [s], and half of peak to peak [span] of output and measurement."""
 
     period: float
     amplitude_u: float
@@ -79,15 +76,13 @@ def limit_cycle(controller: Controller, process: Process, d: float) -> LimitCycl
     # along w, d/a follows from the phase of N and the size decides
     grid = _frequencies(controller, process)
     values = excess(grid)
-    spans = np.flatnonzero(values[:-1] * values[1:] < 0.0)
-    roots = [float(brentq(lambda w: float(excess(w)), grid[k], grid[k + 1], xtol=1e-12)) for k in spans
-             if d > 0.0]
+    spans = np.flatnonzero((values[:-1] * values[1:] < 0.0) & (d > 0.0))
+    roots = [float(brentq(lambda w: float(excess(w)), grid[k], grid[k + 1], xtol=1e-12)) for k in spans]
     cycles = [(float(ratio_at(root)), float(np.exp(root))) for root in roots]
-    cycles = [(ratio, omega) for ratio, omega in cycles if stable(omega, ratio)]
-    if not cycles:
-        return None
     # of several stable cycles the largest is the one a disturbance ends in
-    ratio, omega = min(cycles)
+    ratio, omega = min((cycle for cycle in cycles if stable(cycle[1], cycle[0])), default=(0.0, 0.0))
+    if not omega:
+        return None
     gain = abs(describing_function(ratio) * process.response(omega))
     return LimitCycle(2.0 * np.pi / omega, d / ratio, float(d / ratio * gain))
 

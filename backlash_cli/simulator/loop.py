@@ -18,8 +18,6 @@ from .scenario import Applied, Scenario, Signal, draw_lines, every
 
 UNSTABLE_SPANS = 10.0  # the measurement of a loop that works stays within a few spans
 AT_LIMIT = 1e-9  # an output this close to its limit is at its limit
-
-
 Random = Iterator[np.random.Generator]  # one after the other, for the random effects in their order
 
 
@@ -57,10 +55,9 @@ def _effects(s: Scenario, samples: int, columns: Mapping[str, FloatArray], rando
         if applied.effect.stage in order[:3]:
             value = rest = float(applied.effect.step(state.copy(), value, applied.p))
     ends = [sum(a.effect.stage in upto for a in chain) for upto in (order[:3], order[:4], order)]
-    plain = [a.effect.step for a in chain]
-    machine = [compiled(step) for step in plain]
+    machine = [compiled(a.effect.step) for a in chain]
     ready = None not in machine
-    steps = (*(machine if ready else plain), *[compiled(_idle)] * (SLOTS - len(chain)))
+    steps = (*(machine if ready else [a.effect.step for a in chain]), *[compiled(_idle)] * (SLOTS - len(chain)))
     packed = [np.empty(0), *(a.p for a in chain)]
     return ((steps, np.cumsum([len(x) for x in states]), np.cumsum([len(x) for x in packed]),
              np.array(ends, dtype=np.int64), np.concatenate(states), np.concatenate(packed)), rest, ready)
@@ -96,10 +93,7 @@ class Trace:
 
 
 def simulate(scenario: Scenario) -> Record:
-    """Simulate a loop and return the Record that a historian would export, settings filled in.
-
-    Raises LoopError (code `unstable_loop`) when the measurement runs away.
-    """
+    """Simulate a loop and return the Record that a historian would export; raises as `trace` does."""
     return export(trace(scenario))
 
 

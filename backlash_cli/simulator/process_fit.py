@@ -61,11 +61,8 @@ class Fit:
         return np.asarray(lfilter(self.whitening, [1.0], np.diff(values, prepend=values[0]) * self.joined))
 
     def lagged(self, lag: float, second: float) -> FloatArray:
-        """Return the valve position (blocks,) through one or two lags [s], at rest before.
-
-        Block means are taken as joined by straight lines: first-order hold, exact (Astrom and Wittenmark,
-        Computer-Controlled Systems, section 2.8).
-        """
+        """Return the valve position (blocks,) through one or two lags [s], at rest before; block means are joined by
+        straight lines: first-order hold (Astrom and Wittenmark, Computer-Controlled Systems, section 2.8)."""
         out = self.x - self.x[0]
         for ratio in (time / self.interval for time in (lag, second) if time > 0.0):
             a = np.exp(-1.0 / ratio)
@@ -87,18 +84,15 @@ class Fit:
         """Return the best shape of the grid; shocks count less, judged on what no model explains."""
         y = self.white(self.y)
         weight = shock_weights(y)
-        best, most = (self.Ti, 0.0, 0.0), 0.0
-        for lag, share in product(LAGS * self.Ti, SECOND):
-            if lag < SHORTEST * self.interval:
-                continue
+        found = [(0.0, (self.Ti, 0.0, 0.0))]
+        for lag, share in product(LAGS[LAGS * self.Ti >= SHORTEST * self.interval] * self.Ti, SECOND):
             prompt = self.white(self.lagged(lag, share * lag))
             for delay in np.multiply(DELAYS, self.Ti):
                 g = weight * self.late(prompt, delay)
                 along, power = float(g @ (weight * y)), float(g @ g)
                 gain = self.gain_of(along, power)
-                if (gained := gain * (2.0 * along - gain * power)) > most:
-                    best, most = (lag, share * lag, delay), gained
-        return np.array(best)
+                found.append((gain * (2.0 * along - gain * power), (lag, share * lag, delay)))
+        return np.array(max(found, key=lambda one: one[0])[1])
 
     def match(self, shape: FloatArray) -> tuple[float, float, FloatArray]:
         """Return the evidence for a shape, a fall of -2 log likelihood, its gain, both robust, and what it leaves."""
@@ -129,11 +123,11 @@ class Fit:
         def shape_of(p: FloatArray) -> FloatArray:
             return np.maximum(unit * np.append(np.exp(p[:2]), p[2]), [SHORTEST * self.interval, 0.0, 0.0])
 
-        first = np.array([0.0, 0.0, start[2] / self.interval])
-        reach = np.vstack([np.zeros(3), np.diag([0.2, 0.2, 0.7])])
         def cost(p: FloatArray) -> float:
             return -self.match(shape_of(p))[0]
 
+        first = np.array([0.0, 0.0, start[2] / self.interval])
+        reach = np.vstack([np.zeros(3), np.diag([0.2, 0.2, 0.7])])
         options: Any = {"initial_simplex": first + reach, "maxfev": 80, "xatol": 0.02, "fatol": 0.05}
         return shape_of(np.asarray(minimize(cost, first, method="Nelder-Mead", options=options).x))
 

@@ -13,8 +13,7 @@ from ..record import FloatArray, LoopSettings
 from .controller import Compensator, Controller
 from .process import Process
 
-# a signal at rest further out than this many spans is an engineering value, not a normalised one
-LARGEST = 10.0
+LARGEST = 10.0  # spans; a signal that rests further out is an engineering value, not a normalised one
 Row = tuple[str, str, str, str, str]
 
 
@@ -57,8 +56,6 @@ def draw_lines(original: FloatArray, held: FloatArray) -> FloatArray:
     original, held: (samples,) before and after exception reporting. A sample was reported when the held value moved;
     the sample before it is reported too, as exception reporting does, so that a hold does not become a ramp.
     """
-    if held.size == 0:
-        return held.copy()
     moved = np.flatnonzero(np.diff(held) != 0.0) + 1
     points = np.unique(np.concatenate([[0], moved - 1, moved, [held.size - 1]]))
     return np.interp(np.arange(held.size), points, original[points])

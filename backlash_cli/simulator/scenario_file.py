@@ -18,7 +18,7 @@ The keys of a table are the fields of what it describes: Scenario, Controller, P
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import MISSING, fields, replace
+from dataclasses import MISSING, fields, is_dataclass, replace
 from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
@@ -44,12 +44,9 @@ def read_toml(path: str) -> dict[str, Any]:
     return parsed(read_page(path, "the file", remedy), path)
 
 
-def parse_scenarios(text: str, where: str = "scenario") -> tuple[Scenario, ...]:
-    """Return the loops described by the text of a scenario file. Raises MetadataError for whatever is wrong."""
-    return _scenarios(parsed(text, where), where)
-
-
-def _scenarios(document: Mapping[str, Any], where: str) -> tuple[Scenario, ...]:
+def parse_scenarios(page: str | Mapping[str, Any], where: str = "scenario") -> tuple[Scenario, ...]:
+    """Return the loops described by a scenario file, text or tables. Raises MetadataError for whatever is wrong."""
+    document = parsed(page, where) if isinstance(page, str) else page
     _known(document, ("simulation", "loops"), where)
     common, loops = _table(document.get("simulation", {}), f"{where}: [simulation]"), document.get("loops", {})
     _known(common, SIMULATION, f"{where}: [simulation]")
@@ -68,12 +65,10 @@ def _loop(name: str, common: Mapping[str, Any], entry: object, where: str, place
     entry = {**common, **_table(entry, where)}
     seed = loop_seed(_value(int, entry.get("seed", 0), f"{where} seed"), place)
     start = entry.get("start", 0.0)
-    if isinstance(start, str):
-        try:
-            start = datetime.fromisoformat(start)
-        except ValueError:
-            raise MetadataError(f"'{start}' is not a time", where=f"{where} start",
-                                remedy="2026-03-02T06:00:00Z") from None
+    try:
+        start = datetime.fromisoformat(start) if isinstance(start, str) else start
+    except ValueError:
+        raise MetadataError(f"'{start}' is not a time", where=f"{where} start", remedy="2026-03-02T06:00:00Z") from None
     if isinstance(start, datetime):
         start = (start if start.tzinfo else start.replace(tzinfo=UTC)).timestamp()
     return build(Scenario, {**entry, "name": name, "seed": seed, "start": start}, where)
@@ -110,10 +105,6 @@ def _value(kind: Any, value: object, where: str) -> Any:
         return {str(k): _value(inner[1], v, f"{where}.{k}") for k, v in _table(value, where).items()}
     if kind is str:
         return str(value)
-    if kind is bool:
-        if not isinstance(value, bool):
-            raise MetadataError(f"{value!r} is not true or false", where=where)
-        return value
     if kind is Applied:
         return _effect(_table(value, where), where)
     if kind is Recorder:
@@ -121,13 +112,15 @@ def _value(kind: Any, value: object, where: str) -> Any:
         signals = tuple(s.upper() for s in _value(tuple[str, ...], table.pop("signals", ("PV", "OP")), where))
         _known(signals, ("SP", "PV", "OP"), f"{where} signals")
         return Recorder(lines=bool(table.pop("lines", False)), applied=_effect(table, where), signals=signals)
-    if not issubclass(kind, int | float) and not (kind is Signal and isinstance(value, int | float)):
+    if kind is Signal and isinstance(value, int | float):
+        return Signal(_value(float, value, where))
+    if is_dataclass(kind):
         return build(kind, value, where)
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
-        raise MetadataError(f"{value!r} is not a number", where=where)
+    if isinstance(value, bool) is not (kind is bool) or not isinstance(value, int | float) or value != value:
+        raise MetadataError(f"{value!r} is not {'true or false' if kind is bool else 'a number'}", where=where)
     if kind is int and (value % 1.0 or not 0 <= value < 1e18):
         raise MetadataError(f"{value:g} is not possible", where=where, remedy="0, 1, 2, ...")
-    return int(value) if kind is int else Signal(float(value)) if kind is Signal else float(value)
+    return kind(value) if kind in (int, bool) else float(value)
 
 
 def _effect(table: Mapping[str, Any], where: str) -> Applied:
@@ -172,7 +165,7 @@ def scenario_text(name: str) -> str:
 def load_scenarios(name_or_path: str) -> tuple[Scenario, ...]:
     """Return the loops of a named scenario or of a user's own TOML file."""
     if name_or_path.endswith(".toml") or Path(name_or_path).is_file():
-        return _scenarios(read_toml(name_or_path), name_or_path)
+        return parse_scenarios(read_toml(name_or_path), name_or_path)
     return parse_scenarios(scenario_text(name_or_path), where=name_or_path)
 
 

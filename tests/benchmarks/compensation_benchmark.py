@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from backlash_cli.compensate import compensate
 from backlash_cli.errors import LoopError
 from backlash_cli.scanning import scan
 from backlash_cli.simulator import Compensator, Scenario, Scheme, simulate, trace, use
+from backlash_cli.simulator.compensation import compensate
 from backlash_cli.simulator.limit_cycle import limit_cycle
 from tests.benchmarks.batch import TI, Loop, draw_loop, recording
 

@@ -18,7 +18,7 @@ from backlash_cli.errors import BacklashError, UsageError
 from backlash_cli.history.unfinished import Unfinished
 from backlash_cli.loaders import ReadOptions
 from backlash_cli.loaders.plant import open_plant
-from backlash_cli.loaders.scratch import Room
+from backlash_cli.loaders.signals import Room
 from backlash_cli.loaders.tables import open_parquet
 from backlash_cli.reporter.json_report import to_json
 from backlash_cli.results import Verdict

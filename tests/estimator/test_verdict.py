@@ -193,10 +193,13 @@ def test_what_a_test_in_manual_lacks_is_said():
     assert decision.confirmation is FOUND
 
 
-def test_a_loop_that_swings_with_a_sound_valve_still_swings():
+def test_a_test_in_manual_decides_on_the_valve_of_a_loop_that_swings_and_the_swing_is_said():
     sound, worn = (decide(findings(confirmation=NOTHING, oscillation=SWINGING, manual=m)) for m in (CLEARED, TESTED))
-    assert sound.verdict is Verdict.OSCILLATING and "manual_test" in codes(sound.reasons)
-    assert worn.verdict is Verdict.BACKLASH and codes(worn.reasons)[-1] == "oscillation"
+    assert sound.verdict is Verdict.NO_BACKLASH and worn.verdict is Verdict.BACKLASH
+    for decision in (sound, worn):
+        assert codes(decision.reasons)[0] == "manual_test" and codes(decision.reasons)[-1] == "oscillation"
+    vague = decide(findings(confirmation=NOTHING, oscillation=SWINGING, manual=VAGUE))
+    assert vague.verdict is Verdict.OSCILLATING and "manual_test" in codes(vague.reasons)
 
 
 def test_a_compressed_pv_limits_a_test_in_manual_as_well():

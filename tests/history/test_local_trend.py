@@ -4,17 +4,21 @@ import numpy as np
 import pytest
 from statsmodels.tsa.statespace.structural import UnobservedComponents
 
-from backlash_cli.history.local_trend import LINE, Fit, Nights, Shocks, Way, _quantiles, covariance, find_shocks, fit
+from backlash_cli.history.local_trend import LINE, Fit, Nights, Way, _quantiles, find_shocks, fit
 from backlash_cli.history.trend import wear
 from backlash_cli.results import Verdict
 from backlash_cli.results.history import Limit
 from tests.benchmarks.wear import BENDING, KINDS, judged, made, repairs, scored, sixty_nights
 
 
+def measured(days, size, error):
+    return Nights(days, size, error, *np.zeros((2, len(days)), bool))
+
+
 def nights(n=30, seed=0, error=0.001):
     rng = np.random.default_rng(seed)
     days = np.sort(rng.choice(60, n, replace=False)).astype(float)
-    return Nights(days, 0.02 + 0.0003 * days + error * rng.normal(size=n), np.full(n, error))
+    return measured(days, 0.02 + 0.0003 * days + error * rng.normal(size=n), np.full(n, error))
 
 
 def least_squares(found, columns):
@@ -26,9 +30,9 @@ def least_squares(found, columns):
 
 def test_a_straight_line_is_that_of_weighted_least_squares():
     found = nights()
-    found = Nights(found.days, found.size, found.error * np.random.default_rng(1).uniform(0.5, 2.0, len(found)))
+    found = measured(found.days, found.size, found.error * np.random.default_rng(1).uniform(0.5, 2.0, len(found)))
     (level, slope), cov = least_squares(found, [np.ones(len(found)), found.days])
-    line = Fit(found, LINE, Shocks())
+    line = Fit(found, LINE)
     mean, error = line.foreseen(found.days, 30.0)
     np.testing.assert_allclose(mean[:-1], level + slope * found.days, rtol=2e-4)
     assert mean[-1] == pytest.approx(slope, rel=2e-3)
@@ -43,19 +47,20 @@ def test_a_bending_trend_has_the_covariance_of_an_integrated_random_walk():
     low = np.minimum(t[:, None], t)
     wander = q * (low**2 * np.maximum(t[:, None], t) / 2 - low**3 / 6)
     line = (3 * np.median(found.size)) ** 2 * (1 + t[:, None] * t / t[-1] ** 2)
-    np.testing.assert_allclose(covariance(found, way) - line, wander, rtol=0.02, atol=2e-3 * wander.max())
+    columns = found.unknowns(way, found.days)
+    np.testing.assert_allclose(columns @ columns.T - line, wander, rtol=0.02, atol=2e-3 * wander.max())
 
 
 def test_level_and_evidence_are_those_of_the_kalman_smoother_of_statsmodels():
     """Its random walk with a deterministic trend, started from the same spread of level and slope."""
     days, rng = np.arange(40.0), np.random.default_rng(3)
-    found = Nights(days, 0.02 + 0.0003 * days + 0.001 * rng.normal(size=40), np.full(40, 0.001))
+    found = measured(days, 0.02 + 0.0003 * days + 0.001 * rng.normal(size=40), np.full(40, 0.001))
     gain, far = 0.001**2 / 4.0**2, 9 * np.median(found.size) ** 2
     model = UnobservedComponents(found.size - np.median(found.size), "lldtrend")
     model.ssm.loglikelihood_burn = 0
     model.ssm.initialize_known(np.zeros(2), np.diag([far, far / 39.0**2]))
     known = model.smooth([0.001**2, gain])
-    mine = Fit(found, Way(0, 4.0), Shocks())
+    mine = Fit(found, Way(0, 4.0))
     mean, error = mine.foreseen(np.arange(50.0), 30.0)
     np.testing.assert_allclose(mean[:40], np.median(found.size) + known.smoothed_state[0], rtol=1e-9)
     np.testing.assert_allclose(error[:40] ** 2 / mine.scale, known.smoothed_state_cov[0, 0], rtol=1e-7)
@@ -71,7 +76,7 @@ def test_level_and_evidence_are_those_of_the_kalman_smoother_of_statsmodels():
 
 def test_shocks_are_told_as_by_fits_with_a_step_or_without_the_night():
     found = nights()
-    apart, steps = Fit(found, LINE, Shocks()).shocks()
+    steps, apart = Fit(found, LINE).shocks()
     n, ones = len(found), np.ones(len(found))
     for k in (5, 12, 20):
         for shape, mine in (((np.arange(n) >= k) * 1.0, steps), ((np.arange(n) == k) * 1.0, apart)):
@@ -92,7 +97,7 @@ def test_a_curve_that_goes_on_is_foreseen(rate):
     """Without noise: the level 20 days on, and the growth of the last month, of an exponential between the ways."""
     days = np.arange(60.0)
     curve = 0.01 + 0.03 * np.expm1(rate * np.arange(80.0) / 59) / np.expm1(rate)
-    trend = fit(Nights(days, curve[:60], np.full(60, 2e-4)), Shocks())
+    trend = fit(measured(days, curve[:60], np.full(60, 2e-4)))
     assert trend.slope[0] == pytest.approx((curve[59] - curve[29]) / 30, rel=0.03)
     assert trend.at(79.0)[0] == pytest.approx(curve[79], rel=0.03)
 
@@ -102,9 +107,9 @@ def test_a_bad_night_and_a_step_are_told_apart():
     size = found.size.copy()
     size[12] *= 1.8
     size[25:] += 0.006
-    shocks = find_shocks(Nights(found.days, size, found.error))
-    assert shocks.apart == (12,) and shocks.steps == (25,)
-    trend = fit(Nights(found.days, size, found.error), shocks)
+    shocks = find_shocks(measured(found.days, size, found.error))
+    assert np.flatnonzero(shocks.apart).tolist() == [12] and np.flatnonzero(shocks.steps).tolist() == [25]
+    trend = fit(shocks)
     assert trend.level[39] == pytest.approx(0.026 + 0.0003 * found.days[-1], rel=0.02)
     assert trend.level[12] == pytest.approx(0.02 + 0.0003 * found.days[12], rel=0.02)
 
@@ -112,7 +117,7 @@ def test_a_bad_night_and_a_step_are_told_apart():
 @pytest.mark.parametrize("limit", [0.025, 0.04])
 def test_the_date_of_an_exact_line_is_exact(limit):
     days = np.arange(40.0)
-    trend = fit(Nights(days, 0.02 + 0.0003 * days, np.full(40, 1e-4)), Shocks())
+    trend = fit(measured(days, 0.02 + 0.0003 * days, np.full(40, 1e-4)))
     value, early, late = trend.reaches(limit)
     assert value == pytest.approx((limit - 0.02) / 0.0003, abs=0.1) and early < value < late
 

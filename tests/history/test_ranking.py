@@ -1,8 +1,11 @@
 """The order of repair: groups by the rule, order within them, and a reason in words for each place."""
 
-from backlash_cli.history.ranking import rank
+from types import SimpleNamespace
+
+from backlash_cli.history.plant import rank
 from backlash_cli.history.store import night_of, night_row
 from backlash_cli.history.trend import wear
+from backlash_cli.reporter.templates import lines
 from backlash_cli.results import Verdict
 from backlash_cli.results.history import Limit
 from tests.history.nights import growing, made
@@ -13,8 +16,9 @@ LIMIT = Limit(0.03, "no_positioner", "rule of practice")
 def places(plant, horizon=90.0, travel=None):
     nights = {name: [night_of({**night_row(r), "travel": (travel or {}).get(name)}) for r in reports]
               for name, reports in plant.items()}
-    wears = [wear(name, found, (), LIMIT) for name, found in nights.items()]
-    return {p.loop: p for p in rank(wears, nights, horizon)}
+    wears = {name: wear(name, found, (), LIMIT) for name, found in nights.items()}
+    return {p.loop: SimpleNamespace(**vars(p), why=tuple(lines("why_place", p, wears[p.loop])))
+            for p in rank([*wears.values()], nights, horizon)}
 
 
 def steady(d, name="X", seed=0, **options):

@@ -9,6 +9,7 @@ import pytest
 from backlash_cli.history.limits import read_limits
 from backlash_cli.history.store import night_of, night_row
 from backlash_cli.history.trend import wear
+from backlash_cli.reporter.templates import sentence
 from backlash_cli.results import Verdict
 from backlash_cli.results.history import Limit, Repair, day_of
 from tests.history.nights import DAY, MARCH, growing, made
@@ -66,16 +67,16 @@ def test_a_marked_repair_splits_even_without_a_drop_and_is_not_found_twice():
 def test_after_a_fresh_repair_no_old_slope_speaks_for_the_valve():
     reports = growing(33, repair=30, seed=4)
     fresh = of(reports, [Repair("FIC101", MARCH + 30 * DAY)])
-    assert fresh.state == "too_few_nights" and fresh.limit_date is None and "needs 5" in fresh.message
+    assert fresh.state == "too_few_nights" and fresh.limit_date is None and "needs 5" in sentence("outlook", fresh)
     none = of(reports, [Repair("FIC101", MARCH + 90 * DAY)])
     assert none.state == "no_estimate" and none.limit_date is None
 
 
 def test_no_growth_is_no_trend():
     steady = of(growing(60, first=0.02, last=0.02, seed=5))
-    assert steady.state == "no_trend" and steady.limit_date is None and "no trend" in steady.message
+    assert steady.state == "no_trend" and steady.limit_date is None and "no trend" in sentence("outlook", steady)
     high = of(growing(60, first=0.05, last=0.05, seed=5))
-    assert high.state == "no_trend" and "above the limit" in high.message
+    assert high.state == "no_trend" and "above the limit" in sentence("outlook", high)
 
 
 def test_nights_without_a_size_are_named_gaps_not_zeros():

@@ -81,7 +81,7 @@ def test_what_was_finished_is_known_when_resumed_and_only_then(tmp_path, reports
     assert not Unfinished(history, ("plant.csv", ScanOptions(confirm=False)), resume=True).known
     assert not Unfinished(history, scanned, resume=False).known
     assert not Unfinished(history, scanned, resume=True).known
-    again.remove()
+    again.close(ended=True)
     assert not again.path.exists()
 
 

@@ -19,10 +19,10 @@ from hypothesis import strategies as st
 
 from backlash_cli.api import scan_files
 from backlash_cli.errors import BacklashError
-from backlash_cli.loaders import Plant, ReadOptions, clean, opening, read, scratch, signals, sniff
+from backlash_cli.loaders import Plant, ReadOptions, clean, opening, read, signals, sniff
 from backlash_cli.loaders.join import failure
 from backlash_cli.loaders.plant import open_plant
-from backlash_cli.loaders.scratch import Room, Store
+from backlash_cli.loaders.signals import Room, Store
 from backlash_cli.record import SampleState
 from backlash_cli.scanning import ScanOptions
 from tests.small_plant import records, write_plant
@@ -347,8 +347,8 @@ def test_what_does_not_fit_goes_to_one_file_that_leaves_nothing_behind(tmp_path)
 
 
 def test_where_a_file_needs_a_name_it_is_gone_with_the_plant(tmp_path, monkeypatch):
-    monkeypatch.setattr(scratch.os.path, "exists", lambda path: False)
-    monkeypatch.setattr(scratch.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(signals.os.path, "exists", lambda path: False)
+    monkeypatch.setattr(signals.tempfile, "tempdir", str(tmp_path))
     (tmp_path / "plant").mkdir()
     want = read(write_plant(tmp_path / "plant"))
     opened = open_plant(tmp_path / "plant", room=Room(0))
@@ -386,14 +386,14 @@ def test_a_full_disk_is_one_message(monkeypatch):
     def full(*args, **kwargs):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(scratch.tempfile, "TemporaryFile", full)
+    monkeypatch.setattr(signals.tempfile, "NamedTemporaryFile", full)
     with pytest.raises(BacklashError, match="No space left"):
         Room(0).spilled(np.ones(3))
 
 
 @given(rows=st.lists(st.integers(0, 5), max_size=200), size=st.integers(1, 200), memory=st.sampled_from([0, 500]))
 def test_a_store_gives_each_group_its_rows_in_order(rows, size, memory):
-    store = Store(Room(memory), groups=True)
+    store = Store(Room(memory), grouped=True)
     numbers = np.array(rows, np.int32)
     for first in range(0, len(rows), size):
         part = slice(first, first + size)
@@ -401,7 +401,7 @@ def test_a_store_gives_each_group_its_rows_in_order(rows, size, memory):
     for group in range(6):
         want = np.flatnonzero(numbers == group)
         assert store.rows(group).sum() == len(want)
-        assert np.array_equal(store.read("x", group=group), want)
+        assert np.array_equal(store.read("x", 0, len(rows), group), want)
         assert np.array_equal(store.read("x", 2, 5, group), want[2:5])
 
 

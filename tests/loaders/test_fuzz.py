@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from backlash_cli.errors import BacklashError, MetadataError
 from backlash_cli.loaders import read
-from backlash_cli.settings.pages import parse_table, parse_toml
-from backlash_cli.settings.schema import settings_of
+from backlash_cli.settings.schema import parse_table, parse_toml, settings_of
 from tests.benchmarks.fuzz_readers import TOKENS, broken_promise, mutate, seeds
 
 from .exports import SETTINGS, arrow, iso, long, wide

@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_cli.errors import LoopError
-from backlash_cli.loaders.grid import MAX_HOLE, make_grid
-from backlash_cli.loaders.order import NAT, SECOND
-from backlash_cli.loaders.order import ordered as ordered_by
+from backlash_cli.loaders.grid import MAX_HOLE, NAT, SECOND, make_grid
+from backlash_cli.loaders.grid import ordered as ordered_by
 
 T0 = 1_773_734_400 * SECOND
 

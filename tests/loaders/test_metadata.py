@@ -6,8 +6,7 @@ import pytest
 
 from backlash_cli.errors import MetadataError
 from backlash_cli.loaders.sources import read_metadata
-from backlash_cli.settings.pages import parse_table, parse_toml
-from backlash_cli.settings.schema import merge, settings_of
+from backlash_cli.settings.schema import merge, parse_table, parse_toml, settings_of
 
 GOOD = """
 [defaults]

@@ -51,17 +51,22 @@ def test_the_same_seed_gives_the_same_plan(quiet, planned):
     assert [o for o in plan(quiet, replace(FEW, kinds=("setpoint_steps",))).options if o.kind != "logging"] == steps
 
 
-def test_limits_that_leave_no_room_are_said_with_what_would_be_needed(quiet):
-    found = plan(quiet, replace(FEW, max_pv_move=Move(0.001), kinds=("setpoint_steps", "manual_test")))
-    for option in found.options:
-        assert option.kind == "logging" or (option.power is None and not option.decides)
-        assert option.kind == "logging" or (option.text.startswith("No room") and "--max-pv-move" in option.text)
+def test_what_goes_beyond_the_limits_says_by_how_much_and_comes_last(quiet):
+    found = plan(quiet, replace(FEW, max_pv_move=Move(0.001), kinds=("manual_test",)))
+    (option,) = [o for o in found.options if o.kind == "manual_test"]
+    assert option.decides and not option.within_limits and option.pv_move > 0.001
+    assert f"it needs --max-pv-move {100 * option.pv_move:.2g}%." in option.text and "--max-op-move" not in option.text
 
 
-def test_moves_stay_within_the_limits(quiet, planned):
+def test_moves_stay_within_the_limits(planned):
     for option in planned.options:
-        if option.decides and option.pv_move is not None:
-            assert option.pv_move <= 0.11 and option.op_move <= 0.11
+        assert option.within_limits == (max(option.pv_move or 0.0, option.op_move or 0.0) <= 0.11)
+        assert option.within_limits != ("beyond your limits" in option.text)
+
+
+def test_a_test_in_manual_moves_op_by_its_steps_and_nothing_else(planned):
+    (option,) = [o for o in planned.options if o.kind == "manual_test"]
+    assert option.op_move == pytest.approx(2.0 * option.move)
 
 
 def test_without_op_or_settings_logging_comes_first(quiet):

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from backlash_cli.reporter.files import write_text
-from backlash_cli.reporter.scan_report import pages, write
+from backlash_cli.reporter.scan_report import scanned, write
 from backlash_cli.results import Verdict
 from tests.reporter.chromium import quiet_page, settled  # noqa: F401  the first acts on every test here
 from tests.reporter.reports import HOSTILE, record, report, result
@@ -24,7 +24,7 @@ def page(tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "report.html"
     loops = [report("FIC10", 0.02), report("FIC9", 0.05), report("TIC1", None, Verdict.NO_BACKLASH)]
     loops += [report(name, 0.01) for name in HOSTILE]
-    write_text(path, pages(result(*loops), {"FIC10": record("FIC10"), HOSTILE[1]: record(HOSTILE[1])}).page())
+    write_text(path, scanned(result(*loops), {"FIC10": record("FIC10"), HOSTILE[1]: record(HOSTILE[1])}).page())
     return path
 
 
@@ -99,7 +99,7 @@ def test_the_figures_follow_a_change_to_dark(browser, page):
 
 
 def test_the_plant_is_drawn_at_the_top_and_the_table_fits_a_usual_screen(browser, tmp_path):
-    write_text(tmp_path / "r.html", pages(result(), {}).page())
+    write_text(tmp_path / "r.html", scanned(result(), {}).page())
     browser.open(tmp_path / "r.html", width=1280)
     browser.wait("document.querySelectorAll('.main-svg').length > 0")
     drawn = browser.evaluate("Array.from(document.querySelectorAll('.yaxislayer-above .ytick, .ytick'))"

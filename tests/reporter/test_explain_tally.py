@@ -50,8 +50,8 @@ def test_gaps_are_counted_together_and_each_alone():
     said = "Of 4 loops, in 1 PV moves too little to tell and 1 could not be explained."
     assert sentence("silent", plant(), 1).startswith(said)
     assert sentence("silent", PlantExplanation(plant().loops[:2]), 0) == ""
-    assert reason(plant().loops[1], ["dead_time"])[0] == "not_tried"
-    assert valve_reason(plant().loops[0]) is None and valve_reason(plant().loops[1])[0] == "below_resolution"
+    assert reason(plant().loops[1], ["dead_time"]).code == "not_tried"
+    assert valve_reason(plant().loops[0]) is None and valve_reason(plant().loops[1]).code == "below_resolution"
 
 
 def test_all_forms_say_the_same():

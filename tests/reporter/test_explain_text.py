@@ -55,7 +55,7 @@ def test_events_are_told_by_the_clock_and_counted_when_many():
 def test_small_words():
     assert (share(0.412), share(0.013), share(None), share(0.0)) == ("41 %", "1.3 %", "–", "0 %")
     assert (error_size(0.00812), error_size(float("nan"))) == ("0.812 %", "–")
-    assert fill("{d} and {", {"d": "3"}) == "d and "  # a template that is none loses its braces
+    assert fill("{d} and {", {"d": "3"}) == "3 and "  # a template that is none loses its braces
     assert fill("{d!r:>9} {e}", {"d": "3"}) == "3 none"
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from backlash_cli.record import Note
 from backlash_cli.reporter import figures, scan_report
-from backlash_cli.reporter.scan_report import pages, write
+from backlash_cli.reporter.scan_report import scanned, write
 from backlash_cli.results import Verdict
 from tests.reporter.reports import HOSTILE, record, report, result
 from tests.reporter.test_page import Reader, unpacked
@@ -18,7 +18,7 @@ from tests.reporter.test_page import Reader, unpacked
 
 def test_one_file_holds_every_loop_with_its_evidence():
     found = result(report("FIC101"), report("TIC202", None))
-    page = pages(found, {"FIC101": record("FIC101")}).page()
+    page = scanned(found, {"FIC101": record("FIC101")}).page()
     facts = ("8 of 10 estimates agree", "Compensator gain 2.40 %", "Kp is not given", "2.70 to 3.30 %")
     for words in ("FIC101", "TIC202", *facts):
         assert words in page, words
@@ -30,14 +30,14 @@ def test_one_file_holds_every_loop_with_its_evidence():
 def test_many_loops_in_one_file_keep_numbers_and_name_the_folder(monkeypatch):
     monkeypatch.setattr(scan_report, "DRAWN", 2)
     loops = [report(f"L{i}", 0.01 * (i + 1)) for i in range(4)]
-    page = pages(result(*loops), {r.loop: record(r.loop) for r in loops}).page()
+    page = scanned(result(*loops), {r.loop: record(r.loop) for r in loops}).page()
     assert "--output FOLDER" in page and len(Reader(page).named("details")) == 4
     assert page.count('class="plot"') == 1 + 2 * 5
 
 
 def test_hostile_names_appear_as_text():
     loops = [report(n, warnings=(Note("w", n),), reasons=(Note(n, n),)) for n in HOSTILE]
-    page = pages(result(*loops, failures=(Note("f", HOSTILE[1]),)), {n: record(n, 500) for n in HOSTILE}).page()
+    page = scanned(result(*loops, failures=(Note("f", HOSTILE[1]),)), {n: record(n, 500) for n in HOSTILE}).page()
     read = Reader(page)
     assert not read.open and not read.named("img") and "<script>alert(1)" not in page
     page.encode("utf-8", "backslashreplace")
@@ -126,7 +126,7 @@ def test_a_page_of_noisy_loops_stays_below_3_mb(loops):
     noisy = {f"L{k}": record(f"L{k}", 20_000) for k in range(loops)}
     for made in noisy.values():
         made.measurement[:] += rng.normal(0.0, 0.005, len(made))
-    assert len(pages(result(*map(report, noisy)), noisy).page()) < 3_000_000
+    assert len(scanned(result(*map(report, noisy)), noisy).page()) < 3_000_000
 
 
 def test_figures_use_engineering_units_and_bounded_points():
@@ -141,5 +141,5 @@ def test_figures_use_engineering_units_and_bounded_points():
 
 def test_pages_do_not_depend_on_the_clock_or_place():
     loops = {"FIC101": record()}
-    assert pages(result(report()), loops).page() == pages(result(report()), loops).page()
-    assert not re.search(r"/(home|root|tmp)/", pages(result(report()), loops).page().split("/**")[0])
+    assert scanned(result(report()), loops).page() == scanned(result(report()), loops).page()
+    assert not re.search(r"/(home|root|tmp)/", scanned(result(report()), loops).page().split("/**")[0])

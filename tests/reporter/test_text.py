@@ -6,9 +6,13 @@ from dataclasses import replace
 import pytest
 
 from backlash_cli.record import Note
-from backlash_cli.reporter.scan_report import to_text
-from backlash_cli.results import Verdict
+from backlash_cli.reporter.scan_report import scanned
+from backlash_cli.results import ScanResult, Verdict
 from tests.reporter.reports import HOSTILE, report, result
+
+
+def to_text(found: ScanResult, **how: bool) -> str:
+    return scanned(found, {}).text(**how)
 
 
 def table_rows(text: str) -> list[str]:

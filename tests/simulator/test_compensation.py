@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from backlash_cli.commands.options import dead_band
-from backlash_cli.compensate import compensate, contradiction, density_of, gain_margin
 from backlash_cli.errors import LoopError, MetadataError, UsageError
 from backlash_cli.model.problem import noise_floor
 from backlash_cli.record import record_from_arrays
@@ -18,6 +17,10 @@ from backlash_cli.simulator.compensation import (
     MARGIN,
     Study,
     choose,
+    compensate,
+    contradiction,
+    density_of,
+    gain_margin,
     goes_on_oscillating,
     noise_gains,
     study,

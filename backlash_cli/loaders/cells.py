@@ -1,0 +1,194 @@
+"""Cells of a column: numbers with thousands separators and units, digital states and words for "not a number"."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from ..record import FloatArray, IntArray
+
+BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"])  # words for an empty cell
+_NUMBER = r"^[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?$"
+_UNITED = re.compile(r"^([+-]?(?:\d[\d.,'’ \u00a0\u202f]*\d|\d|[.,]\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s].*)?$", re.DOTALL)
+# With the point as decimal sign: groups of three digits between separators, all of one kind.
+_GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([,'’ \u00a0\u202f])\d{3})(?:\1\d{3})*(?:\.\d*)?(?:[eE][+-]?\d+)?$")
+_SEPARATED = re.compile(r"[,'’ \u00a0\u202f]")
+_BLANKS = re.compile(r"[\s'’\u00a0\u202f]")
+_FLAG = re.compile(r"\b(?:bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b|^[?#*]+$"
+                   r"|^\.?#(?:INF|\w*NAN|IND)", re.IGNORECASE)  # behind a number: it is none (1.#QNAN)
+_CLOCK = re.compile(r"^\d+[:/-]\d")  # a time or a date is no measurement
+
+
+@dataclass(frozen=True, eq=False)
+class Lexicon:
+    """Texts that stand in a column, by their numbers; read as numbers once for all that share them."""
+
+    words: list[str] = field(default_factory=list)
+    decimal: str = "."
+
+    @cached_property
+    def parsed(self) -> tuple[FloatArray, NDArray[np.bool_], list[str]]:
+        """(values, bad, units) of the texts; blank text is nan and not bad."""
+        values = plain_numbers(self.words) if self.decimal == "." else np.full(len(self.words), np.nan)
+        units = [""] * len(self.words)
+        rest = np.flatnonzero(np.isnan(values)).tolist()
+        comma = "," in (self.decimal, _decimal_sign([self.words[i] for i in rest[:5000]], self.decimal))
+        for i in rest:
+            values[i], units[i] = _with_unit(self.words[i].strip(), comma)
+        return values, np.isnan(values) & np.array([bool(word.strip()) for word in self.words], bool), units
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Cells of a column. values: (rows,) the number in each, nan where there is none. codes: (rows,) place in the
+    lexicon of the text in each, -1 where there is none; None where the column holds no text at all."""
+
+    values: FloatArray
+    codes: NDArray[np.int32] | None = None
+    lexicon: Lexicon = field(default_factory=Lexicon)
+
+    def __getitem__(self, rows: slice | IntArray) -> Cells:
+        return Cells(self.values[rows], None if self.codes is None else self.codes[rows], self.lexicon)
+
+    @cached_property
+    def _used(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """(places in the lexicon of the texts that occur, rows that hold one, its place among those)"""
+        codes = np.zeros(0, int) if self.codes is None else self.codes
+        rows = np.flatnonzero(codes >= 0)
+        used, which = np.unique(codes[rows], return_inverse=True)
+        return used, rows, which
+
+    @property
+    def is_text(self) -> bool:
+        return len(self._used[0]) > 0
+
+    def numbers(self) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return (values, bad): the cells as numbers, nan where there is none, and True where something stands that is
+        no good number (a digital state, inf, another unit than most cells have); a blank cell is not bad."""
+        flags = np.isinf(self.values)
+        if not self.is_text:
+            return self.values, flags
+        used, rows, which = self._used
+        values, bad, all_units = self.lexicon.parsed
+        units, tally = [all_units[i].lower() for i in used], Counter[str]()
+        for unit, count in zip(units, np.bincount(which).tolist(), strict=True):
+            tally[unit] += count * bool(unit)
+        main = tally.most_common(1)[0][0]
+        flags[rows] = (bad[used] | [unit not in ("", main) for unit in units])[which]
+        out = np.where(flags, np.nan, self.values)
+        out[rows] = np.where(flags[rows], np.nan, values[used][which])
+        return out, flags
+
+    def words(self, rows: NDArray[np.bool_], within: slice) -> Counter[str]:
+        """Count the texts in rows that are True, of some rows in a row."""
+        found: Counter[str] = Counter()
+        if self.is_text and self.codes is not None:
+            codes, counts = np.unique(self.codes[within][rows[within]], return_counts=True)
+            for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
+                if code >= 0:
+                    found[self.lexicon.words[code].strip()[:40]] += count
+        return found
+
+    def texts(self) -> tuple[IntArray, list[str]]:
+        """Return (codes, words): the text of each cell, numbers as text too; -1 for an empty cell."""
+        used, rows, which = self._used
+        codes = np.full(len(self.values), -1)
+        codes[rows] = which
+        known = np.flatnonzero(~np.isnan(self.values) & (codes < 0))
+        values, which = np.unique(self.values[known], return_inverse=True)
+        codes[known] = which + len(used)
+        # whole ones without a point
+        numbers = (f"{v:.0f}" if v == np.rint(v) and abs(v) < 1e15 else repr(v) for v in values.tolist())
+        return codes, [*(self.lexicon.words[i] for i in used), *numbers]
+
+
+def is_number(kind: pa.DataType) -> bool:
+    """Say whether a type holds numbers."""
+    return pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
+
+
+def is_text(kind: pa.DataType) -> bool:
+    """Say whether a type holds texts."""
+    return pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind)
+
+
+def to_array(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
+    """Return the cells (rows,) of a column of numbers: nan where a cell is empty, also of whole numbers."""
+    return column.to_numpy(zero_copy_only=False)
+
+
+def stored(column: pa.ChunkedArray | pa.Array, words: dict[str, int], decimal: str = ".", *, written: bool = False
+           ) -> tuple[FloatArray, NDArray[np.int32] | None]:
+    """Return (values, codes) of a column of any type: its numbers, nan where there are none, and the places in `words`
+    of the texts that are no plain numbers, None where there are none. New texts are added to `words`.
+
+    written: the column was read from text, where nan and inf stand for something else than an empty cell.
+    """
+    kind = column.type
+    if is_number(kind) or pa.types.is_boolean(kind) or pa.types.is_null(kind):
+        values = to_array(column if pa.types.is_float64(kind) else column.cast(pa.float64(), safe=False))
+        if not written or np.count_nonzero(odd := ~np.isfinite(values)) <= column.null_count:
+            return values, None
+        odd &= to_array(column.is_valid())
+        marks = np.full(len(values), -1, np.int32)
+        marks[odd] = [words.setdefault(str(value), len(words)) for value in values[odd].tolist()]
+        return np.where(odd, np.nan, values), marks
+    as_text = is_text(kind) or pa.types.is_binary(kind) or pa.types.is_large_binary(kind)
+    codes, texts = codes_and_words(column if as_text else pa.array([str(kind)] * len(column)))
+    values, found = plain_numbers(texts, decimal), np.full(len(texts) + 1, -1, np.int32)
+    for i in np.flatnonzero(np.isnan(values) & (np.bincount(codes + 1, minlength=len(texts) + 1)[1:] > 0)).tolist():
+        found[i] = words.setdefault(texts[i], len(words))
+    own = found[codes]
+    return np.append(values, np.nan)[codes], own if (own >= 0).any() else None
+
+
+def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[IntArray, list[str]]:
+    """Return (codes, words) of a text column: codes[i] is -1 for an empty cell, else a position in words."""
+    column = column if pa.types.is_dictionary(column.type) else column.dictionary_encode()
+    if isinstance(column, pa.ChunkedArray):
+        column = column.unify_dictionaries().combine_chunks()
+    indices, found = to_array(column.indices.fill_null(-1)).astype(np.int64), column.dictionary
+    found = found if is_text(found.type) or pa.types.is_binary(found.type) else found.cast(pa.large_string())
+    # as bytes: in a damaged Parquet file they may be no text
+    texts = [(word or b"").decode(errors="replace") for word in found.cast(pa.large_binary()).to_pylist()]
+    keep = np.array([bool(text) and text not in BLANK and not text.isspace() for text in texts] + [False])
+    return (indices if keep[:-1].all() else np.where(keep[indices], indices, -1)), texts
+
+
+def plain_numbers(words: list[str], decimal: str = ".") -> FloatArray:
+    """Return the values of the texts that are plain finite numbers, nan for all others."""
+    text = pc.replace_substring(pc.utf8_trim_whitespace(pa.array(words, pa.large_string())), decimal, ".")
+    chosen = pc.match_substring_regex(text, _NUMBER)
+    values = to_array(pc.utf8_ltrim(pc.if_else(chosen, text, None), "+").cast(pa.float64()))
+    return np.where(np.isinf(values), np.nan, values)
+
+
+def _with_unit(text: str, comma: bool) -> tuple[float, str]:
+    """The number and the unit of a text, nan for one that is no good number. comma: is its decimal sign."""
+    match = None if len(text) > 60 or _CLOCK.match(text) else _UNITED.match(text)
+    unit = (match[2] or "").strip() if match else ""
+    if match is None or _FLAG.search(unit):
+        return np.nan, ""
+    digits = match[1].translate({44: ".", 46: ","}) if comma else match[1]
+    try:
+        value = float(_SEPARATED.sub("", digits) if _GROUPED.match(digits) else digits)
+    except ValueError:
+        value = np.nan
+    return (value, unit) if np.isfinite(value) else (np.nan, "")
+
+
+def _decimal_sign(words: list[str], decimal: str) -> str:
+    """The decimal sign that the texts themselves show: "," only when a comma cannot be a thousands separator."""
+    words = [_BLANKS.sub("", w) for w in words]
+    if both := next((w for w in words if "." in w and "," in w), ""):
+        return "," if both.rfind(",") > both.rfind(".") else "."
+    commas = [w for w in words if re.match(r"^[+-]?\d+,\d+", w)]
+    return decimal if all(re.match(r"^[+-]?[1-9]\d{0,2}(,\d{3})+(?!\d)", w) for w in commas) else ","
