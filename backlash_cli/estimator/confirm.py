@@ -2,17 +2,20 @@
 
     confirm(record) -> Confirmation | Note      a Note says why the test could not be made
 
-The same question is asked in block means of Ti, Ti/2, Ti/4 and Ti/8 (short records Ti/16 as well): dead bands of slow
-loops show in long blocks, of fast ones in short ones. The evidence is the mean of the two that show it best, each less
-half of what gaps that forget would gain in its place: a load or a curved valve that is not linear gains for both.
-What is excluded where there is no evidence is the matter of `exclusion`.
+The same question is asked in block means of about Ti/8, Ti/4, Ti/2 and Ti (short records Ti/16 as well): dead bands of
+slow loops show in long blocks, of fast ones in short ones. The evidence is the mean of the two that show it best, each
+less half of what gaps that forget would gain in its place: a load or a curved valve that is not linear gains for both.
+It counts near the width that explains most in the mean over all lengths: a gap that PV cannot answer, but explains far
+more, is not proved by what a fraction of it explains. Where there is a trace, those two lengths are asked again, with
+more rows and finer widths, for the size. What is excluded where there is no evidence is the matter of `exclusion`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +28,12 @@ from .predictor import Predictor, Recording, in_blocks, paired, predictor, recor
 from .rebuild import rebuilt_output
 from .width_profile import NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
 
+Answer = TypeVar("Answer")
 PARTS_OF_TI, LONGEST = 8, 1.4  # of Ti: the shortest block is one part, or half of it; the longest, in Ti
-SHORT = 6000  # blocks; half parts are tried only in records of fewer
-MOST_ROWS, ROWS_OF_SIZE = 3000, 12000  # of a longer record every second, third .. block is predicted, each from all
-# that lies before it; more of them for the size of a dead band that is there
-SIZED, NEAR = 2, 2  # block lengths that tell the size; widths from the one that explains most that evidence may come from
+SHORT = 3000  # blocks of one part; halves are tried only in records of fewer
+MOST_ROWS = 3000  # of a longer record every second, third .. block is predicted, each from all that lies before it;
+ROWS_OF_SIZE = 12000  # more for the size. With 6,000 rows no more dead bands are found than with 2,000
+SIZED, NEAR = 2, 2  # block lengths that tell the size; how many widths beside the best evidence may come from
 APART = 3600.0  # seconds; process and load may have changed between recordings further apart: each is predicted by
 LONG_ENOUGH = 100.0  # itself, if it is so many integral times long, and the evidence added up
 SHORTEST = 10.0  # integral times: a shorter record holds no loop's behaviour
@@ -38,6 +42,7 @@ WIDEST = 20.0  # % of span: the widest width tried
 WIDTHS, FINE = 16, 9  # how many of them, and how many between the neighbours of the best
 AS_GOOD = 0.8  # of what the best imitation gains, that a gap must gain at least
 LEAST_INTERVAL, IMPERFECTION = 0.08, 0.6  # of d, each way: floor, and what imitations gain as a share of the gap's gain
+DOUBT = 0.1  # of what imitations gain [nats]: differences of gains are no better known than that
 GAP = 20  # samples; a hole as long ends a recording
 COARSE = 8.0  # samples per Ti, of a record with fewer than that the controller is sure to have seen OP turn in between
 
@@ -158,7 +163,7 @@ def _asked(recordings: Sequence[Recording], span: float, K: float | None, Ti: fl
 def _block_lengths(recordings: Sequence[Recording], Ti: float) -> list[int]:
     """Lengths [samples] of the blocks, each twice the one before, from a part of Ti [samples] to about Ti."""
     samples, finest = sum(len(r.output) for r in recordings), max(1, round(Ti / PARTS_OF_TI))
-    if samples // finest < SHORT // 2:
+    if samples // finest < SHORT:
         finest = max(1, round(Ti / (2 * PARTS_OF_TI)))
     return [finest << k for k in range(6) if finest << k <= max(LONGEST * Ti, finest)]
 
@@ -168,16 +173,21 @@ def _tried(recordings: Sequence[Recording], sizes: Sequence[int], widths: FloatA
     """Prediction, gaps and what imitations gain at each block length, None where it holds too few blocks."""
     predictions = _predictions(recordings, sizes, span, MOST_ROWS)
     gaps = [gaps_in(r.output, widths, sizes[0]) for r in recordings]
-    tests = []
-    for p in predictions:
-        tests.append(None if p is None else gaps_tested(p, gaps, widths, K, Ti, interval))
-        gaps = [paired(g) for g in gaps]
-    gaps, gains = [forgetting_gaps_in(r.output, widths[::3], sizes[0], Ti / interval) for r in recordings], []
-    for p in predictions:
-        gains.append(None if p is None else free_gains(p, gaps))
-        gaps = [paired(g) for g in gaps]
+    tests = _at_each_length(predictions, gaps, lambda p, g: gaps_tested(p, g, widths, K, Ti, interval))
+    gaps = [forgetting_gaps_in(r.output, widths[::3], sizes[0], Ti / interval) for r in recordings]
+    gains = _at_each_length(predictions, gaps, free_gains)
     return [None if p is None or test is None or gain is None else (p, test, gain)
             for p, test, gain in zip(predictions, tests, gains, strict=True)]
+
+
+def _at_each_length(predictions: Sequence[Predictor | None], signals: list[FloatArray],
+                    ask: Callable[[Predictor, list[FloatArray]], Answer]) -> list[Answer | None]:
+    """Ask each prediction about signals (signals, blocks) of each recording, given in blocks of the first's size."""
+    found: list[Answer | None] = []
+    for p in predictions:
+        found.append(None if p is None else ask(p, signals))
+        signals = [paired(means) for means in signals]
+    return found
 
 
 def _predictions(recordings: Sequence[Recording], sizes: Sequence[int], span: float, most: int
@@ -205,7 +215,7 @@ def _confirmation(s: Study) -> Confirmation:
     d, at = peak_of(grid, answer), int(answer.argmax())
     imitation = float(np.mean([a.imitation for a in best]))
     imperfection = min(imitation / max(float(answer[at]), 1e-9), 1.0)
-    low, high = width_interval(grid, answer, d, LEAST_INTERVAL + IMPERFECTION * imperfection)
+    low, high = width_interval(grid, answer, d, LEAST_INTERVAL + IMPERFECTION * imperfection, DOUBT * imitation)
     crossings = sum(gap_crossings(r.output[r.usable], d) for r in s.recordings)  # in automatic
     for a, test in zip(best, tests, strict=True):  # a size that another block length does not share is known less well
         if a.net.max() > 0.0:
@@ -233,7 +243,7 @@ def _unseen_motion(s: Study) -> float:
 
 
 def _explained(tests: Sequence[GapTest]) -> FloatArray:
-    """What gaps of each width explain in the mean over block lengths [nats], whether PV's answer is a full one or not."""
+    """What gaps of each width explain in the mean over block lengths (widths,) [nats], however PV answers them."""
     return np.asarray(np.mean([test.gain for test in tests], axis=0))
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ..record import FloatArray
-from .predictor import Predictor, just_before
+from .predictor import Predictor
 
 STRETCHES = 24  # of the record, for the deviation of the share
 LEAST_SHARE, MOST_SHARE = 0.6, 1.6  # a share outside is no gap, whatever it gains
@@ -58,8 +58,7 @@ class GapTest:
 
     @property
     def answer(self) -> FloatArray:
-        """The same where the answer is a possible one as well: what counts as evidence. The size is read from `fit`:
-        slow parts of the answer, which make it possible or not, are known less well than the width."""
+        """The same where the answer is a possible one as well: what counts as evidence."""
         return np.where(self.possible, self.fit, -1.0)
 
 
@@ -81,21 +80,20 @@ def forgetting_gaps_in(output: FloatArray, widths: FloatArray, size: int, memory
 
 def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], widths: FloatArray, K: float | None, Ti: float,
                 interval: float) -> GapTest:
-    """Test gaps of `widths` (in the units of OP). gaps: `gaps_in` each recording, in the blocks of the prediction. K:
-    controller gain [OP units / PV units], None when not known. Ti, interval: integral time and sampling interval [s]."""
+    """Test gaps of `widths` (in the units of OP). gaps: `gaps_in` each recording, in the blocks of the prediction.
+
+    K: controller gain [OP units / PV units], None when not known. Ti, interval: integral time, sampling interval [s].
+    """
     G = p.lagged(gaps)
     H, w, n, at = p.columns, p.weights, p.rows, p.past_output
     floor = p.loss - float(w @ p.error**2)
-    weighted, weighted_gaps = H * w, G * w
-    cross = np.moveaxis((weighted @ G.reshape(-1, n).T).reshape(len(H), len(widths), -1), 1, 0)
-    own = weighted_gaps @ np.swapaxes(G, 1, 2)
-    solved = p.inverse @ cross
+    cross, own, solved = _beside(p, G)
     gram = np.repeat(p.gram[None], len(widths), axis=0)
     gram[:, at] += np.swapaxes(cross, 1, 2)
     gram[:, :, at] += cross
     gram[:, at, at] += own
-    right = np.repeat((weighted @ p.target)[None], len(widths), axis=0)
-    right[:, at] += weighted_gaps @ p.target
+    right = np.repeat((H @ (w * p.target))[None], len(widths), axis=0)
+    right[:, at] += G @ (w * p.target)
     b: FloatArray = np.asarray(np.linalg.solve(gram, right[..., None])[..., 0], dtype=np.float64)
     left = float(w @ p.target**2) - np.sum(b * right, axis=1) + floor
     to_output = b[:, at]
@@ -103,7 +101,7 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], widths: FloatArray, K:
     size = np.sum(to_output * (unexplained @ to_output[..., None])[..., 0], axis=1)
     answered = size > NO_ANSWER * p.loss
     size = np.where(answered, size, 1.0)
-    found = np.where(answered, np.sum(to_output * (weighted_gaps @ p.error), axis=1), 0.0)
+    found = np.where(answered, np.sum(to_output * (G @ (w * p.error)), axis=1), 0.0)
     share = found / size
     column = (to_output[:, None] @ G)[:, 0] - (solved @ to_output[..., None])[..., 0] @ H
     begins = -(-np.arange(STRETCHES) * n // STRETCHES)
@@ -136,17 +134,22 @@ def together(tests: Sequence[GapTest]) -> GapTest:
 def free_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:
     """Gain [nats] (signals,) of each of the signals (signals, blocks) of each recording with FREE_LAGS free lags."""
     G = p.lagged(signals, min(FREE_LAGS, p.lags.count))
-    weighted = p.columns * p.weights
-    found = []
-    for X in G:
-        cross = weighted @ X.T
-        left = (X * p.weights) @ X.T - cross.T @ p.inverse @ cross
-        diagonal = np.einsum("ii->i", left)  # a view
-        diagonal *= 1.0 + 1e-6
-        diagonal += 1e-9
-        right = X @ (p.weights * p.error)
-        found.append(-0.5 * p.rows * float(np.log(max(1.0 - right @ np.linalg.solve(left, right) / p.loss, 1e-9))))
-    return np.array(found)
+    cross, own, solved = _beside(p, G)
+    left = own - np.swapaxes(cross, 1, 2) @ solved
+    diagonal = np.einsum("gii->gi", left)  # a view
+    diagonal *= 1.0 + 1e-6
+    diagonal += 1e-9
+    right = G @ (p.weights * p.error)
+    gained = np.sum(right * np.linalg.solve(left, right[..., None])[..., 0], axis=1)
+    return np.asarray(-0.5 * p.rows * np.log(np.maximum(1.0 - gained / p.loss, 1e-9)))
+
+
+def _beside(p: Predictor, G: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Weighted products of signals G (signals, lags, rows) with the columns, (signals, columns, lags), and with
+    themselves (signals, lags, lags); and the columns' coefficients of each lag, (signals, columns, lags)."""
+    signals, lags, rows = G.shape
+    cross = np.moveaxis(((p.columns * p.weights) @ G.reshape(-1, rows).T).reshape(-1, signals, lags), 1, 0)
+    return cross, (G * p.weights) @ np.swapaxes(G, 1, 2), p.inverse @ cross
 
 
 def _possible(p: Predictor, b: FloatArray, K: float | None, Ti: float, interval: float) -> bool:
@@ -155,8 +158,7 @@ def _possible(p: Predictor, b: FloatArray, K: float | None, Ti: float, interval:
     impulse = np.zeros(6 * blocks + 1)
     impulse[0] = 1.0
     to_output, to_past = p.lags.spread(b[p.past_output]), p.lags.spread(b[p.past_measurement])
-    n, at = len(just_before(p.size)), p.past_output.stop
-    to_past[0] += b[at : at + n].sum()
+    to_past[0] += b[p.last_measurement].sum()  # its last moments are PV's past as well
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable fit runs away, and is no process
         answer = np.cumsum(np.clip(np.nan_to_num(lfilter(np.append(0.0, to_output), np.append(1.0, -to_past), impulse)),
                                    -1e6, 1e6))

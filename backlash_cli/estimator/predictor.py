@@ -97,8 +97,9 @@ class Predictor:
     """A fitted prediction and all that is needed to ask whether something more explains PV.
 
     columns: (columns, rows): ones, past PV, past OP, the rest. target, weights, error: (rows,). inverse: of the
-    weighted Gram matrix. past_measurement, past_output: where their lags stand among the columns. loss: weighted sum
-    of squared errors, that of an imperfect model included. coefficients: (columns,).
+    weighted Gram matrix. past_measurement, past_output: where their lags stand among the columns; last_measurement:
+    where means of PV's last few samples do. loss: weighted sum of squared errors, that of an imperfect model included.
+    coefficients: (columns,). recordings: what it was made of.
     """
 
     size: int
@@ -113,6 +114,7 @@ class Predictor:
     loss: float
     past_measurement: slice
     past_output: slice
+    last_measurement: slice
     recordings: tuple[Recording, ...]
     _used: tuple[int, ...]
     _rows: tuple[NDArray[np.int64], ...]
@@ -122,8 +124,10 @@ class Predictor:
         return len(self.target)
 
     def lagged(self, signals: Sequence[FloatArray], count: int = 0) -> FloatArray:
-        """Lags of further signals, (signals, lags, rows), the first `count` of them or all. signals: (signals, blocks) of
-        each of the recordings the prediction was made of."""
+        """Lags of further signals, (signals, lags, rows), the first `count` of them or all.
+
+        signals: (signals, blocks) of each of the recordings that the prediction was made of.
+        """
         parts = [_level(_lags_of(signals[i], self.lags, rows, count), len(self._used) > 1)
                  for i, rows in zip(self._used, self._rows, strict=True)]
         return np.concatenate(parts, axis=2) if len(parts) > 1 else parts[0]
@@ -131,8 +135,8 @@ class Predictor:
 
 @dataclass(frozen=True)
 class Blocks:
-    """A recording in blocks of `size` samples. means: (5, blocks) of PV, OP, OP squared, OP times PV and PV squared, the
-    last three over span of OP or deviation of PV; usable: (blocks,) share of the samples that may be used."""
+    """A recording in blocks of `size` samples. means: (5, blocks) of PV, OP, OP squared, OP times PV and PV squared,
+    the last three over span of OP or deviation of PV; usable: (blocks,) share of the samples that may be used."""
 
     recording: Recording
     size: int
@@ -190,9 +194,10 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int) -> Pred
     limit = SURPRISE * 1.4826 * float(np.median(np.abs(np.concatenate(missed))))
     more = []
     for i, error, t in zip(used, missed, taken, strict=True):
-        b, rows = recordings[i], whole[i][t]
+        rows = whole[i][t]
         surprises = _surprises(error - np.clip(error, -limit, limit), whole[i], rows)
-        more.append(_level(np.vstack([_just_before(b, rows), _products(b, lags, rows), surprises]), several))
+        more.append(_level(np.vstack([_just_before(recordings[i], rows), _products(recordings[i], lags, rows),
+                                      surprises]), several))
     y, H = H[-1], np.vstack([H[:-1], np.concatenate(more, axis=1)])
     H = H[np.any(H != 0.0, axis=1)]
     if len(y) < max(len(H) + LEAST_ROWS, FEWEST_ROWS):
@@ -201,9 +206,10 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int) -> Pred
     error = y - b @ H
     floor = float(np.sum(w)) * (MODEL_ERROR * deviation) ** 2
     first_lag = 0 if several else 1  # levels of their own leave no column of ones
+    output, latest, recent = first_lag + lags.count, first_lag + 2 * lags.count, len(_last_lengths(recordings[0].size))
     inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
     return Predictor(recordings[0].size, lags, H, y, w, error, b, gram, inverse, float(w @ error**2) + floor,
-                     slice(first_lag, first_lag + lags.count), slice(first_lag + lags.count, first_lag + 2 * lags.count),
+                     slice(first_lag, output), slice(output, latest), slice(latest, latest + recent),
                      tuple(b.recording for b in recordings), tuple(used),
                      tuple(whole[i][t] for i, t in zip(used, taken, strict=True)))
 
@@ -225,7 +231,7 @@ def _products(b: Blocks, lags: Lags, rows: NDArray[np.int64]) -> FloatArray:
 
 def _just_before(b: Blocks, rows: NDArray[np.int64]) -> FloatArray:
     """Means of the last 1, 2, size/4 and size/2 samples of PV and OP before each block: what has just happened."""
-    lengths = just_before(b.size)
+    lengths = _last_lengths(b.size)
     cut = slice(0, len(b.usable) * b.size)
     signals = [x[cut].reshape(-1, b.size) for x in (b.recording.measurement, b.recording.output)]
     return np.array([x[rows - 1, -n:].mean(axis=1) for x in signals for n in lengths]).reshape(-1, len(rows))
@@ -251,7 +257,7 @@ def _lags_of(signals: FloatArray, lags: Lags, rows: NDArray[np.int64], count: in
     return found
 
 
-def just_before(size: int) -> list[int]:
+def _last_lengths(size: int) -> list[int]:
     return sorted({1, 2, max(1, size // 4), max(1, size // 2)} - {size}) if size > 1 else []
 
 
