@@ -19,8 +19,8 @@ LIMITS = (0.8, 1.1, 1.5, 2.0, 2.8, 4.0, 5.6)  # % of span: the limits of detecti
 SMALLER, BEYOND = 0.85, 1.2  # widths from this share of L on, up to the range of OP over this
 FULL, SHORT_OF = 0.8, 1.0  # share of a gap that is there, less what the test loses; deviations it is short of
 BEST = 2  # block lengths that count for the gain
-WEIGHTS, CONSTANT = (0.377, -0.781, 0.069, -0.32, 0.79, -0.317, -1.544), -4.413  # of the signs, by logistic regression
-HIDDEN = 0.025  # chance that is left when a dead band is said to be excluded
+WEIGHTS, CONSTANT = (0.367, -0.667, 0.049, -0.298, 0.732, -0.461, -1.343), -4.189  # of the signs, by regression
+HIDDEN = 0.02  # chance that is left when a dead band is said to be excluded
 
 
 def signs(tests: Sequence[tuple[GapTest, float]], L: float, length: float, span: float) -> tuple[float, ...]:

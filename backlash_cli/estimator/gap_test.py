@@ -11,7 +11,7 @@ already (the J test of nested and non-nested models, Davidson and MacKinnon, Eco
     tied       the gain of the tied fit over the prediction without a gap: below zero where the gap alone does worse
                than OP itself, which no valve does
 
-`imitations` offers gaps that forget instead: shaped alike, but rate dependent, as no valve is. What they gain is what
+Gaps that forget are offered as imitations: shaped alike, but rate dependent, as no valve is. What they gain is what
 the imperfection of the prediction is worth.
 """
 
@@ -58,29 +58,42 @@ class GapTest:
 
     @property
     def answer(self) -> FloatArray:
-        """The same where the answer is a possible one as well: what counts as evidence. The size is read from `fit`:
-        slow parts of the answer, which make it possible or not, are known less well than the width."""
+        """The same where the answer is a possible one as well: what counts as evidence."""
         return np.where(self.possible, self.fit, -1.0)
 
 
-def gaps_tested(p: Predictor, widths: FloatArray, K: float | None, Ti: float, interval: float) -> GapTest:
-    """Test gaps of `widths` (in the units of OP). K: controller gain [OP units / PV units], None when not known.
-    Ti, interval: integral time and sampling interval [s]."""
+def gaps_in(output: FloatArray, widths: FloatArray, size: int) -> FloatArray:
+    """How far the stem lags behind OP in gaps of `widths`, in its units: block means (widths, blocks)."""
     from ..kernels import gap_means
 
-    G = p.lagged(lambda u, size, count: gap_means(u, widths, size, count))
+    return np.asarray(gap_means(output, widths, size, len(output) // size))
+
+
+def forgetting_gaps_in(output: FloatArray, widths: FloatArray, size: int, memory: float) -> FloatArray:
+    """The same of gaps that forget within SCALES of `memory` [samples], (widths times scales, blocks)."""
+    from ..kernels import forgetting_gap_means
+
+    rates = np.minimum(1.0, 1.0 / (np.array(SCALES) * memory))
+    means = forgetting_gap_means(output, widths, rates, size, len(output) // size)
+    return np.asarray(means.reshape(-1, means.shape[-1]))
+
+
+def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], widths: FloatArray, K: float | None, Ti: float,
+                interval: float) -> GapTest:
+    """Test gaps of `widths` (in the units of OP). gaps: `gaps_in` each recording, in the blocks of the prediction.
+
+    K: controller gain [OP units / PV units], None when not known. Ti, interval: integral time, sampling interval [s].
+    """
+    G = p.lagged(gaps)
     H, w, n, at = p.columns, p.weights, p.rows, p.past_output
     floor = p.loss - float(w @ p.error**2)
-    weighted, weighted_gaps = H * w, G * w
-    cross = np.moveaxis((weighted @ G.reshape(-1, n).T).reshape(len(H), len(widths), -1), 1, 0)
-    own = weighted_gaps @ np.swapaxes(G, 1, 2)
-    solved = p.inverse @ cross
+    cross, own, solved = _beside(p, G)
     gram = np.repeat(p.gram[None], len(widths), axis=0)
     gram[:, at] += np.swapaxes(cross, 1, 2)
     gram[:, :, at] += cross
     gram[:, at, at] += own
-    right = np.repeat((weighted @ p.target)[None], len(widths), axis=0)
-    right[:, at] += weighted_gaps @ p.target
+    right = np.repeat((H @ (w * p.target))[None], len(widths), axis=0)
+    right[:, at] += G @ (w * p.target)
     b: FloatArray = np.asarray(np.linalg.solve(gram, right[..., None])[..., 0], dtype=np.float64)
     left = float(w @ p.target**2) - np.sum(b * right, axis=1) + floor
     to_output = b[:, at]
@@ -88,7 +101,7 @@ def gaps_tested(p: Predictor, widths: FloatArray, K: float | None, Ti: float, in
     size = np.sum(to_output * (unexplained @ to_output[..., None])[..., 0], axis=1)
     answered = size > NO_ANSWER * p.loss
     size = np.where(answered, size, 1.0)
-    found = np.where(answered, np.sum(to_output * (weighted_gaps @ p.error), axis=1), 0.0)
+    found = np.where(answered, np.sum(to_output * (G @ (w * p.error)), axis=1), 0.0)
     share = found / size
     column = (to_output[:, None] @ G)[:, 0] - (solved @ to_output[..., None])[..., 0] @ H
     begins = -(-np.arange(STRETCHES) * n // STRETCHES)
@@ -118,29 +131,25 @@ def together(tests: Sequence[GapTest]) -> GapTest:
                    np.sum([t.tied for t in tests], axis=0), possible, reduction)
 
 
-def imitations(p: Predictor, widths: FloatArray, Ti: float, interval: float) -> FloatArray:
-    """Gains [nats] of gaps that forget within SCALES of Ti, each with FREE_LAGS free lags: (widths times scales,)."""
-    from ..kernels import forgetting_gap_means
+def free_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:
+    """Gain [nats] (signals,) of each of the signals (signals, blocks) of each recording with FREE_LAGS free lags."""
+    G = p.lagged(signals, min(FREE_LAGS, p.lags.count))
+    cross, own, solved = _beside(p, G)
+    left = own - np.swapaxes(cross, 1, 2) @ solved
+    diagonal = np.einsum("gii->gi", left)  # a view
+    diagonal *= 1.0 + 1e-6
+    diagonal += 1e-9
+    right = G @ (p.weights * p.error)
+    gained = np.sum(right * np.linalg.solve(left, right[..., None])[..., 0], axis=1)
+    return np.asarray(-0.5 * p.rows * np.log(np.maximum(1.0 - gained / p.loss, 1e-9)))
 
-    rates = np.minimum(1.0, interval / (np.array(SCALES) * Ti))
-    G = p.lagged(lambda u, size, count: forgetting_gap_means(u, widths, rates, size, count).reshape(-1, count),
-                 min(FREE_LAGS, p.lags.count))
-    return free_gains(p, G)
 
-
-def free_gains(p: Predictor, G: FloatArray) -> FloatArray:
-    """Gain [nats] (signals,) of each of the signals G (signals, lags, rows), its lags free."""
-    weighted = p.columns * p.weights
-    found = []
-    for X in G:
-        cross = weighted @ X.T
-        left = (X * p.weights) @ X.T - cross.T @ p.inverse @ cross
-        diagonal = np.einsum("ii->i", left)  # a view
-        diagonal *= 1.0 + 1e-6
-        diagonal += 1e-9
-        right = X @ (p.weights * p.error)
-        found.append(-0.5 * p.rows * float(np.log(max(1.0 - right @ np.linalg.solve(left, right) / p.loss, 1e-9))))
-    return np.array(found)
+def _beside(p: Predictor, G: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Weighted products of signals G (signals, lags, rows) with the columns, (signals, columns, lags), and with
+    themselves (signals, lags, lags); and the columns' coefficients of each lag, (signals, columns, lags)."""
+    signals, lags, rows = G.shape
+    cross = np.moveaxis(((p.columns * p.weights) @ G.reshape(-1, rows).T).reshape(-1, signals, lags), 1, 0)
+    return cross, (G * p.weights) @ np.swapaxes(G, 1, 2), p.inverse @ cross
 
 
 def _possible(p: Predictor, b: FloatArray, K: float | None, Ti: float, interval: float) -> bool:
@@ -149,6 +158,7 @@ def _possible(p: Predictor, b: FloatArray, K: float | None, Ti: float, interval:
     impulse = np.zeros(6 * blocks + 1)
     impulse[0] = 1.0
     to_output, to_past = p.lags.spread(b[p.past_output]), p.lags.spread(b[p.past_measurement])
+    to_past[0] += b[p.last_measurement].sum()  # its last moments are PV's past as well
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable fit runs away, and is no process
         answer = np.cumsum(np.clip(np.nan_to_num(lfilter(np.append(0.0, to_output), np.append(1.0, -to_past), impulse)),
                                    -1e6, 1e6))

