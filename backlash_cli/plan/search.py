@@ -35,7 +35,7 @@ TURNS = (2, 4)  # times up and down, where once is not enough
 AROUND = 5.0  # integral times of ordinary operation before and after a test
 # OP in manual goes up and down in steps of the target's size, of which the first one back does nothing and the second
 # all, then in larger ones: they shrink the delay of play, not that of a process; more rounds average the load
-LARGER, ALIKE, ROUNDS = 2.5, 1.2, (2, 4, 8)
+LARGER, ALIKE, ROUNDS = 2.5, 1.2, (2, 4, 8, 16)
 HOLDS, FEWEST_HELD = (1.0, 2.5), 10.0  # lags of the process beyond its dead time that a step is held; samples, at least
 ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
 OVER = 1.1  # what a move may go beyond a limit before it counts as beyond it: repeats differ
@@ -178,6 +178,10 @@ class Subject:
         least beyond; else the most promising one."""
         deciding: list[Played] = []
         looks: list[Played] = []
+        if rungs[-1].kind != "manual_test":  # where more of the same has no hope, less has none
+            self._repeat(longest := Played(rungs[-1]), LOOKS[0][0])
+            if longest.chance < LOOKS[0][1]:
+                return self._option(longest)
         for test in rungs:
             looks.append(played := Played(test))
             for upto, least in (*LOOKS, (self.options.repeats, ENOUGH)):

@@ -182,8 +182,9 @@ def twin_of(record: Record, d: float, rounding: tuple[float, float] = (0.0, 0.0)
     if record.output is None:
         raise LoopError("no controller output (OP) in the data", where=record.loop, code="no_output")
     assert s.K is not None and s.Ti is not None
-    controller = Controller(s.K, s.Ti, s.Td, s.Tf, low=min(0.0, float(np.nanmin(record.output))),
-                            high=max(1.0, float(np.nanmax(record.output))))
+    controller = Controller(
+        s.K, s.Ti, s.Td, (s.Tf or None) if s.Td else s.Tf, low=min(0.0, float(np.nanmin(record.output))),
+        high=max(1.0, float(np.nanmax(record.output))))
     process, source = _process(record, controller, d)
     stretch = longest_stretch(record)
     assert stretch.output is not None

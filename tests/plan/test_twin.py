@@ -1,5 +1,7 @@
 """The loop on the desk is the loop of the record: process, dead band, upset, and what is done to it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -47,6 +49,12 @@ def test_the_process_is_read_from_the_record_and_its_upset_is_what_the_process_l
     again = response(twin.process, stem - twin.output, 2.0) + twin.upset
     difference = again - record.measurement
     assert np.ptp(difference[100:]) < 1e-9
+
+
+def test_a_derivative_part_whose_filter_is_not_given_gets_the_usual_one():
+    record = loop()
+    record = replace(record, settings=replace(record.settings, Td=8.0, Tf=0.0))
+    assert twin_of(record, 0.0).controller.filter_time == pytest.approx(1.6)
 
 
 def test_a_loop_that_does_not_answer_gets_a_process_that_its_tuning_would_suit():
