@@ -28,6 +28,7 @@ LONGEST = 200_000  # samples of it, the last ones
 SHORTEST_BLOCK = 40.0  # integral times
 BLOCKS = 5  # at least so many make up the stretch
 FINEST = 15.0  # inner steps in an integral time
+SEEN = 5.0  # integral times: the slowest lag a record in automatic tells; of slower ones only gain over lag is known
 SPREAD, ASSUMED_SPREAD = 0.3, 0.4  # of gain, lag and dead time from repeat to repeat, as natural logarithms
 SETTLE = 12.0  # integral times that the simulated loop has before the record of it begins
 TRIES = 5  # to draw a process that this controller can hold
@@ -204,7 +205,10 @@ def _process(record: Record, controller: Controller, d: float) -> tuple[Process,
     """The process that explains PV best from OP, else one that its controller's tuning would suit."""
     try:
         model, _ = model_of(record, controller, d, None, integrating=True)
-        return Process.of(model), "fitted"
+        process = Process.of(model)
+        share = 1.0 if process.integrating else min(1.0, SEEN * controller.Ti / max(sum(process.lags), 1e-9))
+        # what comes later than a few integral times the controller has made up for: no record in automatic tells it
+        return replace(process, gain=process.gain * share, lags=tuple(x * share for x in process.lags)), "fitted"
     except LoopError:
         told, Ti = record.settings.Kp if record.settings.source.get("Kp") == "metadata" else None, controller.Ti
         gain = told or 1.0 / (controller.K * (DEAD_TIME + CLOSED))  # lambda tuning: K = lag/(gain (closed + dead time))
