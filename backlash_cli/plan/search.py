@@ -19,7 +19,7 @@ from ..record import Record
 from ..results import UNDECIDED, LoopReport, Verdict
 from ..results.plan import ENOUGH, Course, LoopPlan, PlanOption
 from ..scanning import scan
-from .twin import KINDS, TENTH, Move, Test, Twin, behind, twin_of
+from .twin import KINDS, TENTH, Move, Test, Twin, behind, twins_of
 from .words import logging_words, model_words, option_words
 
 TARGET = 0.02  # span: dead band that matters, where the record has no limit of detection
@@ -28,7 +28,7 @@ SURE = 0.9  # chance from which on no longer test is tried: twins are like their
 TOLD = 1.1  # limits of detection are told in steps, 2.03 % is one of them
 LONGER = (1.0, 3.0, 9.0)  # waits, in lengths of the record
 LONGEST_WAIT, LEAST_WAIT = 14 * 86400.0, 20.0  # seconds; integral times
-LONGEST_TEST = 8 * 3600.0  # seconds in manual: a shift
+LEAST_TEST, LONGEST_TEST = 900.0, 8 * 3600.0  # seconds in manual: what setting it up takes anyway; a shift
 MOST_SAMPLES = 150_000  # of a simulated wait
 HOLD = 10.0  # integral times that a setpoint is held
 TURNS = (2, 4)  # times up and down, where once is not enough
@@ -104,8 +104,8 @@ def plan(record: Record, options: PlanOptions | None = None, report: LoopReport 
     record = replace(record, settings=s.with_values("identified", K=s.K, Ti=s.Ti))
     rounding = (quality.pv.step, quality.op.step if quality.op else 0.0)
     try:
-        subject = Subject(record, twin_of(record, target, rounding), twin_of(record, 0.0, rounding), options, target,
-                          report.verdict)
+        worn, healthy = twins_of(record, (target, 0.0), rounding)
+        subject = Subject(record, worn, healthy, options, target, report.verdict)
     except LoopError as error:
         return found if logging else replace(found, options=(PlanOption("logging", f"{error.what}: {error.remedy}"),))
     tried = sorted(subject.tried(), key=lambda option: (not option.decides, not option.within_limits))
@@ -171,7 +171,8 @@ class Subject:
                 levels = tuple((np.concatenate(both) * (-1.0 if w.output > 0.5 else 1.0)).tolist())
                 rungs += [Test("manual_test", hold, self.target, levels * n) for n in ROUNDS]
         rungs = sorted(set(rungs), key=lambda test: (test.duration, max(map(abs, test.levels))))
-        return [test for test in rungs if test.duration <= LONGEST_TEST] or rungs[:1]
+        least = min(LEAST_TEST, rungs[-1].duration)  # a shorter one saves no time, and hangs on the twin being right
+        return [test for test in rungs if least <= test.duration <= LONGEST_TEST] or rungs[:1]
 
     def _least(self, rungs: list[Test]) -> PlanOption:
         """Return the first rung within the limits that decides surely; else of those that decide the one within them or

@@ -8,6 +8,7 @@ are. No model of a load is needed.
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -174,10 +175,11 @@ def added(values: FloatArray, stage: Stage) -> Applied:
     return Applied(effect, np.array([1.0]))
 
 
-def twin_of(record: Record, d: float, rounding: tuple[float, float] = (0.0, 0.0)) -> Twin:
-    """Make the twin of a record whose settings hold K and Ti, as if its valve had a dead band d [span].
+def twins_of(record: Record, sizes: Sequence[float], rounding: tuple[float, float] = (0.0, 0.0)) -> tuple[Twin, ...]:
+    """Make twins of a record whose settings hold K and Ti, as if its valve had each of these dead bands [span].
 
-    Raises LoopError where OP was not recorded or no stretch of the record can be used.
+    They share the process: that of the dead band with which the record tells it best. Raises LoopError where OP was not
+    recorded or no stretch of the record can be used.
     """
     s = record.settings
     if record.output is None:
@@ -186,7 +188,7 @@ def twin_of(record: Record, d: float, rounding: tuple[float, float] = (0.0, 0.0)
     controller = Controller(
         s.K, s.Ti, s.Td, (s.Tf or None) if s.Td else s.Tf, low=min(0.0, float(np.nanmin(record.output))),
         high=max(1.0, float(np.nanmax(record.output))))
-    process, source = _process(record, controller, d)
+    process, source = _process(record, controller, sizes)
     stretch = longest_stretch(record)
     assert stretch.output is not None
     good = stretch.usable & np.isfinite(stretch.measurement)
@@ -195,24 +197,26 @@ def twin_of(record: Record, d: float, rounding: tuple[float, float] = (0.0, 0.0)
     grid, at = np.arange(len(pv)), stretch.index - stretch.index[0]
     sp = np.interp(grid, at[good], np.nan_to_num(stretch.setpoint[good], nan=float(pv.mean())))
     mean = float(output.mean())
-    stem = play(output, d, float(output[0])) - mean
-    upset = pv - response(process, stem, record.interval)
-    return Twin(record, d, controller, process, source, SPREAD if source == "fitted" else ASSUMED_SPREAD,
-                float(sp[-1]), mean, sp - sp[-1], upset - upset.mean(), rounding)
+    upsets = [pv - response(process, play(output, d, float(output[0])) - mean, record.interval) for d in sizes]
+    return tuple(Twin(record, d, controller, process, source, SPREAD if source == "fitted" else ASSUMED_SPREAD,
+                      float(sp[-1]), mean, sp - sp[-1], upset - upset.mean(), rounding)
+                 for d, upset in zip(sizes, upsets, strict=True))
 
 
-def _process(record: Record, controller: Controller, d: float) -> tuple[Process, str]:
+def _process(record: Record, controller: Controller, sizes: Sequence[float]) -> tuple[Process, str]:
     """The process that explains PV best from OP, else one that its controller's tuning would suit."""
-    try:
-        model, _ = model_of(record, controller, d, None, integrating=True)
-        process = Process.of(model)
-        share = 1.0 if process.integrating else min(1.0, SEEN * controller.Ti / max(sum(process.lags), 1e-9))
-        # what comes later than a few integral times the controller has made up for: no record in automatic tells it
-        return replace(process, gain=process.gain * share, lags=tuple(x * share for x in process.lags)), "fitted"
-    except LoopError:
+    models = []
+    for d in sizes:
+        with contextlib.suppress(LoopError):
+            models.append(model_of(record, controller, d, None, integrating=True)[0])
+    if not models:
         told, Ti = record.settings.Kp if record.settings.source.get("Kp") == "metadata" else None, controller.Ti
         gain = told or 1.0 / (controller.K * (DEAD_TIME + CLOSED))  # lambda tuning: K = lag/(gain (closed + dead time))
         return Process(gain, (Ti,), DEAD_TIME * Ti), "assumed to suit K and Ti"
+    process = Process.of(max(models, key=lambda model: model.evidence or 0.0))
+    share = 1.0 if process.integrating else min(1.0, SEEN * controller.Ti / max(sum(process.lags), 1e-9))
+    # what comes later than a few integral times the controller has made up for: no record in automatic tells it
+    return replace(process, gain=process.gain * share, lags=tuple(x * share for x in process.lags)), "fitted"
 
 
 def response(process: Process, values: FloatArray, interval: float) -> FloatArray:

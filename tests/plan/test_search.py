@@ -52,11 +52,16 @@ def test_the_same_seed_gives_the_same_plan(quiet, planned):
 
 
 def test_what_goes_beyond_the_limits_says_by_how_much_and_comes_last(quiet, monkeypatch):
-    monkeypatch.setattr(search, "ROUNDS", (2,))
+    monkeypatch.setattr(search, "ROUNDS", (8,))
     found = plan(quiet, replace(FEW, max_pv_move=Move(0.001), kinds=("manual_test",)))
     (option,) = [o for o in found.options if o.kind == "manual_test"]
     assert option.decides and not option.within_limits and option.pv_move > 0.001
     assert f"it needs --max-pv-move {100 * option.pv_move:.2g}%." in option.text and "--max-op-move" not in option.text
+
+
+def test_a_test_in_manual_takes_a_quarter_of_an_hour_where_rounds_allow_it(planned):
+    (option,) = [o for o in planned.options if o.kind == "manual_test"]
+    assert option.duration_s >= 900.0
 
 
 def test_moves_stay_within_the_limits(planned):

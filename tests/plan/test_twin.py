@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from backlash_cli.plan.twin import HOLE, Move, Test, behind, longest_stretch, response, twin_of
+from backlash_cli.plan.twin import HOLE, Move, Test, behind, longest_stretch, response, twins_of
 from backlash_cli.record import LoopSettings, record_from_arrays
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, use
 
@@ -39,7 +39,7 @@ def test_the_answer_of_a_process_is_that_of_an_exact_solution(process):
 
 def test_the_process_is_read_from_the_record_and_its_upset_is_what_the_process_leaves():
     record = loop(d=0.02)
-    twin = twin_of(record, 0.02)
+    twin = twins_of(record, [0.02])[0]
     assert twin.source == "fitted"
     assert twin.process.static_gain == pytest.approx(1.3, rel=0.25)
     assert sum(twin.process.lags) == pytest.approx(60.0, rel=0.5)
@@ -54,20 +54,20 @@ def test_the_process_is_read_from_the_record_and_its_upset_is_what_the_process_l
 def test_a_derivative_part_whose_filter_is_not_given_gets_the_usual_one():
     record = loop()
     record = replace(record, settings=replace(record.settings, Td=8.0, Tf=0.0))
-    assert twin_of(record, 0.0).controller.filter_time == pytest.approx(1.6)
+    assert twins_of(record, [0.0])[0].controller.filter_time == pytest.approx(1.6)
 
 
 def test_a_loop_that_does_not_answer_gets_a_process_that_its_tuning_would_suit():
     random = np.random.default_rng(0)
     record = record_from_arrays(0.5, 0.5 + 0.01 * random.normal(size=3000), 0.4 + 0.01 * random.normal(size=3000),
                                 interval=2.0, settings=LoopSettings(K=-0.5, Ti=40.0))
-    twin = twin_of(record, 0.02)
+    twin = twins_of(record, [0.02])[0]
     assert twin.source.startswith("assumed") and twin.process.gain * -0.5 > 0 and twin.process.lags == (40.0,)
 
 
 def test_what_is_played_again_moves_like_the_record_and_is_the_same_for_the_same_seed():
     record = loop()
-    twin = twin_of(record, 0.0)
+    twin = twins_of(record, [0.0])[0]
     later, _, _ = twin.play(Test("wait", 14_400.0), 3)
     again, _, _ = twin.play(Test("wait", 14_400.0), 3)
     other, _, _ = twin.play(Test("wait", 14_400.0), 4)
@@ -79,7 +79,7 @@ def test_what_is_played_again_moves_like_the_record_and_is_the_same_for_the_same
 
 
 def test_a_test_in_manual_moves_op_in_its_steps_and_is_marked():
-    twin = twin_of(loop(), 0.0)
+    twin = twins_of(loop(), [0.0])[0]
     test = Test("manual_test", 200.0, 0.03, (1.0, 2.0, 1.0, 0.0))
     later, _, _ = twin.play(test, 1, around=300.0)
     by_hand = later.output[later.state == 3]
