@@ -172,10 +172,11 @@ def _tried(recordings: Sequence[Recording], sizes: Sequence[int], widths: FloatA
            Ti: float, interval: float) -> list[tuple[Predictor, GapTest, FloatArray] | None]:
     """Prediction, gaps and what imitations gain at each block length, None where it holds too few blocks."""
     predictions = _predictions(recordings, sizes, span, MOST_ROWS)
-    gaps = [gaps_in(r.output, widths, sizes[0]) for r in recordings]
-    tests = _at_each_length(predictions, gaps, lambda p, g: gaps_tested(p, g, widths, K, Ti, interval))
-    gaps = [forgetting_gaps_in(r.output, widths[::3], sizes[0], Ti / interval) for r in recordings]
-    gains = _at_each_length(predictions, gaps, free_gains)
+    # made where they are handed over: of a long record they are as large as it is, and nobody else may keep them
+    tests = _at_each_length(predictions, [gaps_in(r.output, widths, sizes[0]) for r in recordings],
+                            lambda p, gaps: gaps_tested(p, gaps, widths, K, Ti, interval))
+    gains = _at_each_length(predictions, [forgetting_gaps_in(r.output, widths[::3], sizes[0], Ti / interval)
+                                          for r in recordings], free_gains)
     return [None if p is None or test is None or gain is None else (p, test, gain)
             for p, test, gain in zip(predictions, tests, gains, strict=True)]
 
