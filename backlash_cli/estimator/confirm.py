@@ -28,7 +28,7 @@ from .predictor import Predictor, Recording, in_blocks, paired, predictor, recor
 from .rebuild import rebuilt_output
 from .width_profile import NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
 
-Answer = TypeVar("Answer")
+Said = TypeVar("Said")
 PARTS_OF_TI, LONGEST = 8, 1.4  # of Ti: the shortest block is one part, or half of it; the longest, in Ti
 SHORT = 3000  # blocks of one part; halves are tried only in records of fewer
 MOST_ROWS = 3000  # of a longer record every second, third .. block is predicted, each from all that lies before it;
@@ -182,9 +182,9 @@ def _tried(recordings: Sequence[Recording], sizes: Sequence[int], widths: FloatA
 
 
 def _at_each_length(predictions: Sequence[Predictor | None], signals: list[FloatArray],
-                    ask: Callable[[Predictor, list[FloatArray]], Answer]) -> list[Answer | None]:
+                    ask: Callable[[Predictor, list[FloatArray]], Said]) -> list[Said | None]:
     """Ask each prediction about signals (signals, blocks) of each recording, given in blocks of the first's size."""
-    found: list[Answer | None] = []
+    found: list[Said | None] = []
     for p in predictions:
         found.append(None if p is None else ask(p, signals))
         signals = [paired(means) for means in signals]
@@ -252,7 +252,7 @@ def _again(predictions: Sequence[Predictor], widths: FloatArray, s: Study) -> Ga
     """The same block length asked with more rows: the size is worth more of them than whether there is a dead band."""
     tests = []
     for p in predictions:
-        closer = _predictions(p.recordings, [p.size], s.span, ROWS_OF_SIZE)[0] or p
+        closer = p if p.every == 1 else _predictions(p.recordings, [p.size], s.span, ROWS_OF_SIZE)[0] or p
         gaps = [gaps_in(r.output, widths, p.size) for r in p.recordings]
         tests.append(gaps_tested(closer, gaps, widths, s.settings.K, s.Ti, s.interval))
     return together(tests)

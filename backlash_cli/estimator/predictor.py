@@ -99,7 +99,8 @@ class Predictor:
     columns: (columns, rows): ones, past PV, past OP, the rest. target, weights, error: (rows,). inverse: of the
     weighted Gram matrix. past_measurement, past_output: where their lags stand among the columns; last_measurement:
     where means of PV's last few samples do. loss: weighted sum of squared errors, that of an imperfect model included.
-    coefficients: (columns,). recordings: what it was made of.
+    coefficients: (columns,). every: 1 where all rows are there, 2 where every second one is .. recordings: what it was
+    made of.
     """
 
     size: int
@@ -115,6 +116,7 @@ class Predictor:
     past_measurement: slice
     past_output: slice
     last_measurement: slice
+    every: int
     recordings: tuple[Recording, ...]
     _used: tuple[int, ...]
     _rows: tuple[NDArray[np.int64], ...]
@@ -171,29 +173,30 @@ def paired(means: FloatArray) -> FloatArray:
 def predictor(recordings: Sequence[Blocks], deviation: float, most: int) -> Predictor | None:
     """Fit the prediction of block means; None where too few blocks can be used.
 
-    deviation: of PV, in its units. most: rows; of more, every second, third .. is taken, each with all that lies before
-    it. Several recordings of one loop share one prediction, each with a level of its own.
+    deviation: of PV, in its units, not zero. most: rows; of more, every second, third .. is taken, each with all that
+    lies before it. Several recordings of one loop share one prediction, each with a level of its own.
     """
     lags = lags_for(sum(len(b.usable) for b in recordings))
     whole = [_usable_rows(b, lags) for b in recordings]
     used = [i for i, rows in enumerate(whole) if len(rows) > (LEAST_ROWS if len(recordings) > 1 else 0)]
-    several = len(used) > 1
     total = sum(len(whole[i]) for i in used)
-    if total < lags.count * 3 + LEAST_ROWS or deviation == 0.0:
+    if total < lags.count * 3 + LEAST_ROWS:
         return None
-    every, before, linear, taken = -(-total // most), 0, [], []
-    for i in used:
+    every, firsts = -(-total // most), np.cumsum([0, *(len(whole[i]) for i in used)]).tolist()
+    # of each recording the rows that are taken; a short one may have none among them
+    taken = {i: slice(-first % every, None, every) for i, first in zip(used, firsts, strict=False)
+             if -first % every < len(whole[i])}
+    several, linear = len(taken) > 1, []
+    for i in taken:
         means, rows = recordings[i].means, whole[i]
         past = _lags_of(means[:2], lags, rows).reshape(2 * lags.count, -1)
         linear.append(_level(np.vstack([np.ones((1, len(rows))), past, means[:1, rows]]), several))
-        taken.append(slice(-before % every, None, every))
-        before += len(rows)
-    H = np.concatenate([_level(x[:, t], several) for x, t in zip(linear, taken, strict=True)], axis=1)
+    H = np.concatenate([_level(x[:, t], several) for x, t in zip(linear, taken.values(), strict=True)], axis=1)
     first, _, _ = _fitted(H[:-1], H[-1])
     missed = [x[-1] - first @ x[:-1] for x in linear]
     limit = SURPRISE * 1.4826 * float(np.median(np.abs(np.concatenate(missed))))
     more = []
-    for i, error, t in zip(used, missed, taken, strict=True):
+    for (i, t), error in zip(taken.items(), missed, strict=True):
         rows = whole[i][t]
         surprises = _surprises(error - np.clip(error, -limit, limit), whole[i], rows)
         more.append(_level(np.vstack([_just_before(recordings[i], rows), _products(recordings[i], lags, rows),
@@ -210,8 +213,8 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int) -> Pred
     inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
     return Predictor(recordings[0].size, lags, H, y, w, error, b, gram, inverse, float(w @ error**2) + floor,
                      slice(first_lag, output), slice(output, latest), slice(latest, latest + recent),
-                     tuple(b.recording for b in recordings), tuple(used),
-                     tuple(whole[i][t] for i, t in zip(used, taken, strict=True)))
+                     every, tuple(b.recording for b in recordings), tuple(taken),
+                     tuple(whole[i][t] for i, t in taken.items()))
 
 
 def _usable_rows(b: Blocks, lags: Lags) -> NDArray[np.int64]:

@@ -110,6 +110,15 @@ def test_a_thinned_prediction_has_every_second_row_with_the_same_past():
     np.testing.assert_allclose(second.target, every.target[::2])
 
 
+@pytest.mark.parametrize("before", range(1200, 1280, 8))
+def test_a_recording_so_short_that_no_row_of_it_is_taken_is_left_out(before: int):
+    r = recording(6000)
+    cuts = [slice(0, before), slice(before, before + 210), slice(before + 210, None)]
+    p = prediction([Recording(r.output[c], r.measurement[c], r.usable[c]) for c in cuts], most=100)
+    assert p is not None and p.rows <= 100
+    assert p.lagged([gaps_in(c.output, np.array([2.0]), SIZE) for c in p.recordings]).shape[2] == p.rows
+
+
 def test_the_gain_of_free_lags_is_that_of_a_plain_regression():
     r = recording()
     p = prediction([r])
