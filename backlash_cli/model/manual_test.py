@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
+from ..effects.process import delayed_lag
 from ..estimator.criteria import FEWEST_CROSSINGS, MOTION
 from ..estimator.predictor import COMPLETE, FREEDOM, Recording, block_means
 from ..estimator.width_profile import DROP, NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
@@ -63,9 +63,9 @@ class Answer:
 
     def of(self, stems: FloatArray, interval: float) -> FloatArray:
         """Answers (.., blocks) to stems (.., blocks) that are at rest before, gain 1."""
-        x = _lagged(stems, interval, self.lag, self.delay)
+        x = np.apply_along_axis(delayed_lag, -1, stems, interval, self.lag, self.delay)
         if self.second:
-            x = _lagged(x, interval, self.second, 0.0)
+            x = np.apply_along_axis(delayed_lag, -1, x, interval, self.second, 0.0)
         return (np.cumsum(x, axis=-1) - x) * interval / self.lag if self.integrating else x
 
     def near(self, factor: float, interval: float) -> list[Answer]:
@@ -75,15 +75,6 @@ class Answer:
         delays = np.unique(np.maximum(self.delay + steps * max(self.lag, interval), 0.0)).tolist()
         return [Answer(self.lag * f, b * self.lag * f, c, self.integrating)
                 for f in (1.0 / factor, 1.0, factor) for b in seconds for c in delays]
-
-
-def _lagged(u: FloatArray, h: float, tau: float, delay: float) -> FloatArray:
-    """Return what `effects.process.delayed_lag` does, of many signals (.., blocks)."""
-    whole, rest = int(delay / h), u[..., :1]
-    a, e = float(np.exp(-h / tau)), float(np.exp(-(1.0 - (delay / h - whole)) * h / tau))
-    late = np.zeros_like(u)
-    late[..., whole + 1 :] = u[..., : max(u.shape[-1] - whole - 1, 0)] - rest
-    return np.asarray(rest + lfilter([1.0 - e, e - a], [1.0, -a], late), dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -181,13 +181,10 @@ def twins_of(record: Record, sizes: Sequence[float], rounding: tuple[float, floa
     They share the process: that of the dead band with which the record tells it best. Raises LoopError where OP was not
     recorded or no stretch of the record can be used.
     """
-    s = record.settings
     if record.output is None:
         raise LoopError("no controller output (OP) in the data", where=record.loop, code="no_output")
-    assert s.K is not None and s.Ti is not None
-    controller = Controller(
-        s.K, s.Ti, s.Td, (s.Tf or None) if s.Td else s.Tf, low=min(0.0, float(np.nanmin(record.output))),
-        high=max(1.0, float(np.nanmax(record.output))))
+    controller = Controller.of(record.settings, low=min(0.0, float(np.nanmin(record.output))),
+                               high=max(1.0, float(np.nanmax(record.output))))
     process, source = _process(record, controller, sizes)
     stretch = longest_stretch(record)
     assert stretch.output is not None

@@ -52,7 +52,7 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
         raise LoopError("K and Ti are not known", where=record.loop, remedy="give them in loops.toml",
                         code="missing_settings")
     d, interval, d_source = size_of(report, dead_band)
-    controller = Controller(settings.K, settings.Ti, settings.Td, (settings.Tf or None) if settings.Td else settings.Tf)
+    controller = Controller.of(settings)
     known = replace(record, settings=settings)
     model, warnings = model_of(known, controller, d, process)
     if (smaller := contradiction(model)) is not None:

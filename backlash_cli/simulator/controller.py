@@ -45,6 +45,13 @@ class Controller:
         if not self.low < self.high:
             raise MetadataError(f"output limits {self.low:g} .. {self.high:g} leave no room", where="controller")
 
+    @classmethod
+    def of(cls, settings: LoopSettings, **limits: float) -> Controller:
+        """The controller of a loop whose K and Ti are known. No filter beside a Td means that nobody wrote one down."""
+        assert settings.K is not None and settings.Ti is not None
+        filter_time = (settings.Tf or None) if settings.Td else settings.Tf
+        return cls(settings.K, settings.Ti, settings.Td, filter_time, **limits)
+
     @property
     def filter_time(self) -> float:
         """Tf [s] of (3): as given, else Td/5 or Ti/10."""
