@@ -13,8 +13,8 @@ from .terminal import put, say, several
 
 if TYPE_CHECKING:
     from ..history.limits import Limits
-    from ..history.plant import PlantHistory
     from ..history.store import History
+    from ..results.history import Place
 
 
 def read_profile(limits: Path | None, loops: Path | None) -> Limits:
@@ -28,8 +28,8 @@ def read_profile(limits: Path | None, loops: Path | None) -> Limits:
 
 @contextlib.contextmanager
 def worn_plant(history: Path, limits: Path | None, settings: Path | None, loop: tuple[str, ...], horizon: float
-               ) -> Iterator[tuple[PlantHistory, History]]:
-    """Give wear and ranking of a history, and the history itself. settings: loops file with limit classes."""
+               ) -> Iterator[tuple[list[Place], History]]:
+    """Give a history's order of repair, and the history itself. settings: loops file with limit classes."""
     from ..history.plant import plant_history
     from ..history.store import History
 
@@ -43,8 +43,8 @@ def trend(form: str, output: Path | None, verbose: bool, **wear: Any) -> None:
     """Show how dead bands grow from night to night, when they reach their limit, and which valve to pull first."""
     from ..reporter.history_report import trend as trend_report
 
-    with worn_plant(**wear) as (plant, _):
-        found = trend_report(plant.wears, plant.places)
+    with worn_plant(**wear) as (places, _):
+        found = trend_report(places)
         put(output, found.json() if form == "json" else found.text(verbose=verbose))
 
 
@@ -53,9 +53,9 @@ def report(output: Path, **wear: Any) -> None:
     """Write the report of a history: which valves to pull, how they wear, and why."""
     from ..reporter.history_report import write_report
 
-    with worn_plant(**wear) as (plant, store):
-        write_report(output, plant.places, plant.wears, plant.nights, store.recent_half_periods)
-    say(f"report of {several(len(plant.places), 'loop')} written to {output}")
+    with worn_plant(**wear) as (places, store):
+        write_report(output, places, store.recent_half_periods)
+    say(f"report of {several(len(places), 'loop')} written to {output}")
 
 
 @command

@@ -14,8 +14,8 @@ over the plant's median.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -37,28 +37,17 @@ ORDER = ("pull", "room", "watch", "leave", "check")
 TABLES = ("nights", "half_periods", "repairs", "runs")
 
 
-@dataclass(frozen=True)
-class PlantHistory:
-    """Nights and wear by loop, in the order of repair given by `places`."""
-
-    nights: dict[str, list[Night]]
-    wears: dict[str, Wear]
-    places: list[Place]
+def plant_history(history: History, limits: Limits, *, loops: Sequence[str] = (), horizon: float = HORIZON
+                  ) -> list[Place]:
+    """Read a history and return wear and place in the order of repair of all loops, or of the named ones."""
+    return rank([wear(name, history.nights(name), history.repairs(name), limits.of(name))
+                 for name in chosen(history, loops)], horizon)
 
 
-def plant_history(history: History, limits: Limits, *, loops: Sequence[str] = (),
-                  horizon: float = HORIZON) -> PlantHistory:
-    """Read a history and work out wear and ranking of all loops, or of the named ones."""
-    nights = {name: history.nights(name) for name in chosen(history, loops)}
-    wears = {name: wear(name, found, history.repairs(name), limits.of(name)) for name, found in nights.items()}
-    return PlantHistory(nights, wears, rank(list(wears.values()), nights, horizon))
-
-
-def rank(wears: Sequence[Wear], nights: Mapping[str, Sequence[Night]], horizon: float = HORIZON) -> list[Place]:
+def rank(wears: Sequence[Wear], horizon: float = HORIZON) -> list[Place]:
     """Return all loops in the order of repair. horizon: days after the plant's last night that the plan must cover."""
-    last = max((n.end for found in nights.values() for n in found), default=0.0)
-    recent = {w.loop: [n for n in sorted(nights.get(w.loop, ()), key=lambda n: n.time)
-                       if not w.repairs or n.time >= w.repairs[-1].time][-RECENT:] for w in wears}
+    last = max((n.end for w in wears for n in w.nights), default=0.0)
+    recent = {w.loop: [n for n in w.nights if not w.repairs or n.time >= w.repairs[-1].time][-RECENT:] for w in wears}
     moves = {loop: [n.travel for n in found if n.travel is not None] for loop, found in recent.items()}
     travel = {loop: x for loop, found in moves.items() if found and (x := float(np.median(found)))}
     factor = {loop: float(np.clip(np.sqrt(x / np.median([*travel.values()])), 0.7, 1.5)) for loop, x in travel.items()}
@@ -89,7 +78,7 @@ def _placed(wear: Wear, recent: Sequence[Night], factor: float, last: float, hor
     growth = now.slope * horizon if now and now.growing and now.slope else 0.0  # only what is sure counts
     expected = max(now.level + growth, 0.0) / limit if now else 0.0
     return expected * confidence * factor, Place(
-        wear.loop, 0, action, now.level / limit if now else None, confidence, len(recent), silent, swinging,
+        wear, wear.loop, 0, action, confidence, now.level / limit if now else None, len(recent), silent, swinging,
         tuple(sorted({code for _, code in wear.gaps[-RECENT:]})), factor, days_left, horizon)
 
 

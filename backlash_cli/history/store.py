@@ -26,7 +26,7 @@ from ..errors import BacklashError
 from ..estimator.carry import Carry, unpack
 from ..record import LoopSettings, Note
 from ..results import Estimate, LoopReport, ScanResult, Verdict
-from ..results.history import DAY, HalfPeriod, Night, Outcome, Repair, Run, day_of
+from ..results.history import DAY, Night, Outcome, Repair, Run, day_of
 from .joins import active, distinct, join
 
 PATIENCE = 60.0  # seconds to wait for another run before giving up
@@ -164,14 +164,14 @@ class History:
         rows = {(row["start"], row["end"]): row for row in self.rows("SELECT * FROM nights WHERE loop = ?", [loop])}
         return [rows[span] for span in active([*rows])]
 
-    def half_periods(self, loop: str, days: float = math.inf) -> list[HalfPeriod]:
+    def half_periods(self, loop: str, days: float = math.inf) -> list[Estimate]:
         """Return the half periods of a loop in time order, each moment once, joined where nights meet.
 
         days: only of nights that end within so many days before the last.
         """
         rows = self._nights(loop)
         since = max((row["end"] for row in rows), default=0.0) - days * DAY
-        found: list[HalfPeriod] = []
+        found: list[Estimate] = []
         before: tuple[Carry, float] | None = None
         for row in rows[max(sum(row["end"] <= since for row in rows) - 1, 0) :]:
             own = self.rows(f"SELECT * FROM half_periods {OF_NIGHT}", row)
@@ -183,11 +183,11 @@ class History:
                 if before is not None:  # those that go over the cut take the place of the night's own
                     halves, until, tail = join(*before, carry, start, settings)
                     own = [*(r for r in own if r["start"] >= until - 0.002),
-                           *({**half_period_row(row, e), "joined": 1} for e in halves)]
+                           *(half_period_row(row, replace(e, joined=True)) for e in halves)]
                     carry = replace(carry, tail=tail or carry.tail)
                 before = carry, start
             if row["end"] > since:
-                found += msgspec.convert(own, list[HalfPeriod], strict=False)
+                found += msgspec.convert(own, list[Estimate], strict=False)
         return distinct(found)
 
     recent_half_periods = partialmethod(half_periods, days=14.0)
@@ -295,8 +295,8 @@ def night_row(report: LoopReport) -> dict[str, Any]:
 
 def half_period_row(night: Mapping[str, Any], e: Estimate) -> dict[str, Any]:
     """Return the row of table `half_periods` for one half period of a night."""
-    return {"loop": night["loop"], "night_start": night["start"], "night_end": night["end"], "joined": 0,
-            **_rounded(vars(e)), "accepted": int(e.accepted)}
+    return {"loop": night["loop"], "night_start": night["start"], "night_end": night["end"],
+            "joined": 0, **_rounded(vars(e)), **{"accepted": int(e.accepted), "joined": int(e.joined)}}
 
 
 def night_of(row: Mapping[str, Any]) -> Night:

@@ -46,7 +46,7 @@ def wear(loop: str, nights: Sequence[Night], marked: Sequence[Repair], limit: Li
     if found := _found(loop, parts):
         repairs = tuple(sorted([*marked, *found], key=lambda r: r.time))
         parts = _between(points, repairs)
-    out = Wear(loop, len(nights), limit, "no_estimate", tuple(segment for _, segment, _ in parts if segment),
+    out = Wear(loop, nights, limit, "no_estimate", tuple(segment for _, segment, _ in parts if segment),
                repairs, None, tuple(gaps), tuple(missing_days(covered)))
     # after the last repair nothing may have been measured yet: then no older slope speaks for the valve
     _, segment, trend = parts[-1]
@@ -56,8 +56,9 @@ def wear(loop: str, nights: Sequence[Night], marked: Sequence[Repair], limit: Li
         silent = not segment.nights and segment.below >= ENOUGH
         return replace(out, state="no_trend" if silent else "too_few_nights")
     compared, stepped = held_out(trend.nights), bool(trend.nights.steps.any())
+    holds = not stepped and (compared is None or compared.straight_line_holds)
     # a line has to stand both tests: the nights that it has not seen, and all of them against trends that bend
-    line = trend.straight >= UNLIKELY * BELIEF[LINE] and not stepped and (compared is None or compared.line_holds)
+    line = holds and trend.straight >= UNLIKELY * BELIEF[LINE]
     out = replace(out, model="line" if line else "local", held_out=compared, state="no_trend")
     last = len(trend.nights) - 1
     if segment.slope_ci95[0] <= 0 and not (stepped and trend.low[last] > trend.high[0]):
@@ -211,5 +212,5 @@ def held_out(nights: Nights) -> HeldOut | None:
         scores.append(float(-0.5 * ((size - mean) ** 2 / variance + np.log(variance)).sum()))
         off.append(size - mean)
     line, local = (float(np.median(np.abs(x))) for x in off)
-    return HeldOut(len(hidden), float(days[0] * DAY), line, local, float(np.median(off[0])),
+    return HeldOut(len(hidden), day_of(days[0] * DAY).isoformat(), line, local, float(np.median(off[0])),
                    scores[0] >= scores[1] - CLEAR)

@@ -45,6 +45,7 @@ class Estimate:
     direction: int  # sign of e
     accepted: bool  # passed every gate
     why: str = "ok"  # else the code of the gate that refused it
+    joined: bool = field(default=False, repr=False)  # goes over the cut between two nights of a history
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,7 +127,8 @@ def test_the_sixty_nights_that_grow_ever_faster():
         history, found = sixty_nights("exponential", seed)
         score = scored(history, found)
         assert abs(score.level) < 0.05 and abs(score.slope) < 0.15 and score.date_hit
-        assert found.model == "local" and found.held_out.line > 3 * found.held_out.local and found.held_out.bias > 0.003
+        assert found.model == "local" and found.held_out.straight_line_error > 3 * found.held_out.local_error
+        assert found.held_out.straight_line_bias > 0.003
 
 
 @pytest.mark.parametrize("kind", BENDING)
