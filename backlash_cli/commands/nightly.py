@@ -129,6 +129,7 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
     """Scan what is new into the history, note in `done` what happened, and return the last scan."""
     from ..loaders import ReadOptions
     from ..loaders.sources import find_sidecars, find_sources
+    from ..reporter.templates import sentence
     from ..scanning import ScanOptions
 
     scan: ScanResult | None = None
@@ -163,8 +164,8 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
         for word, holds in (("scanned", True), ("late", late), ("incomplete", wrong)):
             done[word] += [name] * holds
         for word in ("new", "revised", "unchanged"):
-            done[word] += getattr(outcome, word)
-        log("scanned", night=name, loops=len(scan.loops), history=outcome.sentence(), late=late)
+            done[word] += outcome[word]
+        log("scanned", night=name, loops=len(scan.loops), history=sentence("stored", outcome), late=late)
         for note in scan.failures:
             log("not analysed", "warning", night=name, reason=note.message)
         if config.outputs.scan is not None:

@@ -191,14 +191,15 @@ def kept(history: Path | None, scan: Iterable[object], *, resume: bool) -> Itera
 def remember(result: ScanResult, history: Path, job: Job) -> None:
     """Store a scan's nights. Several exports of the same loops, joined for the report, are stored one by one."""
     from ..history.store import History
+    from ..reporter.templates import sentence
 
     with History(history, create=True, say=say) as store:
         outcome = store.add(*(undated(part) for part in _one_by_one(result, job) or [result]))
-    if outcome.revised and any(r.start is not None and r.start < YEAR for r in result.loops):
+    if outcome["revised"] and any(r.start is not None and r.start < YEAR for r in result.loops):
         say("the export has no calendar date, and so replaced the night that was there: nights are told apart by their "
             "times")
     if job.shown:
-        say(f"history {history}: {outcome.sentence()}")
+        say(f"history {history}: {sentence('stored', outcome)}")
 
 
 def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:

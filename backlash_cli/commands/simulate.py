@@ -16,7 +16,7 @@ from .options import Export, cluster, command
 from .terminal import deliver, progress, put, say_failures, several
 
 if TYPE_CHECKING:
-    from ..results.plan import LoopPlan
+    from ..results.advice import LoopPlan
 
 PLANS = {".json": "json", ".csv": "csv", ".html": "html", ".htm": "html"}
 MOVE = "a number in units of the loop such as 12.5, or a share of its span such as 5%"

@@ -130,8 +130,9 @@ def rows_of(history: History, table: str, loops: list[str]) -> list[dict[str, An
         return [{"loop": loop, "time": r.time, "date": r.date.isoformat(), "note": r.note}
                 for loop in loops for r in history.repairs(loop)]
     if table == "runs":
-        return [{"start": r.first, "end": r.last, "loops": r.loops, "nights": r.nights, "inputs": ", ".join(r.inputs),
-                 "failures": "; ".join(n.message for n in r.failures), "tool": r.tool} for r in history.runs()]
+        return [{"start": r["first"], "end": r["last"], "loops": r["loops"], "nights": r["nights"],
+                 "inputs": ", ".join(r["inputs"]), "failures": "; ".join(n["message"] for n in r["failures"]),
+                 "tool": r["tool"]} for r in history.runs()]
     raise UsageError(f"no table {table!r}", where="--table", remedy=nearest(table, TABLES))
 
 

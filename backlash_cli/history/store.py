@@ -26,7 +26,7 @@ from ..errors import BacklashError
 from ..estimator.carry import Carry, unpack
 from ..record import LoopSettings, Note
 from ..results import Estimate, LoopReport, ScanResult, Verdict
-from ..results.history import DAY, Night, Outcome, Repair, Run, day_of
+from ..results.history import DAY, Night, Repair, day_of
 from .joins import active, distinct, join
 
 PATIENCE = 60.0  # seconds to wait for another run before giving up
@@ -113,9 +113,10 @@ class History:
     def __exit__(self, *error: object) -> None:
         self.db.close()
 
-    def add(self, *results: ScanResult, export: tuple[str, str] | None = None) -> Outcome:
+    def add(self, *results: ScanResult, export: tuple[str, str] | None = None) -> dict[str, list[Any]]:
         """Store scans at once: all of them are in the file afterwards, or none; nights that are known with the same
-        content stay untouched.
+        content stay untouched. Returns the nights, as (loop, day), that are `new`, `unchanged` or `revised`, and the
+        loops without a time (`untimed`), which are not stored.
 
         export: name and fingerprint of the export they come from, for the nightly job to know it again.
         """
@@ -146,7 +147,7 @@ class History:
                         "tool": __version__}])
             if export is not None:
                 self.insert("exports", [dict(zip(("name", "fingerprint"), export, strict=True))])
-        return Outcome(**{name: tuple(nights) for name, nights in done.items()})
+        return done
 
     def export_fingerprint(self, name: str) -> str | None:
         """Return the fingerprint with which an export was scanned last, None when it never was."""
@@ -209,9 +210,9 @@ class History:
             done = self.db.execute("DELETE FROM repairs WHERE loop = ? AND time = ?", [loop, time]).rowcount
         return bool(done)
 
-    def runs(self) -> list[Run]:
-        """Return the runs that added to the history, in the order of their data."""
-        return msgspec.convert(self.rows("SELECT * FROM runs ORDER BY first, last, digest"), list[Run])
+    def runs(self) -> list[dict[str, Any]]:
+        """Return the runs that added to the history, in the order of their data, each by the columns of its table."""
+        return self.rows("SELECT * FROM runs ORDER BY first, last, digest")
 
     def rows(self, query: str, values: Sequence[object] | Mapping[str, object] = ()) -> list[dict[str, Any]]:
         """Return the answer to a query with its values."""

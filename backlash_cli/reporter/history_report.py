@@ -10,7 +10,7 @@ from typing import Any
 
 from .._version import __version__
 from ..results import Compensator, Estimate, Verdict
-from ..results.history import DAY, Night, Place, Repair, Run, Segment, Wear
+from ..results.history import DAY, Night, Place, Repair, Segment, Wear
 from . import figures as fig
 from .figures import Figure
 from .json_report import fields_of
@@ -35,7 +35,7 @@ def loops_text(nights: Mapping[str, Sequence[Night]], repairs: Mapping[str, Sequ
     return screen("history.txt", width=WIDTH, nights=nights, repairs=repairs, runs=runs, sizes=sizes, verdicts=verdicts)
 
 
-def runs_text(runs: Sequence[Run]) -> str:
+def runs_text(runs: Sequence[Mapping[str, Any]]) -> str:
     """Return one line per run that added to the history, in the order of their data."""
     return screen("runs.txt", width=WIDTH, runs=runs)
 

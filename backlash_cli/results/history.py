@@ -90,37 +90,6 @@ class Repair:
 
 
 @dataclass(frozen=True)
-class Run:
-    """One run that added to the history. Times span the data; there is no clock time, so that a rerun adds nothing."""
-
-    first: float
-    last: float
-    loops: int
-    nights: int
-    inputs: tuple[str, ...]
-    failures: tuple[Note, ...] = ()
-    tool: str = ""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What adding a run changed: nights by what happened to them, as (loop, day) pairs; loops without a time."""
-
-    new: tuple[tuple[str, str], ...] = ()
-    unchanged: tuple[tuple[str, str], ...] = ()
-    revised: tuple[tuple[str, str], ...] = ()
-    untimed: tuple[str, ...] = ()
-
-    def sentence(self) -> str:
-        """Say it in words."""
-        done = ((self.new, "new"), (self.unchanged, "known and unchanged"), (self.revised, "revised"))
-        parts = [f"{len(found)} night{'s' * (len(found) > 1)} {word}" for found, word in done if found]
-        if self.untimed:
-            parts.append(f"{len(self.untimed)} loops without a time, not stored: {', '.join(self.untimed[:5])}")
-        return ", ".join(parts) or "nothing to add"
-
-
-@dataclass(frozen=True)
 class Segment:
     """Wear between two repairs: its nights, the slope, and the fitted dead band at both ends."""
 
