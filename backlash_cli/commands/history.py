@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
+from ..reporter.safe import counted
 from .options import command
-from .terminal import put, say, several
+from .terminal import put, say
 
 if TYPE_CHECKING:
     from ..history.limits import Limits
@@ -55,14 +56,14 @@ def report(output: Path, **wear: Any) -> None:
 
     with worn_plant(**wear) as (places, store):
         write_report(output, places, store.recent_half_periods)
-    say(f"report of {several(len(places), 'loop')} written to {output}")
+    say(f"report of {counted(len(places), 'loop')} written to {output}")
 
 
 @command
 def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bool, target: Path | None,
             table: str | None, repair: tuple[str, str, str] | None, remove_repair: tuple[str, str] | None) -> None:
     """List what a history holds, export it, or enter repairs."""
-    from ..history.plant import chosen, mark, rows_of, unmark
+    from ..history.plant import chosen, moment_of, rows_of
     from ..history.store import History
 
     path = db or named
@@ -73,9 +74,17 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
     with History(path, say=say) as store:
         names = chosen(store, loop)
         if repair:
-            say(mark(store, *repair))
+            name, date, note = repair
+            chosen(store, [name])
+            new = store.mark_repair(name, moment_of(date), note)
+            say(f"repair of {name} on {date} {'entered' if new else 'was already entered'}: {note}")
         if remove_repair:
-            say(unmark(store, *remove_repair))
+            name, date = remove_repair
+            if not store.remove_repair(name, moment_of(date)):
+                days = ", ".join(str(r.date) for r in store.repairs(name)) or "none"
+                raise UsageError(f"no repair of {name} is entered on {date}", where=str(path),
+                                 remedy=f"entered are: {days}")
+            say(f"repair of {name} on {date} taken back")
         if target is not None:
             from ..reporter.tables import write_rows
 

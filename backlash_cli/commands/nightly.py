@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import __version__
 from ..errors import BacklashError, InputError
-from ..reporter.safe import terminal
+from ..reporter.safe import counted, terminal
 from .history import read_profile
 from .options import Export, command
 from .scan import Job, kept, undated
@@ -189,7 +189,7 @@ def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records:
 
 def _summary(config: NightlyConfig, done: Done, places: Sequence[Place]) -> str:
     """Return the line for the cron mail."""
-    from ..reporter.words import TO_DO, counted, day
+    from ..reporter.words import TO_DO, day
 
     def names(found: Sequence[str]) -> str:
         return ", ".join(found[:5]) + (f" and {len(found) - 5} more" if len(found) > 5 else "")

@@ -91,22 +91,6 @@ def chosen(history: History, names: Sequence[str]) -> list[str]:
     return [name for name in known if not names or name in names]
 
 
-def mark(history: History, loop: str, date: str, note: str) -> str:
-    """Enter a repair and say so."""
-    chosen(history, [loop])
-    new = history.mark_repair(loop, moment_of(date), note)
-    return f"repair of {loop} on {date} {'entered' if new else 'was already entered'}: {note}"
-
-
-def unmark(history: History, loop: str, date: str) -> str:
-    """Take a repair back and say so."""
-    if not history.remove_repair(loop, moment_of(date)):
-        days = ", ".join(r.date.isoformat() for r in history.repairs(loop)) or "none"
-        raise UsageError(f"no repair of {loop} is entered on {date}", where=str(history.path),
-                         remedy=f"entered are: {days}")
-    return f"repair of {loop} on {date} taken back"
-
-
 def moment_of(date: str) -> float:
     """Return a day or time (UTC unless it has an offset) as epoch seconds; a day means its first moment."""
     try:
