@@ -66,7 +66,7 @@ def nightly(config: Path, check: bool) -> int:
                 for path in filter(None, (outputs.report, outputs.trend)):
                     path.parent.mkdir(parents=True, exist_ok=True)
                 if outputs.report is not None:
-                    write_report(outputs.report, places, store.recent_half_periods)
+                    write_report(outputs.report, places, store.half_periods)
                     log("report", path=str(outputs.report))
                 if outputs.trend is not None:
                     write_text(outputs.trend, trend(places).json())
@@ -133,16 +133,15 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
     from ..scanning import ScanOptions
 
     scan: ScanResult | None = None
-    keys = {export.name: f"{config.path.stem}:{export.name}" for export in found}
-    known = {name: store.export_fingerprint(key) for name, key in keys.items()}
-    newest = max((e.date for e in found if e.date and known[e.name]), default=None)
+    before, known = f"{config.path.stem}:", store.exports()
+    newest = max((e.date for e in found if e.date and before + e.name in known), default=None)
     for export in found:
-        name, key = export.name, keys[export.name]
+        name, key = export.name, before + export.name
         with contextlib.ExitStack() as stack:
             try:
                 settings = [config.loops] if config.loops else find_sidecars(export.files, find_sources(export.files))
                 fingerprint = export.fingerprint([Path(path) for path in settings], salt=__version__)
-                if known[name] == fingerprint:
+                if known.get(key) == fingerprint:
                     done["known"].append(name)
                     log("known", night=name)
                     continue

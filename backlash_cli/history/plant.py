@@ -60,7 +60,7 @@ def _placed(wear: Wear, recent: Sequence[Night], factor: float, last: float, hor
     """Return the score of a loop and its place. recent: the last nights since the repair; last: time of the plant's."""
     now, limit = wear.now, wear.limit.value
     silent, swinging = (sum(n.verdict is v for n in recent) for v in (Verdict.NO_BACKLASH, Verdict.OSCILLATING))
-    answers = [n.confidence for n in recent if n.measured] or [
+    answers = [n.confidence for n in recent if n.d is not None] or [
         n.confidence for n in recent if n.verdict is Verdict.NO_BACKLASH]
     confidence = float(np.sum(answers)) / max(len(recent), 1)
     days_left = (wear.limit_date[0] - last) / DAY if wear.limit_date else np.inf

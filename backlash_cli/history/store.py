@@ -15,7 +15,6 @@ import math
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partialmethod
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,7 +24,7 @@ from .. import __version__
 from ..errors import BacklashError
 from ..estimator.carry import Carry, unpack
 from ..record import LoopSettings, Note
-from ..results import Estimate, LoopReport, ScanResult, Verdict
+from ..results import Estimate, LoopReport, ScanResult
 from ..results.history import DAY, Night, Repair, day_of
 from .joins import active, distinct, join
 
@@ -149,9 +148,9 @@ class History:
                 self.insert("exports", [dict(zip(("name", "fingerprint"), export, strict=True))])
         return done
 
-    def export_fingerprint(self, name: str) -> str | None:
-        """Return the fingerprint with which an export was scanned last, None when it never was."""
-        return next((row["fingerprint"] for row in self.rows("SELECT * FROM exports WHERE name = ?", [name])), None)
+    def exports(self) -> dict[str, str]:
+        """Return the names of the exports that were scanned, each with its fingerprint then."""
+        return {row["name"]: row["fingerprint"] for row in self.rows("SELECT * FROM exports")}
 
     def loops(self) -> list[str]:
         """Return the names of all loops, in order."""
@@ -190,8 +189,6 @@ class History:
             if row["end"] > since:
                 found += msgspec.convert(own, list[Estimate], strict=False)
         return distinct(found)
-
-    recent_half_periods = partialmethod(half_periods, days=14.0)
 
     def repairs(self, loop: str) -> list[Repair]:
         """Return the repairs that people marked for a loop, in time order."""
@@ -274,14 +271,15 @@ def night_row(report: LoopReport) -> dict[str, Any]:
 
     digest: fingerprint of the row, the half periods and the carry.
     """
-    d, ci95, source = size_of(report)
-    s = report.settings
+    # a number that the verdict refused is not a point of the wear
+    claimed, s = report.claimed, report.settings
+    d, low, high = (claimed.d, *claimed.ci95) if claimed else (None, None, None)
     found = {name: vars(evidence) for name in _EVIDENCE if (evidence := getattr(report, name)) is not None}
     row = _rounded({
         # what is no valid text (broken encodings) is spelled out
         "loop": report.loop.encode("utf-8", "backslashreplace").decode("utf-8"),
         "start": report.start, "end": report.end, "verdict": str(report.verdict), "confidence": report.confidence,
-        "d": d, "d_low": ci95[0] if ci95 else None, "d_high": ci95[1] if ci95 else None, "source": source,
+        "d": d, "d_low": low, "d_high": high, "source": type(claimed).__name__.lower() if claimed else "",
         **{name: getattr(report, name) for name in ("limit_of_detection", "samples", "interval_s", "half_periods",
                                                     "detections")},
         "settings": _rounded({name: getattr(s, name) for name in ("K", "Ti", "Td", "Tf", "Kp", "theta")}) | {
@@ -303,20 +301,6 @@ def half_period_row(night: Mapping[str, Any], e: Estimate) -> dict[str, Any]:
 def night_of(row: Mapping[str, Any]) -> Night:
     """Return a row of table `nights` as a Night."""
     return msgspec.convert({**row, "ci95": None if row["d_low"] is None else (row["d_low"], row["d_high"])}, Night)
-
-
-def size_of(report: LoopReport) -> tuple[float | None, tuple[float, float] | None, str]:
-    """Return the dead band that a report stands for, its interval, and where it comes from.
-
-    The measurement against the output goes before the half periods, which read low in noise. No size without the
-    verdict backlash or suspected: a number that the verdict refused is not a point of the wear.
-    """
-    if report.verdict in (Verdict.BACKLASH, Verdict.SUSPECTED):
-        for source in ("confirmation", "cluster"):
-            found = getattr(report, source)
-            if found is not None and math.isfinite(found.d) and found.d > 0:
-                return found.d, found.ci95, source
-    return None, None, ""
 
 
 def _notes(notes: Sequence[Note]) -> list[dict[str, str]]:

@@ -110,17 +110,17 @@ def points_of(nights: Sequence[Night]) -> tuple[list[Night], list[tuple[str, str
 
     Two kinds of estimate are never mixed: the one that most nights have stands for the loop.
     """
-    sized = [n for n in nights if n.measured]
+    sized = [n for n in nights if n.d is not None]
     source = "confirmation" if 2 * sum(n.source == "confirmation" for n in sized) >= len(sized) else "cluster"
     points, gaps = [], []
     for night in nights:
         other = night.details.get(source)
-        if night.below_detection or (night.measured and night.source == source):
+        if night.below_detection or (night.d is not None and night.source == source):
             points.append(night)
-        elif night.measured and isinstance(other, dict) and other.get("d") is not None:
+        elif night.d is not None and isinstance(other, dict) and other.get("d") is not None:
             points.append(replace(night, d=float(other["d"]), ci95=None))
         else:
-            code = "no_size" if night.measured else night.reasons[0].code if night.reasons else str(night.verdict)
+            code = "no_size" if night.d is not None else night.reasons[0].code if night.reasons else str(night.verdict)
             gaps.append((night.date.isoformat(), code))
     return points, gaps
 
@@ -158,7 +158,7 @@ def _found(loop: str, parts: Sequence[Part]) -> list[Repair]:
     """
     out = []
     for number, (nights, _, trend) in enumerate(parts):
-        sized = [k for k, p in enumerate(nights) if p.measured]
+        sized = [k for k, p in enumerate(nights) if p.d is not None]
         steps = [] if trend is None else [(k, *trend.level[k - 1 : k + 1].tolist()) for k in
                                           np.flatnonzero(trend.nights.steps)]
         falls = [(sized[k], before, after) for k, before, after in steps if _fell(before, after)]

@@ -25,7 +25,10 @@ MARKS = {"pull": "bad", "room": "warn", "watch": "warn", "leave": "good", "check
 DRAWN = 60  # loops with figures in a single file
 RANKED = 40  # loops in the picture of the plant
 LATEST = 30  # nights in a loop's table
+RECENT = 14.0  # days whose half periods are drawn
 WEEKS = 8  # of the small lines beside the sizes in that picture
+
+HalfPeriods = Callable[[str, float], Sequence[Estimate]]
 
 
 def loops_text(nights: Mapping[str, Sequence[Night]], repairs: Mapping[str, Sequence[Repair]], runs: int) -> str:
@@ -75,9 +78,9 @@ def growth(now: Segment | None) -> float | None:
     return 30 * now.slope if now is not None and now.growing and now.slope is not None else None
 
 
-def write_report(output: Path, places: Sequence[Place], half_periods: Callable[[str], Sequence[Estimate]]) -> None:
+def write_report(output: Path, places: Sequence[Place], half_periods: HalfPeriods) -> None:
     """Write one .html file, figures for the first 60 places and numbers for all, or a folder for any other name; the
-    old report stays until the new one is whole. half_periods: gives the recent half periods of a loop by its name."""
+    old report stays until the new one is whole. half_periods: gives those of a loop in so many last days."""
     single = is_page(output)
     times = [n.time for p in places for n in p.wear.nights]
     first, last = (day(edge(times)) if times else None for edge in (min, max))  # the clock is not asked
@@ -103,9 +106,9 @@ def plant_picture(places: Sequence[Place]) -> Figure:
     return fig.plant(rows, "limit")
 
 
-def _loop(place: Place, half_periods: Callable[[str], Sequence[Estimate]], drawn: bool) -> dict[str, Any]:
+def _loop(place: Place, half_periods: HalfPeriods, drawn: bool) -> dict[str, Any]:
     """What is shown of one loop."""
-    halves, nights = half_periods(place.loop) if drawn else (), place.wear.nights
+    halves, nights = half_periods(place.loop, RECENT) if drawn else (), place.wear.nights
     advice = [n.details["compensator"] for n in nights if isinstance(n.details.get("compensator"), Mapping)]
     wanted = advice and place.action in ("pull", "room", "watch")
     return {"place": place, "drawn": drawn, "figure": _wear_figure(place.wear) if drawn and nights else None,
@@ -120,7 +123,7 @@ def _wear_figure(wear: Wear) -> Figure:
     times = [*(n.time for n in nights), *(p[0] for p in wear.forecast)]
     limit, lines = 100 * wear.limit.value, []
     for suspected, name, symbol in ((False, "night", "circle"), (True, "suspected", "circle-open")):
-        own = [n for n in nights if n.measured and (n.verdict is Verdict.SUSPECTED) is suspected]
+        own = [n for n in nights if n.d is not None and (n.verdict is Verdict.SUSPECTED) is suspected]
         line = fig.dots([(n.time, n.d or 0.0) for n in own], name, fig.EVIDENCE, symbol=symbol, size=7,
                         hover="%{x|%Y-%m-%d}: %{y:.2f} %")
         lines.append(line | {"error_y": fig.bars(line["y"], [n.ci95 for n in own], fig.QUIET, thickness=1, width=2)})

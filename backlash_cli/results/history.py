@@ -62,11 +62,6 @@ class Night:
         return day_of(self.time)
 
     @property
-    def measured(self) -> bool:
-        """Whether the night gives a size of the dead band."""
-        return self.d is not None
-
-    @property
     def below_detection(self) -> bool:
         """Whether the night says only that the dead band is below its limit of detection."""
         return self.d is None and self.verdict is Verdict.NO_BACKLASH and self.limit_of_detection is not None

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import LoopError
 from ..estimator.compensator import HYSTERESIS, gain_share
+from ..estimator.recording import reversals
 from ..model.problem import noise_floor
 from ..record import FloatArray, Note, Record, SampleState
 from ..results import LoopReport, Verdict
@@ -34,6 +35,7 @@ STEPS_BACK = (1.0, 0.75, 0.5)  # shares of the rule's gain that are tried when t
 LOAD_STEPS = 12
 SPACING = 12.0  # slowest time constants of the loop between load steps
 MOST_SAMPLES = 60_000
+STILL = 1e-9  # of span: a valve that turns by less stands
 SWING = 0.05  # dead bands: a valve that swings by less and for ever is not worth the name of limit cycle
 
 
@@ -81,8 +83,8 @@ def size_of(report: LoopReport, given: float | None) -> tuple[float, tuple[float
     """Return dead band, the ends of its interval and its source. Raises LoopError when the scan found none."""
     if given is not None:
         return given, (given, given), "given"
-    found = report.confirmation or report.cluster
-    if found is None or found.d <= 0.0 or report.verdict not in (Verdict.BACKLASH, Verdict.SUSPECTED):
+    found = report.claimed
+    if found is None:
         reason = report.reasons[0].message if report.reasons else "no half period could be used"
         raise LoopError(f"the scan does not see backlash ({report.verdict}: {reason})", where=report.loop,
                         remedy="give one from a valve test with --dead-band 0.03 (3 % of the output span)",
@@ -230,13 +232,7 @@ def judge(run: Trace, s: Study, gain: float) -> Trial:
     error = np.abs(run.setpoint - run.process_output)
     travel, output_travel = (float(np.sum(np.abs(np.diff(way)))) / hours for way in (run.valve, run.output))
     return Trial(gain, float(np.mean(error)), float(np.max(error)), goes_on_oscillating(s, gain), travel, output_travel,
-                 reversals(run.valve) / hours)
-
-
-def reversals(valve: FloatArray) -> float:
-    """Return how often a valve position (samples,) turns."""
-    moves = np.diff(valve)
-    return float(np.count_nonzero(np.diff(np.sign(moves[np.abs(moves) > 1e-9]))))
+                 reversals(run.valve, STILL) / hours)
 
 
 def goes_on_oscillating(s: Study, gain: float) -> bool:
@@ -244,7 +240,7 @@ def goes_on_oscillating(s: Study, gain: float) -> bool:
     duration = 120.0 * s.slowest
     run = s.run(duration, gain, use("load_step", times=[0.0], sizes=[2.0 * s.d]))
     valve = run.valve[run.time > 0.7 * duration]
-    return bool(reversals(valve) >= 4 and np.ptp(valve) > SWING * s.d)
+    return bool(reversals(valve, STILL) >= 4 and np.ptp(valve) > SWING * s.d)
 
 
 def choose(s: Study, trials: dict[float, Trial]) -> tuple[float | None, str, tuple[Note, ...]]:

@@ -41,7 +41,7 @@ def test_each_loop_has_its_size_its_limit_and_its_last_weeks(plant):
 
 def test_a_report_is_one_file_or_a_folder(plant, tmp_path):
     for name in ("wear.html", "wear"):
-        write_report(tmp_path / name, plant, lambda loop: ())
+        write_report(tmp_path / name, plant, lambda loop, days: ())
     whole, index = (tmp_path / "wear.html").read_text("utf-8"), (tmp_path / "wear" / "index.html").read_text("utf-8")
     for page in (whole, index):
         assert page.index("The plant") < page.index("Order of repair") and "last 8 weeks" in page

@@ -120,7 +120,7 @@ def test_a_night_keeps_what_the_report_said(tmp_path):
         assert [len(r["inputs"]) for r in history.runs()] == [1, 1, 1]
     assert (a.d, a.source, a.ci95) == (0.02, "confirmation", (0.018, 0.022))
     assert a.date.isoformat() == "2026-03-01" and a.settings["Ti"] == 28.0 and a.reasons[0].code == "made"
-    assert b.below_detection and b.limit_of_detection == 0.005 and not c.below_detection and not c.measured
+    assert b.below_detection and b.limit_of_detection == 0.005 and not c.below_detection and c.d is None
 
 
 def test_odd_names_and_times_do_no_harm(tmp_path):
