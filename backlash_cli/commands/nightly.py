@@ -187,7 +187,6 @@ def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records:
 
 
 def _summary(config: NightlyConfig, done: Done, places: Sequence[Place]) -> str:
-    """Return the line for the cron mail."""
     from ..reporter.words import TO_DO, day
 
     def names(found: Sequence[str]) -> str:

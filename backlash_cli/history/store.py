@@ -335,6 +335,5 @@ def check_folder(path: Path) -> None:
 
 
 def _wrong(error: sqlite3.Error) -> tuple[str, str]:
-    """Return what is wrong and the remedy."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     return _WRONG.get(code, (f"the history cannot be used: {error}", "check the file"))

@@ -77,7 +77,6 @@ Part = tuple[list[Night], Segment | None, Trend | None]  # nights between two re
 
 
 def _between(points: Sequence[Night], repairs: Sequence[Repair]) -> list[Part]:
-    """Return the nights before, between and after the repairs."""
     edges = [-np.inf, *sorted(r.time for r in repairs), np.inf]
     parts = ([p for p in points if first <= p.time < last] for first, last in pairwise(edges))
     return [(part, *_fitted(part)) for part in parts]

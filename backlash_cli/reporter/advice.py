@@ -49,7 +49,6 @@ def _line(run: Course, values: Sequence[float], span: tuple[float, float], name:
 
 
 def _trends(study: CompensationStudy) -> Figure | None:
-    """Measurement, output and valve position before and after."""
     if study.before is None:
         return None
     looks: Figure = {"hover": "%{y:.2f}", "width": 1.4, "digits": 6}
@@ -66,7 +65,6 @@ def _trends(study: CompensationStudy) -> Figure | None:
 
 
 def _gains(study: CompensationStudy) -> Figure:
-    """Mean error, peak and travel over the gain, relative to no compensator."""
     x, data = [100.0 * t.gain for t in study.trials], []
     shown = (("mean error", "iae", MEASUREMENT), ("peak error", "peak", QUIET),
              ("valve travel", "valve_travel_per_hour", EVIDENCE))

@@ -107,7 +107,6 @@ def plant_picture(places: Sequence[Place]) -> Figure:
 
 
 def _loop(place: Place, half_periods: HalfPeriods, drawn: bool) -> dict[str, Any]:
-    """What is shown of one loop."""
     halves, nights = half_periods(place.loop, RECENT) if drawn else (), place.wear.nights
     advice = [n.details["compensator"] for n in nights if isinstance(n.details.get("compensator"), Mapping)]
     wanted = advice and place.action in ("pull", "room", "watch")
@@ -118,7 +117,6 @@ def _loop(place: Place, half_periods: HalfPeriods, drawn: bool) -> dict[str, Any
 
 
 def _wear_figure(wear: Wear) -> Figure:
-    """Return dead band over time in % of the output span, with the lines between repairs and the limit."""
     nights = wear.nights
     times = [*(n.time for n in nights), *(p[0] for p in wear.forecast)]
     limit, lines = 100 * wear.limit.value, []
@@ -146,7 +144,6 @@ def _wear_figure(wear: Wear) -> Figure:
 
 
 def _half_period_figure(half_periods: Sequence[Estimate]) -> Figure:
-    """Return the accepted estimates of the half periods over time, in % of the output span."""
     groups = []
     for joined, name, symbol in ((False, "half period", "circle"), (True, "across the cut of two nights", "diamond")):
         if part := [p for p in half_periods if p.accepted and p.joined is joined]:

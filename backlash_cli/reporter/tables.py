@@ -49,7 +49,6 @@ def columns_of(table: str) -> dict[str, str]:
 
 
 def _rows(r: LoopReport, table: str) -> list[list[Any]]:
-    """The rows of one loop as strict values, in the order of the table's columns."""
     if table == "estimates":
         return [[strict(r.loop), *row.values()] for row in strict(r.estimates)]
     document = loop(replace(r, estimates=()))

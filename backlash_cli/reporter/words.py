@@ -168,7 +168,6 @@ def quantity(p: FittedParameter, stage: str, settings: LoopSettings, start: floa
 
 
 def _each(p: FittedParameter) -> list[FittedParameter]:
-    """The numbers of a parameter that holds several, one by one."""
     assert isinstance(p.value, tuple)
     return [replace(p, value=v, ci95=p.ci95 and p.ci95[i]) for i, v in enumerate(p.value)]  # type: ignore[arg-type]
 

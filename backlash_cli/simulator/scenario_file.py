@@ -90,7 +90,6 @@ def build(cls: Any, entry: object, where: str) -> Any:
 
 
 def _value(kind: Any, value: object, where: str) -> Any:
-    """Read a value as what its field is declared as."""
     inner, origin = get_args(kind), get_origin(kind)
     if origin is UnionType:
         return _value(inner[0], value, where)
