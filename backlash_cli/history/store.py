@@ -12,9 +12,11 @@ import contextlib
 import hashlib
 import json
 import math
+import re
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
@@ -31,33 +33,9 @@ from .joins import active, distinct, join
 PATIENCE = 60.0  # seconds to wait for another run before giving up
 QUIET = 1.0  # seconds to wait before saying so
 APPLICATION = 0x6261636B  # "back": marks the file as a backlash history
-STEPS = (  # statements from each version to the next; an empty file has version 0
-    ("""CREATE TABLE nights (
-        loop TEXT NOT NULL, start REAL NOT NULL, end REAL NOT NULL,
-        digest TEXT NOT NULL, verdict TEXT NOT NULL, confidence REAL NOT NULL,
-        d REAL, d_low REAL, d_high REAL, source TEXT NOT NULL, limit_of_detection REAL,
-        samples INTEGER NOT NULL, interval_s REAL, half_periods INTEGER NOT NULL, detections INTEGER NOT NULL,
-        settings TEXT NOT NULL, reasons TEXT NOT NULL, warnings TEXT NOT NULL,
-        PRIMARY KEY (loop, start, end)) WITHOUT ROWID""",
-     """CREATE TABLE half_periods (
-        loop TEXT NOT NULL, night_start REAL NOT NULL, night_end REAL NOT NULL,
-        joined INTEGER NOT NULL, start REAL NOT NULL, end REAL NOT NULL,
-        dt_s REAL NOT NULL, dy REAL NOT NULL, e_max REAL NOT NULL, d REAL NOT NULL,
-        direction INTEGER NOT NULL, accepted INTEGER NOT NULL, why TEXT NOT NULL,
-        PRIMARY KEY (loop, night_start, night_end, joined, start, end)) WITHOUT ROWID""",
-     """CREATE TABLE runs (
-        digest TEXT PRIMARY KEY, first REAL NOT NULL, last REAL NOT NULL, loops INTEGER NOT NULL,
-        nights INTEGER NOT NULL, inputs TEXT NOT NULL, failures TEXT NOT NULL, tool TEXT NOT NULL) WITHOUT ROWID""",
-     "CREATE TABLE repairs (loop TEXT, time REAL, note TEXT NOT NULL, PRIMARY KEY (loop, time)) WITHOUT ROWID"),
-    # a night says what it leaves to the next one, valve travel and details of the evidence; the nightly job knows which
-    # exports it has scanned
-    ("ALTER TABLE nights ADD COLUMN travel REAL",
-     "ALTER TABLE nights ADD COLUMN details TEXT NOT NULL DEFAULT '{}'",
-     "ALTER TABLE nights ADD COLUMN carry BLOB",
-     "CREATE TABLE exports (name TEXT PRIMARY KEY, fingerprint TEXT NOT NULL) WITHOUT ROWID"),
-    # half periods over the cut are worked out when they are asked for
-    ("DROP TABLE IF EXISTS joins", "DELETE FROM half_periods WHERE joined"),
-)
+# statements from each version to the next
+STEPS = [[statement for statement in step.split(";") if statement.strip()] for step in re.split(
+    "(?m)^-- version.*", resources.files(__package__).joinpath("tables.sql").read_text("utf-8"))[1:]]
 AS_JSON = ("settings", "reasons", "warnings", "details", "inputs", "failures")  # columns
 _BUSY = ("another run is still writing to the history", "run again when it has finished")
 _WRONG = {
