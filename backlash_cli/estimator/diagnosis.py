@@ -50,7 +50,6 @@ LASTING = 0.8  # autocorrelation five periods on
 CLOCKWORK = 0.9  # the same for a cycle that is no sine
 FORGETS = 0.6  # share of the first peak of the autocorrelation that is left five periods on, near a stability limit
 NEARLY_SINE = 0.04  # harmonics over the fundamental; noise through a resonance makes no more in ten cycles
-ENOUGH_CYCLES = 10
 PROPORTIONAL = 20.0  # degrees of lag by integral action in a cycle that does not need it; stick-slip has above 27
 NOT_TESTED = {"missing_settings", "no_setpoint", "sampling_too_coarse", "short_record"}
 # kinds of oscillation that put the valve under suspicion, with the confidence that it is right to do so: simulated
@@ -170,7 +169,7 @@ def _decide(says: dict[str, str], height: float, lasting: float, cycle: CycleTes
         if says["persistence"] == "external":
             return "external"
         resonance = lasting < FORGETS * height and height > LEAST_HEIGHT
-        sine = cycle is not None and cycle.harmonics < NEARLY_SINE and cycle.cycles >= ENOUGH_CYCLES
+        sine = cycle is not None and cycle.harmonics < NEARLY_SINE
         return "aggressive_tuning" if resonance and sine else "unclear"
     if cycle is not None and says["mean_cycle"] == "neither":
         if cycle.integral_phase < PROPORTIONAL and lasting > LASTING:

@@ -39,7 +39,7 @@ class CycleTest:
     """misfit: mean squared error of the harmonics of PV without a gap, in units of their scatter (1: explained).
 
     left: share of it that remains with the best gap. d: that gap [span of output]. first_lag: lag [periods] of the
-    process that fits then. cycles: number averaged. harmonics: all above the first, over the first.
+    process that fits then. harmonics: all above the first, over the first.
     integral_phase: lag of OP behind proportional action [degrees]; 90 is integral action alone.
     symmetric: the second half of a cycle repeats the first upside down, as it does behind a gap or a sticking valve.
     """
@@ -48,7 +48,6 @@ class CycleTest:
     left: float
     d: float
     first_lag: float
-    cycles: int
     harmonics: float
     symmetric: bool
     integral_phase: float
@@ -97,7 +96,7 @@ def compare_mean_cycle(measurement: FloatArray, output: FloatArray, period: floa
     size = np.abs(target) / max(float(np.abs(target[0])), 1e-300)
     even = float(np.mean((np.abs(target) ** 2 / np.maximum(scatter, 1e-300))[EVEN]))
     lopsided = even > EVEN_SURE and float(np.sqrt(np.sum(size[EVEN] ** 2))) > EVEN_LARGE
-    return CycleTest(float(misfit[0]), share, float(gaps[best]), float(first_lags[best]), n,
+    return CycleTest(float(misfit[0]), share, float(gaps[best]), float(first_lags[best]),
                      float(np.sqrt(np.sum(size[1:] ** 2))), not lopsided, float(-np.degrees(np.angle(-sign * lead))))
 
 
