@@ -57,7 +57,7 @@ class Survey:
             self.longest = max(self.longest, int(steps.max()))
             self.gaps += int(np.count_nonzero(steps > 2))
         self.last, self.samples = int(index[-1]), self.samples + len(block)
-        self.states = self.states + np.bincount(block.state, minlength=STATES)
+        self.states = self.states + np.array([np.count_nonzero(block.state == state) for state in range(STATES)])
         self.with_setpoint += int(np.count_nonzero(np.isfinite(block.setpoint)))
         usable = block.usable
         for signal, values in enumerate((block.measurement, block.output)):
@@ -132,5 +132,5 @@ def _even_choice(index: IntArray, most: int) -> NDArray[np.bool_]:
     there = stretch[np.flatnonzero(np.diff(stretch, prepend=-1))]
     while np.count_nonzero(there % stride == 0) > most:
         stride *= 2
-    chosen: NDArray[np.bool_] = stretch % stride == 0
+    chosen: NDArray[np.bool_] = stretch & (stride - 1) == 0  # many times as fast as a remainder
     return chosen

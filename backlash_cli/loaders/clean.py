@@ -224,7 +224,7 @@ class _Making:
             first = int(np.argmax(known)) if known.any() else len(values)
             values = np.concatenate([np.full(first, self.carried[role]), values[first:]])
         if role != "op" and known.any():
-            self.carried[role] = float(values[known][-1])
+            self.carried[role] = float(values[~np.argmax(known[::-1])])
         return values
 
     def _on_grid(self, signal: Signal, role: str, grid: Grid) -> FloatArray:
@@ -311,4 +311,6 @@ def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:
     """Map a range to 0..1; always a new array."""
     low, high = span
     with np.errstate(over="ignore", invalid="ignore"):
-        return (values - low) * (1.0 / (high - low))
+        found = values - low
+        found *= 1.0 / (high - low)
+    return found

@@ -140,8 +140,8 @@ def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
             continue
         end = b"\n" if b"\n" in block else b"\r"
         last = block.rfind(end)
-        if block.count(b'"', 0, last) % 2:  # within a quoted cell, unless quotes never end
-            begin = block.rfind(b'"', 0, last)
+        begin = block.rfind(b'"', 0, last)
+        if block.count(b'"', 0, begin + 1) % 2:  # within a quoted cell, unless quotes never end
             last = block.rfind(end, 0, begin) if block.count(end, begin, last) < 200 else last
         rest = block[last + 1 :]
         del block[last + 1 :]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import io
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -21,7 +22,6 @@ _NUMBER = re.compile(
     r"^[+-]?(?:\d{1,3}(?:[ .,'’\u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?$"
     r"|^[+-]?(?:inf(?:inity)?|nan|1\.#\w+)$", re.IGNORECASE)
 _WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
-_LINE = re.compile(rb"[^\r\n]*(?:\r\n?|\n)|[^\r\n]+")
 COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 DELIMITERS = (",", ";", "\t", "|")
 HEAD_LINES = 4000
@@ -216,13 +216,14 @@ def split_line(line: str, delimiter: str) -> list[str]:
 def lines_of(text: bytes | bytearray) -> list[Line]:
     """Return (line number from 1, offset in bytes, text) of the first logical lines; quotes may hold line ends."""
     found: list[Line] = []
-    lines, at, offset = [match[0] for match in islice(_LINE.finditer(text), 2 * HEAD_LINES)], 0, 0
+    # any kind of line end, and no further line than is needed is decoded
+    lines, at, offset = [*islice(io.TextIOWrapper(io.BytesIO(text), "utf-8", newline=""), HEAD_LINES + 1)], 0, 0
     while at < len(lines) and len(found) <= HEAD_LINES:
         line, count = lines[at], 1
-        if line.count(b'"') % 2:  # an open quote: go on to the line that closes it, if one comes soon
-            count = next((k for k in range(2, 9) if b"".join(lines[at : at + k]).count(b'"') % 2 == 0), 1)
-            line = b"".join(lines[at : at + count])
-        found.append((at + 1, offset, line.decode().rstrip("\r\n")))
-        offset += len(line)
+        if line.count('"') % 2:  # an open quote: go on to the line that closes it, if one comes soon
+            count = next((k for k in range(2, 9) if "".join(lines[at : at + k]).count('"') % 2 == 0), 1)
+            line = "".join(lines[at : at + count])
+        found.append((at + 1, offset, line.rstrip("\r\n")))
+        offset += len(line.encode())
         at += count
     return found

@@ -151,15 +151,15 @@ def saturated(output: FloatArray) -> NDArray[np.bool_]:
 
 def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
     """(samples,) True in stretches that do not overlap; ends: one past the last."""
-    edges = np.zeros(samples + 1, np.int8)
-    edges[starts] += 1
-    edges[ends] -= 1
-    return np.cumsum(edges[:-1], dtype=np.int8).astype(bool)
+    found = np.zeros(samples, bool)
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        found[start:end] = True
+    return found
 
 
 def implausible(measurement: FloatArray) -> NDArray[np.bool_]:
     """(samples,) True where a normalised measurement lies more than BEYOND spans outside its range."""
-    return np.abs(measurement - 0.5) > 0.5 + BEYOND
+    return (measurement < -BEYOND) | (measurement > 1.0 + BEYOND)
 
 
 def frozen(values: FloatArray) -> NDArray[np.bool_]:
