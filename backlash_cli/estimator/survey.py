@@ -68,7 +68,7 @@ class Survey:
         setpoint = block.setpoint[usable & np.isfinite(block.setpoint)]
         if len(setpoint):
             before = setpoint[0] if np.isnan(self._setpoint) else self._setpoint
-            self.moves += int(np.count_nonzero(np.diff(setpoint, prepend=before)))
+            self.moves += int(np.count_nonzero(setpoint[1:] != setpoint[:-1])) + (setpoint[0] != before)
             self._setpoint = float(setpoint[-1])
         self._held += len(block)
         while self._held - len(self._blocks[0]) >= self.most:
@@ -129,7 +129,7 @@ def with_all_signals(r: Record) -> NDArray[np.bool_]:
 def _even_choice(index: IntArray, most: int) -> NDArray[np.bool_]:
     """Which rows lie in one of `most` stretches at most: in every one of them, every second, every fourth .."""
     stretch, stride = index // ROWS, 1
-    there = stretch[np.flatnonzero(np.diff(stretch, prepend=-1))]
+    there = stretch[np.flatnonzero(np.append(stretch[1:] != stretch[:-1], len(stretch) > 0))]
     while np.count_nonzero(there % stride == 0) > most:
         stride *= 2
     chosen: NDArray[np.bool_] = stretch & (stride - 1) == 0  # many times as fast as a remainder

@@ -91,7 +91,7 @@ class TextTable:
 
         chosen = {} if types is None else {"include_columns": [names[i] for i in types], "column_types": {
             names[i]: kind for i, kind in types.items() if kind is not None}}
-        reading = pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=1 << 20)
+        reading = pa_csv.ReadOptions(column_names=names, use_threads=threads and pa.cpu_count() > 1, block_size=1 << 20)
         parsing = pa_csv.ParseOptions(delimiter=self.dialect.delimiter, newlines_in_values=b'"' in block,
                                       invalid_row_handler=on_bad_row)
         converting = pa_csv.ConvertOptions(
