@@ -18,9 +18,8 @@ from ..record import FloatArray, IntArray, LoopSettings, Note, Record
 from ..settings import LoopValues, settings_of
 from ..settings.spans import spans_of
 from .grid import GAP_FACTOR, MAX_HOLE, NAT, SPARSE_SHARE, Grid, Ordered, Times, held, linear, make_grid
-from .join import Faults, Joiner, LoopSeries, Signal, add_faults
 from .options import ReadOptions
-from .signals import Axis, Series
+from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults
 from .states import automatic, judged, state_notes
 
 CHUNK = 2_000_000  # rows of a loop that are in memory at once

@@ -23,10 +23,9 @@ from .cells import BLANK, Cells, Lexicon, codes_and_words, is_number, is_text, s
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
 from .names import signal_role
-from .opening import Text, kind_of, sheets
+from .opening import HEAD_LINES, Text, find_dialect, kind_of, sheets
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
-from .sniff import HEAD_LINES, find_dialect
 from .sources import Remote, Source, open_place, stem_of
 from .times import StampReader, micros_of
 
