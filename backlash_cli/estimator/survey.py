@@ -37,7 +37,7 @@ class Survey:
         self.first = self.last = self.gaps = self.moves = self.with_setpoint = 0
         self.longest = 1
         self.lowest, self.highest = np.full((2, 2), np.nan)
-        self._setpoint = np.nan  # the last usable one
+        self._setpoint = np.zeros(0)  # the last usable one
         self._blocks: deque[Record] = deque()
 
     @property
@@ -57,17 +57,19 @@ class Survey:
             return
         if not self.samples:
             self.first, self.last = int(block.index[0]), int(block.index[0]) - 1
-        steps, usable = np.diff(block.index, prepend=self.last), block.usable
-        self.gaps, self.longest = self.gaps + int(np.sum(steps > 2)), max(self.longest, int(steps.max()))
-        self.last, self.states = int(block.index[-1]), self.states + np.bincount(block.state, minlength=STATES)
+        if block.index[-1] - self.last != len(block):
+            steps = np.diff(block.index, prepend=self.last)
+            self.gaps, self.longest = self.gaps + int(np.sum(steps > 2)), max(self.longest, int(steps.max()))
+        self.last, usable = int(block.index[-1]), block.usable
+        self.states = self.states + np.array([np.count_nonzero(block.state == state) for state in range(STATES)])
         self.with_setpoint += int(np.count_nonzero(np.isfinite(block.setpoint)))
         for signal, values in enumerate((block.measurement, block.output)):
             known = np.zeros(0) if values is None else values[usable & np.isfinite(values)]
             self.lowest[signal] = np.fmin(self.lowest[signal], known.min(initial=np.inf))
             self.highest[signal] = np.fmax(self.highest[signal], known.max(initial=-np.inf))
         setpoint = np.append(self._setpoint, block.setpoint[usable & np.isfinite(block.setpoint)])
-        self.moves += int(np.count_nonzero(np.abs(np.diff(setpoint)) > 0.0))
-        self._setpoint = setpoint[-1]
+        self.moves += int(np.count_nonzero(setpoint[1:] != setpoint[:-1]))
+        self._setpoint = setpoint[-1:]
         while sum(map(len, self._blocks)) - len(self._blocks[0]) >= self.most:
             self._blocks.popleft()
 
@@ -118,8 +120,8 @@ def with_all_signals(r: Record) -> NDArray[np.bool_]:
 def _even_choice(index: IntArray, most: int) -> NDArray[np.bool_]:
     """Which rows lie in one of `most` stretches at most: in every one of them, every second, every fourth .."""
     stretch, stride = index // ROWS, 1
-    there = stretch[np.flatnonzero(np.diff(stretch, prepend=-1))]
+    there = stretch[np.flatnonzero(np.append(stretch[1:] != stretch[:-1], len(stretch) > 0))]
     while np.count_nonzero(there % stride == 0) > most:
         stride *= 2
-    chosen: NDArray[np.bool_] = stretch % stride == 0
+    chosen: NDArray[np.bool_] = stretch & (stride - 1) == 0  # many times as fast as a remainder
     return chosen

@@ -18,9 +18,8 @@ from ..record import FloatArray, IntArray, LoopSettings, Note, Record
 from ..settings import LoopValues, settings_of
 from ..settings.spans import spans_of
 from .grid import GAP_FACTOR, MAX_HOLE, NAT, SPARSE_SHARE, Grid, Ordered, Times, held, linear, make_grid
-from .join import Faults, Joiner, LoopSeries, Signal, add_faults
 from .options import ReadOptions
-from .signals import Axis, Series
+from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults
 from .states import automatic, judged, state_notes
 
 CHUNK = 2_000_000  # rows of a loop that are in memory at once
@@ -224,7 +223,7 @@ class _Making:
             first = int(np.argmax(known)) if known.any() else len(values)
             values = np.concatenate([np.full(first, self.carried[role]), values[first:]])
         if role != "op" and known.any():
-            self.carried[role] = float(values[known][-1])
+            self.carried[role] = float(values[~np.argmax(known[::-1])])
         return values
 
     def _on_grid(self, signal: Signal, role: str, grid: Grid) -> FloatArray:
@@ -311,4 +310,6 @@ def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:
     """Map a range to 0..1; always a new array."""
     low, high = span
     with np.errstate(over="ignore", invalid="ignore"):
-        return (values - low) * (1.0 / (high - low))
+        found = values - low
+        found *= 1.0 / (high - low)
+    return found
