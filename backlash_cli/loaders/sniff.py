@@ -125,7 +125,7 @@ def _without_data(begun: list[list[str]], width: int, options: ReadOptions, wher
         what, remedy = "only a header: no rows of data", "export it again with samples"
     elif width < 2:
         what = "no columns found: the lines have no common delimiter"
-        remedy = "name it with --delimiter, or export as CSV"
+        remedy = "name it with --delimiter, or export a table of time stamps and values"
     return InputError(what, where=where, remedy=remedy)
 
 
