@@ -127,11 +127,13 @@ class _Making:
         # half of Ti is a tenth of the shortest half period that is used
         self.bridge = MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / grid.interval)))
         self.notes = [*self.recipe.notes, *settings.notes, *pv.times.notes, *on_grid]
-        self.notes += [*pv.notes, *add_faults(self.faults, pv.faults)]
+        told = [*pv.notes, *add_faults(self.faults, pv.faults)]
+        self.notes += told
         measured = self._on_grid(pv, "pv", grid)
         if first_chunk and not np.isfinite(measured).any():
-            raise LoopError("the measurement (PV) holds no number at all", code="no_measurement",
-                            remedy="check the column and the export")
+            why = "; ".join(["the measurement (PV) holds no number that may be used", *(note.message for note in told)])
+            raise LoopError(why, code="no_measurement", remedy="check the column and the export" + (
+                ", or name the qualities that are good with --good-quality" if "quality" in why else ""))
         setpoint, output = self._companion(loop, "sp", grid), self._companion(loop, "op", grid)
         if setpoint is None and settings.constant_setpoint is not None:
             setpoint = np.full(len(measured), settings.constant_setpoint)
