@@ -1,5 +1,5 @@
-"""From a path to UTF-8 text in whole lines, or to Parquet: compression, encodings, workbooks, what is no export; and how
-a text is written: delimiter, header, units row, decimal sign, told from its first thousands of lines."""
+"""From a path to UTF-8 text in whole lines, or to Parquet: compression, encodings, archives, workbooks, what is no
+export; and how a text is written: delimiter, header, units row, decimal sign, told from its first lines."""
 
 from __future__ import annotations
 
