@@ -20,7 +20,7 @@ from scipy.signal import lfilter
 from .record import FloatArray, IntArray, Record, SampleState
 
 MISSING, IMPLAUSIBLE, FILLED = (s.value for s in (SampleState.MISSING, SampleState.IMPLAUSIBLE, SampleState.FILLED))
-PIECE = 1 << 17  # samples taken at once: what is worked out in between stays small
+PIECE = 1 << 15  # samples taken at once: what is worked out in between stays in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -129,6 +129,13 @@ class OpenHalfPeriod:
         return one.select(one.direction != 0)
 
 
+def behind_gaps(index: IntArray, before: int) -> IntArray:
+    """Return the places (gaps,) in `index` (samples,) that do not follow the one before; `before` stands ahead."""
+    if index[-1] - before == len(index):  # strictly increasing: nothing is left out
+        return np.zeros(0, np.int64)
+    return np.flatnonzero(np.diff(index, prepend=before) != 1)
+
+
 def segment(error: FloatArray, setpoint: FloatArray, index: IntArray,
             open_: OpenHalfPeriod | None) -> tuple[Segments, OpenHalfPeriod | None]:
     """Cut a block of usable samples into half periods.
@@ -149,7 +156,8 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray,
     size[0], sign[0] = abs(o.last_error), o.sign
     np.abs(error, out=size[1:])
     np.subtract((error > 0.0).view(np.int8), (error < 0.0).view(np.int8), out=sign[1:])
-    apart = np.diff(index, prepend=o.last_index) != 1  # from the sample before
+    apart = np.zeros(n, bool)  # from the sample before
+    apart[behind_gaps(index, o.last_index)] = True
     if not sign.all():  # an exact zero belongs to the half period before it
         known = (sign != 0) | np.append(True, apart)
         sign = sign[np.maximum.accumulate(np.where(known, np.arange(n + 1), 0))]
@@ -231,9 +239,8 @@ class ErrorScanner:
     def update(self, block: Record) -> None:
         """Take the next block of the record."""
         for first in range(0, len(block), PIECE):
-            piece = block.slice(first, first + PIECE)
-            index, state = piece.index, piece.state
-            setpoint, pv = np.asarray(piece.setpoint, np.float64), np.asarray(piece.measurement, np.float64)
+            cut = slice(first, first + PIECE)
+            index, state, setpoint, pv = block.index[cut], block.state[cut], block.setpoint[cut], block.measurement[cut]
             known = np.isfinite(pv) & (state != MISSING) & (state != IMPLAUSIBLE)
             if not known.all():
                 index, setpoint, pv, state = index[known], setpoint[known], pv[known], state[known]
@@ -241,7 +248,7 @@ class ErrorScanner:
                 continue
             if not self.states or index[0] != self.last_index + 1:
                 self.states = [stage.settled(pv[0]) for stage in self.stages]
-            holes = np.flatnonzero(np.diff(index) != 1) + 1
+            holes = behind_gaps(index, int(index[0]) - 1)
             plain, self.states[0] = self.stages[0].run(pv, self.states[0], holes)
             smooth, self.states[1] = self.stages[1].run(plain, self.states[1], holes)
             self.last_index = int(index[-1])

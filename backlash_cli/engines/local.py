@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from ..errors import BacklashError
 from ..history.unfinished import Unfinished
 from ..loaders.clean import Recipe
-from ..loaders.join import Joiner, failure
+from ..loaders.signals import Joiner, failure
 from ..record import Note, Record
 from ..results import LoopReport, Verdict
 from ..scanning import ScanOptions, scan, scan_blocks

@@ -68,7 +68,7 @@ class Cells:
 
     @property
     def is_text(self) -> bool:
-        return len(self._used[0]) > 0
+        return self.codes is not None and len(self._used[0]) > 0
 
     def numbers(self) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return (values, bad): the cells as numbers, nan where blank or bad: a word, inf, a unit other than most

@@ -18,9 +18,8 @@ from ..record import FloatArray, IntArray, LoopSettings, Note, Record
 from ..settings import LoopValues, settings_of
 from ..settings.spans import spans_of
 from .grid import GAP_FACTOR, MAX_HOLE, NAT, SPARSE_SHARE, Grid, Ordered, Times, held, linear, make_grid
-from .join import Faults, Joiner, LoopSeries, Signal, add_faults
 from .options import ReadOptions
-from .signals import Axis, Series
+from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults
 from .states import automatic, judged, state_notes
 
 CHUNK = 2_000_000  # rows of a loop that are in memory at once
@@ -128,11 +127,13 @@ class _Making:
         # half of Ti is a tenth of the shortest half period that is used
         self.bridge = MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / grid.interval)))
         self.notes = [*self.recipe.notes, *settings.notes, *pv.times.notes, *on_grid]
-        self.notes += [*pv.notes, *add_faults(self.faults, pv.faults)]
+        told = [*pv.notes, *add_faults(self.faults, pv.faults)]
+        self.notes += told
         measured = self._on_grid(pv, "pv", grid)
         if first_chunk and not np.isfinite(measured).any():
-            raise LoopError("the measurement (PV) holds no number at all", code="no_measurement",
-                            remedy="check the column and the export")
+            why = "; ".join(["the measurement (PV) holds no number that may be used", *(note.message for note in told)])
+            raise LoopError(why, code="no_measurement", remedy="check the column and the export" + (
+                ", or name the qualities that are good with --good-quality" if "quality" in why else ""))
         setpoint, output = self._companion(loop, "sp", grid), self._companion(loop, "op", grid)
         if setpoint is None and settings.constant_setpoint is not None:
             setpoint = np.full(len(measured), settings.constant_setpoint)
@@ -224,7 +225,7 @@ class _Making:
             first = int(np.argmax(known)) if known.any() else len(values)
             values = np.concatenate([np.full(first, self.carried[role]), values[first:]])
         if role != "op" and known.any():
-            self.carried[role] = float(values[known][-1])
+            self.carried[role] = float(values[~np.argmax(known[::-1])])
         return values
 
     def _on_grid(self, signal: Signal, role: str, grid: Grid) -> FloatArray:
@@ -311,4 +312,6 @@ def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:
     """Map a range to 0..1; always a new array."""
     low, high = span
     with np.errstate(over="ignore", invalid="ignore"):
-        return (values - low) * (1.0 / (high - low))
+        found = values - low
+        found *= 1.0 / (high - low)
+    return found

@@ -1,26 +1,35 @@
-"""From a path to UTF-8 text in whole lines, or to Parquet: compression, encodings, workbooks, and what is no export."""
+"""From a path to UTF-8 text in whole lines, or to Parquet: compression, encodings, archives, workbooks, what is no
+export; and how a text is written: delimiter, header, units row, decimal sign, told from its first lines."""
 
 from __future__ import annotations
 
 import bz2
 import codecs
+import contextlib
+import csv
 import gzip
 import io
 import lzma
 import re
 import zlib
-from collections.abc import Callable, Iterable, Iterator
-from itertools import chain
-from pathlib import Path
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache, partial
+from itertools import chain, islice
+from pathlib import Path, PurePosixPath
 from typing import Any
+from zipfile import BadZipFile, ZipFile
 
 import pyarrow as pa
 
 from ..errors import InputError
 from ..record import Note
-from .names import WORDS
+from .cells import decimal_sign
+from .names import COLUMNS, WORDS, is_time_name, plain, signal_role, split_tag
 from .options import ReadOptions
-from .sources import Remote, open_place
+from .sources import Remote, is_export, open_place, stem_of
+from .times import stamp_kind
 
 CHUNK = 1 << 20  # bytes that are read at once
 BLOCK = 8 << 20  # bytes of text that are handed on at once
@@ -30,14 +39,22 @@ BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20
 _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
     b"\x1f\x8b": ("gzip", gzip.open), b"BZh": ("bz2", bz2.open), b"\xfd7zXZ\x00": ("xz", lzma.open),
     b"\x28\xb5\x2f\xfd": ("zstd", lambda file: pa.CompressedInputStream(pa.PythonFile(file, mode="r"), "zstd"))}
-_DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, pa.ArrowException)
+_DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, BadZipFile, pa.ArrowException)
 _MARKS = {"utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}
 _TEXT = bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)})
 _ANNOTATION = re.compile(rb"^#(?:datatype|group|default)\b", re.MULTILINE)
+_NUMBER = re.compile(
+    r"^[+-]?(?:\d{1,3}(?:[ .,'’\u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?$"
+    r"|^[+-]?(?:inf(?:inity)?|nan|1\.#\w+)$", re.IGNORECASE)
+_WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
+COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
+DELIMITERS = (",", ";", "\t", "|")
+HEAD_LINES = 4000
+Line = tuple[int, int, str]
 
 
 def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
-    """Return "parquet", "workbook" or "text" for what begins so. Raises InputError for what is no export."""
+    """Return "parquet", "workbook", "archive" or "text" for what begins so. Raises InputError for what is no export."""
     try:
         if not path.is_file():
             raise InputError("not a regular file", where=str(path), remedy="save the export as a file first")
@@ -48,8 +65,8 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
     if not magic:
         raise InputError("file is empty (0 bytes)", where=str(path), remedy="export it again")
-    if magic.startswith(b"PK\x03\x04") and path.name.lower().endswith((".xlsx", ".xlsm")):
-        return "workbook"
+    if magic.startswith(b"PK\x03\x04"):
+        return "workbook" if path.name.lower().endswith((".xlsx", ".xlsm")) else "archive"
     for mark, (what, remedy) in WORDS["foreign"].items():
         if magic.startswith(mark.encode("latin-1")):
             raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
@@ -58,25 +75,27 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
 
 class Text:
     """The text of a file as UTF-8, in blocks of whole lines: `head`, and `rest`, to be gone through once; `notes` are
-    complete then. taken: called with the bytes that were read. Raises InputError for what is no text, and for small
-    files that expand without end; of a damaged file what is whole is read."""
+    complete then. taken: called with the bytes that were read. opened: gives the text, where it is but a part of the
+    file. Raises InputError for what is no text, and for small files that expand without end; of a damaged file what is
+    whole is read."""
 
     def __init__(self, path: Path | Remote, options: ReadOptions, taken: Callable[[int], None] = lambda count: None,
-                 data: bytes | None = None) -> None:
+                 opened: Callable[[], Any] | None = None) -> None:
         self.path, self.options, self._taken = path, options, taken
         self.notes: list[Note] = []
-        self.rest = lines_together(self._decoded(self._pieces() if data is None else iter([data])))
+        self.rest = lines_together(self._decoded(self._pieces(opened)))
         self.head = next(self.rest, bytearray())
         if _ANNOTATION.search(self.head, 0, SAMPLE):
             self.rest = _without_annotations(chain([self.head], self.rest))
             self.head = next(self.rest, bytearray())
 
-    def _pieces(self) -> Iterator[bytes]:
+    def _pieces(self, part: Callable[[], Any] | None) -> Iterator[bytes]:
         size, total = self.path.stat().st_size, 0
-        with open_place(self.path) as file:
+        with part() if part else open_place(self.path) as file:
             magic = file.read(16)
             file.seek(0)
-            codec, opened = next((own for mark, own in _CODECS.items() if magic.startswith(mark)), ("", None))
+            codec, opened = next((own for mark, own in _CODECS.items() if magic.startswith(mark)),
+                                 ("zip" if part else "", None))
             stream, told = opened(file) if opened else file, 0
             read = getattr(stream, "read1", stream.read)  # no more than one piece at once
             while True:
@@ -86,7 +105,8 @@ class Text:
                     if not codec:
                         raise
                     problem = "the compressed stream ends too early" if isinstance(error, EOFError) else str(error)
-                    if total < 200 or isinstance(error, gzip.BadGzipFile):  # a wrong checksum: any part may be wrong
+                    # with a wrong checksum any part may be wrong
+                    if total < 200 or isinstance(error, (gzip.BadGzipFile, BadZipFile)):
                         raise InputError(f"damaged {codec} file: {problem}", where=str(self.path),
                                          remedy="export or copy it again") from None
                     self.notes.append(Note("truncated", f"damaged or truncated {codec} file ({problem}): only the part "
@@ -140,8 +160,8 @@ def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
             continue
         end = b"\n" if b"\n" in block else b"\r"
         last = block.rfind(end)
-        if block.count(b'"', 0, last) % 2:  # within a quoted cell, unless quotes never end
-            begin = block.rfind(b'"', 0, last)
+        begin = block.rfind(b'"', 0, last)
+        if block.count(b'"', 0, begin + 1) % 2:  # within a quoted cell, unless quotes never end
             last = block.rfind(end, 0, begin) if block.count(end, begin, last) < 200 else last
         rest = block[last + 1 :]
         del block[last + 1 :]
@@ -192,8 +212,24 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
     return "utf-8"
 
 
-def sheets(path: Path | Remote) -> list[tuple[str, bytes]]:
-    """Return (name, text as CSV) of the sheets that hold more than a few cells. Raises InputError."""
+def members(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
+    """Return (stem, what opens it) of the exports in a zip archive. Raises InputError without any."""
+    try:
+        archive = ZipFile(open_place(path))
+        found = [(stem_of(Path(name)), partial(archive.open, name)) for name in archive.namelist()
+                 if is_export(PurePosixPath(name).name)]
+        for _, opened in found:
+            opened().close()
+    except (BadZipFile, OSError, ValueError, RuntimeError) as error:  # damaged, encrypted, or packed in another way
+        raise InputError(f"the zip archive cannot be opened: {error}", where=str(path),
+                         remedy="unpack it, or copy it again") from None
+    if not found:
+        raise InputError("the zip archive holds no export (no CSV files)", where=str(path), remedy="pack CSV files")
+    return found
+
+
+def sheets(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
+    """Return (name, what opens it as CSV) of the sheets that hold more than a few cells. Raises InputError."""
     import pandas as pd
 
     try:
@@ -205,7 +241,209 @@ def sheets(path: Path | Remote) -> list[tuple[str, bytes]]:
     except Exception as error:  # the library raises kinds of its own for damaged workbooks
         raise InputError(f"damaged workbook: {str(error).strip() or type(error).__name__}", where=str(path),
                          remedy="save it again, or save the sheet as CSV") from None
-    found = [(name, rows.to_csv(header=False, index=False).encode()) for name, rows in book.items() if len(rows) > 1]
+    found = [(name, partial(io.BytesIO, rows.to_csv(header=False, index=False).encode()))
+             for name, rows in book.items() if len(rows) > 1]
     if not found:
         raise InputError("the workbook holds no table", where=str(path), remedy="export it again")
+    return found
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """names: of columns. offset, line: where the data begin. end: of what was looked at. kinds: what each column
+    holds."""
+
+    delimiter: str
+    names: tuple[str, ...]
+    offset: int
+    end: int
+    line: int
+    decimal: str
+    kinds: tuple[str, ...]
+
+
+def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> Dialect:
+    """Find how a text is written. Raises InputError without a header, data, or anything that looks like columns."""
+    lines = lines_of(text)
+    end = lines[HEAD_LINES][1] if len(lines) > HEAD_LINES else len(text)
+    declared = re.match(r"^sep=(.)$", lines[0][2].strip()) if lines else None
+    lines = [row for row in lines[1 if declared else 0 : HEAD_LINES] if row[2].strip(" \t,;|")]
+    if not lines:
+        raise InputError("file holds no data", where=where, remedy="export it again")
+    last = range(len(lines) - min(24, max(1, len(lines) // 2)), len(lines))
+    delimiter = options.delimiter or (declared[1] if declared else _delimiter(
+        [lines[i][2] for i in last], [row[2] for row in lines[:30]]))
+    cells = cache(lambda i: split_line(lines[i][2], delimiter))
+    width = Counter(len(cells(i)) for i in last).most_common(1)[0][0]
+    enough = 6 if width > 300 else 24
+    tail = [cells(i) for i in last if len(cells(i)) == width][-enough:]
+    kinds = _column_kinds(tail, width)
+    first = _first_row(lines, cells, kinds, options.header_row or 0)
+    if first is None or all(k == "text" for k in kinds if k != "empty"):
+        raise _without_data([cells(i) for i in range(min(10, len(lines)))], width, options, where)
+    before = {lines[i][0]: cells(i) for i in range(max(first - HEAD_LINES // 10, 0), first)}
+    data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
+    # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
+    begun = _column_kinds([row for row in data if len(row) == width], width)
+    return Dialect(delimiter, column_names(before, width, options, where), lines[first][1], end, lines[first][0],
+                   options.decimal or _decimal([*data, *tail], delimiter),
+                   tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True)))
+
+
+def _delimiter(lines: list[str], first: list[str]) -> str:
+    """The one that cuts the lines into equally many times and numbers, and one of the `first` into names."""
+    scores = dict.fromkeys(DELIMITERS, 0.0)
+    for candidate in DELIMITERS:
+        rows = [split_line(line, candidate) for line in lines]
+        width, count = Counter(map(len, rows)).most_common(1)[0]
+        if width < 2:
+            continue
+        kinds = [kind(cell) for row in rows if len(row) == width for cell in row[:40]]
+        known, filled = len(kinds) - kinds.count("text"), len(kinds) - kinds.count("empty")
+        begun = [{*map(kind, row[:40])} for row in (split_line(line, candidate) for line in first) if len(row) == width]
+        scores[candidate] = (count / len(rows) * (0.7 * known / len(kinds) + 0.3) * (filled / len(kinds)) ** 0.1
+                             * (1.3 if {"text"} in begun or {"text", "empty"} in begun else 1.0))
+    return max(DELIMITERS, key=scores.__getitem__)
+
+
+def _column_kinds(rows: list[list[str]], width: int) -> tuple[str, ...]:
+    counted = [Counter(k for row in rows if (k := kind(row[column])) != "empty") for column in range(width)]
+    return tuple(found.most_common(1)[0][0] if found else "empty" for found in counted)
+
+
+def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tuple[str, ...], header: int) -> int | None:
+    """The first row with stamps, or half of its numbers, where the last rows have them, as has another soon after."""
+    times = [i for i, k in enumerate(kinds) if k in ("time", "clock")]
+    wanted = times or [i for i, k in enumerate(kinds) if k == "number"][:50]
+
+    @cache
+    def is_data(row: int) -> bool:
+        own = cells(row)
+        found = [kind(own[i]) if i < len(own) else "empty" for i in wanted]
+        hits = [f == kinds[i] for f, i in zip(found, wanted, strict=True)]
+        return any(hits) and sum(hits) + (found.count("empty") if times else 0) >= len(wanted) / 2 and not (
+            COMMENT.match(own[0]) and kind(own[0]) == "text")
+
+    count = len(lines)
+    return next((i for i in range(count) if lines[i][0] > header and is_data(i)
+                 and (i + 1 == count or any(map(is_data, range(i + 1, min(i + 4, count)))))), None)
+
+
+def _decimal(rows: list[list[str]], delimiter: str) -> str:
+    numbers = [c for row in rows for c in row if kind(c) == "number" and (delimiter != "," or "," in c)]
+    only_commas = delimiter != "," and any("," in c for c in numbers) and not any("." in c for c in numbers)
+    return decimal_sign(numbers, "," if only_commas else ".")
+
+
+def _without_data(begun: list[list[str]], width: int, options: ReadOptions, where: str) -> InputError:
+    what = "no rows with a time and numbers found: this is not an export of measurements"
+    remedy = "name the time with --time-format, the decimal sign with --decimal, the header with --header-row"
+    if width < 2 and options.delimiter:
+        what = f"the lines are not divided by {options.delimiter!r}"
+        remedy = "leave --delimiter out to have it found, or name another"
+    elif all(score_names(cells) > 0 for cells in begun):
+        what, remedy = "only a header: no rows of data", "export it again with samples"
+    elif width < 2:
+        what = "no columns found: the lines have no common delimiter"
+        remedy = "name it with --delimiter, or export a table of time stamps and values"
+    return InputError(what, where=where, remedy=remedy)
+
+
+def column_names(before: dict[int, list[str]], width: int, options: ReadOptions, where: str) -> tuple[str, ...]:
+    """Return the names from the lines above the data, by their numbers; a two-line header is put together."""
+    if options.columns or options.header_row is not None:
+        given = list(options.columns) or before.get(options.header_row or 0)
+        if not given:
+            raise InputError(f"line {options.header_row} cannot be the header", where=where)
+        return tuple(_fit(given, width))
+    rows = [cells for cells in before.values() if _spans(cells, width)]
+    commented = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in rows if COMMENT.match(cells[0])][-1:]
+    rows = [cells for cells in rows if not COMMENT.match(cells[0])] or [row for row in commented if score_names(row)]
+    if not rows:
+        raise InputError("no header line found: nothing says which column is the time, the setpoint or the measurement",
+                         where=where, remedy="add a header line, or name the columns with --columns time,SP,PV,OP")
+    rows = [_fit(row, width) for row in rows[-8:]]
+    best = max(range(len(rows)), key=lambda i: (score_names(rows[i]), i))
+    names = rows[best]
+    words = [plain(name) for name in names if name]
+    if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in another line
+        for other in (*reversed(rows[:best]), *rows[best + 1 :]):
+            joined = _joined(names, other)
+            if len(set(joined)) > len(set(names)):
+                return tuple(joined)
+    return tuple(names)
+
+
+def _spans(cells: list[str], width: int) -> bool:
+    """A header covers the columns, give or take empty ones at the end."""
+    filled = [i for i, cell in enumerate(cells) if cell.strip()]
+    used = filled[-1] + 1 if filled else 1
+    return (used <= width and (len(cells) >= width - 1 or used >= max(2, width // 2))
+            and len(filled) >= max(1, min(width, 3) - 1))
+
+
+def score_names(cells: list[str]) -> float:
+    """How much a line looks like a header: points for names that are known, off for numbers and times."""
+    points = 0.0
+    for i, cell in enumerate(cells):
+        if split_tag(cell).role or signal_role(cell):
+            points += 1.0
+        elif is_time_name(cell) or any(plain(cell) in COLUMNS[kind] for kind in ("tag", "value", "loop")):
+            points += 1.5 if i == 0 else 1.0
+        elif kind(cell) in ("number", "time", "clock"):
+            points -= 1.0
+    return points
+
+
+def _joined(names: list[str], other: list[str]) -> list[str]:
+    """Two lines of names as one; a name counts for the empty cells on its right, as a merged spreadsheet cell does."""
+    high, low = (other, names) if score_names(names) >= score_names(other) else (names, other)
+    result, upper = [], ""
+    for cell, word in zip(high, low, strict=True):
+        upper = cell or upper
+        result.append(f"{upper}.{word}" if upper and word and plain(word) not in COLUMNS["value"] else upper or word)
+    return result
+
+
+def _fit(cells: Sequence[str], width: int) -> list[str]:
+    names = [cell.strip().lstrip("\ufeff") for cell in cells[:width]]
+    return names + [""] * (width - len(names))
+
+
+@lru_cache(1 << 14)
+def kind(cell: str) -> str:
+    """Return "empty", "time" (date, with or without clock), "clock", "number" or "text".
+
+    >>> [kind(c) for c in ("17-Mar-26 08:00:00", "08:00:00", "4,050.7", "405.3 m3/h", "Bad Input", "")]
+    ['time', 'clock', 'number', 'number', 'text', 'empty']
+    """
+    text = cell.strip(" \t\"'")
+    if not text or len(text) > 60:
+        return "text" if text else "empty"
+    if _NUMBER.match(text):
+        return "time" if len(text) >= 14 and stamp_kind(text) else "number"
+    return stamp_kind(text) or ("number" if _WITH_UNIT.match(text) else "text")
+
+
+def split_line(line: str, delimiter: str) -> list[str]:
+    """Split one line into cells; quotes are honoured."""
+    if '"' in line:
+        with contextlib.suppress(csv.Error):  # of quotes that are none
+            return next(csv.reader([line], delimiter=delimiter), [""])
+    return line.split(delimiter)
+
+
+def lines_of(text: bytes | bytearray) -> list[Line]:
+    """Return (line number from 1, offset in bytes, text) of the first logical lines; quotes may hold line ends."""
+    found: list[Line] = []
+    # any kind of line end, and no further line than is needed is decoded
+    lines, at, offset = [*islice(io.TextIOWrapper(io.BytesIO(text), "utf-8", newline=""), HEAD_LINES + 1)], 0, 0
+    while at < len(lines) and len(found) <= HEAD_LINES:
+        line, count = lines[at], 1
+        if line.count('"') % 2:  # an open quote: go on to the line that closes it, if one comes soon
+            count = next((k for k in range(2, 9) if "".join(lines[at : at + k]).count('"') % 2 == 0), 1)
+            line = "".join(lines[at : at + count])
+        found.append((at + 1, offset, line.rstrip("\r\n")))
+        offset += len(line.encode())
+        at += count
     return found

@@ -17,9 +17,8 @@ from ..record import Note, Record
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
 from .grid import NAT, utc_text
-from .join import Joiner, LoopSeries, by_loop, explicit_tags, failure
 from .options import ReadOptions, check_pattern, parse_since, sample_size
-from .signals import Axis, Room, Series
+from .signals import Axis, Joiner, LoopSeries, Room, Series, by_loop, explicit_tags, failure
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import signals_of_file
 

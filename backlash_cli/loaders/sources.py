@@ -22,8 +22,8 @@ from ..errors import BacklashError, InputError, MetadataError, nearest
 from ..settings import Metadata, parse_table, parse_toml
 from .names import COLUMNS, WORDS, plain
 
-_FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|parquet|pq|xlsx|xlsm))?(?:\.(?:gz|zstd?|bz2|xz))?",
-                   re.IGNORECASE | re.DOTALL)
+_FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|parquet|pq|xlsx|xlsm|zip))?"
+                   r"(?:\.(?:gz|zstd?|bz2|xz))?", re.IGNORECASE | re.DOTALL)
 _PART = re.compile(r"(?:part|data|chunk)[-_.]\d", re.IGNORECASE)  # pieces of a dataset as Arrow, Spark, Dask call them
 _DATE = re.compile(r"[\d._-]+")
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+(?:://|::)")  # one letter before the colon is a drive of Windows
@@ -264,7 +264,9 @@ def read_metadata(path: str | PathLike[str]) -> Metadata:
         with open_place(path) as file:
             text = file.read().decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        what, remedy = f"cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}", "save it as UTF-8"
+        what, remedy = "cannot be read: not UTF-8 text", "save it as UTF-8"
+        if isinstance(error, OSError):
+            what, remedy = f"cannot be read: {error.strerror}", "give --loops a TOML or CSV file that can be read"
         if isinstance(error, FileNotFoundError):
             what, remedy = "not found: no such file", "check the path given to --loops"
         raise MetadataError(f"loops file {what}", where=str(path), remedy=remedy) from None

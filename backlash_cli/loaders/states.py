@@ -21,6 +21,8 @@ LEAST_CHANGES = 50  # changes that any working measurement shows in a record, ho
 RESOLVED = 3.0  # recorder steps that a usual change of a noisy signal is large
 OPPOSED = -0.2  # correlation of neighbouring changes below which there is noise
 QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still this long to be called frozen
+LONE = 3  # samples in a row that may be lone zeros
+FAR = 8.0  # usual moves from one sample to the next that a zero must lie outside of all others
 _GOOD, _BAD, _DOUBT, _AUTO, _MANUAL = (re.compile("|".join(WORDS["words"][kind].split()), re.IGNORECASE)
                                        for kind in ("good", "bad", "doubt", "automatic", "manual"))
 _ONE_IS_GOOD = re.compile(r"^(?!.*(?:inv|bad|not|un)).*(?:valid|good|gültig|gueltig)", re.IGNORECASE)
@@ -49,7 +51,8 @@ def _named(further: tuple[str, ...]) -> tuple[set[str], list[float]]:
 
 def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, float] | None = None
                  ) -> tuple[NDArray[np.bool_], list[Note]]:
-    """Return (rows,) True where the quality says good. Numbers are OPC codes (192 and more), percents or 0/1. further:
+    """Return (rows,) True where the quality says good. Numbers are codes of OPC or PROFIBUS (128 and more),
+    percents or 0/1. further:
     words or numbers that mean good. name: Validity and its like are 1 where the row is good. known: what earlier chunks
     tell."""
     numbers, codes, words = _numbers_or_words(cells, all_texts=True)
@@ -75,8 +78,8 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, float]) -> tupl
     usual = seen.setdefault("usual", float(np.median(known)))
     if high >= 1 << 30:  # OPC UA status codes: the two highest bits are the severity
         return values < 1 << 30, []
-    if high >= 192:
-        return (values >= 192) & (values < 256), []
+    if high >= 128:
+        return (values >= 128) & (values < 256), []
     if high == 100 or (_ONE_IS_GOOD.search(name) and low >= 0.0 and high <= 1.0):
         return values == (100.0 if high == 100 else 1.0), []
     if low == high:
@@ -151,15 +154,15 @@ def saturated(output: FloatArray) -> NDArray[np.bool_]:
 
 def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
     """(samples,) True in stretches that do not overlap; ends: one past the last."""
-    edges = np.zeros(samples + 1, np.int8)
-    edges[starts] += 1
-    edges[ends] -= 1
-    return np.cumsum(edges[:-1], dtype=np.int8).astype(bool)
+    found = np.zeros(samples, bool)
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        found[start:end] = True
+    return found
 
 
 def implausible(measurement: FloatArray) -> NDArray[np.bool_]:
     """(samples,) True where a normalised measurement lies more than BEYOND spans outside its range."""
-    return np.abs(measurement - 0.5) > 0.5 + BEYOND
+    return (measurement < -BEYOND) | (measurement > 1.0 + BEYOND)
 
 
 def frozen(values: FloatArray) -> NDArray[np.bool_]:
@@ -195,6 +198,24 @@ def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
         return False
     sizes = np.abs(a[a != 0])
     return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))
+
+
+def lone_zeros(values: FloatArray) -> NDArray[np.bool_] | None:
+    """(rows,) True where up to LONE samples are exactly 0 and lie far outside all others: FAR usual moves (99.9 %) and
+    a fifth of the distance that all others span; None where there are none."""
+    zero = values == 0.0
+    if not zero.any() or zero.all():
+        return None
+    rest = values[~zero & np.isfinite(values)]
+    if len(rest) < 20:
+        return None
+    low, high = float(rest.min()), float(rest.max())
+    nearest = low if low > 0.0 else -high if high < 0.0 else 0.0
+    if nearest <= max(FAR * float(np.quantile(np.abs(np.diff(rest)), 0.999)), 0.2 * (high - low)):
+        return None
+    starts, ends = runs(zero)
+    few = (ends - starts <= LONE) & (starts > 0) & (ends < len(values))
+    return inside(starts[few], ends[few], len(values)) if few.any() else None
 
 
 _KINDS = {kind: (SampleState[state] if state else None, code, text)

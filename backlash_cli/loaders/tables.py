@@ -23,10 +23,9 @@ from .cells import BLANK, Cells, Lexicon, codes_and_words, is_number, is_text, s
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
 from .names import signal_role
-from .opening import Text, kind_of, sheets
+from .opening import HEAD_LINES, Text, find_dialect, kind_of, members, sheets
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
-from .sniff import HEAD_LINES, find_dialect
 from .sources import Remote, Source, open_place, stem_of
 from .times import StampReader, micros_of
 
@@ -63,7 +62,8 @@ class TextTable:
                 plain if i not in stamps else None if pa.types.is_null(kind) else kind)
         # rows are numbered where one thread reads them
         first_bad, self._bad = self._bad[0][0] if self._bad else None, []
-        for block in chain([self.text.head[self.dialect.offset :]], self.text.rest):
+        del self.text.head[: self.dialect.offset]
+        for block in chain([self.text.head], self.text.rest):
             if block.isspace():
                 continue
             before = len(self._bad)
@@ -90,7 +90,7 @@ class TextTable:
 
         chosen = {} if types is None else {"include_columns": [names[i] for i in types], "column_types": {
             names[i]: kind for i, kind in types.items() if kind is not None}}
-        reading = pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=1 << 20)
+        reading = pa_csv.ReadOptions(column_names=names, use_threads=threads and pa.cpu_count() > 1, block_size=1 << 20)
         parsing = pa_csv.ParseOptions(delimiter=self.dialect.delimiter, newlines_in_values=b'"' in block,
                                       invalid_row_handler=on_bad_row)
         converting = pa_csv.ConvertOptions(
@@ -132,6 +132,7 @@ class ParquetTable:
                              remedy="if this is a real export, cut it into parts")
         if not self.count:
             raise InputError("no rows of data", where=self.where, remedy="export it again with samples")
+        self._ends = np.cumsum([about.row_group(k).num_rows for k in range(about.num_row_groups)])
         fields = [field for field in schema if not pa.types.is_nested(field.type)]
         self._names = [field.name for field in fields]
         if len(set(self._names)) < len(fields):
@@ -163,12 +164,11 @@ class ParquetTable:
         return micros_of(self._column(int(column[1:]), first, last))
 
     def _column(self, at: int, first: int, last: int) -> pa.ChunkedArray:
-        file, name = open_parquet(self.path), self._names[at]
-        ends = np.cumsum([file.metadata.row_group(k).num_rows for k in range(file.num_row_groups)])
+        name, ends = self._names[at], self._ends
         groups = range(int(np.searchsorted(ends, first, "right")), int(np.searchsorted(ends, last - 1, "right")) + 1)
         begin = int(ends[groups[0] - 1]) if groups and groups[0] else 0
         try:
-            column = file.read_row_groups(list(groups), columns=[name], use_threads=False).column(0)
+            column = open_parquet(self.path).read_row_groups(list(groups), columns=[name], use_threads=False).column(0)
         except (pa.ArrowException, OSError) as error:
             raise _damaged(str(error), self.path) from None
         if len(column := column.slice(first - begin, last - first)) != last - first:
@@ -191,17 +191,20 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
     kind = kind_of(path)
     if kind == "parquet":
         taken(path.stat().st_size)
-    parts: list[tuple[str, bytes | None]] = [*sheets(path)] if kind == "workbook" else [(stem, None)]
+    parts: Sequence[tuple[str, Callable[[], Any] | None]] = (
+        sheets(path) if kind == "workbook" else members(path) if kind == "archive" else [(stem, None)])
     found: list[Series] = []
     notes: list[Note] = []
     problems: list[InputError] = []
-    for name, data in parts:
+    for name, opened in parts:
+        name = stem if kind == "workbook" and len(parts) == 1 else name
         try:
             table = ParquetTable(path, stem, options, source.partition) if kind == "parquet" else TextTable(
-                Text(path, options, taken, data), stem if len(parts) == 1 else name, source.partition)
+                Text(path, options, taken, opened), name, source.partition)
             layout = layout_of(table.head, options)
         except InputError as error:
             problems.append(error)
+            notes += [Note("passed_over", f"{name!r} in the archive is not used: {error}")][: kind == "archive"]
             continue
         found += _signals(table, layout, options, needed, room)
         notes += table.notes

@@ -21,8 +21,8 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 
 from backlash_cli import ScanOptions, scan_files
-from backlash_cli.loaders.join import Joiner
 from backlash_cli.loaders.plant import open_plant
+from backlash_cli.loaders.signals import Joiner
 from tests.benchmarks.made_plant import DAY, write
 from tests.benchmarks.plain_pandas import dead_bands
 

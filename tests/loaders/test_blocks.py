@@ -19,10 +19,9 @@ from hypothesis import strategies as st
 
 from backlash_cli.api import scan_files
 from backlash_cli.errors import BacklashError
-from backlash_cli.loaders import Plant, ReadOptions, clean, opening, read, signals, sniff
-from backlash_cli.loaders.join import failure
+from backlash_cli.loaders import Plant, ReadOptions, clean, opening, read, signals
 from backlash_cli.loaders.plant import open_plant
-from backlash_cli.loaders.signals import Room, Store
+from backlash_cli.loaders.signals import Room, Store, failure
 from backlash_cli.record import SampleState
 from backlash_cli.scanning import ScanOptions
 from tests.small_plant import records, write_plant
@@ -51,7 +50,7 @@ def read_in(path, options=None, room=0, block=3001, head=400):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(opening, "BLOCK", max(block, 1000))
         patch.setattr(opening, "CHUNK", block)
-        patch.setattr(sniff, "HEAD_LINES", head)
+        patch.setattr(opening, "HEAD_LINES", head)
         opened = open_plant(path, options=options, room=Room(room))
         found, lost = [], []
         for recipe in opened.recipes:
