@@ -144,14 +144,9 @@ class Wear:
     forecast: tuple[tuple[float, ...], ...] = ()  # (time, dead band, low, high) to a date ahead
 
     @property
-    def current(self) -> Segment | None:
-        """The segment since the last repair."""
-        return self.segments[-1] if self.segments else None
-
-    @property
     def now(self) -> Segment | None:
-        """The same where it says something of the valve as it is: nothing may have been measured since the repair."""
-        return None if self.state == "no_estimate" else self.current
+        """The segment since the last repair, None where nothing has been measured since."""
+        return None if self.state == "no_estimate" else self.segments[-1]
 
 
 @dataclass(frozen=True)

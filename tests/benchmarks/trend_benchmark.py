@@ -68,7 +68,7 @@ def sixty_nights(hours: float, loops: int) -> None:
         whole = wear(f"L{loop}", nights, (), LIMIT)
         dates = [wear("", nights[:n], (), LIMIT).limit_date for n in range(40, NIGHTS + 1, 4)]
         worst = max(abs(d[0] - truth) / DAY if d else np.inf for d in dates)
-        now = whole.current
+        now = whole.now
         error = (now.slope / slope - 1) if now is not None and now.slope is not None else np.nan
         errors.append(error)
         late.append(worst)

@@ -115,7 +115,7 @@ class Score:
 
 def scored(history: History, found: Wear) -> Score:
     """Compare a wear with the truth."""
-    now = found.current
+    now = found.now
     assert now is not None and now.level is not None and now.level_ci95 is not None
     last = (found.segments[-1].last - START) / DAY
     truth, month = (float(history.curve(np.array([t]))[0]) for t in (last, max(last - MONTH, 0.0)))

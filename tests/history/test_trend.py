@@ -31,8 +31,8 @@ def test_sixty_nights_give_slope_and_date(seed):
     reports = growing(60, noise=0.08, seed=seed)
     full = of(reports)
     assert full.state == "growing" and len(full.segments) == 1 and not full.repairs
-    assert full.current.slope == pytest.approx(TRUE, rel=0.15)
-    assert full.current.slope_ci95[0] < TRUE < full.current.slope_ci95[1]
+    assert full.now.slope == pytest.approx(TRUE, rel=0.15)
+    assert full.now.slope_ci95[0] < TRUE < full.now.slope_ci95[1]
     truth = MARCH + DAY * (0.5 + (0.03 - 0.01) / TRUE)
     for n in range(40, 61, 4):
         value, early, late = of(reports[:n]).limit_date
@@ -85,7 +85,7 @@ def test_nights_without_a_size_are_named_gaps_not_zeros():
         reports[k] = made(k, None, verdict=Verdict.CANNOT_TELL, lod=None)
     del reports[10:13]
     found = of(reports)
-    assert found.current.slope == pytest.approx(TRUE, rel=0.15)
+    assert found.now.slope == pytest.approx(TRUE, rel=0.15)
     assert len(found.gaps) == 19 and found.gaps[0] == ("2026-03-01", "made")
     assert found.missing_days == ("2026-03-11", "2026-03-12", "2026-03-13")
 
@@ -97,8 +97,8 @@ def test_nights_below_detection_hold_the_early_slope():
     reports = [made(k, d) if d > 0.012 else made(k, None, verdict=Verdict.NO_BACKLASH, lod=0.012)
                for k, d in enumerate(shown)]
     found = of(reports)
-    assert found.current.below == pytest.approx(20, abs=2)
-    assert found.current.slope == pytest.approx(0.0005, rel=0.1)
+    assert found.now.below == pytest.approx(20, abs=2)
+    assert found.now.slope == pytest.approx(0.0005, rel=0.1)
 
 
 def test_a_wide_interval_or_a_suspicion_weighs_less():
@@ -106,7 +106,7 @@ def test_a_wide_interval_or_a_suspicion_weighs_less():
     for k in range(22, 30):
         reports[k] = replace(made(k, 0.06, error=1.0), verdict=Verdict.SUSPECTED)
     heavy = growing(30, noise=0.02, seed=8)[:22] + [made(k, 0.06, error=0.02) for k in range(22, 30)]
-    assert of(reports).current.slope < of(heavy).current.slope
+    assert of(reports).now.slope < of(heavy).now.slope
 
 
 def test_two_kinds_of_estimate_are_never_mixed():
@@ -114,18 +114,18 @@ def test_two_kinds_of_estimate_are_never_mixed():
     for k in (3, 9, 12, 25):
         reports[k] = replace(reports[k], confirmation=None)
     found = of(reports)
-    assert found.current.nights == 26 and [code for _, code in found.gaps] == ["no_size"] * 4
+    assert found.now.nights == 26 and [code for _, code in found.gaps] == ["no_size"] * 4
     reports = [replace(r, confirmation=None) if k % 3 else r for k, r in enumerate(reports)]
     by_cluster = of(reports)
-    assert by_cluster.current.nights == 30 and by_cluster.current.slope == pytest.approx(0.9 * 0.03 / 29, rel=1e-3)
+    assert by_cluster.now.nights == 30 and by_cluster.now.slope == pytest.approx(0.9 * 0.03 / 29, rel=1e-3)
 
 
 def test_years_of_nights_are_pooled_and_give_the_same_wear():
     reports = growing(1200, last=0.08, noise=0.1, seed=10)
     found = of(reports)
-    assert found.current.nights == 1200
-    assert found.current.slope == pytest.approx(0.07 / 1199, rel=0.03)
-    assert found.current.level == pytest.approx(0.08, rel=0.03)
+    assert found.now.nights == 1200
+    assert found.now.slope == pytest.approx(0.07 / 1199, rel=0.03)
+    assert found.now.level == pytest.approx(0.08, rel=0.03)
 
 
 def test_one_night_and_no_night():
