@@ -52,11 +52,14 @@ def cli() -> None:
 STOPS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 PATIENCE = 8.0  # seconds that an orderly end may take after a stop
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO)  # without a file's name: standard output, whose disk is full or gone
-NOT_WRITTEN = "error: standard output: cannot write: {} -> write to another place"
+NOT_WRITTEN = "error: standard output: cannot write: {} -> write to another place with --output"
 
 
 def main() -> None:
     """Run the command line; every failure becomes one message and an exit status of the contract."""
+    for stream in ("stdout", "stderr"):
+        if getattr(sys, stream) is None:  # closed by who started us: nobody listens
+            setattr(sys, stream, open(os.devnull, "w"))  # noqa: SIM115
     for number in STOPS:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, _stop)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..errors import BacklashError
 from ..reporter.safe import terminal
 
 if TYPE_CHECKING:
@@ -21,18 +20,12 @@ COMPILING = 4  # seconds of CPU that the first command spends on it at most, on 
 
 
 def emit(text: str) -> None:
-    """Write a report to standard output: UTF-8, on a terminal in its encoding; a full disk is one clear message."""
+    """Write a report to standard output: UTF-8, on a terminal in its encoding; `main` says where it cannot be."""
     data = text.encode("utf-8", "backslashreplace")
     if sys.stdout.isatty() and (sys.stdout.encoding or "").lower().replace("-", "") != "utf8":
         data = text.encode(sys.stdout.encoding or "ascii", "replace")
-    try:
-        sys.stdout.buffer.write(data)
-        sys.stdout.buffer.flush()
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        raise BacklashError(f"cannot write: {error.strerror}", where="standard output",
-                            remedy="write to another place with --output", code="cannot_write") from error
+    sys.stdout.buffer.write(data)
+    sys.stdout.buffer.flush()
 
 
 def put(path: Path | None, text: str, what: str = "") -> None:

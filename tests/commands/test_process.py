@@ -115,6 +115,13 @@ def test_a_full_disk_behind_standard_output(plant, form, buffering):
     assert "Exception" not in done.stderr
 
 
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+def test_closed_outputs_take_nothing_and_hurt_nobody(plant, tmp_path, closed):
+    command = f"{subprocess.list2cmdline(COMMAND)} scan {plant} --no-confirm --history {tmp_path / 'h.db'} {closed}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and "Traceback" not in done.stderr and (tmp_path / "h.db").stat().st_size > 10_000
+
+
 def test_a_full_disk_for_a_file_leaves_the_old_report(plant, tmp_path):
     """The limit on file sizes stands in for a full disk: both fail in the middle of writing."""
     old = tmp_path / "r.html"
