@@ -73,6 +73,26 @@ def forgetting_gap_means(u: NDArray[Any], widths: NDArray[Any], rates: NDArray[A
 
 
 @numba.njit(cache=True)
+def lagged_means(signals: NDArray[Any], rows: NDArray[np.int64], fine: int, far: int) -> NDArray[Any]:
+    """Lags of signals (signals, blocks) before each of the rows: `fine` single blocks, then `far` means over 2, 4, 8 ..
+    blocks; returns (signals, fine + far, rows)."""
+    out = np.empty((len(signals), fine + far, len(rows)))
+    for s in range(len(signals)):
+        for j in range(len(rows)):
+            at = rows[j] - 1
+            for i in range(fine):
+                out[s, i, j] = signals[s, at - i]
+            at -= fine
+            for i in range(far):
+                total = 0.0
+                for _ in range(2 << i):
+                    total += signals[s, at]
+                    at -= 1
+                out[s, fine + i, j] = total / (2 << i)
+    return out
+
+
+@numba.njit(cache=True)
 def gap_crossings(u: NDArray[Any], width: float) -> int:
     """How often the stem behind a dead band of `width` began to move the other way: OP crossed the whole gap."""
     half, x, way, crossings = 0.5 * width, u[0], 0, 0

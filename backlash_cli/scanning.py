@@ -14,9 +14,9 @@ from .estimator.diagnosis import with_oscillation
 from .estimator.haegglund import DEFAULT_KP, Oscillation, detect_oscillation, error_scanner, estimate, tally
 from .estimator.identify import identify, with_constant_setpoint
 from .estimator.manual_stretches import manual_stretches
-from .estimator.quality import quality_of
+from .estimator.quality import data_quality
 from .estimator.reading import read_half_periods
-from .estimator.settings_check import check_quickly
+from .estimator.settings_check import check_settings, follows
 from .estimator.survey import MOST, Survey
 from .estimator.verdict import Findings, decide
 from .half_periods import ErrorScanner
@@ -120,11 +120,12 @@ class LoopScanner:
         """The report with verdict, reasons and sizes; what an oscillation looks like apart."""
         settings, used, refusal = self.settings, self._survey.used, self._refusal()
         on_settings: tuple[Note, ...] = ()
-        if self.options.confirm and self._given and used:  # a contradiction limits the verdict
+        if self.options.confirm and self._given and used and not follows(record, settings):
+            # a contradiction limits the verdict
             on_settings = tuple(
                 replace(note, values={**note.values, "effect": "limits" if note.values.get("severity") == "contradict"
                                       else "info"})
-                for note in check_quickly(record, settings) if note.code != "settings_unchecked")
+                for note in check_settings(settings, identify(record)) if note.code != "settings_unchecked")
         contradictions = tuple(note for note in on_settings if note.values["effect"] == "limits")
         confirmation = None
         if self.options.confirm and used >= 2:
@@ -148,7 +149,7 @@ class LoopScanner:
             return replace(report, verdict=Verdict.INSUFFICIENT_DATA if few else Verdict.CANNOT_TELL,
                            reasons=(*contradictions, refusal, *(() if manual is None else (manual,))),
                            warnings=(*warnings, *on_settings))
-        quality = quality_of(self._survey, record, settings.Ti)
+        quality = data_quality(record, settings.Ti, self._survey)
         if refusal is None:
             assert self._errors is not None
             if settings.Kp is None:

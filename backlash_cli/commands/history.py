@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
+from ..reporter.safe import counted
 from .options import command
-from .terminal import put, say, several
+from .terminal import put, say
 
 if TYPE_CHECKING:
     from ..history.limits import Limits
-    from ..history.plant import PlantHistory
     from ..history.store import History
+    from ..results.history import Place
 
 
 def read_profile(limits: Path | None, loops: Path | None) -> Limits:
@@ -28,8 +29,8 @@ def read_profile(limits: Path | None, loops: Path | None) -> Limits:
 
 @contextlib.contextmanager
 def worn_plant(history: Path, limits: Path | None, settings: Path | None, loop: tuple[str, ...], horizon: float
-               ) -> Iterator[tuple[PlantHistory, History]]:
-    """Give wear and ranking of a history, and the history itself. settings: loops file with limit classes."""
+               ) -> Iterator[tuple[list[Place], History]]:
+    """Give a history's order of repair, and the history itself. settings: loops file with limit classes."""
     from ..history.plant import plant_history
     from ..history.store import History
 
@@ -43,8 +44,8 @@ def trend(form: str, output: Path | None, verbose: bool, **wear: Any) -> None:
     """Show how dead bands grow from night to night, when they reach their limit, and which valve to pull first."""
     from ..reporter.history_report import trend as trend_report
 
-    with worn_plant(**wear) as (plant, _):
-        found = trend_report(plant.wears, plant.places)
+    with worn_plant(**wear) as (places, _):
+        found = trend_report(places)
         put(output, found.json() if form == "json" else found.text(verbose=verbose))
 
 
@@ -53,16 +54,16 @@ def report(output: Path, **wear: Any) -> None:
     """Write the report of a history: which valves to pull, how they wear, and why."""
     from ..reporter.history_report import write_report
 
-    with worn_plant(**wear) as (plant, store):
-        write_report(output, plant.places, plant.wears, plant.nights, store.recent_half_periods)
-    say(f"report of {several(len(plant.places), 'loop')} written to {output}")
+    with worn_plant(**wear) as (places, store):
+        write_report(output, places, store.half_periods)
+    say(f"report of {counted(len(places), 'loop')} written to {output}")
 
 
 @command
 def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bool, target: Path | None,
             table: str | None, repair: tuple[str, str, str] | None, remove_repair: tuple[str, str] | None) -> None:
     """List what a history holds, export it, or enter repairs."""
-    from ..history.plant import chosen, mark, rows_of, unmark
+    from ..history.plant import chosen, moment_of, rows_of
     from ..history.store import History
 
     path = db or named
@@ -73,9 +74,17 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
     with History(path, say=say) as store:
         names = chosen(store, loop)
         if repair:
-            say(mark(store, *repair))
+            name, date, note = repair
+            chosen(store, [name])
+            new = store.mark_repair(name, moment_of(date), note)
+            say(f"repair of {name} on {date} {'entered' if new else 'was already entered'}: {note}")
         if remove_repair:
-            say(unmark(store, *remove_repair))
+            name, date = remove_repair
+            if not store.remove_repair(name, moment_of(date)):
+                days = ", ".join(str(r.date) for r in store.repairs(name)) or "none"
+                raise UsageError(f"no repair of {name} is entered on {date}", where=str(path),
+                                 remedy=f"entered are: {days}")
+            say(f"repair of {name} on {date} taken back")
         if target is not None:
             from ..reporter.tables import write_rows
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import __version__
 from ..errors import BacklashError, InputError
-from ..reporter.safe import terminal
+from ..reporter.safe import counted, terminal
 from .history import read_profile
 from .options import Export, command
 from .scan import Job, kept, undated
@@ -20,10 +20,10 @@ from .terminal import emit, say
 
 if TYPE_CHECKING:
     from ..history.nightly import DatedExport, NightlyConfig
-    from ..history.plant import PlantHistory
     from ..history.store import History
     from ..record import Record
     from ..results import ScanResult
+    from ..results.history import Place
 
 LARGEST = 5_000_000  # bytes; a larger log becomes FILE.1 before a run
 PULL = "pull"  # rule of its own: a valve has to be pulled
@@ -62,20 +62,20 @@ def nightly(config: Path, check: bool) -> int:
                 if not done["scanned"] + done["known"]:
                     raise InputError(f"none of {len(found)} exports could be read", where=str(config),
                                      remedy="see the log for the reason of each")
-                plant = plant_history(store, limits, horizon=settings.horizon)
+                places = plant_history(store, limits, horizon=settings.horizon)
                 for path in filter(None, (outputs.report, outputs.trend)):
                     path.parent.mkdir(parents=True, exist_ok=True)
                 if outputs.report is not None:
-                    write_report(outputs.report, plant.places, plant.wears, plant.nights, store.recent_half_periods)
+                    write_report(outputs.report, places, store.half_periods)
                     log("report", path=str(outputs.report))
                 if outputs.trend is not None:
-                    write_text(outputs.trend, trend(plant.wears, plant.places).json())
+                    write_text(outputs.trend, trend(places).json())
         for day in done["missing"]:
             log("missing", "warning", night=day)
         hits = met(rules, newest.loops) if newest else []
-        hits += [p.loop for p in plant.places if p.action == PULL and PULL in settings.fail_on]
+        hits += [p.loop for p in places if p.action == PULL and PULL in settings.fail_on]
         done["alarm"] = sorted(set(hits))
-        summary = _summary(settings, done, plant)
+        summary = _summary(settings, done, places)
         log("done", summary=summary)
     emit(summary + "\n")
     return 1 if hits else 3 if done["failed"] or done["incomplete"] else 0
@@ -129,19 +129,19 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
     """Scan what is new into the history, note in `done` what happened, and return the last scan."""
     from ..loaders import ReadOptions
     from ..loaders.sources import find_sidecars, find_sources
+    from ..reporter.templates import sentence
     from ..scanning import ScanOptions
 
     scan: ScanResult | None = None
-    keys = {export.name: f"{config.path.stem}:{export.name}" for export in found}
-    known = {name: store.export_fingerprint(key) for name, key in keys.items()}
-    newest = max((e.date for e in found if e.date and known[e.name]), default=None)
+    before, known = f"{config.path.stem}:", store.exports()
+    newest = max((e.date for e in found if e.date and before + e.name in known), default=None)
     for export in found:
-        name, key = export.name, keys[export.name]
+        name, key = export.name, before + export.name
         with contextlib.ExitStack() as stack:
             try:
                 settings = [config.loops] if config.loops else find_sidecars(export.files, find_sources(export.files))
                 fingerprint = export.fingerprint([Path(path) for path in settings], salt=__version__)
-                if known[name] == fingerprint:
+                if known.get(key) == fingerprint:
                     done["known"].append(name)
                     log("known", night=name)
                     continue
@@ -163,8 +163,8 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
         for word, holds in (("scanned", True), ("late", late), ("incomplete", wrong)):
             done[word] += [name] * holds
         for word in ("new", "revised", "unchanged"):
-            done[word] += getattr(outcome, word)
-        log("scanned", night=name, loops=len(scan.loops), history=outcome.sentence(), late=late)
+            done[word] += outcome[word]
+        log("scanned", night=name, loops=len(scan.loops), history=sentence("stored", outcome), late=late)
         for note in scan.failures:
             log("not analysed", "warning", night=name, reason=note.message)
         if config.outputs.scan is not None:
@@ -186,19 +186,18 @@ def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records:
         log("removed", report=path.name)
 
 
-def _summary(config: NightlyConfig, done: Done, plant: PlantHistory) -> str:
-    """Return the line for the cron mail."""
-    from ..reporter.words import TO_DO, counted, day
+def _summary(config: NightlyConfig, done: Done, places: Sequence[Place]) -> str:
+    from ..reporter.words import TO_DO, day
 
     def names(found: Sequence[str]) -> str:
         return ", ".join(found[:5]) + (f" and {len(found) - 5} more" if len(found) > 5 else "")
 
-    last = max((n.end for found in plant.nights.values() for n in found), default=None)
+    last = max((n.end for p in places for n in p.wear.nights), default=None)
     nights = ", ".join(f"{len(done[word])} {said}" for word, said in (
         ("new", "new"), ("revised", "revised"), ("unchanged", "known")) if done[word]) or "none"
-    said = {TO_DO[action]: [p.loop for p in plant.places if p.action == action] for action in (PULL, "room", "watch")}
+    said = {TO_DO[action]: [p.loop for p in places if p.action == action] for action in (PULL, "room", "watch")}
     said |= {word: done[word] for word in ("late", "missing", "failed", "alarm")}
-    parts = [f"backlash {day(last) if last is not None else 'no data'}: {counted(len(plant.places), 'loop')}",
+    parts = [f"backlash {day(last) if last is not None else 'no data'}: {counted(len(places), 'loop')}",
              f"scanned {names(done['scanned'])} (loop nights: {nights})" if done["scanned"]
              else f"nothing new ({len(done['known'])} known)",
              *(f"{words} {names(found)}" for words, found in said.items() if found)]

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
+from ..reporter.safe import counted
 from .options import Export, cluster, command
-from .terminal import emit, progress, put, say, say_failures, say_if_first_run, several
+from .terminal import emit, progress, put, say, say_failures, say_if_first_run
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -59,7 +60,7 @@ def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Pa
             with progress("writing", None, shown=job.shown) as step:
                 write(result, job.plant, form or "table", output, table, verbose=verbose, step=step)
             if job.shown:
-                say(f"{several(len(result.loops), 'loop')} scanned, {form} written to {output}")
+                say(f"{counted(len(result.loops), 'loop')} scanned, {form} written to {output}")
         elif form is not None or not quiet:
             emit("".join(render(result, job.plant, form or "table", table, verbose=verbose,
                                 colour=sys.stdout.isatty())))
@@ -67,13 +68,13 @@ def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Pa
             with progress("drawing", len(job.plant), shown=job.shown) as step:
                 count = draw(result, job.plant, plot, step)
             if job.shown:
-                say(f"{several(count, 'picture')} written to {plot}")
+                say(f"{counted(count, 'picture')} written to {plot}")
     wrong = [note.message for note in result.failures]
     wrong += [note.message for r in result.loops if r.verdict == "error" for note in r.reasons[:1]]
     status = say_failures("not analysed", wrong, shown=quiet or output is not None or form not in (None, "table"))
     hits = met(rules, result.loops)
     if hits and not quiet:
-        say(f"--fail-on {', '.join(fail_on)}: met by {several(len(hits), 'loop')}: {', '.join(hits[:10])}")
+        say(f"--fail-on {', '.join(fail_on)}: met by {counted(len(hits), 'loop')}: {', '.join(hits[:10])}")
     return 1 if hits else status
 
 
@@ -100,7 +101,7 @@ def check(form: str | None, output: Path | None, verbose: bool, **given: Any) ->
     form = form or ("json" if output is not None and output.suffix.lower() == ".json" else "table")
     report, coloured = checked(result), output is None and sys.stdout.isatty()
     put(output, report.json() if form == "json" else report.text(verbose=verbose, colour=coloured),
-        f"{several(len(loops), 'loop')} checked, {form}")
+        f"{counted(len(loops), 'loop')} checked, {form}")
     failed = [f"{loop.loop}: {loop.failure.message.removeprefix(f'{loop.loop}: ')}" for loop in loops if loop.failure]
     return say_failures("not checked", failed + [note.message for note in result.failures],
                         shown=output is not None or form == "json")
@@ -191,14 +192,15 @@ def kept(history: Path | None, scan: Iterable[object], *, resume: bool) -> Itera
 def remember(result: ScanResult, history: Path, job: Job) -> None:
     """Store a scan's nights. Several exports of the same loops, joined for the report, are stored one by one."""
     from ..history.store import History
+    from ..reporter.templates import sentence
 
     with History(history, create=True, say=say) as store:
         outcome = store.add(*(undated(part) for part in _one_by_one(result, job) or [result]))
-    if outcome.revised and any(r.start is not None and r.start < YEAR for r in result.loops):
+    if outcome["revised"] and any(r.start is not None and r.start < YEAR for r in result.loops):
         say("the export has no calendar date, and so replaced the night that was there: nights are told apart by their "
             "times")
     if job.shown:
-        say(f"history {history}: {outcome.sentence()}")
+        say(f"history {history}: {sentence('stored', outcome)}")
 
 
 def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import LoopError, UsageError
+from ..reporter.safe import counted
 from . import options
 from .options import Export, cluster, command
-from .terminal import deliver, progress, put, say_failures, several
+from .terminal import deliver, progress, put, say_failures
 
 if TYPE_CHECKING:
-    from ..results.plan import LoopPlan
+    from ..results.advice import LoopPlan
 
 PLANS = {".json": "json", ".csv": "csv", ".html": "html", ".htm": "html"}
 MOVE = "a number in units of the loop such as 12.5, or a share of its span such as 5%"
@@ -46,7 +47,7 @@ def simulate(scenario: str, out: Path | None, truth: Path | None, layout: str, d
     write_plant(out, records, layout=layout, finest=resolution)
     write_settings(settings, records)
     write_truth(truth, truth_rows(loops))
-    size = f"{several(len(records), 'loop')}, {sum(map(len, records))} samples"
+    size = f"{counted(len(records), 'loop')}, {sum(map(len, records))} samples"
     click.echo(f"{size} -> {out}, {settings.name}, {truth.name}", err=True)
 
 
@@ -78,7 +79,7 @@ def plan(target: str | None, max_pv_move: str, max_op_move: str, form: str | Non
             step()
     report = advice.plans(plans, len(plant))
     made = {"html": report.page, "text": report.text, "json": report.json, "csv": lambda: advice.plans_csv(plans)}
-    put(output, made[form](), several(len(plans), "plan"))
+    put(output, made[form](), counted(len(plans), "plan"))
     return say_failures("not planned", failures)
 
 

@@ -78,11 +78,6 @@ def say_if_first_run() -> None:
         say(f"first run after installation: compiling for up to {COMPILING} s; later runs start at once")
 
 
-def several(count: int, word: str) -> str:
-    """Say how many, such as "1 loop" or "12 loops"."""
-    return f"{count} {word}{'s' * (count != 1)}"
-
-
 @contextlib.contextmanager
 def progress(words: str, total: int | None, *, shown: bool = True, of_bytes: bool = False, stopped: str = ""
              ) -> Iterator[Callable[..., None]]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +16,15 @@ from ..record import FloatArray
 Values = Mapping[str, float | tuple[float, ...]]
 
 
-class Clues(Protocol):
+@dataclass(frozen=True, eq=False)
+class Clues:
     """What is known about the loop when start values are proposed; times in seconds from the first sample.
 
     output: (samples,) signal that enters the effect. measurement: (samples,), used: (samples,) bool where it counts.
     interval: between samples. lag: time constant of the process. duration: length of the record.
     known: what other effects came to when they were tried alone, name -> parameter values.
+    step_times(count): sets of 1..count times at which a step load explains most of what the model misses.
+    periods(count): the periods of the `count` strongest lines in what the model misses.
     """
 
     output: FloatArray
@@ -32,12 +34,8 @@ class Clues(Protocol):
     lag: float
     duration: float
     known: Mapping[str, Values]
-
-    def step_times(self, count: int) -> list[tuple[float, ...]]:
-        """Return sets of 1..count times at which a step load explains most of what the model misses."""
-
-    def periods(self, count: int) -> list[float]:
-        """Return the periods of the `count` strongest lines in what the model misses."""
+    step_times: Callable[[int], list[tuple[float, ...]]]
+    periods: Callable[[int], list[float]]
 
 
 Propose = Callable[[Clues], Sequence[Values]]

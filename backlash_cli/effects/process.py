@@ -81,8 +81,7 @@ def delayed_lag(u: FloatArray, h: float, tau: float, delay: float) -> FloatArray
 
     whole = int(delay / h)
     a, e = float(np.exp(-h / tau)), float(np.exp(-(1.0 - (delay / h - whole)) * h / tau))
-    followed: FloatArray = lag(u, a, e - a, 1.0 - e, whole)
-    return followed
+    return np.asarray(lag(u, a, e - a, 1.0 - e, whole))
 
 
 def lag_transposed(z: FloatArray, h: float, tau: float) -> FloatArray:

@@ -55,13 +55,12 @@ def bounds(measurement: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArr
     return measurement - reach, measurement + reach
 
 
-def recorded_steps(clues: Clues) -> tuple[float, str]:
-    """Return the step that the repeated values of the measurement show, and how it came about.
+def recorded_steps(values: FloatArray) -> tuple[float, str]:
+    """Return the step that the repeated values (samples,) of a recorded signal show, and how it came about.
 
     "rounded": few levels, a whole number of steps apart. "reported": no report is smaller than the step. "held": old
     values are repeated, and some reports are small, as where a report is due after a longest time. "": no step.
     """
-    values = clues.measurement[clues.used]
     jumps = np.abs(np.diff(values))
     moved = jumps[jumps > 0.0]
     if moved.size < 3 or moved.size > (1.0 - REPEATS) * jumps.size:
@@ -78,6 +77,10 @@ def recorded_steps(clues: Clues) -> tuple[float, str]:
     return float(np.quantile(moved, 0.1)), "held"
 
 
+def shown(clues: Clues) -> tuple[float, str]:
+    return recorded_steps(clues.measurement[clues.used])
+
+
 QUANTIZATION = Effect(
     "quantization", Stage.SENSOR,
     "Coarse recording: values are rounded to a step, so small changes are lost.",
@@ -87,7 +90,7 @@ QUANTIZATION = Effect(
     nothing_kept, recorded_step,
     fitting=Fitting(
         fixed=("step", "hold"), bounds=bounds,
-        propose=lambda clues: [{"step": step, "hold": float(how == "held")} for step, how in [recorded_steps(clues)]
+        propose=lambda clues: [{"step": step, "hold": float(how == "held")} for step, how in [shown(clues)]
                                if how in ("rounded", "held")],
         meaning="PV is recorded in steps of {step}: what is smaller cannot be seen. Check the transmitter's resolution "
         "and the historian's exception and compression settings."))
@@ -100,6 +103,6 @@ EXCEPTION_COMPRESSION = Effect(
     nothing_kept, recorded_step,
     fitting=Fitting(
         fixed=("deviation",), bounds=bounds,
-        propose=lambda clues: [{"deviation": step} for step, how in [recorded_steps(clues)] if how == "reported"],
+        propose=lambda clues: [{"deviation": step} for step, how in [shown(clues)] if how == "reported"],
         meaning="PV is recorded only when it has moved by {deviation}: what is smaller cannot be seen. Set the "
         "historian's exception deviation to a fraction of the noise, or store every sample for a day."))

@@ -14,7 +14,7 @@ from ..errors import BacklashError
 from ..plan import PlanOptions, plan
 from ..record import Record
 from ..reporter.files import make_folder, write_text
-from ..results.plan import LoopPlan
+from ..results.advice import LoopPlan
 
 
 def kept_plan(record: Record, options: PlanOptions, folder: Path | None) -> LoopPlan | None:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from ..record import FloatArray, LoopSettings, Note, Record, duration
 from ..results import Confirmation
 from .exclusion import excluded
-from .gap_test import IMITATED, GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested, together
+from .gap_test import IMITATED, GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested
 from .predictor import Predictor, Recording, in_blocks, paired, predictor, recording_of
 from .rebuild import rebuilt_output
 from .width_profile import NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
@@ -34,8 +33,6 @@ SHORT = 3000  # blocks of one part; halves are tried only in records of fewer
 MOST_ROWS = 3000  # of a longer record every second, third .. block is predicted, each from all that lies before it;
 ROWS_OF_SIZE = 6000  # more for the size. With 6,000 rows no more dead bands are found than with 2,000
 SIZED, NEAR = 2, 2  # block lengths that tell the size; how many widths beside the best evidence may come from
-APART = 3600.0  # seconds; process and load may have changed between recordings further apart: each is predicted by
-LONG_ENOUGH = 100.0  # itself, if it is so many integral times long, and the evidence added up
 SHORTEST = 10.0  # integral times: a shorter record holds no loop's behaviour
 FEWEST_BLOCKS = 60  # of Ti/8: no prediction can be fitted to fewer
 WIDEST = 20.0  # % of span: the widest width tried
@@ -49,9 +46,9 @@ COARSE = 8.0  # samples per Ti, of a record with fewer than that the controller 
 
 @dataclass(frozen=True)
 class Asked:
-    """What one block length says: predictions, gaps tested in all of them, and what the best imitation gains."""
+    """What one block length says: the prediction, gaps tested in it, and what the best imitation gains."""
 
-    predictions: tuple[Predictor, ...]
+    prediction: Predictor
     test: GapTest
     imitation: float
 
@@ -145,19 +142,15 @@ def _recordings(record: Record, output: FloatArray, usable: NDArray[np.bool_]) -
 def _asked(recordings: Sequence[Recording], span: float, K: float | None, Ti: float, interval: float
            ) -> tuple[Asked, ...]:
     widths = np.geomspace(NARROWEST, max(min(WIDEST, TURN * span), 1.5 * NARROWEST), WIDTHS)
-    groups = [[recordings[0]]]
-    for before, r in pairwise(recordings):
-        hole = (r.begin - before.begin - len(before.output)) * interval
-        if hole > APART:
-            groups.append([])
-        groups[-1].append(r)
-    if any(sum(len(r.output) for r in group) * interval < LONG_ENOUGH * Ti for group in groups):
-        groups = [list(recordings)]
-    by_group = [_tried(group, _block_lengths(recordings, Ti / interval), widths, span, K, Ti, interval)
-                for group in groups]
-    found = [[one for one in of_length if one is not None] for of_length in zip(*by_group, strict=True)]
-    return tuple(Asked(tuple(p for p, _, _ in of), together([test for _, test, _ in of]),
-                       float(np.max(sum(gain for _, _, gain in of)))) for of in found if of)
+    sizes = _block_lengths(recordings, Ti / interval)
+    predictions = _predictions(recordings, sizes, span, MOST_ROWS)
+    # made where they are handed over: of a long record they are as large as it is, and nobody else may keep them
+    tests = _at_each_length(predictions, [gaps_in(r.output, widths, sizes[0]) for r in recordings],
+                            lambda p, gaps: gaps_tested(p, gaps, widths, K, Ti, interval))
+    gains = _at_each_length(predictions, [forgetting_gaps_in(r.output, widths[::3], sizes[0], Ti / interval)
+                                          for r in recordings], free_gains)
+    return tuple(Asked(p, test, float(gain.max())) for p, test, gain in zip(predictions, tests, gains, strict=True)
+                 if p is not None and test is not None and gain is not None)
 
 
 def _block_lengths(recordings: Sequence[Recording], Ti: float) -> list[int]:
@@ -166,19 +159,6 @@ def _block_lengths(recordings: Sequence[Recording], Ti: float) -> list[int]:
     if samples // finest < SHORT:
         finest = max(1, round(Ti / (2 * PARTS_OF_TI)))
     return [finest << k for k in range(6) if finest << k <= max(LONGEST * Ti, finest)]
-
-
-def _tried(recordings: Sequence[Recording], sizes: Sequence[int], widths: FloatArray, span: float, K: float | None,
-           Ti: float, interval: float) -> list[tuple[Predictor, GapTest, FloatArray] | None]:
-    """Prediction, gaps and what imitations gain at each block length, None where it holds too few blocks."""
-    predictions = _predictions(recordings, sizes, span, MOST_ROWS)
-    # made where they are handed over: of a long record they are as large as it is, and nobody else may keep them
-    tests = _at_each_length(predictions, [gaps_in(r.output, widths, sizes[0]) for r in recordings],
-                            lambda p, gaps: gaps_tested(p, gaps, widths, K, Ti, interval))
-    gains = _at_each_length(predictions, [forgetting_gaps_in(r.output, widths[::3], sizes[0], Ti / interval)
-                                          for r in recordings], free_gains)
-    return [None if p is None or test is None or gain is None else (p, test, gain)
-            for p, test, gain in zip(predictions, tests, gains, strict=True)]
 
 
 def _at_each_length(predictions: Sequence[Predictor | None], signals: list[FloatArray],
@@ -211,7 +191,7 @@ def _confirmation(s: Study) -> Confirmation:
     grid, tests = best[0].test.widths, [a.test for a in best]
     if evidence >= TRACE:
         grid = np.sort(np.append(grid, about(grid, int(_explained(tests).argmax()), FINE)))
-        tests = [_again(a.predictions, grid, s) for a in best]
+        tests = _again([a.prediction for a in best], grid, s)
     answer, of = _explained(tests), tests[0]
     d, at = peak_of(grid, answer), int(answer.argmax())
     imitation = float(np.mean([a.imitation for a in best]))
@@ -226,8 +206,8 @@ def _confirmation(s: Study) -> Confirmation:
     details: dict[str, float | str] = {
         "evidence": evidence, "gain": float(answer[at]), "imitation": imitation, "share": float(of.share[at]),
         "share_deviation": float(of.deviation[at]),
-        "edge": float(at in (0, len(grid) - 1)), "rows": float(sum(p.rows for p in best[0].predictions)),
-        "block_s": best[0].predictions[0].size * s.interval, "output_range": s.span / 100.0,
+        "edge": float(at in (0, len(grid) - 1)), "rows": float(best[0].prediction.rows),
+        "block_s": best[0].prediction.size * s.interval, "output_range": s.span / 100.0,
         "crossings": float(crossings), "unseen_motion": unseen / 100.0,
         "recordings": float(len(s.recordings)), "trace": float(evidence >= TRACE),
         "sign_known": float(s.settings.K is not None), "output": "rebuilt" if s.rebuilt else "recorded",
@@ -248,14 +228,16 @@ def _explained(tests: Sequence[GapTest]) -> FloatArray:
     return np.asarray(np.mean([test.gain for test in tests], axis=0))
 
 
-def _again(predictions: Sequence[Predictor], widths: FloatArray, s: Study) -> GapTest:
-    """The same block length asked with more rows: the size is worth more of them than whether there is a dead band."""
-    tests = []
-    for p in predictions:
-        closer = p if p.every == 1 else _predictions(p.recordings, [p.size], s.span, ROWS_OF_SIZE)[0] or p
-        gaps = [gaps_in(r.output, widths, p.size) for r in p.recordings]
-        tests.append(gaps_tested(closer, gaps, widths, s.settings.K, s.Ti, s.interval))
-    return together(tests)
+def _again(predictions: Sequence[Predictor], widths: FloatArray, s: Study) -> list[GapTest]:
+    """The same block lengths asked with more rows: the size is worth more of them than whether there is a dead band."""
+    closer = {p.size: p if p.every == 1 else _predictions(s.recordings, [p.size], s.span, ROWS_OF_SIZE)[0] or p
+              for p in predictions}
+    sizes = [size for k in range(8) if (size := min(closer) << k) <= max(closer)]
+    tests = _at_each_length([closer.get(size) for size in sizes], [gaps_in(r.output, widths, sizes[0])
+                                                                   for r in s.recordings],
+                            lambda p, gaps: gaps_tested(p, gaps, widths, s.settings.K, s.Ti, s.interval))
+    found = dict(zip(sizes, tests, strict=True))
+    return [test for p in predictions if (test := found[p.size]) is not None]
 
 
 def memory(values: FloatArray) -> float:

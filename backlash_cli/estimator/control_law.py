@@ -16,7 +16,6 @@ from scipy.signal import lfilter
 from ..record import FloatArray, IntArray
 
 OWN, PROPORTIONAL, INTEGRAL, SETPOINT, DERIVATIVE = range(5)  # places in the sums; the output itself comes first
-AROUND = 8  # filter times tried around the best, twice
 GROUPS = 20  # at most so many leave-one-out groups of windows for the scatter
 ILL_CONDITIONED = 1e9  # ratio of the largest to the smallest eigenvalue from which the terms cannot be told apart
 TURNS = 4  # of reweighting
@@ -67,10 +66,9 @@ class LawFit:
     @cached_property
     def attenuation(self) -> float:
         """Partial r2 of the P part: by so much noise in PV could have lowered K at most (direct over reverse fit)."""
-        pick, total = np.array(self.form.terms), np.tensordot(self.weights, self.sums, 1)
-        scale = np.sqrt(np.diag(total))[pick]
-        inverse = np.linalg.inv(total[pick[:, None], pick] / np.outer(scale, scale))
-        own = (self.values[0] * scale[0]) ** 2 / inverse[0, 0]
+        gram = self._total[np.ix_(self.form.terms, self.form.terms)]
+        scale = np.sqrt(np.diag(gram))
+        own = (self.values[0] * scale[0]) ** 2 / np.linalg.inv(gram / np.outer(scale, scale))[0, 0]
         return float(own / (own + self.weights @ self.residuals))
 
     @cached_property
@@ -79,12 +77,15 @@ class LawFit:
 
         A filter cannot be told from integral action there.
         """
-        pick, total = np.array(self.form.terms), np.tensordot(self.weights, self.sums, 1)
-        own = total[DERIVATIVE, DERIVATIVE]
-        if own <= 0 or DERIVATIVE in pick:
+        terms, own = self.form.terms, self._total[DERIVATIVE, DERIVATIVE]
+        if own <= 0 or DERIVATIVE in terms:
             return 0.0
-        with_others = total[DERIVATIVE, pick]
-        return float(with_others @ np.linalg.solve(total[pick[:, None], pick], with_others) / own)
+        with_others = self._total[DERIVATIVE, terms]
+        return float(with_others @ np.linalg.solve(self._total[np.ix_(terms, terms)], with_others) / own)
+
+    @cached_property
+    def _total(self) -> FloatArray:
+        return np.asarray(np.tensordot(self.weights, self.sums, 1))
 
     @property
     def gain(self) -> float:
@@ -97,8 +98,8 @@ class LawFit:
 
     @property
     def reset_time(self) -> float:
-        """Ti [s]; nan where gain and reset have different signs."""
-        return self.gain / self.ratio if self.gain * self.ratio > 0 else float("nan")
+        """Ti [s]; infinite where gain and reset have different signs."""
+        return self.gain / self.ratio if self.gain * self.ratio > 0 else np.inf
 
     def better_than(self, other: LawFit) -> float:
         """How many standard errors this fit's residuals lie below the other's, in logarithms, window by window.
@@ -193,33 +194,16 @@ def fit_law(rows: LawRows, form: LawForm, filter_time: float = 0.0) -> LawFit | 
     return LawFit(form, values / scale, left, float(weights @ left / (weights @ own)), filter_time, weights, sums)
 
 
-def search_filter(rows: LawRows, form: LawForm, longest: float, *, step: float = 2.0,
-                  near: float | None = None) -> list[LawFit]:
-    """Fits over a geometric grid of filter times 0 .. `longest` [s], or a finer one around `near`; best first."""
-    shortest = 0.25 * rows.interval
-    if near is None:
-        count = int(np.log(max(longest / shortest, 1.0)) / np.log(step)) + 1
-        fits = _fits(rows, form, [0.0, *(shortest * step ** np.arange(count)).tolist()])
-    else:
-        fits = []
-        for _ in range(2 if near > 0.0 else 0):
-            step **= 2.0 / (AROUND + 1)
-            fits += _fits(rows, form, [near * step ** (k - (AROUND - 1) / 2) for k in range(AROUND)])
-            near = min(fits, key=lambda fit: fit.unexplained).filter_time if fits else near
-    return sorted(fits, key=lambda fit: fit.unexplained)
-
-
-def _fits(rows: LawRows, form: LawForm, times: list[float]) -> list[LawFit]:
-    return [fit for t in times if (fit := fit_law(rows, form, t)) is not None]
-
-
-def settle_filter(rows: LawRows, form: LawForm, share: float) -> list[LawFit]:
-    """The fit whose filter time is `share` of the Ti it gives (the smallest such), then neighbours for the interval."""
-    filter_time = 0.0
-    for _ in range(8):
-        fits = _fits(rows, form, [filter_time])
-        if not fits or not np.isfinite(fits[0].reset_time):
-            return []
-        filter_time = share * fits[0].reset_time
-    fits += _fits(rows, form, [0.0, 2.0 * filter_time])
-    return [fit for fit in fits if np.isfinite(fit.reset_time)]
+def search_filter(rows: LawRows, form: LawForm, longest: float, rounds: int = 0) -> list[LawFit]:
+    """Fits without filter and with times of a geometric grid up to `longest` [s], then `rounds` times closer to the
+    best; best first."""
+    shortest, step = 0.25 * rows.interval, 4.0
+    fits: list[LawFit] = []
+    count = int(np.log(max(longest / shortest, 1.0)) / np.log(step)) + 1
+    times = [0.0, *(shortest * step ** np.arange(count)).tolist()]
+    for _ in range(rounds + 1):
+        fits += [fit for t in times if (fit := fit_law(rows, form, t)) is not None]
+        fits.sort(key=lambda fit: fit.unexplained)
+        step **= 0.5
+        times = [fits[0].filter_time / step, fits[0].filter_time * step] if fits and fits[0].filter_time else []
+    return fits

@@ -2,25 +2,21 @@
 
     diagnose(record) -> Diagnosis               with_oscillation(report, record) -> the report with what that adds
 
-Tests, each a vote with its number and the limits of its source:
+Each test is a vote, with its number and the limits of its source (docs/settings.md says what decides):
 
     curve_fit    triangle against sine in OP and in PV between zero crossings. He, Wang, Pottmann, Qin, Ind. Eng. Chem.
-                 Res. 46 (2007) 4549: index above 0.6 stiction, below 0.4 none. OP of a sticking self-regulating loop
-                 is triangular (the integral part ramps while the valve stands still), PV of an integrating one.
-    shape        square against sine in the error. Haegglund, Control Eng. Practice 19 (2011) 1046: positive stiction.
-    correlation  zero crossings of the cross-correlation of OP and PV. Horch, Control Eng. Practice 7 (1999) 1221:
-                 asymmetry above 2/3 (odd) stiction, below 1/3 (even) not; self-regulating loops only. It also reads odd
-                 for any oscillation slow against Ti, so alone it never decides for stiction.
+                 Res. 46 (2007) 4549. OP of a sticking self-regulating loop is triangular, PV of an integrating one.
+    shape        square against sine in the error. Haegglund, Control Eng. Practice 19 (2011) 1046.
     mean_cycle   is PV's mean cycle that of OP through a gap, of OP itself, or of neither? (see mean_cycle)
     symmetry     does the second half of a cycle repeat the first upside down? A gap or a sticking valve makes it so.
-    setpoint     does the setpoint swing with the same period?
     persistence  autocorrelation five periods on: noise in a badly damped loop forgets its phase, a source does not.
+    correlation  zero crossings of the cross-correlation of OP and PV, in self-regulating loops. Horch, Control Eng.
+                 Practice 7 (1999) 1221. Odd for any oscillation slow against Ti as well, so it never decides.
+    setpoint     does the setpoint swing with the same period?
 
 The limits without a source were chosen on 1200 simulated loops; `python -m tests.benchmarks.diagnosis_benchmark` plays
-fresh ones. With stiction in the loop the number of the paper's estimator is backlash plus the stiction band.
-
-The mean cycle of PV behind OP needs neither setpoint nor settings, and few samples per Ti. So a valve that makes its
-loop cycle is suspected also where K and Ti are not to be had, or the record is too coarse or too short against Ti.
+fresh ones. The mean cycle needs neither setpoint nor settings, and few samples per Ti. So a valve that makes its loop
+cycle is suspected also where K and Ti are not to be had, or the record is too coarse or too short against Ti.
 """
 
 from __future__ import annotations
@@ -28,12 +24,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import correlate
 
 from ..record import FloatArray, Note, Record
 from ..results import NOTHING_SAID, LoopReport, Verdict
 from .identify import at_mean
 from .mean_cycle import CycleTest, compare_mean_cycle
-from .wave import Wave, autocorrelation, detrended, find_period, misfits, moving_mean, regularity, wave
+from .wave import crossings, detrended, find_period, mean_half_period, misfits, moving_mean, regularity, sustained
 
 INTEGRATOR = 1.0  # first lag over period from which no levelling off shows within a cycle
 LEVELS_OFF = 0.4  # and below which it does; between the two nothing can be said
@@ -53,7 +50,6 @@ LASTING = 0.8  # autocorrelation five periods on
 CLOCKWORK = 0.9  # the same for a cycle that is no sine
 FORGETS = 0.6  # share of the first peak of the autocorrelation that is left five periods on, near a stability limit
 NEARLY_SINE = 0.04  # harmonics over the fundamental; noise through a resonance makes no more in ten cycles
-ENOUGH_CYCLES = 10
 PROPORTIONAL = 20.0  # degrees of lag by integral action in a cycle that does not need it; stick-slip has above 27
 NOT_TESTED = {"missing_settings", "no_setpoint", "sampling_too_coarse", "short_record"}
 # kinds of oscillation that put the valve under suspicion, with the confidence that it is right to do so: simulated
@@ -114,21 +110,31 @@ def diagnose(record: Record) -> Diagnosis:
     found, height, last = _oscillation(signals[0] - signals[1])
     size = max(int(found / FINEST), 1)
     period, part = found / size, signals[:, last]
-    means = part[:, : part.shape[1] // size * size].reshape(3, -1, size).mean(2)
-    setpoint, measurement, output = means
-    of_error = wave(setpoint - measurement, period, height) if found else None
+    setpoint, measurement, output = part[:, : part.shape[1] // size * size].reshape(3, -1, size).mean(2)
+    error = setpoint - measurement
+    of_error = mean_half_period(error, period) if found else None
     if of_error is None:
         return Diagnosis("none", None, (), WORDS["none"])
-    of_output = cycle = None
-    if np.ptp(output) > 0:
-        of_output = wave(output, period, height)
+    of_output = mean_half_period(output, period) if np.ptp(output) > 0 else None
+    votes, cycle = [_curve_fit("curve_fit_pv", of_error)], None
+    sine, square, _ = misfits(of_error)
+    index, lasting = (sine - square) / (sine + square), sustained(error, period, height)
     if of_output is not None:
+        votes.append(_curve_fit("curve_fit_op", of_output))
         cycle = compare_mean_cycle(measurement, output, period, record.settings.K or 0.0)
-    votes = _votes(of_error, of_output, cycle)
+    votes.append(Vote("shape", index, "stiction" if index > 0 else "not stiction", "stiction above 0"))
+    if cycle is not None:
+        limits = (f"share of the misfit a gap leaves: gap below {GONE} ({GONE_LEVEL} in a process that levels off) "
+                  "where it explains the cycle, neither where it does not")
+        votes += [Vote("mean_cycle", cycle.left, _cycle_speaks(cycle, votes[1].speaks_for == "stiction"), limits),
+                  Vote("symmetry", float(cycle.symmetric), "" if cycle.symmetric else "not stiction",
+                       "0: lopsided beyond chance, 1: not")]
+    votes.append(Vote("persistence", lasting, "external" if lasting > LASTING else "",
+                      f"from outside above {LASTING}"))
     if of_output is not None and np.ptp(setpoint) == 0.0:
         votes.append(_correlation(measurement, output, period))
     votes.append(_setpoint(setpoint, measurement, period))
-    kind = _decide({vote.test: vote.speaks_for for vote in votes}, of_error, cycle)
+    kind = _decide({vote.test: vote.speaks_for for vote in votes}, height, lasting, cycle)
     of_valve = kind in ("stiction", "backlash_integrating")
     statement = f"{WORDS[kind]}; {SUM_OF_BOTH}" if of_valve or kind == "unclear" else WORDS[kind]
     gap = cycle.d if cycle is not None and of_valve and cycle.left < 1.0 else None
@@ -152,7 +158,7 @@ def _oscillation(error: FloatArray) -> tuple[float, float, slice]:
     return 0.0, 0.0, slice(0, n)
 
 
-def _decide(says: dict[str, str], error: Wave, cycle: CycleTest | None) -> str:
+def _decide(says: dict[str, str], height: float, lasting: float, cycle: CycleTest | None) -> str:
     """From votes to one word: a source that is seen first, then the valve, then the shape of what is left."""
     if says["setpoint"] == "setpoint":
         return "setpoint"
@@ -162,32 +168,14 @@ def _decide(says: dict[str, str], error: Wave, cycle: CycleTest | None) -> str:
     if says["curve_fit_pv"] == says.get("curve_fit_op", "not stiction") == "not stiction":
         if says["persistence"] == "external":
             return "external"
-        resonance = error.sustained < FORGETS * error.height and error.height > LEAST_HEIGHT
-        sine = cycle is not None and cycle.harmonics < NEARLY_SINE and cycle.cycles >= ENOUGH_CYCLES
+        resonance = lasting < FORGETS * height and height > LEAST_HEIGHT
+        sine = cycle is not None and cycle.harmonics < NEARLY_SINE
         return "aggressive_tuning" if resonance and sine else "unclear"
     if cycle is not None and says["mean_cycle"] == "neither":
-        if cycle.integral_phase < PROPORTIONAL and error.sustained > LASTING:
+        if cycle.integral_phase < PROPORTIONAL and lasting > LASTING:
             return "tight_nonlinear"
-        return "external" if error.sustained > CLOCKWORK and error.height > CLOCKWORK else "unclear"
+        return "external" if lasting > CLOCKWORK and height > CLOCKWORK else "unclear"
     return "unclear"
-
-
-def _votes(error: Wave, output: Wave | None, cycle: CycleTest | None) -> list[Vote]:
-    votes = [_curve_fit("curve_fit_pv", error)]
-    if output is not None:
-        votes.append(_curve_fit("curve_fit_op", output))
-    triangular = output is not None and votes[1].speaks_for == "stiction"
-    sine, square, _ = misfits(error.half_period)
-    index = (sine - square) / (sine + square)
-    votes.append(Vote("shape", index, "stiction" if index > 0 else "not stiction", "stiction above 0"))
-    if cycle is not None:
-        limits = (f"share of the misfit a gap leaves: gap below {GONE} ({GONE_LEVEL} in a process that levels off) "
-                  "where it explains the cycle, neither where it does not")
-        votes.append(Vote("mean_cycle", cycle.left, _cycle_speaks(cycle, triangular), limits))
-        votes.append(Vote("symmetry", float(cycle.symmetric), "" if cycle.symmetric else "not stiction",
-                          "0: lopsided beyond chance, 1: not"))
-    lasting = "external" if error.sustained > LASTING else ""
-    return [*votes, Vote("persistence", error.sustained, lasting, f"from outside above {LASTING}")]
 
 
 def _cycle_speaks(cycle: CycleTest, triangular: bool) -> str:
@@ -200,29 +188,20 @@ def _cycle_speaks(cycle: CycleTest, triangular: bool) -> str:
     return "no gap" if cycle.misfit < EXPLAINED and cycle.evidence < EVIDENCE else ""
 
 
-def _curve_fit(test: str, of: Wave) -> Vote:
-    sine, _, triangle = misfits(of.half_period)
+def _curve_fit(test: str, half_period: FloatArray) -> Vote:
+    sine, _, triangle = misfits(half_period)
     index = sine / (sine + triangle) if sine + triangle > 0 else 0.5
     speaks = "stiction" if index > 0.6 else "not stiction" if index < 0.4 else ""
     return Vote(test, index, speaks, "stiction above 0.6, none below 0.4")
 
 
 def _correlation(measurement: FloatArray, output: FloatArray, period: float) -> Vote:
-    reach = round(period)
-    pv, op = detrended(measurement, period), detrended(output, period)
-    right = _first_crossing(autocorrelation(op, pv, reach + 1))
-    left = _first_crossing(autocorrelation(pv, op, reach + 1))
+    both, now = correlate(detrended(measurement, period), detrended(output, period), method="fft"), len(output) - 1
+    sides = (side[: round(period) + 1] for side in (both[now:], both[now::-1]))
+    right, left = (float((*crossings(side, 0.0)[0], len(side))[0]) for side in sides)
     asymmetry = abs(left - right) / (left + right)
     speaks = "stiction" if asymmetry > 2 / 3 else "not stiction" if asymmetry < 1 / 3 else ""
     return Vote("correlation", asymmetry, speaks, "odd above 2/3, even below 1/3")
-
-
-def _first_crossing(values: FloatArray) -> float:
-    at = np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1]))
-    if not len(at):
-        return float(len(values))
-    k = int(at[0])
-    return k + float(values[k] / (values[k] - values[k + 1]))
 
 
 def _setpoint(setpoint: FloatArray, measurement: FloatArray, period: float) -> Vote:
@@ -237,37 +216,31 @@ def _longest_stretch(record: Record) -> FloatArray:
     """Setpoint, measurement and output (3, samples) of the longest stretch without gap; OP is 0 if not recorded."""
     output = np.zeros(len(record)) if record.output is None else record.output
     signals = np.array([record.setpoint, record.measurement, output])
-    use = record.usable & np.isfinite(signals).all(0)
-    joined = np.concatenate([[False], use[1:] & use[:-1] & (np.diff(record.index) == 1), [False]])
-    starts, ends = np.flatnonzero(np.diff(joined.astype(np.int8))).reshape(-1, 2).T
-    k = int(np.argmax(ends - starts)) if len(starts) else 0
-    return signals[:, starts[k] : ends[k] + 1] if len(starts) else signals[:, :0]
+    use = np.flatnonzero(record.usable & np.isfinite(signals).all(0))
+    return signals[:, max(np.split(use, np.flatnonzero(np.diff(record.index[use]) != 1) + 1), key=len)]
 
 
 def with_oscillation(report: LoopReport, record: Record) -> LoopReport:
     """Return the report with what an oscillation of the record looks like, and the verdict that follows from it."""
     codes = {reason.code for reason in report.reasons}
     seen, untested = "oscillation" in codes, report.verdict in NOTHING_SAID and bool(codes & NOT_TESTED)
-    if not (seen or untested):
-        return report
     blind = not np.isfinite(record.setpoint).any()
-    whole = at_mean(record) if blind else record
-    if whole is None:
+    whole = at_mean(record) if blind and (seen or untested) else record
+    if whole is None or not (seen or untested):
         return report
     found = diagnose(whole)
+    note, period = found.note, found.period or 0.0
     if untested and found.kind == "none":
         return report
-    note = found.note
     if blind:  # a setpoint that switches to and fro makes cycles that cannot be told from a sticking valve's
         note = replace(note, message=f"{note.message}; or the setpoint, which was not recorded, swings")
-    if report.verdict not in (Verdict.OSCILLATING, *NOTHING_SAID):
-        return replace(report, reasons=(*report.reasons, note))
-    period = found.period or 0.0
     repeats = () if seen else (
         Note("oscillation", f"PV oscillates with a period of {period:.3g} s", {"period_s": period}),)
-    if found.kind in VALVE and not blind:
-        return replace(report, verdict=Verdict.SUSPECTED, reasons=(note, *repeats, *report.reasons),
-                       confidence=VALVE[found.kind])
-    if untested:
-        return replace(report, verdict=Verdict.OSCILLATING, reasons=(*repeats, note, *report.reasons), confidence=0.5)
+    if report.verdict in (Verdict.OSCILLATING, *NOTHING_SAID):
+        if found.kind in VALVE and not blind:
+            return replace(report, verdict=Verdict.SUSPECTED, reasons=(note, *repeats, *report.reasons),
+                           confidence=VALVE[found.kind])
+        if untested:
+            return replace(report, verdict=Verdict.OSCILLATING, reasons=(*repeats, note, *report.reasons),
+                           confidence=0.5)
     return replace(report, reasons=(*report.reasons, note))

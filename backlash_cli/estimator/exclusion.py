@@ -23,24 +23,28 @@ WEIGHTS, CONSTANT = (0.367, -0.667, 0.049, -0.298, 0.732, -0.461, -1.343), -4.18
 HIDDEN = 0.02  # chance that is left when a dead band is said to be excluded
 
 
-def signs(tests: Sequence[tuple[GapTest, float]], L: float, length: float, span: float) -> tuple[float, ...]:
-    """What speaks for a dead band of L or more, (7,), in the order of `WEIGHTS`, and how far PV's answer falls short.
+def signs(tests: Sequence[tuple[GapTest, float]], length: float, span: float) -> FloatArray:
+    """What speaks for a dead band of L or more, for each L of LIMITS, (limits, 8): in the order of `WEIGHTS`, and how
+    far PV's answer falls short.
 
-    tests: of each block length, with what its best imitation gained. length: of the record in integral times. L, span
-    (of OP): % of span. The signs are the net gain of the two best block lengths, by how many deviations PV's share in
-    the gap is short of full and the tied gain (medians over block lengths), these three as sign times log1p; and the
-    logs of length, of span over L, of L, and of the share's deviation. The last number is the shortfall as it is.
+    tests: of each block length, with what its best imitation gained. length: of the record in integral times. span (of
+    OP): % of span. The signs are the net gain of the two best block lengths, by how many deviations PV's share in the
+    gap is short of full and the tied gain (medians over block lengths), these three as sign times log1p; and the logs
+    of length, of span over L, of L, and of the share's deviation. The last number is the shortfall as it is.
     """
-    widths = tests[0][0].widths
-    there = (widths >= SMALLER * L) & (widths <= span / BEYOND)
-    if not there.any():
-        there = widths == widths[-1]
-    gains = sorted((float(t.gain[there].max()) - IMITATED * imitated for t, imitated in tests), reverse=True)[:BEST]
-    tied = float(np.median([t.tied[there].max() for t, _ in tests]))
-    short = float(np.median([np.min((FULL - t.share[there]) / np.maximum(t.deviation[there], 0.02)) for t, _ in tests]))
-    deviation = float(np.median([np.median(t.deviation[there]) for t, _ in tests]))
-    known = np.log([max(length, 1.0), span / L, L, max(deviation, 1e-3)])
-    return (_compressed(sum(gains) / BEST), _compressed(short), _compressed(tied), *known.tolist(), short)
+    widths, limits = tests[0][0].widths, np.array(LIMITS)
+    there = (widths >= SMALLER * limits[:, None]) & (widths <= span / BEYOND)
+    there[~there.any(axis=1), -1] = True
+    kept = np.where(there, 0.0, np.nan)[:, None]  # (limits, 1, widths)
+    gain, tied, share, deviation = (np.array([getattr(t, name) for t, _ in tests]) + kept
+                                    for name in ("gain", "tied", "share", "deviation"))
+    net = np.sort(np.nanmax(gain, axis=2) - IMITATED * np.array([imitated for _, imitated in tests]), axis=1)
+    short = np.median(np.nanmin((FULL - share) / np.maximum(deviation, 0.02), axis=2), axis=1)
+    known = np.maximum(np.median(np.nanmedian(deviation, axis=2), axis=1), 1e-3)
+    told = [np.sign(x) * np.log1p(np.abs(x)) for x in (net[:, -BEST:].sum(axis=1) / BEST, short,
+                                                       np.median(np.nanmax(tied, axis=2), axis=1))]
+    return np.column_stack([*told, np.full(len(limits), np.log(max(length, 1.0))), np.log(span / limits),
+                            np.log(limits), np.log(known), short])
 
 
 def chance_hidden(signs: FloatArray) -> FloatArray:
@@ -51,12 +55,8 @@ def chance_hidden(signs: FloatArray) -> FloatArray:
 
 def excluded(tests: Sequence[tuple[GapTest, float]], length: float, span: float) -> float | None:
     """The smallest of LIMITS [% of span] from which on no dead band hides in the record; None where there is none."""
-    found = np.array([signs(tests, L, length, span) for L in LIMITS])
+    found = signs(tests, length, span)
     hidden = (chance_hidden(found[:, :-1]) > HIDDEN) | (found[:, -1] < SHORT_OF)
     if hidden[-1]:
         return None
     return LIMITS[0 if not hidden.any() else int(np.flatnonzero(hidden)[-1]) + 1]
-
-
-def _compressed(value: float) -> float:
-    return float(np.sign(value) * np.log1p(abs(value)))

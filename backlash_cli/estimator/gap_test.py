@@ -18,10 +18,10 @@ the imperfection of the prediction is worth.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
+from numpy.typing import NDArray
 
 from ..record import FloatArray
 from .predictor import Predictor
@@ -46,20 +46,24 @@ class GapTest:
     share: FloatArray
     deviation: FloatArray
     tied: FloatArray
-    possible: FloatArray
+    possible: NDArray[np.bool_]
     error_reduction: FloatArray
 
     @property
     def fit(self) -> FloatArray:
         """Gain (widths,) where the share is about 1, else -1; what the tied fit loses is held against it."""
-        full = (self.share > LEAST_SHARE) & (self.share < MOST_SHARE)
-        held: FloatArray = np.where(full, self.gain + TIED_COUNTS * np.minimum(self.tied, 0.0), -1.0)
+        held: FloatArray = np.where(full(self.share), self.gain + TIED_COUNTS * np.minimum(self.tied, 0.0), -1.0)
         return held
 
     @property
     def answer(self) -> FloatArray:
         """The same where the answer is a possible one as well: what counts as evidence."""
         return np.where(self.possible, self.fit, -1.0)
+
+
+def full(share: FloatArray) -> NDArray[np.bool_]:
+    """Where PV answers the gap about as it answers OP."""
+    return (share > LEAST_SHARE) & (share < MOST_SHARE)
 
 
 def gaps_in(output: FloatArray, widths: FloatArray, size: int) -> FloatArray:
@@ -85,50 +89,32 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], widths: FloatArray, K:
     K: controller gain [OP units / PV units], None when not known. Ti, interval: integral time, sampling interval [s].
     """
     G = p.lagged(gaps)
-    H, w, n, at = p.columns, p.weights, p.rows, p.past_output
-    floor = p.loss - float(w @ p.error**2)
+    H, n, at = p.columns, p.rows, p.past_output
+    floor = p.loss - float(p.error @ p.error)
     cross, own, solved = _beside(p, G)
     gram = np.repeat(p.gram[None], len(widths), axis=0)
     gram[:, at] += np.swapaxes(cross, 1, 2)
     gram[:, :, at] += cross
     gram[:, at, at] += own
-    right = np.repeat((H @ (w * p.target))[None], len(widths), axis=0)
-    right[:, at] += G @ (w * p.target)
+    right = np.repeat((H @ p.target)[None], len(widths), axis=0)
+    right[:, at] += G @ p.target
     b: FloatArray = np.asarray(np.linalg.solve(gram, right[..., None])[..., 0], dtype=np.float64)
-    left = float(w @ p.target**2) - np.sum(b * right, axis=1) + floor
+    left = float(p.target @ p.target) - np.sum(b * right, axis=1) + floor
     to_output = b[:, at]
     unexplained = own - np.swapaxes(cross, 1, 2) @ solved
     size = np.sum(to_output * (unexplained @ to_output[..., None])[..., 0], axis=1)
     answered = size > NO_ANSWER * p.loss
     size = np.where(answered, size, 1.0)
-    found = np.where(answered, np.sum(to_output * (G @ (w * p.error)), axis=1), 0.0)
+    found = np.where(answered, np.sum(to_output * (G @ p.error), axis=1), 0.0)
     share = found / size
     column = (to_output[:, None] @ G)[:, 0] - (solved @ to_output[..., None])[..., 0] @ H
     begins = -(-np.arange(STRETCHES) * n // STRETCHES)
-    sums = np.add.reduceat(column * w * (p.error - share[:, None] * column), begins, axis=1)
-    possible = np.array([LEAST_SHARE < x < MOST_SHARE and _possible(p, own_b, K, Ti, interval)
-                         for x, own_b in zip(share, b, strict=True)])
+    sums = np.add.reduceat(column * (p.error - share[:, None] * column), begins, axis=1)
     gain = -0.5 * n * np.log(np.maximum(1.0 - share * found / p.loss, 1e-9))
     deviation = np.where(answered, np.sqrt(np.sum(sums**2, axis=1)) / size, UNKNOWN)
-    return GapTest(widths, gain, share, deviation,
-                   0.5 * n * np.log(p.loss / np.maximum(left, 1e-300)), possible, share * found / p.loss)
-
-
-def together(tests: Sequence[GapTest]) -> GapTest:
-    """The same widths tested in several recordings, each with a prediction of its own: gains add up.
-
-    The share is the mean of theirs, weighed by how well each is known; an answer is possible where that of most of the
-    gain is.
-    """
-    if len(tests) == 1:
-        return tests[0]
-    gain = np.array([t.gain for t in tests])
-    weight = 1.0 / np.maximum(np.array([t.deviation for t in tests]), 1e-6) ** 2
-    share = np.sum(weight * np.array([t.share for t in tests]), axis=0) / weight.sum(0)
-    possible = np.sum(gain * np.array([t.possible for t in tests]), axis=0) > 0.5 * gain.sum(0)
-    reduction = np.mean([t.error_reduction for t in tests], axis=0)
-    return GapTest(tests[0].widths, gain.sum(0), share, weight.sum(0) ** -0.5,
-                   np.sum([t.tied for t in tests], axis=0), possible, reduction)
+    tied = 0.5 * n * np.log(p.loss / np.maximum(left, 1e-300))
+    test = GapTest(widths, gain, share, deviation, tied, np.zeros(len(widths), dtype=bool), share * found / p.loss)
+    return replace(test, possible=full(test.share) & _possible(p, b, K, Ti, interval))
 
 
 def free_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:
@@ -139,32 +125,33 @@ def free_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:
     diagonal = np.einsum("gii->gi", left)  # a view
     diagonal *= 1.0 + 1e-6
     diagonal += 1e-9
-    right = G @ (p.weights * p.error)
+    right = G @ p.error
     gained = np.sum(right * np.linalg.solve(left, right[..., None])[..., 0], axis=1)
     return np.asarray(-0.5 * p.rows * np.log(np.maximum(1.0 - gained / p.loss, 1e-9)))
 
 
 def _beside(p: Predictor, G: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Weighted products of signals G (signals, lags, rows) with the columns, (signals, columns, lags), and with
+    """Products of signals G (signals, lags, rows) with the columns, (signals, columns, lags), and with
     themselves (signals, lags, lags); and the columns' coefficients of each lag, (signals, columns, lags)."""
     signals, lags, rows = G.shape
-    cross = np.moveaxis(((p.columns * p.weights) @ G.reshape(-1, rows).T).reshape(-1, signals, lags), 1, 0)
-    return cross, (G * p.weights) @ np.swapaxes(G, 1, 2), p.inverse @ cross
+    cross = np.moveaxis((p.columns @ G.reshape(-1, rows).T).reshape(-1, signals, lags), 1, 0)
+    return cross, G @ np.swapaxes(G, 1, 2), p.inverse @ cross
 
 
-def _possible(p: Predictor, b: FloatArray, K: float | None, Ti: float, interval: float) -> bool:
-    """True where PV's answer to the gap is one of a process that this controller could control."""
+def _possible(p: Predictor, b: FloatArray, K: float | None, Ti: float, interval: float) -> NDArray[np.bool_]:
+    """(gaps,) where PV's answer to the gap, by coefficients b (gaps, columns), is one of a process that this controller
+    could control."""
     blocks = max(2, round(Ti / (p.size * interval)))
-    impulse = np.zeros(6 * blocks + 1)
-    impulse[0] = 1.0
-    to_output, to_past = p.lags.spread(b[p.past_output]), p.lags.spread(b[p.past_measurement])
-    to_past[0] += b[p.last_measurement].sum()  # its last moments are PV's past as well
-    with np.errstate(over="ignore", invalid="ignore"):  # an unstable fit runs away, and is no process
-        answer = np.cumsum(np.clip(np.nan_to_num(lfilter(np.append(0.0, to_output), np.append(1.0, -to_past), impulse)),
-                                   -1e6, 1e6))
+    to_past = p.lags.spread(b[:, p.past_measurement])
+    to_past[:, 0] += b[:, p.last_measurement].sum(axis=1)  # its last moments are PV's past as well
+    moved, back = np.cumsum(p.lags.spread(b[:, p.past_output]), axis=1), to_past.shape[1]
+    answer = np.zeros((len(b), back + 6 * blocks + 1))  # to a step, after as many blocks without any
+    for t in range(1, 6 * blocks + 1):
+        known = np.einsum("gi,gi->g", to_past, answer[:, back + t - 1 : t - 1 : -1]) + moved[:, min(t, back) - 1]
+        answer[:, back + t] = np.clip(known, -1e6, 1e6)  # an unstable fit runs away, and is no process
+    answer = answer[:, back:]
+    late = answer[:, 3 * blocks]
     if K is None:
-        sign = np.sign(answer[np.argmax(np.abs(answer))])
-        return bool(sign * answer[3 * blocks] > 0.0)
-    answer = answer * K
-    top = float(answer.max())
-    return bool(top > abs(float(answer.min())) and LEAST_ANSWER < top < MOST_ANSWER and answer[3 * blocks] > 0.0)
+        return np.asarray(np.where(answer.max(axis=1) > -answer.min(axis=1), late, -late) > 0.0)
+    top, bottom = (answer * K).max(axis=1), (answer * K).min(axis=1)
+    return np.asarray((top > -bottom) & (top > LEAST_ANSWER) & (top < MOST_ANSWER) & (late * K > 0.0))

@@ -19,11 +19,11 @@ setpoint moved, it does not, and nothing is assumed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import isfinite
 
 import numpy as np
+from scipy.special import stdtrit
 
 from ..record import FloatArray, LoopSettings, Note, Record, SampleState
 from .control_law import (
@@ -34,8 +34,8 @@ from .control_law import (
     LawFit,
     LawForm,
     LawRows,
+    fit_law,
     search_filter,
-    settle_filter,
 )
 from .survey import LEVELS, ROWS, SLOWER, rows, with_all_signals
 
@@ -45,7 +45,6 @@ WINDOW = 10.0  # Ti per window: long enough for K/Ti, short enough for drift tha
 FIRST_WINDOW = 200  # rows, before Ti is known
 MIN_WINDOW = 20  # rows
 LONGEST_FILTER = 0.3  # Tf / Ti: the tool's own default is 0.1, Td/5 is below
-UNSETTLED = 3.0  # longest Tf, in samples, below which the newest sample matters
 SLOWEST = 64.0  # rows per Ti above which the next slower picture serves as well
 UNCLEAR_FILTER = 0.2  # Tf / Ti
 LEAST_EXPLAINED = 0.5  # below, the output is not made by this control law
@@ -53,12 +52,12 @@ SURELY_EXPLAINED = 0.9  # below, a gain that may be zero is a fit by chance (two
 ONE_FREQUENCY = 0.92  # single sines are above, 98 % of other simulated loops below 0.93
 FILTER_SHARE = 0.1  # Tf / Ti assumed there: the tool's own default
 EXACT = 1e-5  # share unexplained below which nothing is left to add
+NEAR, NEARER = 2, 5  # rounds of the search for the filter time: to 40 % and to 4 %
 CLEARLY = 4.0  # standard errors by which a richer form must be better
 PLAUSIBLE = 2.0  # standard errors by which a fit may be worse than the best and still count
 NOISE_UNSEEN = 0.125  # h / Ti above which the record misses what the controller saw between samples
 WIDE = 2.0  # ratio of the ends of an interval that is worth a note
 COARSEST = 1.0  # rows per Ti below which the P part is not seen any more
-T95 = (np.inf, np.inf, 12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26, 2.23, 2.2, 2.18, 2.16, 2.14, 2.13, 2.12)
 DIGITS = 6  # of identified settings
 PROVEN = 0.98  # share of OP explained by a constant setpoint; with a moving one 0.975 at most in 23 loops
 AT_ONE_FREQUENCY = Note("one_frequency", "the loop moves at one frequency only: K and Ti can only be told apart by "
@@ -148,28 +147,37 @@ def _found(record: Record, finest: LawRows) -> Identification | Note:
     rows, form, longest = time_scale
     averaged = rows is not finest
     ways = [form]
-    if not averaged:
-        phases = (0.25, 0.0, 0.5) if longest < UNSETTLED * record.interval else (0.0,)
+    if not averaged:  # which sample the integral has taken in, and whether the output is logged a sample late
+        phases = (0.25, 0.0, 0.5) if form.phase else (0.0,)
         ways = [*(replace(form, phase=phase) for phase in phases), replace(form, phase=0.0, shift=1)]
-    fits = _most_plausible([search_filter(rows, way, longest) for way in ways])
+    fits = [fit for way in ways for fit in search_filter(rows, way, longest, NEAR) if isfinite(fit.reset_time)]
     if not fits:
         return _refused(0.0)
-    resolved = averaged or rows.interval < NOISE_UNSEEN * fits[0].reset_time
-    if resolved and fits[0].unexplained > EXACT:
-        pid = search_filter(rows, replace(fits[0].form, terms=(*form.terms, DERIVATIVE)), longest)
-        if pid and derivative_is_real(pid[0], fits[0]):
-            fits = pid
-    if fits[0].one_frequency > ONE_FREQUENCY:
-        fits = settle_filter(rows, replace(form, shift=0), FILTER_SHARE)
-        return summarise(rows, fits, averaged, (AT_ONE_FREQUENCY,)) if fits else AT_ONE_FREQUENCY
-    refined = search_filter(rows, fits[0].form, longest, near=fits[0].filter_time)
-    fits = [*refined, *fits]
+    # that of the first way in the list, unless another is better beyond chance
+    lead = min(fits, key=lambda fit: fit.unexplained)
+    best = next(fit for fit in fits if lead.better_than(fit) <= PLAUSIBLE)
+    if (averaged or rows.interval < NOISE_UNSEEN * best.reset_time) and best.unexplained > EXACT:
+        pid = search_filter(rows, replace(best.form, terms=(*form.terms, DERIVATIVE)), longest, NEAR)
+        if pid and derivative_is_real(pid[0], best):
+            fits, best = pid, pid[0]
+    alike = best.one_frequency > ONE_FREQUENCY
+    if alike:
+        way, Tf = replace(form, shift=0), 0.0
+        for _ in range(8):
+            fit = fit_law(rows, way, Tf)
+            if fit is None or not isfinite(fit.reset_time):
+                return AT_ONE_FREQUENCY
+            Tf = FILTER_SHARE * fit.reset_time
+        fits = [f for f in (fit, fit_law(rows, way), fit_law(rows, way, 2.0 * Tf)) if f and isfinite(f.reset_time)]
+    else:
+        fits = [*search_filter(rows, best.form, longest, NEARER), *fits]
     best = fits[0]
     if not isfinite(best.reset_time) or best.unexplained > 1.0 - LEAST_EXPLAINED:
         return _refused(1.0 - best.unexplained)
     # A filter as slow as the controller itself cannot be told from integral action: no fit is excluded then.
-    unclear = best.filter_time > UNCLEAR_FILTER * best.reset_time
-    result = summarise(rows, [fit for fit in fits if unclear or best.better_than(fit) <= PLAUSIBLE], averaged)
+    unclear = alike or best.filter_time > UNCLEAR_FILTER * best.reset_time
+    fits = [fit for fit in fits if unclear or best.better_than(fit) <= PLAUSIBLE]
+    result = summarise(rows, fits, averaged, (AT_ONE_FREQUENCY,) if alike else ())
     by_chance = result.K.ci95[0] < 0.0 < result.K.ci95[1] and result.r2 < SURELY_EXPLAINED
     return _refused(result.r2, by_chance=True) if by_chance else result
 
@@ -182,12 +190,10 @@ def _time_scale(record: Record, rows: LawRows) -> tuple[LawRows, LawForm, float]
         window = window_of(WINDOW * Ti / h, len(rows.index))
         longest = min(LONGEST_FILTER * Ti, 0.1 * window * h)
         settle, phase = min(int(np.ceil(5.0 * longest / h)) + 1, window), 0.5 if level else 0.25 * (Ti < 10.0 * h)
-        fits: list[LawFit] = []
-        for terms in ((PROPORTIONAL, INTEGRAL, SETPOINT), (PROPORTIONAL, INTEGRAL)):
-            # without a setpoint that moves inside a window its weight cannot be told
-            if not fits and (SETPOINT not in terms or np.ptp(rows.signals[0]) > 0):
-                form = LawForm(terms, window, settle, 0, phase)
-                fits = search_filter(rows, form, longest, step=4.0)
+        # without a setpoint that moves inside a window its weight cannot be told
+        forms = [LawForm(terms, window, settle, 0, phase)
+                 for terms in ((PROPORTIONAL, INTEGRAL, SETPOINT), (PROPORTIONAL, INTEGRAL))]
+        fits = search_filter(rows, forms[0], longest) or search_filter(rows, forms[1], longest)
         if not fits:
             return _refused(0.0)
         before, explained = Ti, 1.0 - fits[0].unexplained
@@ -200,26 +206,12 @@ def _time_scale(record: Record, rows: LawRows) -> tuple[LawRows, LawForm, float]
             return _refused(explained)
         elif 0.8 < Ti / before < 1.25:
             break
-    return rows, form, longest
+    return rows, fits[0].form, longest
 
 
 def window_of(wanted: float, rows: int) -> int:
     """Return the rows of a window, `wanted` where a record of so many rows holds six of them."""
     return int(np.clip(wanted, MIN_WINDOW, max(min(ROWS, rows // 6), MIN_WINDOW)))
-
-
-def _most_plausible(searches: list[list[LawFit]]) -> list[LawFit]:
-    """Fits of the first assumption in the list, unless another is better beyond chance; with all that fit as well.
-
-    Which sample the integral has taken in and whether the output is logged a sample late matter at coarse rates only.
-    """
-    searches = [fits for fits in searches if fits and isfinite(fits[0].reset_time)]
-    if not searches:
-        return []
-    lead = min(searches, key=lambda fits: fits[0].unexplained)
-    chosen = next(fits for fits in searches if lead[0].better_than(fits[0]) <= PLAUSIBLE or fits is lead)
-    others = [fits for fits in searches if fits is not chosen and fits[0].better_than(chosen[0]) > -PLAUSIBLE]
-    return chosen + [fit for fits in others for fit in fits]
 
 
 def derivative_is_real(pid: LawFit, pi: LawFit) -> bool:
@@ -241,50 +233,45 @@ def _refused(explained: float, *, by_chance: bool = False) -> Note:
     return Note(code, message, {"r2": explained})
 
 
-def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[Note, ...] = ()) -> Identification:
+def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[Note, ...]) -> Identification:
     """Values of the first fit; intervals from its scatter, from the other fits, and from what sampling hides."""
     best, terms = fits[0], fits[0].form.terms
     # Not in the scatter: which part of the newest error the output already contains, and at coarse rates the
     # noise between the samples, which the controller saw and the record did not.
     coarse = 0.0 if averaged else rows.interval / best.reset_time
-    systematic = 0.01 + 0.1 * coarse
+    blur = 0.01 + 0.1 * coarse + 0.15 * coarse * np.array([1.0, 1.0, 0.0, 0.0, 0.0])
     attenuation = best.attenuation if coarse > NOISE_UNSEEN else 1.0
 
-    def interval_of(quantity: Callable[[FloatArray], FloatArray], blur: float, stretch: float = 1.0) -> Identified:
-        low, high = np.inf, -np.inf
+    def quantities(v: FloatArray) -> FloatArray:
+        """K, Ti, K/Ti, Td and b of coefficients (..., terms)."""
+        others = [v[..., terms.index(term)] / v[..., 0] if term in terms else 0.0 * v[..., 0]
+                  for term in (DERIVATIVE, SETPOINT)]
+        return np.stack([v[..., 0], v[..., 0] / v[..., 1], v[..., 1], *others], axis=-1)
+
+    ends = []
+    with np.errstate(divide="ignore", invalid="ignore"):
         for fit in fits:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                value, scatter = float(quantity(fit.values)), quantity(fit.scatter)
-                groups = len(scatter)
-                error = float(np.sqrt((groups - 1) / groups * np.sum((scatter - scatter.mean()) ** 2)))
-            reach = T95[min(groups, len(T95) - 1)] * error + blur * abs(value)
-            if not np.isfinite(reach):  # a part of the record without any integral action: nothing is known
-                return Identified(float(quantity(best.values)), (-np.inf, np.inf))
-            low = min(low, value - reach, value * stretch - reach)
-            high = max(high, value + reach, value * stretch + reach)
-        return Identified(float(quantity(best.values)), (low, high))
-
-    def over_gain(term: int) -> Identified:
-        return interval_of(lambda v: v[..., terms.index(term)] / v[..., 0], systematic)
-
-    has_d = DERIVATIVE in terms
-    gain = interval_of(lambda v: v[..., 0], systematic + 0.15 * coarse, 1.0 / attenuation)
-    ends = sorted(abs(x) for x in gain.ci95)
-    if gain.ci95[0] * gain.ci95[1] <= 0 or ends[1] > WIDE * ends[0]:
-        message = f"K is known to {gain.ci95[0]:.3g}..{gain.ci95[1]:.3g} only (Ti likewise); K/Ti is known better"
-        notes = (*notes, Note("gain_uncertain", message, {"low": gain.ci95[0], "high": gain.ci95[1]}))
+            value, scatter = quantities(fit.values), quantities(fit.scatter)
+            groups = len(scatter)
+            error = np.sqrt((groups - 1) / groups * np.sum((scatter - scatter.mean(0)) ** 2, axis=0))
+            reach = stdtrit(groups - 1, 0.975) * error + blur * np.abs(value)
+            # a part of the record without any integral action: nothing is known
+            reach = np.where(np.isfinite(reach), reach, np.inf)
+            stretched = value / np.where(np.arange(5) < 2, attenuation, 1.0)
+            ends += [value - reach, stretched - reach, value + reach, stretched + reach]
+    K, Ti, ratio, Td, b = (Identified(value, (low, high)) for value, low, high in zip(
+        quantities(best.values).tolist(), np.min(ends, axis=0).tolist(), np.max(ends, axis=0).tolist(), strict=True))
+    low, high = sorted(abs(x) for x in K.ci95)
+    if K.ci95[0] * K.ci95[1] <= 0 or high > WIDE * low:
+        message = f"K is known to {K.ci95[0]:.3g}..{K.ci95[1]:.3g} only (Ti likewise); K/Ti is known better"
+        notes = (*notes, Note("gain_uncertain", message, {"low": K.ci95[0], "high": K.ci95[1]}))
     if coarse > 1.0 / COARSEST:
         message = (f"the samples are {rows.interval:g} s apart and Ti is about {best.reset_time:.2g} s: too few to "
                    "tell K and Ti apart; only K/Ti is known")
         notes = (*notes, Note("sampling_too_coarse", message, {"interval": rows.interval, "Ti": best.reset_time}))
-    return Identification(
-        K=gain,
-        Ti=interval_of(lambda v: v[..., 0] / v[..., 1], systematic + 0.15 * coarse, 1.0 / attenuation),
-        Td=over_gain(DERIVATIVE) if has_d else Identified(0.0, (0.0, 0.0)),
-        ratio=interval_of(lambda v: v[..., 1], systematic),
-        b=over_gain(SETPOINT) if SETPOINT in terms and coarse < NOISE_UNSEEN else None,
-        Tf=best.filter_time, r2=1.0 - best.unexplained, n=len(rows.index), interval=rows.interval,
-        form="ideal PID" if has_d else "ideal PI", notes=notes)
+    return Identification(K, Ti, Td, ratio, b if SETPOINT in terms and coarse < NOISE_UNSEEN else None,
+                          best.filter_time, 1.0 - best.unexplained, len(rows.index), rows.interval,
+                          "ideal PID" if DERIVATIVE in terms else "ideal PI", notes)
 
 
 def with_constant_setpoint(record: Record) -> Record:

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray
-from .wave import crossings, detrended
+from .wave import crossings, detrended, stretched
 
 POINTS = 128
+GRID = np.arange(POINTS) / POINTS
 HARMONICS = np.arange(1, 10)
 EVEN = HARMONICS % 2 == 0
 LEAST_CYCLES = 4
@@ -38,7 +39,7 @@ class CycleTest:
     """misfit: mean squared error of the harmonics of PV without a gap, in units of their scatter (1: explained).
 
     left: share of it that remains with the best gap. d: that gap [span of output]. first_lag: lag [periods] of the
-    process that fits then. cycles: number averaged. harmonics: all above the first, over the first.
+    process that fits then. harmonics: all above the first, over the first.
     integral_phase: lag of OP behind proportional action [degrees]; 90 is integral action alone.
     symmetric: the second half of a cycle repeats the first upside down, as it does behind a gap or a sticking valve.
     """
@@ -47,7 +48,6 @@ class CycleTest:
     left: float
     d: float
     first_lag: float
-    cycles: int
     harmonics: float
     symmetric: bool
     integral_phase: float
@@ -73,7 +73,8 @@ def compare_mean_cycle(measurement: FloatArray, output: FloatArray, period: floa
     from ..kernels import play
 
     pv, op = detrended(measurement, period), detrended(output, period)
-    pv_cycles, op_cycles = _cycles(pv, op, period)
+    at, rising = crossings(pv, period)
+    pv_cycles, op_cycles = (stretched(x, at[rising], (0.6 * period, 1.5 * period), GRID) for x in (pv, op))
     if len(pv_cycles) < LEAST_CYCLES:
         return None
     parts = np.fft.rfft(pv_cycles, axis=1)[:, HARMONICS] / POINTS
@@ -95,18 +96,8 @@ def compare_mean_cycle(measurement: FloatArray, output: FloatArray, period: floa
     size = np.abs(target) / max(float(np.abs(target[0])), 1e-300)
     even = float(np.mean((np.abs(target) ** 2 / np.maximum(scatter, 1e-300))[EVEN]))
     lopsided = even > EVEN_SURE and float(np.sqrt(np.sum(size[EVEN] ** 2))) > EVEN_LARGE
-    return CycleTest(float(misfit[0]), share, float(gaps[best]), float(first_lags[best]), n,
+    return CycleTest(float(misfit[0]), share, float(gaps[best]), float(first_lags[best]),
                      float(np.sqrt(np.sum(size[1:] ** 2))), not lopsided, float(-np.degrees(np.angle(-sign * lead))))
-
-
-def _cycles(pv: FloatArray, op: FloatArray, period: float) -> list[FloatArray]:
-    """Both signals between rising zero crossings of PV, (cycles, POINTS) each."""
-    at, rising = crossings(pv, period)
-    starts = at[rising]
-    length = np.diff(starts)
-    typical = np.flatnonzero((length > 0.6 * period) & (length < 1.5 * period))
-    time = starts[typical, None] + np.arange(POINTS) / POINTS * length[typical, None]
-    return [np.interp(time, np.arange(len(x)), x) for x in (pv, op)]
 
 
 def _best_processes(target: NDArray[np.complex128], through: NDArray[np.complex128],

@@ -37,15 +37,11 @@ MODEL_ERROR = 0.002  # of the deviation of PV: no model of a process is better t
 
 @dataclass(frozen=True)
 class Recording:
-    """Samples without a gap in time: output, measurement (samples,) of any units, and which of them may be used.
-
-    begin: number of the first sample on the grid of the whole record.
-    """
+    """Samples without a gap in time: output, measurement (samples,) of any units, and which of them may be used."""
 
     output: FloatArray
     measurement: FloatArray
     usable: NDArray[np.bool_]
-    begin: int = 0
 
 
 def recording_of(index: IntArray, output: FloatArray, measurement: FloatArray, usable: NDArray[np.bool_],
@@ -60,7 +56,7 @@ def recording_of(index: IntArray, output: FloatArray, measurement: FloatArray, u
     last = np.where(known, grid, np.argmax(known))
     held = held[np.maximum.accumulate(last, out=last)]
     del last  # a long record's arrays are as large as what is made of them
-    return Recording(held, np.interp(grid, at[usable], scale * measurement[usable]), good, int(index[0]))
+    return Recording(held, np.interp(grid, at[usable], scale * measurement[usable]), good)
 
 
 @dataclass(frozen=True)
@@ -82,9 +78,9 @@ class Lags:
         return self.fine + 2 * (2**self.far - 1) + 1
 
     def spread(self, coefficients: FloatArray) -> FloatArray:
-        """Coefficients (count,) as those of single blocks (reach - 1,)."""
-        far = [np.full(2 * 2**i, coefficients[self.fine + i] / (2 * 2**i)) for i in range(self.far)]
-        return np.concatenate([coefficients[: self.fine], *far])
+        """Coefficients (.., count) as those of single blocks (.., reach - 1)."""
+        lengths = np.append(np.ones(self.fine, dtype=int), 2 << np.arange(self.far))
+        return np.repeat(coefficients / lengths, lengths, axis=-1)
 
 
 def lags_for(blocks: int) -> Lags:
@@ -96,11 +92,11 @@ def lags_for(blocks: int) -> Lags:
 class Predictor:
     """A fitted prediction and all that is needed to ask whether something more explains PV.
 
-    columns: (columns, rows): ones, past PV, past OP, the rest. target, weights, error: (rows,). inverse: of the
-    weighted Gram matrix. past_measurement, past_output: where their lags stand among the columns; last_measurement:
-    where means of PV's last few samples do. loss: weighted sum of squared errors, that of an imperfect model included.
-    coefficients: (columns,). every: 1 where all rows are there, 2 where every second one is .. recordings: what it was
-    made of.
+    columns: (columns, rows): ones, past PV, past OP, the rest. target, error: (rows,). All three times the root of the
+    weights (rows,), so that sums over rows are weighted ones. inverse: of the Gram matrix. past_measurement,
+    past_output: where their lags stand among the columns; last_measurement: where means of PV's last few samples do.
+    loss: sum of squared errors, that of an imperfect model included. coefficients: (columns,). every: 1 where all rows
+    are there, 2 where every second one is ..
     """
 
     size: int
@@ -117,7 +113,6 @@ class Predictor:
     past_output: slice
     last_measurement: slice
     every: int
-    recordings: tuple[Recording, ...]
     _used: tuple[int, ...]
     _rows: tuple[NDArray[np.int64], ...]
 
@@ -126,13 +121,15 @@ class Predictor:
         return len(self.target)
 
     def lagged(self, signals: Sequence[FloatArray], count: int = 0) -> FloatArray:
-        """Lags of further signals, (signals, lags, rows), the first `count` of them or all.
+        """Lags of further signals, (signals, lags, rows), the first `count` of them or all, weighted as the columns.
 
         signals: (signals, blocks) of each of the recordings that the prediction was made of.
         """
         parts = [_level(_lags_of(signals[i], self.lags, rows, count), len(self._used) > 1)
                  for i, rows in zip(self._used, self._rows, strict=True)]
-        return np.concatenate(parts, axis=2) if len(parts) > 1 else parts[0]
+        together = np.concatenate(parts, axis=2) if len(parts) > 1 else parts[0]
+        together *= np.sqrt(self.weights)
+        return together
 
 
 @dataclass(frozen=True)
@@ -187,13 +184,16 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int) -> Pred
     taken = {i: slice(-first % every, None, every) for i, first in zip(used, firsts, strict=False)
              if -first % every < len(whole[i])}
     several, linear = len(taken) > 1, []
-    for i in taken:
-        means, rows = recordings[i].means, whole[i]
+    for i, t in taken.items():
+        means, rows = recordings[i].means, whole[i][t]
         past = _lags_of(means[:2], lags, rows).reshape(2 * lags.count, -1)
         linear.append(_level(np.vstack([np.ones((1, len(rows))), past, means[:1, rows]]), several))
-    H = np.concatenate([_level(x[:, t], several) for x, t in zip(linear, taken.values(), strict=True)], axis=1)
+    H = np.concatenate(linear, axis=1)
     first, _, _ = _fitted(H[:-1], H[-1])
-    missed = [x[-1] - first @ x[:-1] for x in linear]
+    answers = lags.spread(first[1:].reshape(2, -1))  # of every block, also those that are not taken
+    missed = [_level(recordings[i].means[0, whole[i]] - first[0] - sum(
+        np.convolve(x, c)[whole[i] - 1] for x, c in zip(recordings[i].means[:2], answers, strict=True)), several)
+        for i in taken]
     limit = SURPRISE * 1.4826 * float(np.median(np.abs(np.concatenate(missed))))
     more = []
     for (i, t), error in zip(taken.items(), missed, strict=True):
@@ -206,14 +206,16 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int) -> Pred
     if len(y) < max(len(H) + LEAST_ROWS, FEWEST_ROWS):
         return None
     b, w, gram = _fitted(H, y)
+    root = np.sqrt(w)
+    H, y = H * root, y * root
     error = y - b @ H
     floor = float(np.sum(w)) * (MODEL_ERROR * deviation) ** 2
     first_lag = 0 if several else 1  # levels of their own leave no column of ones
     output, latest, recent = first_lag + lags.count, first_lag + 2 * lags.count, len(_last_lengths(recordings[0].size))
     inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
-    return Predictor(recordings[0].size, lags, H, y, w, error, b, gram, inverse, float(w @ error**2) + floor,
+    return Predictor(recordings[0].size, lags, H, y, w, error, b, gram, inverse, float(error @ error) + floor,
                      slice(first_lag, output), slice(output, latest), slice(latest, latest + recent),
-                     every, tuple(b.recording for b in recordings), tuple(taken),
+                     every, tuple(taken),
                      tuple(whole[i][t] for i, t in taken.items()))
 
 
@@ -242,22 +244,10 @@ def _just_before(b: Blocks, rows: NDArray[np.int64]) -> FloatArray:
 
 def _lags_of(signals: FloatArray, lags: Lags, rows: NDArray[np.int64], count: int = 0) -> FloatArray:
     """The first `count` lags, or all, of block means (signals, blocks) before the rows, (signals, lags, rows)."""
-    first, last, every = int(rows[0]), int(rows[-1]), int(rows[1] - rows[0]) if len(rows) > 1 else 1
-    even = len(rows) == (last - first) // every + 1 and bool(np.all(np.diff(rows) == every))
+    from ..kernels import lagged_means
 
-    def before(values: FloatArray, back: int) -> FloatArray:
-        return values[first - back : last - back + 1 : every] if even else values[rows - back]
-
-    found = np.empty((len(signals), count or lags.count, len(rows)))
-    for means, into in zip(signals, found, strict=True):  # one by one: a long record's sums are as large as itself
-        for i in range(min(lags.fine, len(into))):
-            into[i] = before(means, 1 + i)
-        if len(into) > lags.fine:
-            total, back, width = np.cumsum(means), lags.fine + 1, 2  # rows begin at lags.reach: no sum reaches below 0
-            for i in range(lags.fine, len(into)):
-                into[i] = (before(total, back) - before(total, back + width)) / width
-                back, width = back + width, 2 * width
-    return found
+    fine = min(count or lags.fine, lags.fine)
+    return np.asarray(lagged_means(signals, rows, fine, (count or lags.count) - fine))
 
 
 def _last_lengths(size: int) -> list[int]:
@@ -283,12 +273,13 @@ def _fitted(H: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, Float
     """Coefficients (columns,), Student weights (rows,) and weighted Gram matrix of the regression of y on H."""
     w, weighted = np.ones(len(y)), np.empty_like(H)
     for again in range(ROUNDS + 1):
-        np.multiply(H, w, out=weighted)
-        gram = weighted @ H.T
+        root = np.sqrt(w)
+        np.multiply(H, root, out=weighted)
+        gram = weighted @ weighted.T
         diagonal = np.einsum("ii->i", gram)  # a view
         diagonal *= 1.0 + RIDGE
         diagonal += 1e-12
-        b: FloatArray = np.asarray(np.linalg.solve(gram, weighted @ y), dtype=np.float64)
+        b: FloatArray = np.asarray(np.linalg.solve(gram, weighted @ (root * y)), dtype=np.float64)
         if again == ROUNDS:
             break
         error = y - b @ H

@@ -9,12 +9,12 @@ grid points between the first and the last sample.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from ..record import FloatArray, IntArray, Note, Record, SampleState
+from ..record import Note, Record, SampleState, duration
 from .recording import Storage, fast_noise, reversals, stored_as
 from .survey import Survey, measured
 
@@ -76,47 +76,37 @@ class Quality:
         return str(self.notes[0].values["effect"]) if self.notes else "info"
 
 
-def data_quality(record: Record, Ti: float | None = None) -> Quality:
-    """Judge the record of one loop; `Ti` [s] is the controller's integral time, when known."""
-    survey = Survey()
-    survey.update(record)
-    Ti = Ti if Ti is not None else record.settings.Ti
-    quality = quality_of(survey, record, Ti)
-    if quality.op is None:
-        return quality
-    return replace(quality, output_reversals_per_hour=_turns(*measured(record)[2:], quality.op, record.interval, Ti))
+def data_quality(record: Record, Ti: float | None = None, survey: Survey | None = None) -> Quality:
+    """Judge the record of one loop; `Ti` [s] is the controller's integral time, when known.
 
-
-def quality_of(survey: Survey, record: Record, Ti: float | None = None) -> Quality:
-    """Return what a survey of a whole record and its last samples show; `Ti` [s] is the time scale for sampling.
-
-    Shares, ranges and gaps count every sample; storage and noise come from an even sample of stretches. Values that
-    the reader put in are not the recorder's, and say nothing about it.
+    survey: of all samples, where the record holds the last ones only. Shares, ranges and gaps count every sample;
+    storage and noise come from an even sample of stretches. Values that the reader put in are not the recorder's, and
+    say nothing about it.
     """
-    interval, samples = record.interval, survey.samples
-    points = survey.last - survey.first + 1 if samples else 0
+    if survey is None:
+        survey = Survey()
+        survey.update(record)
+    Ti, interval = record.settings.Ti if Ti is None else Ti, record.interval
+    points = survey.last - survey.first + 1 if survey.samples else 0
     share = (survey.states / max(points, 1)).tolist()
     index, values, output_index, outputs = measured(record)
-    op = stored_as(output_index, outputs) if len(output_index) else None
+    op, turns = stored_as(output_index, outputs) if len(output_index) else None, None
+    of_measurement, of_output = np.nan_to_num(np.maximum(survey.highest - survey.lowest, 0.0)).tolist()
+    if op is not None:  # reversals of OP, averaged over Ti / MANY, by more than what noise and rounding make
+        group = output_index // (max(round(Ti / MANY / interval), 1) if Ti else 1)
+        starts = np.flatnonzero(np.diff(group, prepend=-1))
+        means = np.add.reduceat(outputs, starts) / np.diff(starts, append=len(group))
+        smallest = max(3.0 * fast_noise(group[starts], means), 1.5 * op.step, 1e-4)
+        turns = reversals(means, smallest) / (len(output_index) * interval / 3600.0)
     return Quality(
-        samples=samples, interval=interval, duration=points * interval, samples_per_Ti=Ti / interval if Ti else None,
-        missing_share=1.0 - samples / max(points, 1) + share[SampleState.MISSING] if points else 1.0,
-        gaps=survey.gaps, longest_gap=max(survey.longest - 1, 0) * interval,
-        usable_share=survey.used / max(points, 1), filled_share=share[SampleState.FILLED],
-        manual_share=share[SampleState.MANUAL], saturated_share=share[SampleState.SATURATED],
-        frozen_share=share[SampleState.FROZEN], implausible_share=share[SampleState.IMPLAUSIBLE],
-        pv=stored_as(index, values) if len(index) else Storage("samples", 0.0, 1.0, 0.0, 0.0, 0.0), op=op,
-        setpoint_moves=survey.moves / max(survey.used, 1), measurement_range=survey.ranges[0],
-        output_range=survey.ranges[1] if op is not None else None, output_reversals_per_hour=None)
-
-
-def _turns(index: IntArray, outputs: FloatArray, op: Storage, interval: float, Ti: float | None) -> float:
-    """Reversals per hour of the output, averaged over Ti / MANY, by more than what noise and rounding make."""
-    group = index // (max(round(Ti / MANY / interval), 1) if Ti else 1)
-    starts = np.flatnonzero(np.diff(group, prepend=-1))
-    means = np.add.reduceat(outputs, starts) / np.diff(starts, append=len(group))
-    smallest = max(3.0 * fast_noise(group[starts], means), 1.5 * op.step, 1e-4)
-    return reversals(means, smallest) / (len(index) * interval / 3600.0)
+        survey.samples, interval, duration=points * interval, samples_per_Ti=Ti / interval if Ti else None,
+        missing_share=1.0 - survey.samples / max(points, 1) + share[SampleState.MISSING] if points else 1.0,
+        gaps=survey.gaps, longest_gap=(survey.longest - 1) * interval, usable_share=survey.used / max(points, 1),
+        filled_share=share[SampleState.FILLED], manual_share=share[SampleState.MANUAL],
+        saturated_share=share[SampleState.SATURATED], frozen_share=share[SampleState.FROZEN],
+        implausible_share=share[SampleState.IMPLAUSIBLE], pv=stored_as(index, values), op=op,
+        setpoint_moves=survey.moves / max(survey.used, 1), measurement_range=of_measurement,
+        output_range=of_output if op is not None else None, output_reversals_per_hour=turns)
 
 
 def quality_notes(q: Quality) -> tuple[Note, ...]:
@@ -178,7 +168,7 @@ def quality_notes(q: Quality) -> tuple[Note, ...]:
     say(NOTABLE <= q.filled_share <= MOSTLY_OWN, "filled", f"{filled} interpolated over short holes",
         share=q.filled_share)
     say(q.gaps > 0, "gaps", f"{'1 gap' if q.gaps == 1 else f'{q.gaps} gaps'} in time, the longest "
-        f"{_length(q.longest_gap)}; no half period crosses one", gaps=q.gaps, longest_s=q.longest_gap)
+        f"{duration(q.longest_gap)}; no half period crosses one", gaps=q.gaps, longest_s=q.longest_gap)
 
     moved = np.inf if q.output_range is None else q.output_range
     say(q.output_range is None, "no_output", "no OP column: OP is rebuilt from SP, PV, K and Ti, which then must be "
@@ -195,17 +185,3 @@ def quality_notes(q: Quality) -> tuple[Note, ...]:
 
 def _percent(share: float) -> str:
     return f"{100.0 * share:.3g} %"
-
-
-def _length(seconds: float) -> str:
-    """A length of time in its two largest units.
-
-    >>> [_length(x) for x in (45.5, 300.0, 12_000.0, 187_200.0)]
-    ['45.5 s', '5 min', '3 h 20 min', '2 d 4 h']
-    """
-    if seconds < 60.0:
-        return f"{seconds:.3g} s"
-    units = ((86_400, "d", 3600, "h"), (3600, "h", 60, "min"), (60, "min", 1, "s"))
-    size, name, smaller, its_name = next(unit for unit in units if seconds >= unit[0])
-    whole, rest = divmod(round(seconds / smaller), size // smaller)
-    return f"{whole} {name} {rest} {its_name}" if rest else f"{whole} {name}"

@@ -8,14 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.signal import find_peaks
 
 from ..record import FloatArray, IntArray
 
 LATTICE = 0.02  # share of a step that a difference may be off, growing with the square root of the number of steps,
 LARGEST = 0.2  # up to this
 RECUR = 0.7  # share of different values up to which levels recur
-FIRST = 128  # differences that are looked at first: most signals lie on no lattice
 EXACT = 1e-9  # of the signal's range: rounding of numbers, not of a recorder
 VISIBLE = 1e-4  # of the signal's range: smaller changes are those of a signal that has settled, not of a recorder
 LEAST_RUN = 4  # samples on one straight line that are no accident
@@ -54,18 +53,12 @@ def rounding_step(values: FloatArray) -> float:
     gaps = gaps[gaps > EXACT * gaps.sum()]
     if not len(gaps):
         return 0.0
-    steps = gaps.min() / np.array([1.0, 2.0, 3.0, 5.0])
-    for step in steps[_fits(gaps[:FIRST], steps)].tolist():
-        if _fits(gaps, np.array([step])).all():
+    for step in (gaps.min() / np.array([1.0, 2.0, 3.0, 5.0])).tolist():
+        numbers = gaps / step
+        allowed = np.minimum(LATTICE * np.sqrt(np.maximum(numbers, 1.0)), LARGEST)
+        if np.all(np.abs(numbers - np.rint(numbers)) <= allowed):
             return step if levels <= RECUR * len(values) or np.median(gaps) <= 2.0 * step else 0.0
     return 0.0
-
-
-def _fits(gaps: FloatArray, steps: FloatArray) -> NDArray[np.bool_]:
-    """Whether all differences are whole numbers of each step, within what is allowed: (steps,)."""
-    numbers = gaps[:, None] / steps
-    allowed = np.minimum(LATTICE * np.sqrt(np.maximum(numbers, 1.0)), LARGEST)
-    return np.asarray(np.all(np.abs(numbers - np.rint(numbers)) <= allowed, axis=0))
 
 
 def fast_noise(index: IntArray, values: FloatArray) -> float:
@@ -75,40 +68,31 @@ def fast_noise(index: IntArray, values: FloatArray) -> float:
 
 
 def reversals(values: FloatArray, threshold: float) -> int:
-    """Return how often the signal turned round by more than `threshold` (zigzag count)."""
-    count, direction = 0, 0
-    high, low = -np.inf, np.inf
-    for value in values.tolist():
-        high, low = max(high, value), min(low, value)
-        if direction >= 0 and high - value > threshold:
-            count += direction > 0
-            direction, low = -1, value
-        elif direction <= 0 and value - low > threshold:
-            count += direction < 0
-            direction, high = 1, value
-    return count
+    """Return how often the signal turned round by `threshold` or more."""
+    apart = np.linspace(0.0, EXACT, len(values))  # two summits of the same height would count as two
+    return sum(len(find_peaks(side + apart, prominence=threshold)[0]) for side in (values, -values))
 
 
 def stored_as(index: IntArray, values: FloatArray) -> Storage:
     """Tell measurements from values that a historian held or interpolated between stored ones."""
-    span, step = float(np.ptp(values)), rounding_step(values)
+    if not len(values):
+        return Storage("samples", 0.0, 1.0, 0.0, 0.0, 0.0)
+    span, step, noise = float(np.ptp(values)), rounding_step(values), fast_noise(index, values)
     changes = np.abs(np.diff(values))[np.diff(index) == 1]
-    noise = fast_noise(index, values)
-    plain = Storage("samples", 0.0, 1.0, 0.0, step, noise)
     if len(values) < 3 * LEAST_RUN or span == 0.0 or not len(changes):
-        return plain
+        return Storage("samples", 0.0, 1.0, 0.0, step, noise)
     moved = changes[changes > EXACT * span]
     held = 1.0 - len(moved) / len(changes)
     if held > 0.2 and len(moved) >= LEAST_KINKS:
-        smallest = float(np.quantile(moved, 0.01))
-        run = 1.0 / max(1.0 - held, 1e-9)
+        smallest, run = float(np.quantile(moved, 0.01)), len(changes) / len(moved)
         # Without a deviation jumps thin out towards zero: one in a hundred of a normal law is below 2 % of the median.
-        if smallest > max(2.5 * step, VISIBLE * span, 0.1 * float(np.median(moved))):
-            return Storage("held", held, run, smallest, step, noise)
-        if step == 0.0 and held > 0.4:
-            return Storage("held", held, run, 0.0, step, noise)
+        by_exception = smallest > max(2.5 * step, VISIBLE * span, 0.1 * float(np.median(moved)))
+        if by_exception or (step == 0.0 and held > 0.4):
+            return Storage("held", held, run, smallest if by_exception else 0.0, step, noise)
     linear, run, deviation = _straight_runs(index, values, step, span)
-    return Storage("linear", linear, run, deviation, step, noise) if linear > LINEAR else plain
+    if linear > LINEAR:
+        return Storage("linear", linear, run, deviation, step, noise)
+    return Storage("samples", 0.0, 1.0, 0.0, step, noise)
 
 
 def _straight_runs(index: IntArray, values: FloatArray, step: float, span: float) -> tuple[float, float, float]:

@@ -1,8 +1,5 @@
 """Do the controller settings of the metadata make the recorded output? If not: which usual mix-up of units would?
 
-    check_settings(record.settings, identify(record)) -> tuple[Note, ...]      (empty: nothing to complain about)
-    check_quickly(record, settings) -> the same; one fit instead of a search where that leaves no doubt
-
 The comparison rests on K/Ti, which a record settles to a few per cent; K and Ti apart are used to tell the mix-ups
 from each other. The codes are explained in docs/settings.md; each has `values` "factor" (K/Ti as given over as
 identified), "K" and "Ti" (as identified, in the units of the record), and "severity" ("warn": up to 1.5, "contradict":
@@ -14,11 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import ceil, exp, isfinite, log
 
-import numpy as np
-
 from ..record import LoopSettings, Note, Record
 from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawForm, fit_law
-from .identify import SLOWEST, WINDOW, Identification, Identified, derivative_is_real, identify, law_rows, window_of
+from .identify import SLOWEST, WINDOW, Identification, Identified, derivative_is_real, law_rows, window_of
 from .survey import LEVELS, SLOWER
 
 AGREES = log(1.15)  # findings: K/Ti is identified to 4-8 % in nine loops of ten
@@ -32,8 +27,8 @@ COARSE = 1.5  # Ti in samples below which only a plain mix-up of units can be se
 LARGE = log(3.0)  # a smaller factor that comes out of the values by accident is not a mix-up
 GAIN_APART = log(1.6)  # K alone is known less well than K/Ti
 # The limits of the quick look lie well inside those of the full comparison, to which everything in doubt is left.
-SAME_RATIO = log(1.08)  # of K/Ti; settings_check says nothing up to 1.15
-SAME_GAIN = log(1.3)  # of K; settings_check says nothing up to 1.6
+SAME_RATIO = 1.08  # of K/Ti; settings_check says nothing up to 1.15
+SAME_GAIN = 1.3  # of K and Td; settings_check says nothing up to 1.6
 FEWEST_WINDOWS = 3
 LEAST_PER_TI = 5.0  # rows per Ti; with fewer the record does not show which part of the newest error OP contains
 
@@ -77,36 +72,31 @@ def check_settings(settings: LoopSettings, found: Identification | Note) -> tupl
     return tuple(notes)
 
 
-def check_quickly(record: Record, settings: LoopSettings) -> tuple[Note, ...]:
-    """Return what is wrong with the settings given, as `check_settings` does; an empty answer means they agree."""
-    return () if follows(record, settings) else check_settings(settings, identify(record))
-
-
 def follows(record: Record, settings: LoopSettings) -> bool:
-    """Whether the recorded output is what a controller with these settings makes, within noise and rounding."""
-    K, Ti, Tf = settings.K, settings.Ti, settings.filter_time
-    if not K or not Ti or Tf is None or Ti < LEAST_PER_TI * record.interval:
+    """Whether the recorded output is what a controller with these settings makes, within noise and rounding.
+
+    One fit instead of a search: where it says so, `check_settings` has nothing to complain about.
+    """
+    K, Ti, Td, Tf = settings.K, settings.Ti, settings.Td, settings.filter_time or 0.0
+    if not K or not Ti or Ti < LEAST_PER_TI * record.interval:
         return False
     level = min(max(ceil(log(Ti / (SLOWEST * record.interval)) / log(SLOWER)), 0), LEVELS - 1)
     rows = law_rows(record, level)
-    if rows is None or not np.ptp(rows.signals[2]) > 0.0:
+    if rows is None:
         return False
-    given_D = (DERIVATIVE,) if settings.Td > 0.0 else ()
-    window = window_of(WINDOW * Ti / rows.interval, len(rows.index))
-    form = LawForm((PROPORTIONAL, INTEGRAL, SETPOINT, *given_D), window, ceil(5.0 * Tf / rows.interval) + 1, 0,
-                   0.5 if level else 0.0)
-    fit = fit_law(rows, form, Tf)
-    if fit is None:  # the setpoint stands still, or moved between the windows only
-        form = replace(form, terms=(PROPORTIONAL, INTEGRAL, *given_D))
-        fit = fit_law(rows, form, Tf)
+    terms = (PROPORTIONAL, INTEGRAL, SETPOINT, *((DERIVATIVE,) if Td else ()))
+    form = LawForm(terms, window_of(WINDOW * Ti / rows.interval, len(rows.index)),
+                   ceil(5.0 * Tf / rows.interval) + 1, 0, 0.5 if level else 0.0)
+    fit = fit_law(rows, form, Tf)  # None: the setpoint stands still, or moved between the windows only
+    fit = fit or fit_law(rows, replace(form, terms=tuple(term for term in terms if term != SETPOINT)), Tf)
     if fit is None or len(fit.sums) < FEWEST_WINDOWS or fit.unexplained > 1.0 - WELL_EXPLAINED:
         return False
-    if (fit.gain * K <= 0.0 or fit.ratio * K <= 0.0
-            or abs(log(fit.ratio * Ti / K)) > SAME_RATIO or abs(log(fit.gain / K)) > SAME_GAIN):
+    found = [(fit.ratio * Ti / K, SAME_RATIO), (fit.gain / K, SAME_GAIN)]
+    if Td:
+        found.append((fit.values[-1] / fit.gain / Td, SAME_GAIN))
+    if not all(1.0 / most <= times <= most for times, most in found):
         return False
-    if given_D:
-        return bool(settings.Td / 1.3 <= fit.values[-1] / fit.gain <= 1.3 * settings.Td)
-    with_D = fit_law(rows, replace(form, terms=(*form.terms, DERIVATIVE)), Tf)
+    with_D = None if Td else fit_law(rows, replace(fit.form, terms=(*fit.form.terms, DERIVATIVE)), Tf)
     return with_D is None or not derivative_is_real(with_D, fit)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,19 +26,24 @@ STATES = len(SampleState)
 class Survey:
     """Takes the blocks of one loop's record; where they are cut does not matter.
 
-    most: samples that are kept, the last ones. samples: number taken. states: (states,) how many of each SampleState.
-    first, last: grid numbers. gaps: holes of more than one sample; longest: of them, in steps of the grid, 0 without
-    any. moves: changes of the setpoint between usable samples. with_setpoint: samples with one.
+    most: samples that are kept, the last ones. states: (states,) how many of each SampleState. first, last: grid
+    numbers. gaps: holes of more than one sample; longest: step of the grid. moves: changes of the setpoint between
+    usable samples. with_setpoint: samples with one. lowest, highest: (2,) usable values of measurement and output.
     """
 
     def __init__(self, most: int = MOST) -> None:
         self.most = most
         self.states: IntArray = np.zeros(STATES, dtype=np.int64)
-        self.first = self.last = self.gaps = self.longest = self.moves = self.with_setpoint = self.samples = 0
-        self._low, self._high = np.full(2, np.inf), np.full(2, -np.inf)  # of measurement and output
-        self._setpoint = np.nan  # the last usable one
+        self.first = self.last = self.gaps = self.moves = self.with_setpoint = 0
+        self.longest = 1
+        self.lowest, self.highest = np.full((2, 2), np.nan)
+        self._setpoint = np.zeros(0)  # the last usable one
         self._blocks: deque[Record] = deque()
-        self._held = 0
+
+    @property
+    def samples(self) -> int:
+        """Number of samples taken."""
+        return int(self.states.sum())
 
     @property
     def used(self) -> int:
@@ -49,50 +55,35 @@ class Survey:
         self._blocks.append(block)
         if not len(block):
             return
-        index = block.index
         if not self.samples:
-            self.first, self.last = int(index[0]), int(index[0]) - 1
-        if index[-1] - self.last != len(index):
-            steps = np.diff(index, prepend=self.last)
-            self.longest = max(self.longest, int(steps.max()))
-            self.gaps += int(np.count_nonzero(steps > 2))
-        self.last, self.samples = int(index[-1]), self.samples + len(block)
+            self.first, self.last = int(block.index[0]), int(block.index[0]) - 1
+        if block.index[-1] - self.last != len(block):
+            steps = np.diff(block.index, prepend=self.last)
+            self.gaps, self.longest = self.gaps + int(np.sum(steps > 2)), max(self.longest, int(steps.max()))
+        self.last, usable = int(block.index[-1]), block.usable
         self.states = self.states + np.array([np.count_nonzero(block.state == state) for state in range(STATES)])
         self.with_setpoint += int(np.count_nonzero(np.isfinite(block.setpoint)))
-        usable = block.usable
         for signal, values in enumerate((block.measurement, block.output)):
             known = np.zeros(0) if values is None else values[usable & np.isfinite(values)]
-            if len(known):
-                self._low[signal] = min(self._low[signal], known.min())
-                self._high[signal] = max(self._high[signal], known.max())
-        setpoint = block.setpoint[usable & np.isfinite(block.setpoint)]
-        if len(setpoint):
-            before = setpoint[0] if np.isnan(self._setpoint) else self._setpoint
-            self.moves += int(np.count_nonzero(setpoint[1:] != setpoint[:-1])) + (setpoint[0] != before)
-            self._setpoint = float(setpoint[-1])
-        self._held += len(block)
-        while self._held - len(self._blocks[0]) >= self.most:
-            self._held -= len(self._blocks.popleft())
+            self.lowest[signal] = np.fmin(self.lowest[signal], known.min(initial=np.inf))
+            self.highest[signal] = np.fmax(self.highest[signal], known.max(initial=-np.inf))
+        setpoint = np.append(self._setpoint, block.setpoint[usable & np.isfinite(block.setpoint)])
+        self.moves += int(np.count_nonzero(setpoint[1:] != setpoint[:-1]))
+        self._setpoint = setpoint[-1:]
+        while sum(map(len, self._blocks)) - len(self._blocks[0]) >= self.most:
+            self._blocks.popleft()
 
     @property
     def kept(self) -> Record:
         """The last `most` samples as one block."""
-        one, blocks = self._blocks[0], self._blocks
-        if len(blocks) > 1:
-            index, setpoint, measurement, state = (
-                np.concatenate([getattr(block, name) for block in blocks])
-                for name in ("index", "setpoint", "measurement", "state"))
-            output = None if one.output is None else np.concatenate([u for b in blocks if (u := b.output) is not None])
-            one = replace(one, index=index, setpoint=setpoint, measurement=measurement, output=output, state=state,
-                          disturbances={})
+        one = self._blocks[0]
+        if len(self._blocks) > 1:
+            names = ("index", "setpoint", "measurement", "output", "state")
+            columns: dict[str, Any] = {name: np.concatenate([getattr(block, name) for block in self._blocks])
+                                       for name in names if getattr(one, name) is not None}
+            one = replace(one, disturbances={}, **columns)
             self._blocks = deque([one])
         return one.slice(-self.most, len(one))
-
-    @property
-    def ranges(self) -> tuple[float, float]:
-        """Largest less smallest usable value of measurement and output, 0 where there was none."""
-        of_measurement, of_output = np.maximum(self._high - self._low, 0.0).tolist()
-        return of_measurement, of_output
 
 
 def measured(r: Record) -> tuple[IntArray, FloatArray, IntArray, FloatArray]:

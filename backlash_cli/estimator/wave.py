@@ -2,42 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
+from scipy.signal import correlate
 
 from ..record import FloatArray
 
-POINTS = 64  # of a half period after stretching to common length
+GRID = (np.arange(64) + 0.5) / 64  # of a half period after stretching to common length
 LEAST_HALF_PERIODS = 6
 
 
-@dataclass(frozen=True)
-class Wave:
-    """One signal's oscillation: height, the autocorrelation one period on; sustained, the same five periods on (1: the
-    same for ever, 0: forgotten); half_period, (POINTS,) median shape between zero crossings, mean 1."""
-
-    height: float
-    sustained: float
-    half_period: FloatArray
-
-
-def autocorrelation(values: FloatArray, other: FloatArray | None = None, lags: int | None = None) -> FloatArray:
-    """Correlation of `values` now with `other` 0, 1 ... samples later, unbiased, divided by the standard deviations.
-
-    lags: how many of them, all n unless it is given; few take less time.
-    """
-    n = len(values)
-    lags = n if lags is None else min(lags, n)
-    size = next_fast_len(n + lags, real=True)
-    a = values - values.mean()
-    b = a if other is None else other - other.mean()
-    spectrum = np.fft.rfft(a, size)
-    raw = np.fft.irfft(np.conj(spectrum) * (spectrum if other is None else np.fft.rfft(b, size)), size)[:lags]
-    norm = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
-    return np.asarray(raw / norm * (n / (n - np.arange(lags)))) if norm > 0 else np.zeros(lags)
+def autocorrelation(values: FloatArray, lags: int) -> FloatArray:
+    """Correlation of `values` now with those 0, 1 ... lags - 1 samples later, unbiased, over their variance."""
+    n, flat = len(values), values - values.mean()
+    power = float(flat @ flat)
+    raw = correlate(flat, flat, method="fft")[n - 1 : n - 1 + lags]
+    return np.asarray(raw / power * (n / (n - np.arange(lags)))) if power > 0 else np.zeros(lags)
 
 
 def detrended(values: FloatArray, period: float) -> FloatArray:
@@ -60,13 +40,9 @@ def find_period(values: FloatArray) -> tuple[float, float]:
     The first maximum after the first minimum below zero, refined by a parabola (Miao and Seborg, Control Engineering
     Practice 7 (1999) 91, use the same maxima).
     """
-    r = autocorrelation(values, lags=max(len(values) // 3, 2))
-    below = np.flatnonzero(r < 0.0)
-    after = below[0] + np.flatnonzero(r[below[0] :] > 0.0) if len(below) else below
-    if not len(after):
-        return 0.0, 0.0
-    end = after[0] + np.flatnonzero(r[after[0] :] < 0.0)
-    k = int(after[0] + np.argmax(r[after[0] : end[0] if len(end) else len(r)]))
+    r = autocorrelation(values, max(len(values) // 3, 2))
+    at = [*(np.flatnonzero(np.diff(r >= 0.0)) + 1).tolist(), len(r), len(r), len(r)]  # down, up and down again
+    k = at[1] + int(np.argmax(r[at[1] : at[2]])) if at[1] < at[2] else len(r)
     if k + 1 >= len(r):
         return 0.0, 0.0
     bend = r[k - 1] - 2.0 * r[k] + r[k + 1]
@@ -78,7 +54,7 @@ def regularity(values: FloatArray, crossings: int = 11) -> float:
 
     Source: Thornhill, Huang and Zhang, J. Process Control 13 (2003) 91. 0 with fewer than eight crossings.
     """
-    r = autocorrelation(values, lags=len(values) // 2)
+    r = autocorrelation(values, len(values) // 2)
     at = np.flatnonzero(np.sign(r[1:]) != np.sign(r[:-1]))[:crossings]
     if len(at) < 8:
         return 0.0
@@ -87,26 +63,31 @@ def regularity(values: FloatArray, crossings: int = 11) -> float:
     return float(np.mean(length) / (3.0 * spread)) if spread > 0 else np.inf
 
 
-def wave(values: FloatArray, period: float, height: float) -> Wave | None:
-    """Return the mean half period of a signal that oscillates with `period`; None with fewer than six half periods."""
-    flat = detrended(values, period)
-    crossing = crossings(flat, period)[0]
-    length = np.diff(crossing)
-    typical = (length > 0.25 * period) & (length < 0.8 * period)
-    if typical.sum() < LEAST_HALF_PERIODS:
-        return None
-    grid = (np.arange(POINTS) + 0.5) / POINTS
-    begin, lasts = crossing[:-1][typical, None], length[typical, None]
-    shapes = np.interp(begin + grid * lasts, np.arange(len(flat)), flat)
-    mean = shapes.mean(1, keepdims=True)
-    shapes /= np.where(mean == 0.0, 1.0, mean)
+def sustained(values: FloatArray, period: float, height: float) -> float:
+    """Autocorrelation five periods on (1: the same for ever, 0: forgotten); height: the same one period on."""
     far, near = round(5.0 * period), max(round(period / 8.0), 2)  # the period is not known to the sample
-    sustained = height**5
-    if far + near < len(values) // 2:
-        n, flat = len(values), values - values.mean()
-        sustained = max(float(flat[:-k] @ flat[k:]) * n / (n - k) for k in range(far - near, far + near + 1))
-        sustained /= float(flat @ flat)
-    return Wave(height, sustained, np.median(shapes, axis=0))
+    if far + near >= len(values) // 2:
+        return height**5
+    return float(autocorrelation(values, far + near + 1)[far - near :].max())
+
+
+def mean_half_period(values: FloatArray, period: float) -> FloatArray | None:
+    """Return the median shape (64,) between zero crossings of a signal that oscillates with `period`, each of mean 1;
+    None with fewer than six half periods."""
+    flat = detrended(values, period)
+    shapes = stretched(flat, crossings(flat, period)[0], (0.25 * period, 0.8 * period), GRID)
+    if len(shapes) < LEAST_HALF_PERIODS:
+        return None
+    mean = shapes.mean(1, keepdims=True)
+    return np.asarray(np.median(shapes / np.where(mean == 0.0, 1.0, mean), axis=0))
+
+
+def stretched(values: FloatArray, marks: FloatArray, lengths: tuple[float, float], grid: FloatArray) -> FloatArray:
+    """Values between two marks (pieces, grid), of all pieces of a length between `lengths`, at the same `grid` 0..1."""
+    length = np.diff(marks)
+    typical = (length > lengths[0]) & (length < lengths[1])
+    time = marks[:-1][typical, None] + grid * length[typical, None]
+    return np.asarray(np.interp(time, np.arange(len(values)), values))
 
 
 def crossings(flat: FloatArray, period: float) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -118,14 +99,13 @@ def crossings(flat: FloatArray, period: float) -> tuple[FloatArray, NDArray[np.b
 
 
 def misfits(shape: FloatArray) -> list[float]:
-    """Sums of squares that the best half sine, the best constant and the best triangle leave of a half period.
+    """Sums of squares that the best half sine, the best constant and the best triangle leave of a half period (64,).
 
     The triangle may have its peak anywhere (He et al. 2007).
     """
-    grid, peaks = (np.arange(len(shape)) + 0.5) / len(shape), np.linspace(0.1, 0.9, 33)[:, None]
-    left = []
-    for bases in (np.sin(np.pi * grid)[None], np.ones((1, len(shape))),
-                  np.minimum(grid / peaks, (1.0 - grid) / (1.0 - peaks))):
+    peaks, left = np.linspace(0.1, 0.9, 33)[:, None], []
+    for bases in (np.sin(np.pi * GRID)[None], np.ones((1, len(GRID))),
+                  np.minimum(GRID / peaks, (1.0 - GRID) / (1.0 - peaks))):
         along = (bases @ shape) / np.sum(bases * bases, axis=1)
         left.append(float(np.sum((shape - bases * along[:, None]) ** 2, axis=1).min()))
     return left

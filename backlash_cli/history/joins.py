@@ -10,7 +10,6 @@ from ..estimator.carry import Carry, Tail, resume
 from ..estimator.haegglund import estimate
 from ..record import LoopSettings
 from ..results import Estimate
-from ..results.history import HalfPeriod
 
 COVERED = 0.9  # shorter exports that together cover this share of a longer one make it superfluous
 Span = tuple[float, float]
@@ -55,13 +54,13 @@ def join(before: Carry, start_before: float, night: Carry, start: float, setting
     return halves, math.inf if until is None else start + until * h, own_tail
 
 
-def distinct(half_periods: list[HalfPeriod]) -> list[HalfPeriod]:
+def distinct(half_periods: list[Estimate]) -> list[Estimate]:
     """Return half periods in time order with no moment counted twice, where exports overlap.
 
     The accepted ones go first, then the complete ones; one that shares more than half of itself with a kept one is
     left out.
     """
-    kept: list[HalfPeriod] = []
+    kept: list[Estimate] = []
     for p in sorted(half_periods, key=lambda p: (not p.accepted, p.why == "incomplete", -p.dt_s, p.start)):
         place = bisect_left(kept, p.start, key=lambda q: q.start)
         near = kept[max(place - 1, 0) : place + 2]

@@ -14,8 +14,8 @@ over the plant's median.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -37,28 +37,17 @@ ORDER = ("pull", "room", "watch", "leave", "check")
 TABLES = ("nights", "half_periods", "repairs", "runs")
 
 
-@dataclass(frozen=True)
-class PlantHistory:
-    """Nights and wear by loop, in the order of repair given by `places`."""
-
-    nights: dict[str, list[Night]]
-    wears: dict[str, Wear]
-    places: list[Place]
+def plant_history(history: History, limits: Limits, *, loops: Sequence[str] = (), horizon: float = HORIZON
+                  ) -> list[Place]:
+    """Read a history and return wear and place in the order of repair of all loops, or of the named ones."""
+    return rank([wear(name, history.nights(name), history.repairs(name), limits.of(name))
+                 for name in chosen(history, loops)], horizon)
 
 
-def plant_history(history: History, limits: Limits, *, loops: Sequence[str] = (),
-                  horizon: float = HORIZON) -> PlantHistory:
-    """Read a history and work out wear and ranking of all loops, or of the named ones."""
-    nights = {name: history.nights(name) for name in chosen(history, loops)}
-    wears = {name: wear(name, found, history.repairs(name), limits.of(name)) for name, found in nights.items()}
-    return PlantHistory(nights, wears, rank(list(wears.values()), nights, horizon))
-
-
-def rank(wears: Sequence[Wear], nights: Mapping[str, Sequence[Night]], horizon: float = HORIZON) -> list[Place]:
+def rank(wears: Sequence[Wear], horizon: float = HORIZON) -> list[Place]:
     """Return all loops in the order of repair. horizon: days after the plant's last night that the plan must cover."""
-    last = max((n.end for found in nights.values() for n in found), default=0.0)
-    recent = {w.loop: [n for n in sorted(nights.get(w.loop, ()), key=lambda n: n.time)
-                       if not w.repairs or n.time >= w.repairs[-1].time][-RECENT:] for w in wears}
+    last = max((n.end for w in wears for n in w.nights), default=0.0)
+    recent = {w.loop: [n for n in w.nights if not w.repairs or n.time >= w.repairs[-1].time][-RECENT:] for w in wears}
     moves = {loop: [n.travel for n in found if n.travel is not None] for loop, found in recent.items()}
     travel = {loop: x for loop, found in moves.items() if found and (x := float(np.median(found)))}
     factor = {loop: float(np.clip(np.sqrt(x / np.median([*travel.values()])), 0.7, 1.5)) for loop, x in travel.items()}
@@ -71,7 +60,7 @@ def _placed(wear: Wear, recent: Sequence[Night], factor: float, last: float, hor
     """Return the score of a loop and its place. recent: the last nights since the repair; last: time of the plant's."""
     now, limit = wear.now, wear.limit.value
     silent, swinging = (sum(n.verdict is v for n in recent) for v in (Verdict.NO_BACKLASH, Verdict.OSCILLATING))
-    answers = [n.confidence for n in recent if n.measured] or [
+    answers = [n.confidence for n in recent if n.d is not None] or [
         n.confidence for n in recent if n.verdict is Verdict.NO_BACKLASH]
     confidence = float(np.sum(answers)) / max(len(recent), 1)
     days_left = (wear.limit_date[0] - last) / DAY if wear.limit_date else np.inf
@@ -89,7 +78,7 @@ def _placed(wear: Wear, recent: Sequence[Night], factor: float, last: float, hor
     growth = now.slope * horizon if now and now.growing and now.slope else 0.0  # only what is sure counts
     expected = max(now.level + growth, 0.0) / limit if now else 0.0
     return expected * confidence * factor, Place(
-        wear.loop, 0, action, now.level / limit if now else None, confidence, len(recent), silent, swinging,
+        wear, wear.loop, 0, action, confidence, now.level / limit if now else None, len(recent), silent, swinging,
         tuple(sorted({code for _, code in wear.gaps[-RECENT:]})), factor, days_left, horizon)
 
 
@@ -100,22 +89,6 @@ def chosen(history: History, names: Sequence[str]) -> list[str]:
         if name not in known:
             raise UsageError(f"the history has no loop {name!r}", where=str(history.path), remedy=nearest(name, known))
     return [name for name in known if not names or name in names]
-
-
-def mark(history: History, loop: str, date: str, note: str) -> str:
-    """Enter a repair and say so."""
-    chosen(history, [loop])
-    new = history.mark_repair(loop, moment_of(date), note)
-    return f"repair of {loop} on {date} {'entered' if new else 'was already entered'}: {note}"
-
-
-def unmark(history: History, loop: str, date: str) -> str:
-    """Take a repair back and say so."""
-    if not history.remove_repair(loop, moment_of(date)):
-        days = ", ".join(r.date.isoformat() for r in history.repairs(loop)) or "none"
-        raise UsageError(f"no repair of {loop} is entered on {date}", where=str(history.path),
-                         remedy=f"entered are: {days}")
-    return f"repair of {loop} on {date} taken back"
 
 
 def moment_of(date: str) -> float:
@@ -141,8 +114,9 @@ def rows_of(history: History, table: str, loops: list[str]) -> list[dict[str, An
         return [{"loop": loop, "time": r.time, "date": r.date.isoformat(), "note": r.note}
                 for loop in loops for r in history.repairs(loop)]
     if table == "runs":
-        return [{"start": r.first, "end": r.last, "loops": r.loops, "nights": r.nights, "inputs": ", ".join(r.inputs),
-                 "failures": "; ".join(n.message for n in r.failures), "tool": r.tool} for r in history.runs()]
+        return [{"start": r["first"], "end": r["last"], "loops": r["loops"], "nights": r["nights"],
+                 "inputs": ", ".join(r["inputs"]), "failures": "; ".join(n["message"] for n in r["failures"]),
+                 "tool": r["tool"]} for r in history.runs()]
     raise UsageError(f"no table {table!r}", where="--table", remedy=nearest(table, TABLES))
 
 

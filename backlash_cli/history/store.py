@@ -12,10 +12,11 @@ import contextlib
 import hashlib
 import json
 import math
+import re
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partialmethod
+from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,40 +26,16 @@ from .. import __version__
 from ..errors import BacklashError
 from ..estimator.carry import Carry, unpack
 from ..record import LoopSettings, Note
-from ..results import Estimate, LoopReport, ScanResult, Verdict
-from ..results.history import DAY, HalfPeriod, Night, Outcome, Repair, Run, day_of
+from ..results import Estimate, LoopReport, ScanResult
+from ..results.history import DAY, Night, Repair, day_of
 from .joins import active, distinct, join
 
 PATIENCE = 60.0  # seconds to wait for another run before giving up
 QUIET = 1.0  # seconds to wait before saying so
 APPLICATION = 0x6261636B  # "back": marks the file as a backlash history
-STEPS = (  # statements from each version to the next; an empty file has version 0
-    ("""CREATE TABLE nights (
-        loop TEXT NOT NULL, start REAL NOT NULL, end REAL NOT NULL,
-        digest TEXT NOT NULL, verdict TEXT NOT NULL, confidence REAL NOT NULL,
-        d REAL, d_low REAL, d_high REAL, source TEXT NOT NULL, limit_of_detection REAL,
-        samples INTEGER NOT NULL, interval_s REAL, half_periods INTEGER NOT NULL, detections INTEGER NOT NULL,
-        settings TEXT NOT NULL, reasons TEXT NOT NULL, warnings TEXT NOT NULL,
-        PRIMARY KEY (loop, start, end)) WITHOUT ROWID""",
-     """CREATE TABLE half_periods (
-        loop TEXT NOT NULL, night_start REAL NOT NULL, night_end REAL NOT NULL,
-        joined INTEGER NOT NULL, start REAL NOT NULL, end REAL NOT NULL,
-        dt_s REAL NOT NULL, dy REAL NOT NULL, e_max REAL NOT NULL, d REAL NOT NULL,
-        direction INTEGER NOT NULL, accepted INTEGER NOT NULL, why TEXT NOT NULL,
-        PRIMARY KEY (loop, night_start, night_end, joined, start, end)) WITHOUT ROWID""",
-     """CREATE TABLE runs (
-        digest TEXT PRIMARY KEY, first REAL NOT NULL, last REAL NOT NULL, loops INTEGER NOT NULL,
-        nights INTEGER NOT NULL, inputs TEXT NOT NULL, failures TEXT NOT NULL, tool TEXT NOT NULL) WITHOUT ROWID""",
-     "CREATE TABLE repairs (loop TEXT, time REAL, note TEXT NOT NULL, PRIMARY KEY (loop, time)) WITHOUT ROWID"),
-    # a night says what it leaves to the next one, valve travel and details of the evidence; the nightly job knows which
-    # exports it has scanned
-    ("ALTER TABLE nights ADD COLUMN travel REAL",
-     "ALTER TABLE nights ADD COLUMN details TEXT NOT NULL DEFAULT '{}'",
-     "ALTER TABLE nights ADD COLUMN carry BLOB",
-     "CREATE TABLE exports (name TEXT PRIMARY KEY, fingerprint TEXT NOT NULL) WITHOUT ROWID"),
-    # half periods over the cut are worked out when they are asked for
-    ("DROP TABLE IF EXISTS joins", "DELETE FROM half_periods WHERE joined"),
-)
+# statements from each version to the next
+STEPS = [[statement for statement in step.split(";") if statement.strip()] for step in re.split(
+    "(?m)^-- version.*", resources.files(__package__).joinpath("tables.sql").read_text("utf-8"))[1:]]
 AS_JSON = ("settings", "reasons", "warnings", "details", "inputs", "failures")  # columns
 _BUSY = ("another run is still writing to the history", "run again when it has finished")
 _WRONG = {
@@ -113,9 +90,10 @@ class History:
     def __exit__(self, *error: object) -> None:
         self.db.close()
 
-    def add(self, *results: ScanResult, export: tuple[str, str] | None = None) -> Outcome:
+    def add(self, *results: ScanResult, export: tuple[str, str] | None = None) -> dict[str, list[Any]]:
         """Store scans at once: all of them are in the file afterwards, or none; nights that are known with the same
-        content stay untouched.
+        content stay untouched. Returns the nights, as (loop, day), that are `new`, `unchanged` or `revised`, and the
+        loops without a time (`untimed`), which are not stored.
 
         export: name and fingerprint of the export they come from, for the nightly job to know it again.
         """
@@ -146,11 +124,11 @@ class History:
                         "tool": __version__}])
             if export is not None:
                 self.insert("exports", [dict(zip(("name", "fingerprint"), export, strict=True))])
-        return Outcome(**{name: tuple(nights) for name, nights in done.items()})
+        return done
 
-    def export_fingerprint(self, name: str) -> str | None:
-        """Return the fingerprint with which an export was scanned last, None when it never was."""
-        return next((row["fingerprint"] for row in self.rows("SELECT * FROM exports WHERE name = ?", [name])), None)
+    def exports(self) -> dict[str, str]:
+        """Return the names of the exports that were scanned, each with its fingerprint then."""
+        return {row["name"]: row["fingerprint"] for row in self.rows("SELECT * FROM exports")}
 
     def loops(self) -> list[str]:
         """Return the names of all loops, in order."""
@@ -164,14 +142,14 @@ class History:
         rows = {(row["start"], row["end"]): row for row in self.rows("SELECT * FROM nights WHERE loop = ?", [loop])}
         return [rows[span] for span in active([*rows])]
 
-    def half_periods(self, loop: str, days: float = math.inf) -> list[HalfPeriod]:
+    def half_periods(self, loop: str, days: float = math.inf) -> list[Estimate]:
         """Return the half periods of a loop in time order, each moment once, joined where nights meet.
 
         days: only of nights that end within so many days before the last.
         """
         rows = self._nights(loop)
         since = max((row["end"] for row in rows), default=0.0) - days * DAY
-        found: list[HalfPeriod] = []
+        found: list[Estimate] = []
         before: tuple[Carry, float] | None = None
         for row in rows[max(sum(row["end"] <= since for row in rows) - 1, 0) :]:
             own = self.rows(f"SELECT * FROM half_periods {OF_NIGHT}", row)
@@ -183,14 +161,12 @@ class History:
                 if before is not None:  # those that go over the cut take the place of the night's own
                     halves, until, tail = join(*before, carry, start, settings)
                     own = [*(r for r in own if r["start"] >= until - 0.002),
-                           *({**half_period_row(row, e), "joined": 1} for e in halves)]
+                           *(half_period_row(row, replace(e, joined=True)) for e in halves)]
                     carry = replace(carry, tail=tail or carry.tail)
                 before = carry, start
             if row["end"] > since:
-                found += msgspec.convert(own, list[HalfPeriod], strict=False)
+                found += msgspec.convert(own, list[Estimate], strict=False)
         return distinct(found)
-
-    recent_half_periods = partialmethod(half_periods, days=14.0)
 
     def repairs(self, loop: str) -> list[Repair]:
         """Return the repairs that people marked for a loop, in time order."""
@@ -209,9 +185,9 @@ class History:
             done = self.db.execute("DELETE FROM repairs WHERE loop = ? AND time = ?", [loop, time]).rowcount
         return bool(done)
 
-    def runs(self) -> list[Run]:
-        """Return the runs that added to the history, in the order of their data."""
-        return msgspec.convert(self.rows("SELECT * FROM runs ORDER BY first, last, digest"), list[Run])
+    def runs(self) -> list[dict[str, Any]]:
+        """Return the runs that added to the history, in the order of their data, each by the columns of its table."""
+        return self.rows("SELECT * FROM runs ORDER BY first, last, digest")
 
     def rows(self, query: str, values: Sequence[object] | Mapping[str, object] = ()) -> list[dict[str, Any]]:
         """Return the answer to a query with its values."""
@@ -273,14 +249,15 @@ def night_row(report: LoopReport) -> dict[str, Any]:
 
     digest: fingerprint of the row, the half periods and the carry.
     """
-    d, ci95, source = size_of(report)
-    s = report.settings
+    # a number that the verdict refused is not a point of the wear
+    claimed, s = report.claimed, report.settings
+    d, low, high = (claimed.d, *claimed.ci95) if claimed else (None, None, None)
     found = {name: vars(evidence) for name in _EVIDENCE if (evidence := getattr(report, name)) is not None}
     row = _rounded({
         # what is no valid text (broken encodings) is spelled out
         "loop": report.loop.encode("utf-8", "backslashreplace").decode("utf-8"),
         "start": report.start, "end": report.end, "verdict": str(report.verdict), "confidence": report.confidence,
-        "d": d, "d_low": ci95[0] if ci95 else None, "d_high": ci95[1] if ci95 else None, "source": source,
+        "d": d, "d_low": low, "d_high": high, "source": type(claimed).__name__.lower() if claimed else "",
         **{name: getattr(report, name) for name in ("limit_of_detection", "samples", "interval_s", "half_periods",
                                                     "detections")},
         "settings": _rounded({name: getattr(s, name) for name in ("K", "Ti", "Td", "Tf", "Kp", "theta")}) | {
@@ -295,27 +272,13 @@ def night_row(report: LoopReport) -> dict[str, Any]:
 
 def half_period_row(night: Mapping[str, Any], e: Estimate) -> dict[str, Any]:
     """Return the row of table `half_periods` for one half period of a night."""
-    return {"loop": night["loop"], "night_start": night["start"], "night_end": night["end"], "joined": 0,
-            **_rounded(vars(e)), "accepted": int(e.accepted)}
+    return {"loop": night["loop"], "night_start": night["start"], "night_end": night["end"],
+            "joined": 0, **_rounded(vars(e)), **{"accepted": int(e.accepted), "joined": int(e.joined)}}
 
 
 def night_of(row: Mapping[str, Any]) -> Night:
     """Return a row of table `nights` as a Night."""
     return msgspec.convert({**row, "ci95": None if row["d_low"] is None else (row["d_low"], row["d_high"])}, Night)
-
-
-def size_of(report: LoopReport) -> tuple[float | None, tuple[float, float] | None, str]:
-    """Return the dead band that a report stands for, its interval, and where it comes from.
-
-    The measurement against the output goes before the half periods, which read low in noise. No size without the
-    verdict backlash or suspected: a number that the verdict refused is not a point of the wear.
-    """
-    if report.verdict in (Verdict.BACKLASH, Verdict.SUSPECTED):
-        for source in ("confirmation", "cluster"):
-            found = getattr(report, source)
-            if found is not None and math.isfinite(found.d) and found.d > 0:
-                return found.d, found.ci95, source
-    return None, None, ""
 
 
 def _notes(notes: Sequence[Note]) -> list[dict[str, str]]:
@@ -350,6 +313,5 @@ def check_folder(path: Path) -> None:
 
 
 def _wrong(error: sqlite3.Error) -> tuple[str, str]:
-    """Return what is wrong and the remedy."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     return _WRONG.get(code, (f"the history cannot be used: {error}", "check the file"))

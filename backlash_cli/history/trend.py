@@ -46,7 +46,7 @@ def wear(loop: str, nights: Sequence[Night], marked: Sequence[Repair], limit: Li
     if found := _found(loop, parts):
         repairs = tuple(sorted([*marked, *found], key=lambda r: r.time))
         parts = _between(points, repairs)
-    out = Wear(loop, len(nights), limit, "no_estimate", tuple(segment for _, segment, _ in parts if segment),
+    out = Wear(loop, nights, limit, "no_estimate", tuple(segment for _, segment, _ in parts if segment),
                repairs, None, tuple(gaps), tuple(missing_days(covered)))
     # after the last repair nothing may have been measured yet: then no older slope speaks for the valve
     _, segment, trend = parts[-1]
@@ -56,8 +56,9 @@ def wear(loop: str, nights: Sequence[Night], marked: Sequence[Repair], limit: Li
         silent = not segment.nights and segment.below >= ENOUGH
         return replace(out, state="no_trend" if silent else "too_few_nights")
     compared, stepped = held_out(trend.nights), bool(trend.nights.steps.any())
+    holds = not stepped and (compared is None or compared.straight_line_holds)
     # a line has to stand both tests: the nights that it has not seen, and all of them against trends that bend
-    line = trend.straight >= UNLIKELY * BELIEF[LINE] and not stepped and (compared is None or compared.line_holds)
+    line = holds and trend.straight >= UNLIKELY * BELIEF[LINE]
     out = replace(out, model="line" if line else "local", held_out=compared, state="no_trend")
     last = len(trend.nights) - 1
     if segment.slope_ci95[0] <= 0 and not (stepped and trend.low[last] > trend.high[0]):
@@ -76,7 +77,6 @@ Part = tuple[list[Night], Segment | None, Trend | None]  # nights between two re
 
 
 def _between(points: Sequence[Night], repairs: Sequence[Repair]) -> list[Part]:
-    """Return the nights before, between and after the repairs."""
     edges = [-np.inf, *sorted(r.time for r in repairs), np.inf]
     parts = ([p for p in points if first <= p.time < last] for first, last in pairwise(edges))
     return [(part, *_fitted(part)) for part in parts]
@@ -109,17 +109,17 @@ def points_of(nights: Sequence[Night]) -> tuple[list[Night], list[tuple[str, str
 
     Two kinds of estimate are never mixed: the one that most nights have stands for the loop.
     """
-    sized = [n for n in nights if n.measured]
+    sized = [n for n in nights if n.d is not None]
     source = "confirmation" if 2 * sum(n.source == "confirmation" for n in sized) >= len(sized) else "cluster"
     points, gaps = [], []
     for night in nights:
         other = night.details.get(source)
-        if night.below_detection or (night.measured and night.source == source):
+        if night.below_detection or (night.d is not None and night.source == source):
             points.append(night)
-        elif night.measured and isinstance(other, dict) and other.get("d") is not None:
+        elif night.d is not None and isinstance(other, dict) and other.get("d") is not None:
             points.append(replace(night, d=float(other["d"]), ci95=None))
         else:
-            code = "no_size" if night.measured else night.reasons[0].code if night.reasons else str(night.verdict)
+            code = "no_size" if night.d is not None else night.reasons[0].code if night.reasons else str(night.verdict)
             gaps.append((night.date.isoformat(), code))
     return points, gaps
 
@@ -157,7 +157,7 @@ def _found(loop: str, parts: Sequence[Part]) -> list[Repair]:
     """
     out = []
     for number, (nights, _, trend) in enumerate(parts):
-        sized = [k for k, p in enumerate(nights) if p.measured]
+        sized = [k for k, p in enumerate(nights) if p.d is not None]
         steps = [] if trend is None else [(k, *trend.level[k - 1 : k + 1].tolist()) for k in
                                           np.flatnonzero(trend.nights.steps)]
         falls = [(sized[k], before, after) for k, before, after in steps if _fell(before, after)]
@@ -211,5 +211,5 @@ def held_out(nights: Nights) -> HeldOut | None:
         scores.append(float(-0.5 * ((size - mean) ** 2 / variance + np.log(variance)).sum()))
         off.append(size - mean)
     line, local = (float(np.median(np.abs(x))) for x in off)
-    return HeldOut(len(hidden), float(days[0] * DAY), line, local, float(np.median(off[0])),
+    return HeldOut(len(hidden), day_of(days[0] * DAY).isoformat(), line, local, float(np.median(off[0])),
                    scores[0] >= scores[1] - CLEAR)

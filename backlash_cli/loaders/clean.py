@@ -127,10 +127,12 @@ class _Making:
         # half of Ti is a tenth of the shortest half period that is used
         self.bridge = MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / grid.interval)))
         self.notes = [*self.recipe.notes, *settings.notes, *pv.times.notes, *on_grid]
-        self.notes += [*pv.notes, *add_faults(self.faults, pv.faults)]
+        told = [*pv.notes, *add_faults(self.faults, pv.faults)]
+        self.notes += told
         measured = self._on_grid(pv, "pv", grid)
         if first_chunk and not np.isfinite(measured).any():
-            raise LoopError(**explained("pv_empty"))
+            why = "".join(f"; {note.message}" for note in told)
+            raise LoopError(**explained("no_good_pv" if "quality" in why else "no_pv_number", why=why))
         setpoint, output = self._companion(loop, "sp", grid), self._companion(loop, "op", grid)
         if setpoint is None and settings.constant_setpoint is not None:
             setpoint = np.full(len(measured), settings.constant_setpoint)

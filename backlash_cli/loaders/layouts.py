@@ -78,7 +78,7 @@ class Head:
         if not pa.types.is_integer(self.columns[column].type):
             return False
         values = self.columns[column].slice(0, 4000).drop_null().to_numpy()
-        return len(values) > 0 and set(np.unique(values).tolist()) <= _OPC and bool(np.mean(values >= 192) > 0.5)
+        return len(values) > 0 and set(np.unique(values).tolist()) <= _OPC and bool(np.mean(values >= 128) > 0.5)
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
         return [i for i in texts if heads[i] and sum(map(test, heads[i])) >= 0.5 * len(heads[i])]
 
     whole = mostly(lambda word: bool(split_tag(word).loop) and split_tag(word).role in SIGNALS)
-    roles = mostly(lambda word: signal_role(word) != "")
+    roles = [i for i in mostly(lambda word: signal_role(word) != "") if not is_quality_name(head.plain[i])]
     named = [i for i in texts if head.plain[i] in TAG]
     if roles:
         rest = [i for i in texts if i not in roles and heads[i] and head.plain[i] not in IGNORED

@@ -67,7 +67,8 @@ def signal_role(text: str) -> str:
 def is_time_name(text: str) -> bool:
     """Say whether a header names a column of time stamps."""
     word = plain(text)
-    return word in COLUMNS["time"] or (word.startswith(("timestamp", "datetime", "zeitstempel")) and len(word) < 24)
+    return word in COLUMNS["time"] or re.sub(r"(?:[mun]?s|msec)$", "", word) in COLUMNS["time"] or (
+        word.startswith(("timestamp", "datetime", "zeitstempel")) and len(word) < 24)
 
 
 def is_quality_name(word: str) -> bool:

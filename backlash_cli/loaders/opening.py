@@ -1,5 +1,5 @@
-"""From a path to UTF-8 text in whole lines, or to Parquet: compression, encodings, workbooks, what is no export; and
-how a text is written: delimiter, header, units row, decimal sign, from its first thousands of lines."""
+"""From a path to UTF-8 text in whole lines, or to Parquet: compression, encodings, archives, workbooks, what is no
+export; and how a text is written: delimiter, header, units row, decimal sign, told from its first lines."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from itertools import chain, islice
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
+from zipfile import BadZipFile, ZipFile
 
 import pyarrow as pa
 
@@ -27,7 +28,7 @@ from ..record import Note
 from .cells import decimal_sign
 from .names import COLUMNS, WORDS, explained, is_time_name, noted, plain, signal_role, split_tag
 from .options import ReadOptions
-from .sources import Remote, open_place
+from .sources import Remote, is_export, open_place, stem_of
 from .times import stamp_kind
 
 CHUNK = 1 << 20  # bytes that are read at once
@@ -38,7 +39,7 @@ BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20
 _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
     b"\x1f\x8b": ("gzip", gzip.open), b"BZh": ("bz2", bz2.open), b"\xfd7zXZ\x00": ("xz", lzma.open),
     b"\x28\xb5\x2f\xfd": ("zstd", lambda file: pa.CompressedInputStream(pa.PythonFile(file, mode="r"), "zstd"))}
-_DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, pa.ArrowException)
+_DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, BadZipFile, pa.ArrowException)
 _MARKS = {"utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}
 _TEXT = bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)})
 _ANNOTATION = re.compile(rb"^#(?:datatype|group|default)\b", re.MULTILINE)
@@ -53,7 +54,7 @@ Line = tuple[int, int, str]
 
 
 def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
-    """Return "parquet", "workbook" or "text" for what begins so. Raises InputError for what is no export."""
+    """Return "parquet", "workbook", "archive" or "text" for what begins so. Raises InputError for what is no export."""
     try:
         if not path.is_file():
             raise InputError(**explained("no_file"), where=str(path))
@@ -64,8 +65,8 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
     if not magic:
         raise InputError(**explained("empty_file"), where=str(path))
-    if magic.startswith(b"PK\x03\x04") and path.name.lower().endswith((".xlsx", ".xlsm")):
-        return "workbook"
+    if magic.startswith(b"PK\x03\x04"):
+        return "workbook" if path.name.lower().endswith((".xlsx", ".xlsm")) else "archive"
     for mark, (what, remedy) in WORDS["foreign"].items():
         if magic.startswith(mark.encode("latin-1")):
             raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
@@ -74,25 +75,27 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
 
 class Text:
     """The text of a file as UTF-8, in blocks of whole lines: `head`, and `rest`, to be gone through once; `notes` are
-    complete then. taken: called with the bytes that were read. Raises InputError for what is no text, and for small
-    files that expand without end; of a damaged file what is whole is read."""
+    complete then. taken: called with the bytes that were read. opened: gives the text, where it is but a part of the
+    file. Raises InputError for what is no text, and for small files that expand without end; of a damaged file what is
+    whole is read."""
 
     def __init__(self, path: Path | Remote, options: ReadOptions, taken: Callable[[int], None] = lambda count: None,
-                 data: bytes | None = None) -> None:
+                 opened: Callable[[], Any] | None = None) -> None:
         self.path, self.where, self.options, self._taken = path, str(path), options, taken
         self.notes: list[Note] = []
-        self.rest = lines_together(self._decoded(self._pieces() if data is None else iter([data])))
+        self.rest = lines_together(self._decoded(self._pieces(opened)))
         self.head = next(self.rest, bytearray())
         if _ANNOTATION.search(self.head, 0, SAMPLE):
             self.rest = _without_annotations(chain([self.head], self.rest))
             self.head = next(self.rest, bytearray())
 
-    def _pieces(self) -> Iterator[bytes]:
+    def _pieces(self, part: Callable[[], Any] | None) -> Iterator[bytes]:
         size, total = self.path.stat().st_size, 0
-        with open_place(self.path) as file:
+        with part() if part else open_place(self.path) as file:
             magic = file.read(16)
             file.seek(0)
-            codec, opened = next((own for mark, own in _CODECS.items() if magic.startswith(mark)), ("", None))
+            codec, opened = next((own for mark, own in _CODECS.items() if magic.startswith(mark)),
+                                 ("zip" if part else "", None))
             stream, told = opened(file) if opened else file, 0
             read = getattr(stream, "read1", stream.read)  # no more than one piece at once
             while True:
@@ -102,7 +105,8 @@ class Text:
                     if not codec:
                         raise
                     what = "the compressed stream ends too early" if isinstance(error, EOFError) else str(error)
-                    if total < 200 or isinstance(error, gzip.BadGzipFile):  # a wrong checksum: any part may be wrong
+                    # with a wrong checksum any part may be wrong
+                    if total < 200 or isinstance(error, (gzip.BadGzipFile, BadZipFile)):
                         raise InputError(**explained("damaged", kind=codec, problem=what), where=self.where) from None
                     self.notes.append(noted("truncated", codec=codec, problem=what))
                     return
@@ -202,8 +206,23 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
     return "utf-8"
 
 
-def sheets(path: Path | Remote) -> list[tuple[str, bytes]]:
-    """Return (name, text as CSV) of the sheets that hold more than a few cells. Raises InputError."""
+def members(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
+    """Return (stem, what opens it) of the exports in a zip archive. Raises InputError without any."""
+    try:
+        archive = ZipFile(open_place(path))
+        found = [(stem_of(Path(name)), partial(archive.open, name)) for name in archive.namelist()
+                 if is_export(PurePosixPath(name).name)]
+        for _, opened in found:
+            opened().close()
+    except (BadZipFile, OSError, ValueError, RuntimeError) as error:  # damaged, encrypted, or packed in another way
+        raise InputError(**explained("damaged_archive", problem=error), where=str(path)) from None
+    if not found:
+        raise InputError(**explained("empty_archive"), where=str(path))
+    return found
+
+
+def sheets(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
+    """Return (name, what opens it as CSV) of the sheets that hold more than a few cells. Raises InputError."""
     import pandas as pd
 
     try:
@@ -214,7 +233,8 @@ def sheets(path: Path | Remote) -> list[tuple[str, bytes]]:
     except Exception as error:  # the library raises kinds of its own for damaged workbooks
         problem = str(error).strip() or type(error).__name__
         raise InputError(**explained("damaged_workbook", problem=problem), where=str(path)) from None
-    found = [(name, rows.to_csv(header=False, index=False).encode()) for name, rows in book.items() if len(rows) > 1]
+    found = [(name, partial(io.BytesIO, rows.to_csv(header=False, index=False).encode()))
+             for name, rows in book.items() if len(rows) > 1]
     if not found:
         raise InputError(**explained("empty_workbook"), where=str(path))
     return found

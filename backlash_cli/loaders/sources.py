@@ -22,8 +22,8 @@ from ..errors import BacklashError, InputError, MetadataError, nearest
 from ..settings import Metadata, parse_table, parse_toml
 from .names import COLUMNS, WORDS, explained, plain, some
 
-_FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|parquet|pq|xlsx|xlsm))?(?:\.(?:gz|zstd?|bz2|xz))?",
-                   re.IGNORECASE | re.DOTALL)
+_FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|parquet|pq|xlsx|xlsm|zip))?"
+                   r"(?:\.(?:gz|zstd?|bz2|xz))?", re.IGNORECASE | re.DOTALL)
 _PART = re.compile(r"(?:part|data|chunk)[-_.]\d", re.IGNORECASE)  # pieces of a dataset as Arrow, Spark, Dask call them
 _DATE = re.compile(r"[\d._-]+")
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+(?:://|::)")  # one letter before the colon is a drive of Windows
@@ -257,9 +257,9 @@ def read_metadata(path: str | PathLike[str]) -> Metadata:
         with open_place(path) as file:
             text = file.read().decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        name = "no_loops_file" if isinstance(error, FileNotFoundError) else "loops_file"
-        problem = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise MetadataError(**explained(name, problem=problem), where=str(path)) from None
+        name = "no_loops_file" if isinstance(error, FileNotFoundError) else (
+            "loops_file" if isinstance(error, OSError) else "loops_file_text")
+        raise MetadataError(**explained(name, problem=getattr(error, "strerror", "")), where=str(path)) from None
     parse = parse_table if Path(path.name).suffix.lower() in (".csv", ".txt", ".tsv") else parse_toml
     return parse(text, str(path))
 

@@ -51,9 +51,9 @@ def _named(further: tuple[str, ...]) -> tuple[set[str], list[float]]:
 
 def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, float] | None = None
                  ) -> tuple[NDArray[np.bool_], list[Note]]:
-    """Return (rows,) True where the quality says good. Numbers are OPC codes (192 and more), percents or 0/1. further:
-    words or numbers that mean good. name: Validity and its like are 1 where the row is good. known: what earlier chunks
-    tell."""
+    """Return (rows,) True where the quality says good. Numbers are codes of OPC or PROFIBUS (128 and more), percents or
+    0/1. further: words or numbers that mean good. name: Validity and its like are 1 where the row is good. known: what
+    earlier chunks tell."""
     numbers, codes, words = _numbers_or_words(cells, all_texts=True)
     extra, wanted = _named(further)
     if numbers is not None:
@@ -76,8 +76,8 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, float]) -> tupl
     usual = seen.setdefault("usual", float(np.median(known)))
     if high >= 1 << 30:  # OPC UA status codes: the two highest bits are the severity
         return values < 1 << 30, []
-    if high >= 192:
-        return (values >= 192) & (values < 256), []
+    if high >= 128:
+        return (values >= 128) & (values < 256), []
     if high == 100 or (_ONE_IS_GOOD.search(name) and low >= 0.0 and high <= 1.0):
         return values == (100.0 if high == 100 else 1.0), []
     if low == high:

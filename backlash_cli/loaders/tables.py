@@ -23,7 +23,7 @@ from .cells import BLANK, Cells, Lexicon, codes_and_words, is_number, is_text, s
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
 from .names import explained, noted, signal_role
-from .opening import HEAD_LINES, Text, find_dialect, kind_of, sheets
+from .opening import HEAD_LINES, Text, find_dialect, kind_of, members, sheets
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
 from .sources import Remote, Source, open_place, stem_of
@@ -186,17 +186,20 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
     kind = kind_of(path)
     if kind == "parquet":
         taken(path.stat().st_size)
-    parts: list[tuple[str, bytes | None]] = [*sheets(path)] if kind == "workbook" else [(stem, None)]
+    parts: Sequence[tuple[str, Callable[[], Any] | None]] = (
+        sheets(path) if kind == "workbook" else members(path) if kind == "archive" else [(stem, None)])
     found: list[Series] = []
     notes: list[Note] = []
     problems: list[InputError] = []
-    for name, data in parts:
+    for name, opened in parts:
+        name = stem if kind == "workbook" and len(parts) == 1 else name
         try:
             table = ParquetTable(path, stem, options, source.partition) if kind == "parquet" else TextTable(
-                Text(path, options, taken, data), stem if len(parts) == 1 else name, source.partition)
+                Text(path, options, taken, opened), name, source.partition)
             layout = layout_of(table.head, options)
         except InputError as error:
             problems.append(error)
+            notes += [noted("passed_over", name=name, error=error)][: kind == "archive"]
             continue
         found += _signals(table, layout, options, needed, room)
         notes += table.notes

@@ -29,8 +29,8 @@ _DATED = (rf"^\s*(?:{LETTER}{{2,10}}\.?,?\s+)?(?P<a>\d{{1,4}}|{LETTER}{{3,12}}\.
 _COMPACT = (r"^\s*(?P<a>(?:19|20)\d{2})(?P<sep>)(?P<b>\d{2})(?P<c>\d{2})(?:[T_ -]?(?P<h>\d{2}):?(?P<mi>\d{2})"
             r"(?::?(?P<s>\d{2})(?:[.,]?(?P<f>\d{1,9}))?)?)?\s*(?P<ap>)(?P<z>Z|[+-]\d{2}:?\d{0,2})?\s*$")  # fmt: skip
 _OF_DAY = rf"^\s*{_CLOCK}\s*$"
-_REWRITTEN = (  # quotes, East Asian date signs, the year at the end
-    (r"^\s*['\"]|['\"]\s*$", ""), (r"^(\d{4})年(\d{1,2})月(\d{1,2})日", r"\1-\2-\3"),
+_REWRITTEN = (  # blanks that do not break a line, quotes, East Asian date signs, the year at the end
+    ("[\u00a0\u2009\u202f]", " "), (r"^\s*['\"]|['\"]\s*$", ""), (r"^(\d{4})年(\d{1,2})月(\d{1,2})日", r"\1-\2-\3"),
     (rf"^\s*{LETTER}{{3}}\s+({LETTER}{{3}}\s+\d{{1,2}})\s+(\d{{1,2}}:\d{{2}}:\d{{2}})\s+((?:[A-Z]{{3,4}}\s+)?)(\d{{4}})"
      r"\s*$", r"\1 \4 \2 \3"),
 )  # fmt: skip

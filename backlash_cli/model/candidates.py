@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..effects import Effect, Stage
-from ..effects.fitting import Values
+from ..effects.fitting import Clues, Values
 from ..effects.process import delayed_lag, lag_transposed
 from ..record import FloatArray
 from .fit import Fit, Solver, descend, finished, fit, free_numbers, get, linear_values, put, refit_noise
@@ -23,38 +23,23 @@ from .pipeline import Part, Shape, as_tuple, moved_output, predict
 from .problem import Problem, trust
 
 LAG_SHARES = (0.6, 1.0)
-# of a random load that hides little, times the noise
-LOOSE = 0.05
-# a lag longer than this part of the record is hardly that of the process; parts of the record that it may be instead
-SLOW_FOR_RECORD, QUICK = 100.0, (150.0, 500.0)
-SWEEP = 17
-# starts of each kind of an effect with many valleys from which some random trials go out, and the best of all kinds
-# from which many more do
-KEEP_JUMPY, FIRST_WANDERINGS, KEEP_WANDERING, WANDERINGS = 4, 30, 3, 100
-# gain in deviance of a look-alike below which an effect with many valleys is not searched for
-WORTH_A_LOOK = 6.0
-# a start that is still this much worse than the model without the effect is not refined further
-HOPELESS = 4.0
-# gain in deviance under the first noise below which another noise was never found to help; and by how much a second
-# start may be worse than the best before both are refined
-LITTLE, BEHIND = 10.0, 30.0
-# a controller has made up for a load after about this many time constants
-ANSWERED = 10.0
-# share of the gain of the best effect that the look-alike of a jumpy one must reach
-HOPEFUL = 0.5
-# a column of which less than this share is new to the model cannot carry an effect of its own
-LEAST_NEW = 0.05
-# load steps may follow each other after this share of the record, however slow the process
-MOST_APART = 0.02
-# a load behind the process forgets within about three lags, so that six lags hold one independent error
-LAGS_PER_STRETCH = 6.0
-# a slow loop still gets weight enough that a model which does not predict cannot win
-LEAST_STRETCHES, MOST_STRETCHES = 30.0, 150.0
+LOOSE = 0.05  # of a random load that hides little, times the noise
+KEEP_JUMPY, FIRST_WANDERINGS = 4, 30  # where there are many valleys: starts of each kind, random trials from each
+KEEP_WANDERING, WANDERINGS = 3, 100  # then the best of all kinds, and trials from each of them
+WORTH_A_LOOK = 6.0  # gain in deviance of a look-alike below which an effect with many valleys is not searched for
+HOPELESS = 4.0  # a start that is still this much worse than the model without the effect is not refined further
+LITTLE = 10.0  # gain in deviance below which another noise was never found to help
+BEHIND = 30.0  # a second start that is worse than the best by less is refined, too
+ANSWERED = 10.0  # a controller has made up for a load after about this many time constants
+HOPEFUL = 0.5  # share of the gain of the best effect that the look-alike of a jumpy one must reach
+LEAST_NEW = 0.05  # a column of which less than this share is new to the model cannot carry an effect of its own
+MOST_APART = 0.02  # load steps may follow each other after this share of the record, however slow the process
+LAGS_PER_STRETCH = 6.0  # a load behind the process forgets within about three lags: six hold one independent error
+LEAST_STRETCHES, MOST_STRETCHES = 30.0, 150.0  # in a slow loop, too, a model that does not predict cannot win
 # gain in score that an effect must bring, price paid: about what one more value costs twice. Loops with nothing hidden
 # gain up to 10 by chance; `python -m tests.benchmarks.explain_benchmark --kind none` counts those that gain more
 ENOUGH = 20.0
-# more than any likelihood
-WRONG_WAY = 1e7
+WRONG_WAY = 1e7  # more than any likelihood
 
 
 def jumpy(effect: Effect) -> bool:
@@ -66,21 +51,17 @@ def jumpy(effect: Effect) -> bool:
 class Judge:
     """Scores fits of the loop `problem`, whose process has about the time constant `lag` [s].
 
-    The deviance knows how well each sample follows from those before it. A random load that may wander without
-    limit explains a drift or a step as well as the real cause does; it does not predict PV from OP. The error of
-    that prediction, over as many stretches as are independent, decides where the deviance cannot. It tells nothing
-    where OP only answers to the load, so that it counts for less the more it does (see `problem`).
+    A random load that may wander without limit explains a drift or a step as well as the real cause does, but does not
+    predict PV from OP. The error of that prediction, over as many stretches as are independent, decides where the
+    deviance cannot; it counts for less the more OP only answers to the load (see `problem`).
     """
 
     problem: Problem
     lag: float
 
     def price(self, shape: Shape) -> float:
-        """Return what the values of all effects cost, in units of deviance (Schwarz 1978: ln n for each).
-
-        A value picked from all places of the record costs twice, and narrow valleys, of which one is always deep by
-        chance, cost two values more, as does an effect that is seldom.
-        """
+        """Return what the values of all effects cost, in units of deviance (Schwarz 1978: ln n for each): twice for one
+        picked from all places of the record, two values more for narrow valleys, as one is always deep by chance."""
         total = 0.0
         for part in shape.parts:
             fitting = part.effect.fitting
@@ -105,107 +86,93 @@ class Judge:
         return min(fits, key=self.score)
 
 
-class Clue:
-    """What is known about the loop when start values are proposed (see effects.fitting.Clues)."""
+def missed(solver: Solver, shape: Shape) -> tuple[FloatArray, FloatArray]:
+    """Return an orthonormal basis of a shape's whitened columns (samples, columns) and the whitened rest (samples,)."""
+    Q, _ = np.linalg.qr(solver.columns(shape))
+    rest = solver.rest(shape)[2]
+    return Q, rest - Q @ (Q.T @ rest)
 
-    def __init__(self, solver: Solver, shape: Shape, known: Mapping[str, Values], entering: FloatArray | None = None
-                 ) -> None:
-        problem = solver.problem
-        self._problem, self._shape, self._solver, self._white = problem, shape, solver, solver.white
-        self.output = moved_output(problem, shape.parts) if entering is None else entering
-        self.measurement: FloatArray = problem.measurement
-        self.used: NDArray[np.bool_] = problem.used
-        self.interval, self.lag, self.duration, self.known = problem.interval, shape.lag, problem.duration, known
-        # pushes that come sooner than the loop can answer are one event, and its shape that of the process
-        usual = min(max(shape.lag, problem.settings.Ti or 0.0), MOST_APART * problem.duration)
-        self.apart = max(int(usual / problem.interval), 2)
 
-    def _space(self) -> tuple[FloatArray, FloatArray]:
-        """Return an orthonormal basis of the model's whitened columns (samples, columns) and the whitened rest."""
-        Q, _ = np.linalg.qr(self._solver.columns(self._shape))
-        rest = self._solver.rest(self._shape)[2]
-        return Q, rest - Q @ (Q.T @ rest)
+def step_times(solver: Solver, shape: Shape, count: int) -> list[tuple[float, ...]]:
+    """Return sets of 1..count times at which a step load explains most of what the model misses."""
+    problem, white, h, lag = solver.problem, solver.white, solver.problem.interval, shape.lag
+    # pushes that come sooner than the loop can answer are one event, and its shape that of the process
+    apart = max(int(min(max(lag, problem.settings.Ti or 0.0), MOST_APART * problem.duration) / h), 2)
 
-    def step_times(self, count: int) -> list[tuple[float, ...]]:
-        """Return sets of 1..count times at which a step load explains most of what the model misses."""
-        Q, rest = self._space()
-        own = np.cumsum(self._step(1) ** 2)[::-1]
-        left = own - sum(self._from_there_on(q) ** 2 for q in np.ascontiguousarray(Q.T))
-        missed = self._from_there_on(rest)
+    def step(k: int) -> FloatArray:
+        return white.one(delayed_lag(np.where(np.arange(problem.samples) < k, 0.0, 1.0), h, lag, 0.0))
 
-        def best(others: list[int]) -> int:
-            """The sample at which one more step beside `others` gains most: what is new of each, and what it meets."""
-            new, meets = left, missed
-            if others:
-                steps = np.column_stack([self._step(k) for k in others])
-                extra, _ = np.linalg.qr(steps - Q @ (Q.T @ steps))
-                reach = np.column_stack([self._from_there_on(e) for e in np.ascontiguousarray(extra.T)])
-                new, meets = left - np.sum(reach**2, axis=1), missed - reach @ (extra.T @ rest)
-            gain = np.where(new > LEAST_NEW * own, meets**2 / np.maximum(new, 1e-300), 0.0)
-            gain[: max(2, int(self.lag / self.interval))] = 0.0
-            gain[-2:] = 0.0
-            for k in others:
-                gain[max(0, k - self.apart) : k + self.apart + 1] = 0.0
-            return int(np.argmax(gain))
-
-        chosen: list[int] = []
-        sets = []
-        for _ in range(count):
-            chosen.append(best(chosen))
-            # the others are looked at again, now that this one is there
-            for i in range(len(chosen) - 1):
-                chosen[i] = best(chosen[:i] + chosen[i + 1 :])
-            sets.append(tuple(self.interval * k for k in sorted(chosen)))
-        return sets
-
-    def _step(self, k: int) -> FloatArray:
-        u = np.zeros(self._problem.samples)
-        u[k:] = 1.0
-        return self._white.one(delayed_lag(u, self.interval, self.lag, 0.0))
-
-    def _from_there_on(self, z: FloatArray) -> FloatArray:
+    def from_there_on(z: FloatArray) -> FloatArray:
         """Return <whitened step at k, z> for every k, (samples,)."""
-        return np.cumsum(lag_transposed(self._white.transposed(z), self.interval, self.lag)[::-1])[::-1]
+        return np.cumsum(lag_transposed(white.transposed(z), h, lag)[::-1])[::-1]
 
-    def periods(self, count: int) -> list[float]:
-        """Return the periods of the `count` strongest lines in what the model misses; three swings at least."""
-        _, rest = self._space()
-        size = 4 * self._problem.samples
-        power = np.abs(np.fft.rfft(rest, size)) ** 2
-        power[: 3 * 4] = power[-size // 8 :] = 0.0
-        out: list[float] = []
-        while len(out) < count and np.max(power) > 0.0:
-            k = int(np.argmax(power))
-            out.append(size * self.interval / k)
-            power[max(0, k - 8) : k + 9] = 0.0
-        return out
+    Q, rest = missed(solver, shape)
+    own = np.cumsum(step(1) ** 2)[::-1]
+    left = own - sum(from_there_on(q) ** 2 for q in np.ascontiguousarray(Q.T))
+    meets = from_there_on(rest)
+
+    def best(others: list[int]) -> int:
+        """Return the sample at which one more step beside `others` gains most: by what is new of it, and meets."""
+        steps = np.array([step(k) for k in others]).reshape(len(others), len(rest)).T
+        extra = np.ascontiguousarray(np.linalg.qr(steps - Q @ (Q.T @ steps))[0].T)
+        reach = np.array([from_there_on(e) for e in extra]).reshape(steps.T.shape)
+        new, met = left - np.sum(reach**2, axis=0), meets - (extra @ rest) @ reach
+        gain = np.where(new > LEAST_NEW * own, met**2 / np.maximum(new, 1e-300), 0.0)
+        gain[: max(2, int(lag / h))] = gain[-2:] = 0.0
+        for k in others:
+            gain[max(0, k - apart) : k + apart + 1] = 0.0
+        return int(np.argmax(gain))
+
+    chosen: list[int] = []
+    sets = []
+    for _ in range(count):
+        chosen.append(best(chosen))
+        # the others are looked at again, now that this one is there
+        for i in range(len(chosen) - 1):
+            chosen[i] = best(chosen[:i] + chosen[i + 1 :])
+        sets.append(tuple(h * k for k in sorted(chosen)))
+    return sets
 
 
-def starts(effect: Effect, clues: Clue, columns: Iterable[str]) -> list[Part]:
-    """Return the parts worth trying for one effect, one for each start value and measured column.
+def periods(solver: Solver, shape: Shape, count: int) -> list[float]:
+    """Return the periods of the `count` strongest lines in what the model misses; three swings at least."""
+    _, rest = missed(solver, shape)
+    size = 4 * len(rest)
+    power = np.abs(np.fft.rfft(rest, size)) ** 2
+    power[: 3 * 4] = power[-size // 8 :] = 0.0
+    out: list[float] = []
+    while len(out) < count and np.max(power) > 0.0:
+        k = int(np.argmax(power))
+        out.append(size * solver.problem.interval / k)
+        power[max(0, k - 8) : k + 9] = 0.0
+    return out
 
-    An effect that proposes none has all combinations of the start values and choices of its parameters.
-    """
+
+def starts(solver: Solver, shape: Shape, effect: Effect, known: Mapping[str, Values]) -> list[Part]:
+    """Return the parts worth trying for one effect: what it proposes, else all combinations of start values and
+    choices of its parameters, with each measured column."""
+    problem, sensor = solver.problem, effect.stage == Stage.SENSOR
     if effect.fitting.propose:
-        values = list(effect.fitting.propose(clues))
+        entering = predict(problem, shape, solver.solve(shape)[0]) if sensor else moved_output(problem, shape.parts)
+        values = list(effect.fitting.propose(Clues(
+            entering, problem.measurement, problem.used, problem.interval, shape.lag, problem.duration, known,
+            partial(step_times, solver, shape), partial(periods, solver, shape))))
     else:
         axes = {q.name: q.choices or q.start or (q.neutral,) for q in effect.parameters if not q.many}
         values = [dict(zip(axes, combination, strict=True)) for combination in product(*axes.values())]
-    return [Part(effect, v, name) for name in (columns if effect.column else [""]) for v in values]
+    return [Part(effect, v, name) for name in (problem.columns if effect.column else [""]) for v in values]
 
 
 def candidate(judge: Judge, base: Fit, effect: Effect, *, known: Mapping[str, Fit] | None = None, must: bool = False
               ) -> Fit | None:
     """Return the most likely fit of `base` with `effect` added, None when the data offer no start for it.
 
-    known: fits with other effects added, by their names. must: search also where a look-alike gains nothing.
+    known: fits with other effects added, by name. must: search also where a look-alike gains nothing.
     """
     problem, known, valleys = judge.problem, known or {}, jumpy(effect)
     values = {name: next(part.values for part in fitted.shape.parts if part.effect.name == name)
               for name, fitted in known.items()}
-    # a noise that hides little as well: with hardly any random load, the fit must follow PV at all periods
-    loose = [] if effect.fitting.linear or base.noise.ratio <= LOOSE else [replace(base.noise, ratio=LOOSE)]
-    ground, noises = base.shape, [base.noise, *loose]
+    ground, noises = base.shape, [base.noise]
     if valleys:
         # a look-alike with smooth slopes shows cheaply where to look, and whether to look at all
         likes = [known[name] for name in effect.fitting.siblings if name in known]
@@ -213,16 +180,16 @@ def candidate(judge: Judge, base: Fit, effect: Effect, *, known: Mapping[str, Fi
         if likes and base.deviance - like.deviance < WORTH_A_LOOK and not must:
             return None
         ground, noises = replace(ground, lag=like.shape.lag, delay=like.shape.delay), [like.noise]
+    elif not effect.fitting.linear and base.noise.ratio > LOOSE:
+        # a noise that hides little as well: with hardly any random load, the fit must follow PV at all periods
+        noises.append(replace(base.noise, ratio=LOOSE))
     trials: list[Fit] = []
-    random = np.random.default_rng(problem.seed)
     for solver in (Solver(problem, noise) for noise in noises):
-        entering = predict(problem, ground, solver.solve(ground)[0]) if effect.stage == Stage.SENSOR else None
-        parts = starts(effect, Clue(solver, ground, values, entering), problem.columns)
-        shapes = scan(solver, ground, parts, KEEP_JUMPY if valleys else 1)
+        shapes = scan(solver, ground, starts(solver, ground, effect, values), KEEP_JUMPY if valleys else 1)
         if valleys:
-            shapes = [wander(solver, sweep(solver, shape), random, FIRST_WANDERINGS) for shape in shapes]
-            best = sorted(shapes, key=solver.rss)[:KEEP_WANDERING]
-            shapes = [wander(solver, shape, random, WANDERINGS) for shape in best]
+            random = np.random.default_rng(problem.seed)
+            shapes = sorted((wander(solver, shape, random, FIRST_WANDERINGS) for shape in shapes), key=solver.rss)
+            shapes = [wander(solver, shape, random, WANDERINGS) for shape in shapes[:KEEP_WANDERING]]
         for shape in shapes:
             # loads are solved for: only the process has to move a little with them
             lower = descend(solver, shape, rounds=1 if effect.fitting.linear else 3)
@@ -232,13 +199,11 @@ def candidate(judge: Judge, base: Fit, effect: Effect, *, known: Mapping[str, Fi
             trials.append(finished(problem, shape, noise))
     trials.sort(key=judge.score)
     hopeful = [trial for trial in trials if believed(problem, trial)]
-    if not trials:
-        return None
     if hopeful and not valleys and judge.score(hopeful[0]) > judge.score(base) + HOPELESS:
         return hopeful[0]
-    first, *others = hopeful or trials[:2]
-    tries = [first, *(t for t in others[:1] if judge.score(t) < judge.score(first) + BEHIND or not hopeful)]
-    found = [fit(problem, trial.shape, trial.noise, before=trial.deviance) for trial in tries]
+    ways = hopeful or trials
+    found = [fit(problem, way.shape, way.noise, before=way.deviance) for way in ways[:2]
+             if judge.score(way) < judge.score(ways[0]) + BEHIND]
     # slopes may end where the effect is another; how well it does where it is itself must be known all the same
     told = [fitted for fitted in found if believed(problem, fitted)] or (hopeful if valleys else [])
     return min(told, key=judge.score, default=None)
@@ -260,20 +225,14 @@ def believed(problem: Problem, found: Fit) -> bool:
         moved = float(np.ptp(problem.output[max(at - reach // 10, 0) : at + reach]))
         return moved if moved > 1e-6 else np.inf
 
-    return plausible(found.shape, linear_values(problem, found), travel)
+    return plausible(found.shape, linear_values(found), travel)
 
 
 def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Shape]:
-    """Return the best starts of each kind, at most `keep` per kind, by the whitened sum of squares.
-
-    Kinds of an effect differ in switches, column, or which values they have.
-    """
+    """Return the best `keep` starts, by the whitened sum of squares, of each kind (switches, column, lengths)."""
     lags = [shape.lag]
     if parts and not parts[0].is_linear and not jumpy(parts[0].effect):
         lags = [shape.lag * share for share in LAG_SHARES]
-        if shape.lag > solver.problem.duration / SLOW_FOR_RECORD:
-            # a valve that does not move looks like a process that hardly answers: try processes that do
-            lags += [solver.problem.duration / share for share in QUICK]
     trials = [replace(shape, lag=lag).with_part(part) for lag in lags for part in parts]
     costs = [solver.rss(trial) for trial in trials]
     found: dict[object, list[Shape]] = {}
@@ -283,15 +242,6 @@ def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Sha
         kind = part.column, picks, tuple((k, np.size(v)) for k, v in part.values.items())
         found.setdefault(kind, []).append(trials[place])
     return [shape for shapes in found.values() for shape in shapes[:keep]]
-
-
-def sweep(solver: Solver, shape: Shape) -> Shape:
-    """Return the best shape over the whole range of each number that says how the record began."""
-    for f in free_numbers(solver.problem, shape):
-        if f.nuisance and np.isfinite(f.high - f.low):
-            trials = [shape, *(put(shape, [f], np.array([x])) for x in np.linspace(f.low, f.high, SWEEP))]
-            shape = min(trials, key=solver.rss)
-    return shape
 
 
 def wander(solver: Solver, shape: Shape, random: np.random.Generator, trials: int) -> Shape:
@@ -338,6 +288,6 @@ def table(judge: Judge, base: Fit, effects: Iterable[Effect]) -> dict[str, Fit]:
 
 def recorders(problem: Problem, base: Fit, effects: Sequence[Effect]) -> list[Part]:
     """Return the recorder effects that the recorded values show, the coarsest setting of each first proposed."""
-    clue = Clue(Solver(problem, base.noise), base.shape, {})
+    solver = Solver(problem, base.noise)
     return [part for effect in effects if effect.fitted and effect.fitting.bounds is not None
-            for part in starts(effect, clue, problem.columns)[:1]]
+            for part in starts(solver, base.shape, effect, {})[:1]]

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from ..effects.process import delayed_lag
 from ..record import FloatArray, Note, Record
 from ..results import Comparison, Fitness, FittedParameter, Model, Series
-from .fit import BENT_ROUNDS, predicted_by, with_load
+from .fit import BENT_ROUNDS, predicted_by, rms, with_load
 from .holdout import better, folds
 from .intervals import described, process_parameters
 from .locate import regions
-from .pipeline import Part, Shape, as_tuple, moved_output, regressors, sensed_slopes, through
+from .pipeline import Part, Shape, as_tuple, load_regressors, moved_output, moved_process, sensed_slopes, through
 from .problem import FEWEST_SAMPLES, Problem, finer, problem_from_record
 from .reasons import why_not
 from .recorder import distance
-from .saved_model import apart, coefficients_of, in_ranges_of, kept_model, loads_left_out, parts_of, shape_of
+from .saved_model import apart, in_ranges_of, kept_model, loads_left_out, shape_of
 from .search import baseline
 
-# a setpoint that stays within this range [span] does not move
-STEADY = 1e-3
+STEADY = 1e-3  # a setpoint that stays within this range [span] does not move
 
 
 def compare(record: Record, model: Model | None = None) -> Comparison:
@@ -34,30 +36,29 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
     problem = problem_from_record(record)
     plain = better(problem, baseline(problem))
     base = fitness = Fitness(plain.rmse, plain.rmse_holdout, process_parameters(problem, plain.fit))
-    parts: tuple[Part, ...] = () if model is None else parts_of(model, problem)
-    recorders, reasons = tuple(p for p in parts if p.is_recorder), tuple[Note, ...]()
+    parts, recorders, reasons, seen = tuple[Part, ...](), tuple[Part, ...](), tuple[Note, ...](), 1.0
     if model is None:
-        known = np.ones(problem.samples, dtype=bool)
         shape, predicted = plain.fit.shape, predicted_by(problem, plain.fit)
         kept = kept_model(record, problem, plain.fit, (), plain.rmse_holdout)
     else:
-        problem, kept = nearer(problem, model, shape_of(model, parts)), model
+        kept, (shape, recorders) = model, shape_of(model, problem)
+        parts, problem = (*shape.parts, *recorders), nearer(problem, model, shape)
         known = seen_by(model, problem)
-        shape, predicted = matched(problem, model, shape_of(model, parts))
+        seen = float(np.mean(known[problem.used]))
+        shape, predicted = matched(problem, model, shape)
         predicted = with_load(problem, predicted, None)
-        rmse = float(np.sqrt(np.mean(distance(problem, recorders, predicted)[problem.used] ** 2)))
+        rmse = rms(distance(problem, recorders, predicted)[problem.used])
         holdout = error_unseen(problem, model, shape, recorders, known)
         if holdout is None:
             # numbers fitted to these very samples: what the file says, unless numbers were changed for the worse since
             holdout = max(rmse, model.rmse_holdout or 0.0)
-        if np.any(problem.used & ~known):
+        if seen < 1.0:
             reasons = why_not(problem, model, shape, recorders, plain, holdout,
                               lambda less, of: error_unseen(problem, less, of, recorders, known))
         units = {"Kp": "1", "tau": "s", "theta": "s", "offset": "PV span"}
         fitness = Fitness(rmse, holdout, {n: FittedParameter(getattr(model, n), unit) for n, unit in units.items()})
     return Comparison(
-        record.loop, base, problem.floor, fitness=fitness, fitted=model is None,
-        seen=float(np.mean(known[problem.used])),
+        loop=record.loop, baseline=base, fitness=fitness, fitted=model is None, noise_floor=problem.floor, seen=seen,
         where=regions(problem, distance(problem, recorders, predicted), shape),
         effects=tuple(described(part, part.values) for part in parts),
         unexplained=unexplained(fitness.rmse_holdout, base.rmse_holdout, problem.floor), reasons=reasons,
@@ -75,18 +76,16 @@ def seen_by(model: Model, problem: Problem) -> NDArray[np.bool_]:
 
 def error_unseen(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], known: NDArray[np.bool_]
                  ) -> float | None:
-    """Return the error of a kept model on samples that neither its fit nor the matching of offset and start saw.
-
-    None when the model was fitted to all of the record, but for fewer than FEWEST_SAMPLES samples.
-    """
+    """Return the error of a kept model on samples that neither its fit nor the matching of offset and start saw; None
+    where these are fewer than FEWEST_SAMPLES."""
     if np.count_nonzero(problem.used & ~known) < FEWEST_SAMPLES:
         return None
-    squares, count = 0.0, 0
+    errors = []
     for left_out in folds(problem, problem.settings.Ti or model.tau):
         predicted = with_load(problem, matched(problem.masked(~left_out), model, shape)[1], None)
-        error = distance(problem, recorders, predicted)[left_out & problem.used & ~known]
-        squares, count = squares + float(error @ error), count + error.size
-    return float(np.sqrt(squares / count)) if count else None
+        errors.append(distance(problem, recorders, predicted)[left_out & problem.used & ~known])
+    unseen = np.concatenate(errors)
+    return rms(unseen) if unseen.size else None
 
 
 def nearer(problem: Problem, model: Model, shape: Shape) -> Problem:
@@ -99,22 +98,19 @@ def nearer(problem: Problem, model: Model, shape: Shape) -> Problem:
 
 
 def matched(problem: Problem, model: Model, shape: Shape) -> tuple[Shape, FloatArray]:
-    """Return the shape with the stem placed as this record begins, and PV predicted with offset and start matched.
-
-    On another day the phase of a swing from outside is matched, too.
-    """
+    """Return the shape with the stem placed as this record begins, on another day the phase of a swing as well, and PV
+    predicted with offset and start matched."""
 
     def predict(s: Shape) -> tuple[FloatArray, float]:
-        c = coefficients_of(model, problem, s)
-        X = regressors(problem, s)
-        process = X @ np.concatenate([c, np.zeros(X.shape[1] - len(c))])
-        # offset, start and holes belong to the record, not to the model
-        own = np.column_stack([X[:, 1 : 3 + len(problem.holes)], X[:, len(c) :]])
+        loads = [*(p for p in s.parts if p.is_linear), *(p for p in s.parts if p.effect.fitting.on_loads)]
+        pushed = delayed_lag(through(problem, loads, np.zeros(problem.samples)), problem.interval, s.lag, 0.0)
+        process = model.Kp * (moved_process(problem, s) + pushed) + model.offset
+        # offset and start belong to the record, not to the model
+        own = load_regressors(problem, replace(s, parts=tuple(p for p in s.parts if not p.is_linear)))
         small = 1e-6 * np.eye(own.shape[1])
         for _ in range(BENT_ROUNDS if s.sensors else 1):
             rest = problem.measurement - through(problem, s.sensors, process)
-            slopes = sensed_slopes(problem, s, process, own)
-            A = slopes[problem.used]
+            A = sensed_slopes(problem, s, process, own)[problem.used]
             process = process + own @ np.linalg.solve(A.T @ A + small, A.T @ rest[problem.used])
         predicted = through(problem, s.sensors, process)
         return predicted, float(np.sum((problem.measurement - predicted)[problem.used] ** 2))
@@ -152,7 +148,7 @@ def notes(problem: Problem, record: Record, model: Model | None = None) -> tuple
     """Return what a reader should know about the record before believing a model of it."""
     out = [note for note in record.notes if note.code.startswith("guessed_")]
     out += () if model is None else loads_left_out(model, problem)
-    missing = 1.0 - float(np.mean(problem.used))
+    missing = float(np.mean(np.isnan(problem.recorded)))
     if missing > 0.1:
         out.append(Note("many_gaps", f"{100 * missing:.0f} % of the record is missing or bad", {"share": missing}))
     if problem.by_load:
@@ -164,5 +160,6 @@ def notes(problem: Problem, record: Record, model: Model | None = None) -> tuple
                         "from OP and from what PV did until then; most of that error is load that no model can know",
                         {"driven": problem.driven, "ahead_s": seconds}))
     if problem.holes:
-        out.append(Note("output_holes", f"OP is missing in {len(problem.holes)} places; its mean there is fitted", {}))
+        out.append(Note("output_holes", f"OP is missing in {problem.holes} places: PV does not count until it has "
+                        "forgotten what OP did there", {"holes": problem.holes}))
     return tuple(out)

@@ -23,13 +23,12 @@ from .locate import regions
 from .pipeline import Part
 from .problem import Problem, finer, problem_from_record
 from .reasons import marked, too_little, with_reasons
-from .saved_model import in_ranges_of, kept_model, parts_of, shape_of
+from .saved_model import in_ranges_of, kept_model, shape_of
 from .search import WEAK, Found, baseline, families, search
 
 STILL = ("PV follows OP by only {:.1f} times its noise: too little motion to tell what is missing. Choose a period "
          "with setpoint moves.")
-# the error on unseen samples without an effect that is clear is at least this many times larger
-LITTLE_LOWER = 1.03
+LITTLE_LOWER = 1.03  # the error on unseen samples without an effect that is clear is at least this many times larger
 Looked = tuple[Problem, Fit, Found, tuple[Part, ...], Sequence[str]]
 
 
@@ -70,21 +69,19 @@ def looked(problem: Problem, model: Model | None, known: Mapping[str, Effect], c
     """Return what a search comes to on one reading of the record: with the plain model, what was found, the effects of
     the recorder, and the names that the user gave."""
     base = baseline(problem)
-    given = parts_of(model, problem) if model is not None else ()
-    shown = recorders(problem, base, [e for e in known.values() if not chosen or e in chosen])
-    held = tuple([p for p in given if p.is_recorder] or shown)
+    given, held = (None, ()) if model is None else shape_of(model, problem)
+    held = held or tuple(recorders(problem, base, [e for e in known.values() if not chosen or e in chosen]))
     problem = replace(problem, floor=recorder.recorded_floor(problem, held, base))
     seen = recorder.fitted_problem(problem, held)
     if held:
         base = baseline(seen)
-    start = base if model is None else fit(seen, replace(shape_of(model, given), delay=base.shape.delay), base.noise)
+    start = base if given is None else fit(seen, replace(given, delay=base.shape.delay), base.noise)
     by_user = [*start.shape.names]
-    if chosen:
-        judge = Judge(seen, base.shape.lag)
-        for effect in chosen:
-            if effect.fitting.bounds is None and effect.name not in start.shape.names:
-                start = candidate(judge, start, effect, must=True) or start
-                by_user.append(effect.name)
+    judge = Judge(seen, base.shape.lag)
+    for effect in chosen:
+        if effect.fitting.bounds is None and effect.name not in start.shape.names:
+            start = candidate(judge, start, effect, must=True) or start
+            by_user.append(effect.name)
     tries = [e for e in known.values() if not (e.fitting.seldom and recorder.only_reports(problem, held))]
     found = search(seen, () if chosen else tries, start)
     found = replace(found, final=recorder.through_rounding(seen, held, found.final))
@@ -104,7 +101,7 @@ def assemble(record: Record, best: Looked, model: Model | None) -> Explanation:
     plain, last = ladder[0][1], ladder[-1][1]
     steps = [Step(name, t.rmse_holdout, t.rmse, predicted_by(problem, t.fit), "user" if name in by_user else "search")
              for name, t in ladder]
-    fitted = {e.effect: e for e in fitted_effects(seen, last.fit, held, careful=not recorder.rounded(seen, held))}
+    fitted = {e.effect: e for e in fitted_effects(seen, last.fit, held)}
     names = [*(p.effect.name for p in held), *order]
     alikes = (*((p.effect.name, other) for p in held for other in p.effect.fitting.siblings), *found.alike())
     sure = {p.effect.name: "clear" for p in held} | confidence(found, by_user, steps, alikes,
@@ -177,7 +174,7 @@ def confidence(found: Found, by_user: Sequence[str], steps: Sequence[Step], alik
         others = [other for taken, other in alikes if taken == name]
         before, after = errors.get(name, (1.0, 1.0))
         gain = found.gain(name)
-        jumps = reports and part.on_output and part.effect.stage == Stage.VALVE
+        jumps = reports and not part.is_linear and part.effect.stage == Stage.VALVE
         if fitting.seldom or jumps or not found.left.adequate([gain]) or any(o not in fitting.siblings for o in others):
             out[name] = "stand_in"
         elif not found.adequate or name in by_user or others or before < LITTLE_LOWER * after or gain < WEAK:

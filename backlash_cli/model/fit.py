@@ -2,102 +2,71 @@
 
 from __future__ import annotations
 
+import cmath
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effects import Parameter
 from ..record import FloatArray
 from .noise import Noise, downhill, fit_noise, known_load, whitener
-from .pipeline import (
-    Shape,
-    as_tuple,
-    load_regressors,
-    moved_process,
-    predict,
-    regressors,
-    ridges,
-    sensed_slopes,
-    through,
-)
+from .pipeline import Shape, as_tuple, load_regressors, moved_process, predict, regressors, sensed_slopes, through
 from .problem import Problem
 
-# the dead time of the settings is trusted to this share: a real one that is missing must lie outside
-DELAY_TRUST = 0.2
+USUAL_SPAN = 0.5  # a load moves PV by less than this [span]
+DELAY_TRUST = 0.2  # the dead time of the settings is trusted to this share: a real one that is missing must lie outside
 
 
 @dataclass(frozen=True)
 class Free:
-    """One searched number: a parameter (and its item, when it is a list) of the part at `place`; -1 is the process."""
+    """One searched number: a parameter of the part at `place`; -1 is the process."""
 
     place: int
     name: str
-    item: int
     low: float
     high: float
     step: float
     nuisance: bool = False
 
-    @property
-    def key(self) -> tuple[int, str, int]:
-        """What tells the number from another."""
-        return self.place, self.name, self.item
-
 
 def free_numbers(problem: Problem, shape: Shape) -> list[Free]:
-    """Return the searched numbers of a shape; a parameter at infinity takes no part."""
+    """Return the searched numbers of a shape; lists stay as proposed, and a parameter at infinity takes no part."""
     h = problem.interval
-    out = [Free(-1, "lag", 0, 0.2 * h, 0.5 * problem.duration, 0.01 * shape.lag)]
+    out = [Free(-1, "lag", 0.2 * h, 0.5 * problem.duration, 0.01 * shape.lag)]
     if problem.delay is not None:
-        low, high = (1.0 - DELAY_TRUST) * problem.delay, (1.0 + DELAY_TRUST) * problem.delay
-        out.append(Free(-1, "delay", 0, low, high, 0.2 * h))
+        out.append(Free(-1, "delay", (1 - DELAY_TRUST) * problem.delay, (1 + DELAY_TRUST) * problem.delay, 0.2 * h))
     for place, part in enumerate(shape.parts):
         fitting = part.effect.fitting
-        solved = {*fitting.linear, fitting.phase, *fitting.fixed}
+        solved = (*fitting.linear, fitting.phase, *fitting.fixed)
         for q in part.effect.parameters:
-            if q.name in solved or q.choices or q.name not in part.values:
+            value = part.values.get(q.name)
+            if q.name in solved or q.choices or not isinstance(value, float | int) or not np.isfinite(value):
                 continue
-            out += [_free(place, q, item, value, problem)
-                    for item, value in enumerate(as_tuple(part.values[q.name])) if np.isfinite(value)]
+            high, step = q.high, 0.02 if q.nuisance or not value else 0.02 * abs(value)
+            if q.unit == "s":
+                high, step = min(high, 0.5 * problem.duration), max(1e-4 * abs(value), 0.05 * h)
+            elif q.unit in ("span", "OP span"):
+                step = 2e-4
+            out.append(Free(place, q.name, q.low, high, step, q.nuisance))
     return out
-
-
-def _free(place: int, q: Parameter, item: int, value: float, problem: Problem) -> Free:
-    high, step = q.high, 0.02 if q.nuisance or not value else 0.02 * abs(value)
-    if q.unit == "s":
-        high, step = min(high, 0.5 * problem.duration), max(1e-4 * abs(value), 0.05 * problem.interval)
-    elif q.unit in ("span", "OP span"):
-        step = 2e-4
-    return Free(place, q.name, item, q.low, high, step, q.nuisance)
 
 
 def get(shape: Shape, free: list[Free]) -> FloatArray:
     """Return the searched numbers of a shape, (numbers,)."""
-    process = {"lag": shape.lag, "delay": shape.delay}
-    return np.array([process[f.name] if f.place < 0 else as_tuple(shape.parts[f.place].values[f.name])[f.item]
-                     for f in free], dtype=np.float64)
+    return np.array([getattr(shape, f.name) if f.place < 0 else shape.parts[f.place].values[f.name] for f in free],
+                    dtype=np.float64)
 
 
 def put(shape: Shape, free: list[Free], numbers: FloatArray) -> Shape:
     """Return the shape with the searched numbers (numbers,) replaced, each held within its range."""
-    parts = list(shape.parts)
-    lag, delay = shape.lag, shape.delay
     for f, number in zip(free, numbers, strict=True):
-        value = float(min(max(number, f.low), f.high))
-        if f.place < 0:
-            lag, delay = (value, delay) if f.name == "lag" else (lag, value)
-            continue
-        old = parts[f.place].values[f.name]
-        new = (*old[: f.item], value, *old[f.item + 1 :]) if isinstance(old, tuple) else value
-        parts[f.place] = replace(parts[f.place], values={**parts[f.place].values, f.name: new})
-    return Shape(lag, delay, tuple(parts))
+        value = {f.name: float(min(max(number, f.low), f.high))}
+        shape = replace(shape, **value) if f.place < 0 else shape.with_values(f.place, **value)  # type: ignore[arg-type]
+    return shape
 
 
-# gain in deviance below which the searched numbers stand
-CLOSE = 0.05
-# steps to the linear numbers behind a transmitter that is not linear
-BENT_ROUNDS, COLD_ROUNDS, BENT_ENOUGH = 3, 25, 1e-4
+CLOSE = 0.05  # gain in deviance below which the searched numbers stand
+BENT_ROUNDS, COLD_ROUNDS, BENT_ENOUGH = 3, 25, 1e-4  # steps to the linear numbers behind a bent transmitter
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,14 +74,13 @@ class Fit:
     """A fitted model of one loop.
 
     coefficients: gain, then offset, forgotten start, and one per linear column. deviance: -2 log likelihood.
-    error: (samples,) measured minus predicted PV, nan where nothing was measured. rmse: its root mean square.
+    rmse: root mean square of measured minus predicted PV.
     """
 
     shape: Shape
     coefficients: FloatArray
     noise: Noise
     deviance: float
-    error: FloatArray
     rmse: float
 
     @property
@@ -138,15 +106,11 @@ class Solver:
         return self._last[1]
 
     def _solve(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
-        self._use(shape)
-        return self._solved(self.white.one(moved_process(self.problem, shape)))
-
-    def _use(self, shape: Shape) -> None:
-        """Take the other columns than the moved process as those of a shape, where they are not yet."""
         raw = load_regressors(self.problem, shape)
         if raw is not self._raw:
             self._take(self.white.columns(raw), self._measured, ridges(self.problem, raw))
             self._raw = raw
+        return self._solved(self.white.one(moved_process(self.problem, shape)))
 
     def _take(self, others: FloatArray, measured: FloatArray, ridge: FloatArray) -> None:
         """Take whitened columns (samples, columns) and measurement (samples,) as the ones to solve."""
@@ -171,7 +135,7 @@ class Solver:
         raw = regressors(problem, shape)
         ridge, c, rounds = ridges(problem, raw[:, 1:]), self._bent, BENT_ROUNDS
         if c is None or len(c) != raw.shape[1]:
-            c = self._solve(replace(shape, parts=tuple(p for p in shape.parts if not p.on_sensor)))[0]
+            c = self._solve(replace(shape, parts=tuple(p for p in shape.parts if p not in shape.sensors)))[0]
             rounds = COLD_ROUNDS
         best, found = np.inf, c
         for _ in range(rounds):
@@ -183,14 +147,11 @@ class Solver:
                 continue
             gained, best, found = best - rss, rss, c
             columns = white.columns(sensed_slopes(problem, shape, process, raw))
-            at_best = columns[:, 1:], off + columns @ c, ridge
-            self._take(*at_best)
+            self._take(columns[:, 1:], off + columns @ c, ridge)
             c = self._solved(columns[:, 0])[0]
             if gained < BENT_ENOUGH * best:
                 break
         self._bent = found
-        self._take(*at_best)
-        self._solved(columns[:, 0])
         return found, max(best, 1e-300), columns[:, 0]
 
     def inverse(self, B: FloatArray) -> FloatArray:
@@ -199,8 +160,7 @@ class Solver:
         A = self._G * scale * scale.T
         # a trace of damping, so that a column that does nothing gets the coefficient 0
         A.flat[:: len(A) + 1] += 1e-10
-        out: FloatArray = np.linalg.solve(A, scale * B) * scale
-        return out
+        return np.asarray(np.linalg.solve(A, scale * B) * scale)
 
     def columns(self, shape: Shape) -> FloatArray:
         """Return the whitened columns of a shape, the moved process first, (samples, columns)."""
@@ -216,11 +176,19 @@ class Solver:
         return c, rss, self._y - c[0] * x - self._others @ c[1:]
 
 
-def descend(solver: Solver, shape: Shape, *, rounds: int = 8, hold: Free | None = None) -> Shape:
-    """Refine the searched numbers until the deviance gains next to nothing; hold: a number that stays."""
+def ridges(problem: Problem, columns: FloatArray) -> FloatArray:
+    """Return what keeps the coefficient of each load regressor, (columns,), from any value where the samples at hand do
+    not show it: variance of the noise over that expected of the coefficient."""
+    loads = columns[:, 2:]
+    sizes = np.sqrt(np.einsum("ij,ij->j", loads, loads) / len(columns))
+    return (problem.floor / np.array([1e3, USUAL_SPAN, *USUAL_SPAN / np.maximum(sizes, 1e-12)])) ** 2
+
+
+def descend(solver: Solver, shape: Shape, *, rounds: int = 8) -> Shape:
+    """Refine the searched numbers until the deviance gains next to nothing."""
 
     def local(shape: Shape) -> tuple[FloatArray, FloatArray, Callable[[FloatArray], Shape]]:
-        free = [f for f in free_numbers(solver.problem, shape) if hold is None or f.key != hold.key]
+        free = free_numbers(solver.problem, shape)
         numbers = get(shape, free)
         return *curvature(solver, shape, free), lambda move: put(shape, free, numbers + move)
 
@@ -276,9 +244,13 @@ def finished(problem: Problem, shape: Shape, noise: Noise) -> Fit:
     """Return the fit of a shape whose searched numbers stand."""
     solver = Solver(problem, noise)
     coefficients, rss, _ = solver.solve(shape)
-    raw, used = raw_error(problem, shape, coefficients), problem.used
-    rmse = float(np.sqrt(np.mean(raw[used] ** 2)))
-    return Fit(shape, coefficients, noise, solver.white.deviance(rss), np.where(used, raw, np.nan), rmse)
+    rmse = rms(raw_error(problem, shape, coefficients)[problem.used])
+    return Fit(shape, coefficients, noise, solver.white.deviance(rss), rmse)
+
+
+def rms(values: FloatArray) -> float:
+    """Return the root mean square of values, 0 of none."""
+    return float(np.sqrt(values @ values / max(values.size, 1)))
 
 
 def raw_error(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatArray:
@@ -305,21 +277,17 @@ def with_load(seen: Problem, predicted: FloatArray, noise: Noise | None) -> Floa
     return predicted + known_load(error, seen.used, h, noise, seen.ahead)
 
 
-def linear_values(problem: Problem, fitted: Fit) -> list[dict[str, float | tuple[float, ...]]]:
+def linear_values(fitted: Fit) -> list[dict[str, float | tuple[float, ...]]]:
     """Return for each part all its values, those that were solved for included, in the effect's own units."""
     out = []
-    solved = iter((fitted.coefficients[3 + len(problem.holes) :] / fitted.gain).tolist())
+    solved = iter((fitted.coefficients[3:] / fitted.gain).tolist())
     for part in fitted.shape.parts:
-        values, phase = dict(part.values), part.effect.fitting.phase
-        for name in part.effect.fitting.linear:
-            found = []
-            for _ in as_tuple(values[name]):
-                number = next(solved)
-                if phase:
-                    quadrature = next(solved)
-                    values[phase] = float(np.arctan2(quadrature, number))
-                    number = float(np.hypot(number, quadrature))
-                found.append(number)
+        values, fitting = dict(part.values), part.effect.fitting
+        for name in fitting.linear:
+            found = [next(solved) for _ in as_tuple(values[name])]
+            if fitting.phase:
+                turned = complex(found[0], next(solved))
+                found, values[fitting.phase] = [abs(turned)], cmath.phase(turned)
             values[name] = tuple(found) if isinstance(values[name], tuple) else found[0]
         out.append(values)
     return out

@@ -11,17 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .fit import Fit, Solver, descend, finished, predicted_by
+from .fit import Fit, Solver, descend, finished, predicted_by, rms
 from .noise import Noise
 from .pipeline import Part
 from .problem import Problem
 from .recorder import distance, fitted_problem
 
-# each fold leaves out every fourth block; the first block always stays, as it shows how the record began. A block
-# lasts many process lags, so that a random load on both sides tells nothing about its middle
-FEWEST_BLOCKS, MOST_BLOCKS, LAGS_PER_BLOCK = 12, 24, 15.0
-FOLDS = 4
-LAGS_AFTER_HOLE = 4.0
+# a block lasts many process lags, so that a random load on both sides tells nothing about its middle
+FOLDS, FEWEST_BLOCKS, MOST_BLOCKS, LAGS_PER_BLOCK = 4, 12, 24, 15.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +31,12 @@ class Tested:
 
 
 def folds(problem: Problem, lag: float) -> list[NDArray[np.bool_]]:
-    """Return for each fold which grid points are left out, (samples,) each; the blocks hold equal counts of samples.
-
-    What follows a hole in OP is never left out: nothing outside tells what OP did there.
-    """
+    """Return for each fold which grid points are left out, (samples,) each: every fourth block of equal counts but the
+    first, which shows how the record began."""
     count = np.cumsum(problem.used)
     blocks = int(np.clip(problem.duration / (LAGS_PER_BLOCK * lag), FEWEST_BLOCKS, MOST_BLOCKS))
     block = np.minimum((count * blocks) // (count[-1] + 1), blocks - 1)
-    known = np.ones(problem.samples, dtype=bool)
-    for hole in problem.holes:
-        known[hole.first : hole.last + int(((problem.delay or 0.0) + LAGS_AFTER_HOLE * lag) / problem.interval)] = False
-    return [(block % FOLDS == fold) & (block > 0) & known for fold in range(FOLDS)]
+    return [(block % FOLDS == fold) & (block > 0) for fold in range(FOLDS)]
 
 
 def tested(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, rounds: int = 2) -> Tested:
@@ -57,14 +49,13 @@ def tested(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, r
         there = replace(fitted, shape=shape, coefficients=solver.solve(shape)[0])
         unseen.append(distance(problem, recorders, predicted_by(problem, there, seen))[left_out & problem.used])
     error = distance(problem, recorders, predicted_by(problem, fitted, seen))[problem.used]
-    return Tested(fitted, *(float(np.sqrt(e @ e / max(e.size, 1))) for e in (error, np.concatenate(unseen))))
+    return Tested(fitted, rms(error), rms(np.concatenate(unseen)))
 
 
 def better(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> Tested:
-    """Return the likeliest fit, or that of the smallest error itself where it predicts unseen samples better by 3 %.
+    """Return the likeliest fit, or that of the smallest error where it predicts unseen samples better by 3 %; not in a
+    loop driven by its load, where a wrong model has the smallest error."""
 
-    In a loop driven by its load the smallest error is that of a wrong model, so that the fit stays as it is.
-    """
     def make() -> Tested:
         likely = tested(problem, fitted, recorders)
         if problem.by_load:
@@ -74,5 +65,4 @@ def better(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> T
         plain = tested(problem, finished(seen, shape, noise), recorders)
         return plain if plain.rmse_holdout < 0.97 * likely.rmse_holdout else likely
 
-    found: Tested = problem.memory.of((problem, fitted, *(part.key for part in recorders)), make)
-    return found
+    return problem.memory.of((problem, fitted, *(part.key for part in recorders)), make)

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels import play
-from ..record import FloatArray
+from ..record import FloatArray, duration
 from ..results import Region
 from .pipeline import Shape
 from .problem import Problem
 
 Mask = NDArray[np.bool_]
-# how long an event is felt, in process lags; shares of the output's range that count as its ends
-LAGS_FELT = 3.0
+LAGS_FELT = 3.0  # how long an event is felt, in process lags
 ONE_WAY = 0.3  # mean over root mean square of an error from which it is worth saying on which side it lies
 END_SHARE = 0.1
 TIME_BLOCKS = 8
@@ -28,45 +27,43 @@ def regions(problem: Problem, error: FloatArray, shape: Shape) -> tuple[Region, 
 
     error: (samples,) measured minus predicted PV, 0 where not used. shape: of the model, for how long it remembers.
     """
-    h, lag = problem.interval, shape.lag
+    h, lag, used = problem.interval, shape.lag, problem.used
     felt = max(int((LAGS_FELT * lag + shape.delay) / h), 2)
-    total = float(np.sum(error[problem.used] ** 2))
-    count = int(np.count_nonzero(problem.used))
+    total, count = float(np.sum(error[used] ** 2)), int(np.count_nonzero(used))
+    if total <= 0.0:
+        return ()
     out = []
     for kind, name, sentence, mask in _masks(problem, error, felt, lag):
-        inside = mask & problem.used
-        samples = int(np.count_nonzero(inside))
-        if samples < max(SMALLEST_SHARE_OF_SAMPLES * count, 5) or samples == count or total <= 0.0:
+        inside = error[mask & used]
+        if not max(SMALLEST_SHARE_OF_SAMPLES * count, 5) <= inside.size < count:
             continue
-        squares = float(np.sum(error[inside] ** 2))
-        share, expected, rmse = squares / total, samples / count, float(np.sqrt(squares / samples))
-        times, mean = share / expected, float(np.mean(error[inside]))
-        worse = f"{times:.1f} times what its" if times >= 1.15 else "no more than its"
+        squares, mean = float(np.sum(inside**2)), float(np.mean(inside))
+        share, expected, rmse = squares / total, inside.size / count, float(np.sqrt(squares / inside.size))
+        worse = f"{share / expected:.1f} times what its" if share >= 1.15 * expected else "no more than its"
         said = (f"{sentence}: {100 * share:.0f} % of the squared error in {100 * expected:.0f} % of the samples, "
                 f"{worse} length would give.")
         if abs(mean) >= ONE_WAY * rmse:
             side = "above" if mean > 0.0 else "below"
             said += f" PV lies {100 * abs(mean):.2g} % of span {side} the prediction on average."
-        ends = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))).reshape(-1, 2) - [0, 1]
+        ends = np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2) - [0, 1]
         stretches = tuple((a, b) for a, b in (problem.start + h * ends).tolist())
-        out.append(Region(name, rmse, share, samples, kind, expected, said, stretches))
-    out += _frequencies(problem, error, lag, total, count)
+        out.append(Region(name, rmse, share, inside.size, kind, expected, said, stretches))
+    power = np.abs(np.fft.fft(error)) ** 2 / problem.samples
+    band = np.digitize(np.abs(np.fft.fftfreq(problem.samples, h)), [1.0 / (20.0 * lag), 1.0 / (2.0 * lag)])
+    fast, slow = duration(2.0 * lag), duration(20.0 * lag)
+    for number, (name, speed) in enumerate((("slow changes", f"slower than {slow}"), (
+            "changes at the speed of the loop", f"of {fast} to {slow}"), ("fast changes", f"faster than {fast}"))):
+        share, expected = float(np.sum(power[band == number])) / total, float(np.mean(band == number))
+        if expected:
+            said = (f"In changes {speed}: {100 * share:.0f} % of the squared error; white noise would have "
+                    f"{100 * expected:.0f} % there.")
+            out.append(Region(name, float(np.sqrt(share * total / count)), share, count, "frequency", expected, said))
     return tuple(sorted(out, key=lambda r: (-(r.share - (r.expected or 0.0)), r.region)))
 
 
-def _time(seconds: float) -> str:
-    """A time span in the unit that suits it."""
-    for unit, length in (("h", 3600.0), ("min", 60.0)):
-        if seconds >= 2.0 * length:
-            return f"{seconds / length:.3g} {unit}"
-    return f"{seconds:.3g} s"
-
-
 def _after(points: Sequence[int], samples: int, felt: int) -> Mask:
-    mask = np.zeros(samples, dtype=bool)
-    for k in points:
-        mask[k : k + felt] = True
-    return mask
+    count = np.cumsum(np.bincount(np.asarray(points, dtype=np.int64), minlength=samples))
+    return np.asarray(count > np.append(np.zeros(felt), count)[:samples])
 
 
 def turning_points(values: FloatArray, reach: float) -> tuple[list[int], list[int]]:
@@ -74,13 +71,10 @@ def turning_points(values: FloatArray, reach: float) -> tuple[list[int], list[in
     # a stem behind a gap of that width begins to move the other way where the turn is seen
     way = np.sign(np.diff(play(values, reach, values[0]), prepend=values[0]))
     moving = np.flatnonzero(way)
-    seen = moving[1:][np.diff(way[moving]) != 0.0]
-    up: list[int] = []
-    down: list[int] = []
-    for before, after in pairwise([0, *seen.tolist()]):
-        part = values[before : after + 1]
-        (up if way[after] > 0.0 else down).append(before + int(np.argmin(way[after] * part)))
-    return up, down
+    found: dict[float, list[int]] = {1.0: [], -1.0: []}
+    for before, after in pairwise([0, *moving[1:][np.diff(way[moving]) != 0.0].tolist()]):
+        found[way[after]].append(before + int(np.argmin(way[after] * values[before : after + 1])))
+    return found[1.0], found[-1.0]
 
 
 def _masks(problem: Problem, error: FloatArray, felt: int, lag: float) -> Iterator[tuple[str, str, str, Mask]]:
@@ -124,23 +118,3 @@ def _masks(problem: Problem, error: FloatArray, felt: int, lag: float) -> Iterat
     side = np.sign(sums[np.minimum(at + width + 1, n)] - sums[np.maximum(at - width, 0)])
     lengths = np.diff(np.concatenate([[0], np.flatnonzero(np.diff(side)) + 1, [n]]))
     yield "load", "on one side for long", said, np.repeat(lengths >= felt, lengths)
-
-
-def _frequencies(problem: Problem, error: FloatArray, lag: float, total: float, count: int) -> list[Region]:
-    power = np.abs(np.fft.fft(error)) ** 2
-    frequency = np.abs(np.fft.fftfreq(problem.samples, problem.interval))
-    slow, fast = 1.0 / (20.0 * lag), 1.0 / (2.0 * lag)
-    out = []
-    for name, said, pick in (
-        ("slow changes", f"slower than {_time(20 * lag)}", frequency < slow),
-        ("changes at the speed of the loop", f"of {_time(2 * lag)} to {_time(20 * lag)}",
-         (frequency >= slow) & (frequency <= fast)),
-        ("fast changes", f"faster than {_time(2 * lag)}", frequency > fast),
-    ):
-        squares = float(power[pick].sum()) / problem.samples
-        if total > 0.0 and np.any(pick):
-            share, expected = squares / total, float(np.mean(pick))
-            sentence = (f"In changes {said}: {100 * share:.0f} % of the squared error; white noise would have "
-                        f"{100 * expected:.0f} % there.")
-            out.append(Region(name, float(np.sqrt(squares / count)), share, count, "frequency", expected, sentence))
-    return out

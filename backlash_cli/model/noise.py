@@ -17,16 +17,13 @@ from numpy.typing import NDArray
 from .. import kernels
 from ..record import FloatArray
 
-# what wanders more slowly than this share of the record is no noise about a mean: it is a drift
-SLOWEST = 0.1
-# deviances closer than this tell nothing about the noise
-CLOSE_ENOUGH = 0.02
+SLOWEST = 0.1  # what wanders more slowly than this share of the record is no noise about a mean: it is a drift
+CLOSE_ENOUGH = 0.02  # deviances closer than this tell nothing about the noise
 # a search starts at least this share of its range from its ends; its steps, at most, and for slopes, in logits of it
 NEAR_END, MOST_MOVE, SMALL, ROUNDS, DAMPING = 0.3, 1.0, 3e-3, 20, 0.1
 State = TypeVar("State")
 Local = tuple[FloatArray, FloatArray, Callable[[FloatArray], State]]
-# damping after a step that was better, and after one that was not; steps tried from one place
-LESS, MORE, TRIES = 0.2, 8.0, 4
+LESS, MORE, TRIES = 0.2, 8.0, 4  # damping after a step that was better, or not; steps tried from one place
 
 
 @dataclass(frozen=True)
@@ -63,8 +60,7 @@ class Whitener:
 
     def columns(self, X: FloatArray) -> FloatArray:
         """Return the whitened columns of X (samples, columns)."""
-        whitened: FloatArray = kernels.whiten(np.ascontiguousarray(X), self.a1, self.a2, self.gain, self.weight)
-        return whitened
+        return np.asarray(kernels.whiten(np.ascontiguousarray(X), self.a1, self.a2, self.gain, self.weight))
 
     def one(self, x: FloatArray) -> FloatArray:
         """Return the whitened x (samples,)."""
@@ -72,8 +68,7 @@ class Whitener:
 
     def transposed(self, z: FloatArray) -> FloatArray:
         """Return the transposed whitening of z (samples,): <whitened x, z> = <x, transposed z> for every x."""
-        turned: FloatArray = kernels.whiten_transposed(z, self.a1, self.a2, self.gain, self.weight)
-        return turned
+        return np.asarray(kernels.whiten_transposed(z, self.a1, self.a2, self.gain, self.weight))
 
     def deviance(self, rss: float) -> float:
         """Return -2 log likelihood with the noise variance profiled out, from the whitened sum of squares."""
@@ -131,8 +126,7 @@ def fit_noise(error: FloatArray, used: NDArray[np.bool_], h: float, first: Noise
 
     def innovations(x: FloatArray) -> FloatArray:
         white, log_det = kernels.kalman(error, used, *noise(x).at_rest(h), *none)
-        scaled: FloatArray = white * np.exp(0.5 * log_det / count)
-        return scaled
+        return np.asarray(white * np.exp(0.5 * log_det / count))
 
     def local(x: FloatArray) -> tuple[FloatArray, FloatArray, Callable[[FloatArray], FloatArray]]:
         here = innovations(x)
@@ -168,5 +162,4 @@ def known_load(error: FloatArray, used: NDArray[np.bool_], h: float, noise: Nois
 
 def _behind(pushes: FloatArray, keep: float) -> FloatArray:
     """Return x (samples,) with x[0] = 0 and x[k+1] = keep x[k] + pushes[k]."""
-    followed: FloatArray = kernels.lag(np.append(0.0, pushes), keep, 0.0, 1.0, 0)
-    return followed[1:]
+    return np.asarray(kernels.lag(np.append(0.0, pushes), keep, 0.0, 1.0, 0))[1:]

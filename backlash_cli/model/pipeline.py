@@ -14,12 +14,8 @@ from ..effects.process import delayed_lag, forgotten, late
 from ..record import FloatArray
 from .problem import Problem
 
-ORDER = {stage: i for i, stage in enumerate(Stage)}
-PLACE = {effect.name: i for i, effect in enumerate(EFFECTS)}
-# a load moves PV by less than this [span]
-USUAL_SPAN = 0.5
-# move of PV [span] by which the slopes of a transmitter are taken
-SMALL_MOVE = 1e-4
+STAGES, NAMES = list(Stage), [effect.name for effect in EFFECTS]
+SMALL_MOVE = 1e-4  # move of PV [span] by which the slopes of a transmitter are taken
 
 
 @dataclass(frozen=True)
@@ -45,21 +41,6 @@ class Part:
         """True when the effect belongs to the recorder and does not move the prediction."""
         return self.effect.fitting.bounds is not None
 
-    @property
-    def on_output(self) -> bool:
-        """True for an effect between the controller and the process that is not linear."""
-        return not self.is_linear and self.effect.stage in (Stage.COMMAND, Stage.VALVE, Stage.PROCESS)
-
-    @property
-    def on_load(self) -> bool:
-        """True for an effect that acts where loads meet the process, after the dead time, and is not linear."""
-        return not self.is_linear and self.effect.stage == Stage.LOAD
-
-    @property
-    def on_sensor(self) -> bool:
-        """True for an effect of the transmitter: it acts on PV after the process and all loads."""
-        return self.effect.stage == Stage.SENSOR and not self.is_recorder
-
 
 @dataclass(frozen=True)
 class Shape:
@@ -84,9 +65,9 @@ class Shape:
         return replace(self, parts=(*self.parts[:place], part, *self.parts[place + 1 :]))
 
     @property
-    def sensors(self) -> tuple[Part, ...]:
-        """The effects of the transmitter."""
-        return tuple(p for p in self.parts if p.on_sensor)
+    def sensors(self) -> list[Part]:
+        """The effects of the transmitter: they act on PV after the process and all loads."""
+        return acting(self.parts, Stage.SENSOR)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -94,20 +75,24 @@ class Shape:
         return tuple(p.effect.name for p in self.parts)
 
 
+def acting(parts: Sequence[Part], *stages: Stage) -> list[Part]:
+    """Return the parts of these stages that act on a signal: not what is solved for, nor what the recorder does."""
+    return [p for p in parts if p.effect.stage in stages and not p.is_linear and not p.is_recorder]
+
+
 def in_order(parts: Sequence[Part]) -> tuple[Part, ...]:
     """Return the parts in the order a signal meets them; effects from outside come last within their stage."""
-    return tuple(sorted(parts, key=lambda p: (ORDER[p.effect.stage], PLACE.get(p.effect.name, len(PLACE)))))
+    names = [*NAMES, *(part.effect.name for part in parts)]
+    return tuple(sorted(parts, key=lambda p: (STAGES.index(p.effect.stage), names.index(p.effect.name))))
 
 
 def moved_output(problem: Problem, parts: Sequence[Part]) -> FloatArray:
     """Return the output (samples,) after all effects between the controller and the process that are not linear."""
-    movers = [part for part in parts if part.on_output]
+    movers = acting(parts, Stage.COMMAND, Stage.VALVE, Stage.PROCESS)
     if not movers:
         return problem.output
     # most trials of a fit change the process or the loads only
-    key = tuple(part.key for part in movers)
-    moved: FloatArray = problem.memory.of(key, lambda: through(problem, movers, problem.output))
-    return moved
+    return problem.memory.of(tuple(part.key for part in movers), lambda: through(problem, movers, problem.output))
 
 
 def through(problem: Problem, parts: Sequence[Part], signal: FloatArray) -> FloatArray:
@@ -144,8 +129,7 @@ def load_columns(problem: Problem, part: Part) -> list[FloatArray]:
         return out
 
     key = (effect.name, part.column, *((k, v if k not in none else len(none[k])) for k, v in part.values.items()))
-    columns: list[FloatArray] = problem.memory.of(key, make)
-    return columns
+    return problem.memory.of(key, make)
 
 
 def as_tuple(value: object) -> tuple[float, ...]:
@@ -159,7 +143,7 @@ def into_process(problem: Problem, shape: Shape) -> tuple[FloatArray, float]:
     An effect on the load that is not linear acts on what has passed the dead time, so that none is left then.
     """
     moved = moved_output(problem, shape.parts)
-    loads = [part for part in shape.parts if part.on_load]
+    loads = acting(shape.parts, Stage.LOAD)
     if not loads:
         return moved, shape.delay
     return through(problem, loads, late(moved, shape.delay / problem.interval)), 0.0
@@ -181,45 +165,26 @@ def sensed_slopes(problem: Problem, shape: Shape, process: FloatArray, columns: 
                             for e, x in zip(steps, columns.T, strict=True)])
 
 
-def beside_output(problem: Problem, shape: Shape) -> list[Part]:
-    """Return the effects that change other columns of the prediction than the moved output."""
-    return [part for part in shape.parts if part.is_linear or (part.on_output and part.effect.stage == Stage.PROCESS
-            and (problem.holes or part.effect.fitting.on_loads))]  # fmt: skip
-
-
 def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
-    """Return the other columns of the prediction, (samples, columns): 1, the forgotten start, holes, and loads.
+    """Return the other columns of the prediction, (samples, columns): 1, the forgotten start, and loads.
 
-    The first 2 + holes columns are the same for every shape; load columns follow in the order of the parts, and
-    last, for each further lag of the process, what it has to forget of its start.
+    The first two are the same for every shape; load columns follow in the order of the parts, and last, for each
+    further lag of the process, what it has to forget of its start.
     """
-    own = beside_output(problem, shape)
-    delay = shape.delay if problem.holes else 0.0
+    lags = [part for part in shape.parts if part.effect.fitting.on_loads]
+    loads = [part for part in shape.parts if part.is_linear]
 
     def make() -> FloatArray:
         h, n, tau = problem.interval, problem.samples, shape.lag
-        process = [part for part in own if part.on_output]
-        lags = [part for part in process if part.effect.fitting.on_loads]
-        columns = [np.ones(n), forgotten(n, h, tau)]
-        for hole in problem.holes:
-            columns.append(delayed_lag(through(problem, process, pulse(n, hole.first, hole.last)), h, tau, delay))
-        for part in own:
-            if part.is_linear:
-                columns += [delayed_lag(through(problem, lags, c), h, tau, 0.0) for c in load_columns(problem, part)]
         # what a further lag has to forget is a push of about one time constant at the start
-        kick = pulse(n, 1, 1 + max(int(tau / h), 1))
-        columns += [delayed_lag(through(problem, [lag], kick), h, tau, 0.0) for lag in lags]
-        return np.column_stack(columns)
+        kick = np.zeros(n)
+        kick[1 : 1 + max(int(tau / h), 1)] = 1.0
+        pushes = [through(problem, lags, column) for part in loads for column in load_columns(problem, part)]
+        pushes += [through(problem, [lag], kick) for lag in lags]
+        lagged = [delayed_lag(push, h, tau, 0.0) for push in pushes]
+        return np.column_stack([np.ones(n), forgotten(n, h, tau), *lagged])
 
-    found: FloatArray = problem.others.of((shape.lag, delay, *(part.key for part in own)), make)
-    return found
-
-
-def pulse(samples: int, first: int, last: int) -> FloatArray:
-    """Return 1 from `first` to before `last` and 0 elsewhere, (samples,)."""
-    out = np.zeros(samples)
-    out[first:last] = 1.0
-    return out
+    return problem.others.of((shape.lag, *(part.key for part in (*lags, *loads))), make)
 
 
 def regressors(problem: Problem, shape: Shape) -> FloatArray:
@@ -229,14 +194,4 @@ def regressors(problem: Problem, shape: Shape) -> FloatArray:
 
 def predict(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatArray:
     """Return predicted PV (samples,): `regressors` times coefficients as the transmitter shows them."""
-    others = load_regressors(problem, shape) @ coefficients[1:]
-    return through(problem, shape.sensors, coefficients[0] * moved_process(problem, shape) + others)
-
-
-def ridges(problem: Problem, columns: FloatArray) -> FloatArray:
-    """Return what keeps the coefficient of each load regressor, (columns,), from any value where the samples at hand do
-    not show it, as at the end of a hole: variance of the noise over that expected of the coefficient."""
-    loads = columns[:, 2 + len(problem.holes) :]
-    sizes = np.sqrt(np.einsum("ij,ij->j", loads, loads) / len(columns))
-    spreads = [1e3, USUAL_SPAN, *(hole.doubt for hole in problem.holes), *USUAL_SPAN / np.maximum(sizes, 1e-12)]
-    return (problem.floor / np.array(spreads)) ** 2
+    return through(problem, shape.sensors, regressors(problem, shape) @ coefficients)

@@ -1,55 +1,36 @@
 """One loop's recording as a model sees it: a gapless grid of OP and PV, with a mask of the samples that count.
 
-What OP tells by itself: who moves it, the setpoint and the operator or the load, and in which steps it was recorded.
-
 A model that predicts PV from OP alone can be judged by its error only where OP moved for another reason than PV. Where
 the loop answers to its load, OP is a mirror of that load: there a wrong model with a small gain has the smaller error
 (Ljung, System Identification, section 13.4: output error is biased in closed loop, prediction errors are not).
 
-The controller moved the valve by OP as it was, the historian may have kept it rounded. Where the record goes from one
-level to the next, OP crossed the middle between them; where it turned it came on average as far as the level. Whether
-the valve got the rounded OP or the one before rounding is not known beforehand: a search tries both.
+Whether the valve got OP as the historian rounded it or as it was before is not known beforehand: a search tries both.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..effects.process import delayed_lag
+from ..effects.recording import recorded_steps
 from ..errors import LoopError
 from ..record import FloatArray, LoopSettings, Record, SampleState
 
-# fewer samples than this cannot carry a model with three parameters, a hold-out and a search
-FEWEST_SAMPLES = 100
-# holes of OP that get a free mean; the others are bridged by a straight line
-MOST_HOLES = 12
+FEWEST_SAMPLES = 100  # fewer samples than this cannot carry a model with three parameters, a hold-out and a search
+T = TypeVar("T")
+SHORT, FORGOTTEN = 0.25, 4.0  # integral times: holes of OP that do no harm, and after which one is forgotten
 LAGS = 7  # shapes of the answer of OP to a setpoint move: lags from one sample to a quarter of the record
-# shares above this: the record shows what OP does to PV, and the error of the prediction from OP alone is the measure
-MOSTLY = 0.5
-# a load-driven loop is predicted this share of Ti ahead: well before OP can answer to what came meanwhile
-AHEAD = 0.5
-# without Ti: until PV has moved by this many times its noise, but not longer than a part of the record
-VISIBLE, PART = 2.0, 50.0
-# fewer moves than this tell nothing about a step; a record of which fewer rows repeat is not rounded coarsely
-FEWEST_MOVES, REPEATS = 50, 0.3
-# samples of moved outputs and load columns that are kept: a search comes back to them under another lag or noise
-ROOM = 2_000_000
-# moves of this many steps at once are jumps of OP, no crossings
-JUMP = 1.5
-
-
-@dataclass(frozen=True)
-class Hole:
-    """Samples first..last-1 without OP; `doubt` is how far the mean of OP may lie off a straight line [span]."""
-
-    first: int
-    last: int
-    doubt: float
+MOSTLY = 0.5  # share from which the error of a prediction from OP alone is the measure
+AHEAD = 0.5  # a load-driven loop is predicted this share of Ti ahead: well before OP can answer to what came meanwhile
+VISIBLE, PART = 2.0, 50.0  # without Ti: until PV has moved by so many times its noise, a part of the record at most
+FEWEST_MOVES = 50  # fewer moves than this tell nothing about a step
+ROOM = 2_000_000  # samples of moved outputs and load columns that are kept: a search comes back to them
+JUMP = 1.5  # moves of this many steps at once are jumps of OP, no crossings
 
 
 class Memory(dict[object, Any]):
@@ -58,13 +39,14 @@ class Memory(dict[object, Any]):
     def __init__(self, most: int) -> None:
         self.most = most
 
-    def of(self, key: object, make: Callable[[], Any]) -> Any:
+    def of(self, key: object, make: Callable[[], T]) -> T:
         """Return the result known by that key, made where it is not known."""
         if key not in self:
             if len(self) >= self.most:
                 del self[next(iter(self))]
             self[key] = make()
-        return self[key]
+        found: T = self[key]
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +55,11 @@ class Problem:
 
     output: OP, straight lines over holes. measurement: PV, 0 where `used` is False. recorded: PV with nan in holes.
     setpoint: SP, held over holes. columns: means of further measured columns up to the next sample, holes interpolated.
-    delay: dead time [s] known from the settings, None when the settings give none. holes: where OP is not known.
-    floor: standard deviation of the measurement noise [span], from third differences. driven: share of OP's motion that
-    comes from the setpoint or the operator. ahead: samples that a loop driven by its load is predicted ahead.
-    output_step: in which OP was recorded [span], 0 when it hardly matters. seed: of the random trials of a search.
-    start: epoch seconds of the first sample.
-    memory, others: moved outputs and load columns, and the columns of the last shape, shared by problems that differ in
-    their mask only.
+    delay: dead time [s], where the settings give one. holes: of OP that matter. floor: standard deviation of the
+    measurement noise [span]. driven: share of OP's motion that comes from the setpoint or the operator. ahead: samples
+    that a loop driven by its load is predicted ahead. output_step: in which OP was recorded [span], 0 when it hardly
+    matters. seed: of the random trials of a search. start: epoch seconds of the first sample. memory, others: moved
+    outputs and load columns, and the columns of the last shape, shared by problems that differ in their mask only.
     """
 
     loop: str
@@ -92,7 +72,7 @@ class Problem:
     columns: Mapping[str, FloatArray]
     delay: float | None
     settings: LoopSettings
-    holes: tuple[Hole, ...] = ()
+    holes: int = 0
     floor: float = 1e-4
     driven: float = 1.0
     ahead: int = 1
@@ -124,16 +104,9 @@ class Problem:
         """Return the problem with only the samples `keep` (samples,) counting."""
         return replace(self, used=self.used & keep)
 
-    def with_measurement(self, measurement: FloatArray, used: NDArray[np.bool_]) -> Problem:
-        """Return the problem with another measurement (samples,) and other samples that count."""
-        return replace(self, measurement=np.where(used, measurement, 0.0), used=used)
-
 
 def problem_from_record(record: Record, seed: int = 0) -> Problem:
-    """Lay a record on its grid for a model; seed: of the random trials of a search.
-
-    Raises LoopError when OP is absent or constant, PV is constant, or too few samples can be used.
-    """
+    """Lay a record on its grid. Raises LoopError where OP is absent, OP or PV constant, or too few samples count."""
     where = record.loop
     if record.output is None:
         raise LoopError("no controller output (OP): the model predicts PV from OP", where=where, code="no_output",
@@ -155,14 +128,22 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
     whole = np.isin(state, (SampleState.GOOD, SampleState.MANUAL, SampleState.SATURATED))
     used = whole & np.isfinite(measurement) & np.isfinite(output)
     count = int(np.count_nonzero(used))
+    # a signal that never moves is marked frozen as a whole: that is the reason to give, not its consequence
+    shown = used if count >= FEWEST_SAMPLES else np.ones(samples, dtype=bool)
+    for name, signal in (("OP", output), ("PV", measurement)):
+        values = signal[shown & np.isfinite(signal)]
+        if values.size and np.ptp(values) <= 1e-9 * max(1.0, float(np.max(np.abs(values)))):
+            raise LoopError(f"{name} is constant ({100 * values[0]:.3g} % of span): nothing moves, so nothing can be "
+                            "learnt", where=where, code="constant_signal",
+                            remedy="export a period with setpoint changes or load upsets")
     if count < FEWEST_SAMPLES:
-        # a signal that never moves is marked frozen as a whole: that is the reason to give, not its consequence
-        _refuse_constant(where, output, measurement)
         raise LoopError(f"only {count} usable samples; a model needs {FEWEST_SAMPLES}", where=where,
                         remedy="export a longer period, or check the quality column and the span (pv_range)",
                         code="insufficient_data")
-    _refuse_constant(where, output[used], measurement[used])
     recorded = np.where(used, measurement, np.nan)
+    holes, felt = _holes(output, (record.settings.Ti or record.interval * samples / 60.0) / record.interval)
+    if np.count_nonzero(used & ~felt) > max(0.5 * count, FEWEST_SAMPLES):
+        used &= ~felt
     columns = {}
     for name, values in record.disturbances.items():
         grid = on_grid(values)
@@ -173,19 +154,10 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
     moved, setpoint, floor, h = _interpolate(output), hold(setpoint), noise_floor(recorded), record.interval
     return Problem(
         record.loop, h, moved, np.where(used, measurement, 0.0), recorded, setpoint, used, columns,
-        record.settings.theta or None, record.settings, _holes(output), floor,
+        record.settings.theta or None, record.settings, holes, floor,
         moved_from_outside(moved, setpoint, state == SampleState.MANUAL, used, h),
         horizon(recorded, floor, h, record.settings.Ti), step_of(moved), seed, float(record.time[0]),
         Memory(max(16, ROOM // samples)))
-
-
-def _refuse_constant(where: str, output: FloatArray, measurement: FloatArray) -> None:
-    """Raise LoopError when OP or PV (samples,) holds one value only; nan is left out."""
-    for name, values in (("OP", output[np.isfinite(output)]), ("PV", measurement[np.isfinite(measurement)])):
-        if values.size and np.ptp(values) <= 1e-9 * max(1.0, float(np.max(np.abs(values)))):
-            raise LoopError(f"{name} is constant ({100 * values[0]:.3g} % of span): nothing moves, so nothing can be "
-                            "learnt", where=where, code="constant_signal",
-                            remedy="export a period with setpoint changes or load upsets")
 
 
 def finer(problem: Problem) -> Problem | None:
@@ -203,10 +175,7 @@ def usual_output(problem: Problem) -> tuple[float, float] | None:
 
 
 def noise_floor(recorded: FloatArray) -> float:
-    """Return the standard deviation of white measurement noise in PV (samples,), nan in holes.
-
-    Third differences take away all that moves slowly: sqrt(mean(d3^2) / 20).
-    """
+    """Return the standard deviation of white measurement noise in PV (samples,), nan in holes, by third differences."""
     third = np.diff(recorded, 3)
     third = third[np.isfinite(third)]
     if third.size == 0:
@@ -218,20 +187,14 @@ def noise_floor(recorded: FloatArray) -> float:
     return max(float(np.sqrt(min(inner, float(np.mean(squares))) / 20.0)), 1e-7)
 
 
-def _holes(output: FloatArray) -> tuple[Hole, ...]:
-    """Return the holes of OP of two samples or more, at most MOST_HOLES, those with the largest doubt."""
-    edge = np.diff(np.concatenate([[0], (~np.isfinite(output)).astype(np.int8), [0]]))
-    sums = np.concatenate([[0.0], np.cumsum(_interpolate(output))])
-    found = []
-    for a, b in np.flatnonzero(edge).reshape(-1, 2).tolist():
-        length = b - a
-        if length > 1 and a > 0 and b < len(output):
-            # what stretches of the same length elsewhere did, and half of the move from one side to the other
-            ends = 0.5 * (output[: -length - 1] + output[length + 1 :])
-            wiggle = np.abs((sums[length + 1 : -1] - sums[1 : -length - 1]) / length - ends)
-            doubt = 1.5 * float(np.nanmedian(wiggle)) + 0.5 * float(abs(output[b] - output[a - 1]))
-            found.append(Hole(a, b, max(doubt, 1e-6)))
-    return tuple(sorted(found, key=lambda hole: (-hole.doubt, hole.first))[:MOST_HOLES])
+def _holes(output: FloatArray, memory: float) -> tuple[int, NDArray[np.bool_]]:
+    """Return how many holes OP (samples,) has, and where PV answers to them; memory: of the process in samples."""
+    felt = np.zeros(len(output), dtype=bool)
+    edges = np.flatnonzero(np.diff(np.isfinite(output), prepend=True, append=True)).reshape(-1, 2)
+    holes = [(a, b) for a, b in edges.tolist() if b - a > max(SHORT * memory, 1)]
+    for a, b in holes:
+        felt[a : b + int(FORGOTTEN * memory)] = True
+    return len(holes), felt
 
 
 def hold(values: FloatArray) -> FloatArray:
@@ -248,9 +211,9 @@ def _interpolate(values: FloatArray) -> FloatArray:
 
 def moved_from_outside(output: FloatArray, setpoint: FloatArray, manual: NDArray[np.bool_], used: NDArray[np.bool_],
                        h: float) -> float:
-    """Return the share of the variance of OP, 0..1, that setpoint moves or a hand on the output explain.
+    """Return the share of the variance of OP, 0..1, that setpoint moves, answered by a sum of lags, or a hand explain.
 
-    All arrays (samples,); h: interval [s]. The answer of OP to the setpoint is fitted as a sum of lags.
+    All arrays (samples,); h: interval [s].
     """
     y = output[used]
     spread = float(np.var(y))
@@ -272,10 +235,8 @@ def moved_from_outside(output: FloatArray, setpoint: FloatArray, manual: NDArray
 
 
 def trust(share: float) -> float:
-    """Return how much the error of the prediction from OP alone tells, 0..1, for a share moved from outside.
-
-    As in a Wiener filter: 1 / (1 + (load / signal)^2), with the variances of OP as load and signal.
-    """
+    """Return how much the error of the prediction from OP alone tells, 0..1, for a share moved from outside: as in a
+    Wiener filter 1 / (1 + (load / signal)^2), with the variances of OP as load and signal."""
     return share**2 / (share**2 + (1.0 - share) ** 2)
 
 
@@ -292,20 +253,15 @@ def horizon(recorded: FloatArray, floor: float, h: float, Ti: float | None) -> i
 
 def step_of(output: FloatArray) -> float:
     """Return the step in which OP (samples,) was recorded, 0 when it was not recorded in coarse steps."""
-    move = np.abs(np.diff(output))
-    moved = move[move > 1e-9]
-    if moved.size < FEWEST_MOVES or moved.size > (1.0 - REPEATS) * move.size:
-        return 0.0
-    step = float(np.quantile(moved, 0.1))
-    off = np.abs(moved / step - np.rint(moved / step))
-    levels = np.unique(np.rint(output / step)).size
+    moves = np.abs(np.diff(output))
+    moves, (step, how) = moves[moves > 1e-9], recorded_steps(output)
     # an operator's moves are few and large; rounding leaves mostly moves of one step
-    usual = float(np.mean(moved < JUMP * step))
-    return step if np.mean(off < 0.05) > 0.9 and usual > 0.5 and levels < 0.5 * moved.size else 0.0
+    return step if how == "rounded" and moves.size >= FEWEST_MOVES and np.mean(moves < JUMP * step) > 0.5 else 0.0
 
 
 def between_steps(output: FloatArray, step: float) -> FloatArray:
-    """Return OP (samples,) as it may have been before it was rounded to `step`."""
+    """Return OP (samples,) as it may have been before it was rounded to `step`: where it went from one level to the
+    next it crossed the middle between them, where it turned it came on average as far as the level."""
     at, moves = np.arange(len(output), dtype=np.float64), np.flatnonzero(np.abs(np.diff(output)) > 1e-9) + 1
     first, last = np.append(0, moves), np.append(moves, len(output)) - 1
     level = output[first]

@@ -15,6 +15,7 @@ The file is TOML text that a person can read, change by hand and use again tomor
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -116,12 +117,12 @@ def _effect(table: Mapping[str, Any], line: Callable[..., str]) -> ModelEffect:
     for key in given:
         if key not in names:
             raise MetadataError(f"unknown key '{key}' of {effect.name}", where=line(key), remedy=nearest(key, names))
-        # one value at a time; lists go together, because their lengths must agree
-        some = {k: v for k, v in given.items() if k == key or (isinstance(v, list) and isinstance(given[key], list))}
-        try:
-            effect.pack(some)
-        except MetadataError as error:
-            raise MetadataError(f"{key} = {given[key]}: {error.what}", where=line(key), remedy=error.remedy) from error
+    try:
+        effect.pack(given)
+    except MetadataError as error:
+        key = error.where.removeprefix(f"{effect.name}.")
+        said = f"{key} = {given[key]}: {error.what}" if key else error.what
+        raise MetadataError(said, where=line(key) if key else line(), remedy=error.remedy) from error
     values = {k: tuple(map(float, v)) if isinstance(v, list) else float(v) for k, v in given.items()}
     return ModelEffect(effect.name, values, column, name if ":" in name else "")
 
@@ -156,11 +157,11 @@ def _time(epoch: float) -> datetime | float:
 
 
 def _value(value: object) -> str:
-    """A value as TOML; of text quotes, backslashes and control characters are escaped."""
+    """A value as TOML, whose strings are those of JSON but for one character."""
     match value:
         case str():
-            kept = value.encode("utf-8", "replace").decode().replace("\\", "\\\\").replace('"', '\\"')
-            return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in kept) + '"'
+            kept = value.encode("utf-8", "replace").decode()
+            return json.dumps(kept, ensure_ascii=False).replace("\x7f", "\\u007f")
         case tuple():
             return f"[{', '.join(map(_value, value))}]"
         case datetime():
@@ -175,7 +176,7 @@ def _comment(text: str) -> str:
 
 def kept_model(record: Record, problem: Problem, fitted: Fit, recorders: Sequence[Part], rmse_holdout: float) -> Model:
     """Return a fit as a model of its own, every number in it."""
-    values = [*linear_values(problem, fitted), *(dict(p.values) for p in recorders)]
+    values = [*linear_values(fitted), *(dict(p.values) for p in recorders)]
     entries = [ModelEffect(p.effect.name, v, p.column, reference(p.effect))
                for p, v in zip((*fitted.shape.parts, *recorders), values, strict=True)]
     start, end = record.time[[0, -1]].tolist()
@@ -223,13 +224,13 @@ def loads_left_out(model: Model, problem: Problem) -> tuple[Note, ...]:
     return tuple(out)
 
 
-def parts_of(model: Model, problem: Problem) -> tuple[Part, ...]:
-    """Return the effects of a model as parts, with the times of events moved to those of the record.
+def shape_of(model: Model, problem: Problem) -> tuple[Shape, tuple[Part, ...]]:
+    """Return the shape of a model, with the times of events moved to those of the record, and its recorders.
 
     Loads that belong to another day are left out (see `loads_left_out`).
     Raises LoopError when a measured column that the model needs is not in the record.
     """
-    out = []
+    parts, recorders = list[Part](), list[Part]()
     later = 0.0 if model.start is None else problem.start - model.start
     for entry in model.effects:
         effect = load_effect(entry.reference)
@@ -248,8 +249,9 @@ def parts_of(model: Model, problem: Problem) -> tuple[Part, ...]:
         if effect.fitting.phase and "period" in values and later:
             turn = 2.0 * np.pi * later / as_tuple(values["period"])[0] + as_tuple(values[effect.fitting.phase])[0]
             values[effect.fitting.phase] = float(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi)
-        out.append(Part(effect, values, entry.column))
-    return in_order(out)
+        part = Part(effect, values, entry.column)
+        (recorders if part.is_recorder else parts).append(part)
+    return Shape(model.tau, model.theta, in_order(parts)), in_order(recorders)
 
 
 def in_ranges_of(record: Record, model: Model) -> Record:
@@ -276,20 +278,3 @@ def in_ranges_of(record: Record, model: Model) -> Record:
         record, settings=settings, notes=told, setpoint=moved(record.setpoint, s.pv_range, pv),
         measurement=moved(record.measurement, s.pv_range, pv),
         output=None if record.output is None else moved(record.output, s.op_range, op))
-
-
-def shape_of(model: Model, parts: Sequence[Part]) -> Shape:
-    """Return the searched part of a model."""
-    return Shape(model.tau, model.theta, tuple(p for p in parts if not p.is_recorder))
-
-
-def coefficients_of(model: Model, problem: Problem, shape: Shape) -> FloatArray:
-    """Return the coefficients of all regressors as the model has them; start and holes are 0."""
-    out: list[float] = []
-    for part in shape.parts:
-        phase = part.effect.fitting.phase
-        turns = (0.0, 0.5 * np.pi) if phase else (0.0,)
-        turn = as_tuple(part.values[phase])[0] if phase else 0.0
-        out += [v * np.cos(turn - more) for name in part.effect.fitting.linear for v in as_tuple(part.values[name])
-                for more in turns]
-    return np.concatenate([[model.Kp, model.offset, 0.0], np.zeros(len(problem.holes)), model.Kp * np.array(out)])

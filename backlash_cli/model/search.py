@@ -10,7 +10,7 @@ import numpy as np
 from ..effects import Effect, Stage
 from .adequacy import Left, left_by
 from .candidates import ENOUGH, Judge, candidate, jumpy, table, wander
-from .fit import Fit, Solver, descend, fit, refit_noise
+from .fit import Fit, Solver, descend, finished, fit, refit_noise
 from .holdout import better
 from .noise import Noise
 from .pipeline import Part, Shape, load_regressors, predict
@@ -171,9 +171,13 @@ def in_place(found: Found, effects: Sequence[Effect]) -> dict[tuple[str, str], F
             # what gains little is compared with everything
             near |= {n for n, e in by_name.items() if e.fitted and not (e.fitting.seldom or jumpy(e) or
                                                                         e.fitting.bounds)}
+        # what stands in the place of a look-alike finds the rest of the model as it is; without the effect that has
+        # moved to make up for it, mostly into another valley
+        bare = finished(judge.problem, found.final.shape.without(name), found.final.noise)
         for other in by_name:
             if other in near and other not in found.final.shape.without(name).names and (name, other) not in instead:
-                there = candidate(judge, found.without[name], by_name[other], known={name: found.final}, must=True)
+                base = bare if other in part.effect.fitting.siblings else found.without[name]
+                there = candidate(judge, base, by_name[other], known={name: found.final}, must=True)
                 if there is not None:
                     instead[name, other] = there
     return instead

@@ -17,7 +17,7 @@ from ..estimator.criteria import CLEARED
 from ..estimator.quality import data_quality
 from ..record import Record
 from ..results import UNDECIDED, LoopReport, Verdict
-from ..results.plan import ENOUGH, Course, LoopPlan, PlanOption
+from ..results.advice import ENOUGH, Course, LoopPlan, PlanOption
 from ..scanning import scan
 from .twin import KINDS, TENTH, Move, Test, Twin, behind, twins_of
 from .words import logging_words, model_words, option_words

@@ -210,7 +210,7 @@ def _process(record: Record, controller: Controller, sizes: Sequence[float]) -> 
         told, Ti = record.settings.Kp if record.settings.source.get("Kp") == "metadata" else None, controller.Ti
         gain = told or 1.0 / (controller.K * (DEAD_TIME + CLOSED))  # lambda tuning: K = lag/(gain (closed + dead time))
         return Process(gain, (Ti,), DEAD_TIME * Ti), "assumed to suit K and Ti"
-    process = Process.of(max(models, key=lambda model: model.evidence or 0.0))
+    process = max(models, key=lambda model: model.evidence or 0.0)
     share = 1.0 if process.integrating else min(1.0, SEEN * controller.Ti / max(sum(process.lags), 1e-9))
     # what comes later than a few integral times the controller has made up for: no record in automatic tells it
     return replace(process, gain=process.gain * share, lags=tuple(x * share for x in process.lags)), "fitted"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from ..record import LoopSettings, duration
 
 if TYPE_CHECKING:
-    from ..results.plan import PlanOption
+    from ..results.advice import PlanOption
     from .twin import Twin
 
 _REMEDIES = {

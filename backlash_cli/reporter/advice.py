@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..results.compensation import CompensationStudy
-from ..results.plan import Course, LoopPlan, PlanOption
+from ..results.advice import CompensationStudy, Course, LoopPlan, PlanOption
 from .figures import EVIDENCE, GREEN, MEASUREMENT, OUTPUT, QUIET, SETPOINT, Figure, across, axis, figure, trace, written
 from .figures import units as in_units
 from .json_report import fields_of
@@ -35,9 +34,7 @@ def compensation(study: CompensationStudy) -> Report:
             **{name: getattr(study, name) for name in told}, "process": study.process,
             "dead_band": {"d": study.d, "ci95": study.interval, "source": study.d_source},
             "recommended": None if study.recommended is None else recommended,
-            "trials": [{**fields_of(t, "travel", "output_travel", "reversals"), "valve_travel_per_hour": t.travel,
-                        "output_travel_per_hour": t.output_travel, "reversals_per_hour": t.reversals}
-                       for t in study.trials], "advice": ADVICE}
+            "trials": study.trials, "advice": ADVICE}
 
     return Report("compensate", f"Backlash compensation: {shorten(study.loop, 80)}",
                   {"study": study, "advice": ADVICE, "columns": GAINS}, document,
@@ -52,7 +49,6 @@ def _line(run: Course, values: Sequence[float], span: tuple[float, float], name:
 
 
 def _trends(study: CompensationStudy) -> Figure | None:
-    """Measurement, output and valve position before and after."""
     if study.before is None:
         return None
     looks: Figure = {"hover": "%{y:.2f}", "width": 1.4, "digits": 6}
@@ -69,9 +65,9 @@ def _trends(study: CompensationStudy) -> Figure | None:
 
 
 def _gains(study: CompensationStudy) -> Figure:
-    """Mean error, peak and travel over the gain, relative to no compensator."""
     x, data = [100.0 * t.gain for t in study.trials], []
-    shown = (("mean error", "iae", MEASUREMENT), ("peak error", "peak", QUIET), ("valve travel", "travel", EVIDENCE))
+    shown = (("mean error", "iae", MEASUREMENT), ("peak error", "peak", QUIET),
+             ("valve travel", "valve_travel_per_hour", EVIDENCE))
     for name, key, colour in shown:
         first = getattr(study.base, key)
         y = [getattr(t, key) / first if first > 0 else None for t in study.trials]

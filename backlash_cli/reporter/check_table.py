@@ -32,7 +32,6 @@ def checked(result: PlantResult) -> Report:
 
 
 def _findings(loop: LoopCheck) -> list[Note]:
-    """Everything worth saying about a loop, settings first."""
     told = {note.code for note in loop.notes}
     notes = [*loop.settings_notes] or [note for note in (loop.unidentified,) if note]
     notes += loop.identified.notes if loop.identified else ()

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from .._version import __version__
-from ..results import Compensator, Verdict
-from ..results.history import DAY, HalfPeriod, Night, Place, Repair, Run, Segment, Wear
+from ..results import Compensator, Estimate, Verdict
+from ..results.history import DAY, Night, Place, Repair, Segment, Wear
 from . import figures as fig
 from .figures import Figure
-from .json_report import fields_of, iso_time
+from .json_report import fields_of
 from .page import is_page
 from .report import LoopPart, Report
 from .safe import picture
@@ -25,7 +25,10 @@ MARKS = {"pull": "bad", "room": "warn", "watch": "warn", "leave": "good", "check
 DRAWN = 60  # loops with figures in a single file
 RANKED = 40  # loops in the picture of the plant
 LATEST = 30  # nights in a loop's table
+RECENT = 14.0  # days whose half periods are drawn
 WEEKS = 8  # of the small lines beside the sizes in that picture
+
+HalfPeriods = Callable[[str, float], Sequence[Estimate]]
 
 
 def loops_text(nights: Mapping[str, Sequence[Night]], repairs: Mapping[str, Sequence[Repair]], runs: int) -> str:
@@ -35,37 +38,34 @@ def loops_text(nights: Mapping[str, Sequence[Night]], repairs: Mapping[str, Sequ
     return screen("history.txt", width=WIDTH, nights=nights, repairs=repairs, runs=runs, sizes=sizes, verdicts=verdicts)
 
 
-def runs_text(runs: Sequence[Run]) -> str:
+def runs_text(runs: Sequence[Mapping[str, Any]]) -> str:
     """Return one line per run that added to the history, in the order of their data."""
     return screen("runs.txt", width=WIDTH, runs=runs)
 
 
-def trend(wears: Mapping[str, Wear], places: Sequence[Place]) -> Report:
+def trend(places: Sequence[Place]) -> Report:
     """Return wear and ranking of all loops in the order of repair; verbose: why every loop has its place."""
-    return Report("trend", "", {"wears": wears, "places": places, "growth": growth},
-                  lambda: {"loops": [_wear(wears[place.loop], place) for place in places]}, width=WIDTH)
+    return Report("trend", "", {"places": places, "growth": growth}, lambda: {"loops": [*map(_told, places)]},
+                  width=WIDTH)
 
 
-def _wear(wear: Wear, place: Place) -> dict[str, Any]:
+def _told(place: Place) -> dict[str, Any]:
     """Return one loop's wear with the names of the contract; dead bands are shares of the output span."""
-    now, h, date = wear.now, wear.held_out, wear.limit_date and [*map(day, wear.limit_date)]
+    wear, now = place.wear, place.wear.now
+    date = wear.limit_date and [*map(day, wear.limit_date)]
     return {
-        "message": sentence("outlook", wear), "why": lines("why_place", place, wear),
-        **{name: getattr(wear, name) for name in ("loop", "nights", "state")},
-        **{name: getattr(place, name) for name in ("rank", "action", "confidence")},
-        "ratio_to_limit": place.ratio, "slope_per_day": _slope(now),
-        "level": None if now is None or now.level_ci95 is None else {"value": now.level, "ci95": now.level_ci95},
+        "message": sentence("outlook", wear), "why": lines("why_place", place), "loop": place.loop,
+        "nights": len(wear.nights), "state": wear.state,
+        **{name: getattr(place, name) for name in ("rank", "action", "confidence", "ratio_to_limit")},
+        "slope_per_day": _slope(now), "level": now and {"value": now.level, "ci95": now.level_ci95},
         "limit": wear.limit.value, "limit_class": wear.limit.name, "limit_source": wear.limit.source,
         "limit_date": date and {"value": date[0], "ci95": date[1:]}, "model": wear.model or None,
-        "held_out": h and {
-            "nights": h.nights, "since": day(h.since), "straight_line_error": h.line, "local_error": h.local,
-            "straight_line_bias": h.bias, "straight_line_holds": h.line_holds},
-        "repairs": [{"date": r.date.isoformat(), **fields_of(r, "loop"), "time": iso_time(r.time)}
-                    for r in wear.repairs],
+        "held_out": wear.held_out,
+        "repairs": [{"date": r.date.isoformat(), **fields_of(r, "loop")} for r in wear.repairs],
         "segments": [{"start": day(s.first), "end": day(s.last), "nights": s.nights,
                       "below_detection": s.below, "slope_per_day": _slope(s), "level_start": s.level_first,
                       "level_end": s.level} for s in wear.segments],
-        "gaps": [{"date": day, "code": code} for day, code in wear.gaps], "missing_days": wear.missing}
+        "gaps": [{"date": day, "code": code} for day, code in wear.gaps], "missing_days": wear.missing_days}
 
 
 def _slope(segment: Segment | None) -> dict[str, Any]:
@@ -78,56 +78,50 @@ def growth(now: Segment | None) -> float | None:
     return 30 * now.slope if now is not None and now.growing and now.slope is not None else None
 
 
-def write_report(output: Path, places: Sequence[Place], wears: Mapping[str, Wear],
-                 nights: Mapping[str, Sequence[Night]], half_periods: Callable[[str], Sequence[HalfPeriod]]) -> None:
+def write_report(output: Path, places: Sequence[Place], half_periods: HalfPeriods) -> None:
     """Write one .html file, figures for the first 60 places and numbers for all, or a folder for any other name; the
-    old report stays until the new one is whole. half_periods: gives the recent half periods of a loop by its name."""
+    old report stays until the new one is whole. half_periods: gives those of a loop in so many last days."""
     single = is_page(output)
-    times = [n.time for found in nights.values() for n in found]
+    times = [n.time for p in places for n in p.wear.nights]
     first, last = (day(edge(times)) if times else None for edge in (min, max))  # the clock is not asked
-    content = {"places": places, "wears": wears, "counts": Counter(TITLES[p.action] for p in places), "ranked": RANKED,
+    content = {"places": places, "counts": Counter(TITLES[p.action] for p in places), "ranked": RANKED,
                "cut": DRAWN * (single and len(places) > DRAWN), "weeks": WEEKS, "marks": MARKS, "growth": growth}
-    told = (places, [[n.digest for n in nights[p.loop]] for p in places], [wears[p.loop] for p in places])
-    Report("wear", "Valve wear report", content, drawn=lambda: {
-        "picture": plant_picture(places[:RANKED], wears, nights)},
-           subtitle=sentence("made", len(nights), first, last, __version__, len(times)), loops=lambda: [
-        LoopPart(p.loop, MARKS[p.action], sentence("brief_wear", p, wears[p.loop]), "wear_loop.html",
-                 partial(_loop, p, wears[p.loop], nights[p.loop], half_periods, not single or p.rank <= DRAWN))
-        for p in places]).write(output, told)
+    Report("wear", "Valve wear report", content, drawn=lambda: {"picture": plant_picture(places[:RANKED])},
+           subtitle=sentence("made", len(places), first, last, __version__, len(times)), loops=lambda: [
+        LoopPart(p.loop, MARKS[p.action], sentence("brief_wear", p), "wear_loop.html",
+                 partial(_loop, p, half_periods, not single or p.rank <= DRAWN))
+        for p in places]).write(output, (places, [n.digest for p in places for n in p.wear.nights]))
 
 
-def plant_picture(places: Sequence[Place], wears: Mapping[str, Wear], nights: Mapping[str, Sequence[Night]]) -> Figure:
+def plant_picture(places: Sequence[Place]) -> Figure:
     """The loops in the order of repair: the dead band now with its interval against its limit, and its last weeks."""
-    since = max((n.time for p in places for n in nights[p.loop]), default=0.0) - 7 * WEEKS * DAY
+    since = max((n.time for p in places for n in p.wear.nights), default=0.0) - 7 * WEEKS * DAY
     rows = []
     for p in places:
-        wear, now = wears[p.loop], wears[p.loop].now
-        last = sorted((n.time, n.d) for n in nights[p.loop] if n.d is not None and n.time >= since)
+        wear, now = p.wear, p.wear.now
+        last = [(n.time, n.d) for n in wear.nights if n.d is not None and n.time >= since]
         level, ci95 = (now.level, now.level_ci95) if now else (None, None)
         rows.append(fig.PlantRow(p.loop, TITLES[p.action], MARKS[p.action], level, ci95, None, wear.limit.value,
-                                 "" if level else "no size", sentence("brief_wear", p, wear), tuple(last)))
+                                 "" if level else "no size", sentence("brief_wear", p), tuple(last)))
     return fig.plant(rows, "limit")
 
 
-def _loop(place: Place, wear: Wear, nights: Sequence[Night], half_periods: Callable[[str], Sequence[HalfPeriod]],
-          drawn: bool) -> dict[str, Any]:
-    """What is shown of one loop."""
-    halves = half_periods(place.loop) if drawn else ()
+def _loop(place: Place, half_periods: HalfPeriods, drawn: bool) -> dict[str, Any]:
+    halves, nights = half_periods(place.loop, RECENT) if drawn else (), place.wear.nights
     advice = [n.details["compensator"] for n in nights if isinstance(n.details.get("compensator"), Mapping)]
     wanted = advice and place.action in ("pull", "room", "watch")
-    return {"place": place, "wear": wear, "nights": nights, "drawn": drawn,
-            "figure": _wear_figure(nights, wear) if drawn and nights else None,
+    return {"place": place, "drawn": drawn, "figure": _wear_figure(place.wear) if drawn and nights else None,
             "half_periods": _half_period_figure(halves) if any(h.accepted for h in halves) else None,
             "advice": Compensator(**advice[-1]) if wanted else None,  # type: ignore[arg-type]
             "latest": nights[-LATEST:][::-1]}
 
 
-def _wear_figure(nights: Sequence[Night], wear: Wear) -> Figure:
-    """Return dead band over time in % of the output span, with the lines between repairs and the limit."""
+def _wear_figure(wear: Wear) -> Figure:
+    nights = wear.nights
     times = [*(n.time for n in nights), *(p[0] for p in wear.forecast)]
     limit, lines = 100 * wear.limit.value, []
     for suspected, name, symbol in ((False, "night", "circle"), (True, "suspected", "circle-open")):
-        own = [n for n in nights if n.measured and (n.verdict is Verdict.SUSPECTED) is suspected]
+        own = [n for n in nights if n.d is not None and (n.verdict is Verdict.SUSPECTED) is suspected]
         line = fig.dots([(n.time, n.d or 0.0) for n in own], name, fig.EVIDENCE, symbol=symbol, size=7,
                         hover="%{x|%Y-%m-%d}: %{y:.2f} %")
         lines.append(line | {"error_y": fig.bars(line["y"], [n.ci95 for n in own], fig.QUIET, thickness=1, width=2)})
@@ -149,8 +143,7 @@ def _wear_figure(nights: Sequence[Night], wear: Wear) -> Figure:
         margin={"t": 60})
 
 
-def _half_period_figure(half_periods: Sequence[HalfPeriod]) -> Figure:
-    """Return the accepted estimates of the half periods over time, in % of the output span."""
+def _half_period_figure(half_periods: Sequence[Estimate]) -> Figure:
     groups = []
     for joined, name, symbol in ((False, "half period", "circle"), (True, "across the cut of two nights", "diamond")):
         if part := [p for p in half_periods if p.accepted and p.joined is joined]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from ..record import Note
 
 SCHEMA_VERSION = 1
 NO_DATE = 2.5e11  # seconds from 1970 beyond which a time is no date (year 9892)
+MOMENTS = ("start", "end", "time")  # fields that are epoch seconds
 
 
 def to_json(result: results.ScanResult) -> str:
@@ -32,16 +33,9 @@ def json_parts(result: results.ScanResult) -> Iterator[str]:
 
 
 def loop(report: results.LoopReport) -> dict[str, Any]:
-    """Return one loop's report as plain values, names as in the contract; times are ISO 8601 in UTC."""
-    found: dict[str, Any] = strict({
-        **fields_of(report), "start": iso_time(report.start), "end": iso_time(report.end), "estimates": (),
-        "settings": {**fields_of(report.settings), "Tf": report.settings.filter_time}})
-    return found | {"estimates": half_periods(report.estimates)}
-
-
-def half_periods(found: Iterable[results.Estimate]) -> list[dict[str, Any]]:
-    """Return half periods as strict values."""
-    return [strict({**vars(e), "start": iso_time(e.start), "end": iso_time(e.end)}) for e in found]
+    """Return one loop's report as plain values, names as in the contract."""
+    settings = report.settings
+    return dict(strict({**fields_of(report), "settings": {**fields_of(settings), "Tf": settings.filter_time}}))
 
 
 def header() -> dict[str, Any]:
@@ -56,7 +50,7 @@ def json_text(document: Mapping[str, Any]) -> str:
 
 def strict(value: Any) -> Any:
     """Return `value` as JSON can say it: numbers to ten digits, NaN and infinity as null, arrays as lists, results by
-    the names of their fields (numbers of a Note only where there are any), anything else as text."""
+    the names of their fields as in the contract (numbers of a Note only where there are any), anything else as text."""
     if isinstance(value, float):
         return rounded if math.isfinite(rounded := float(f"{value:.10g}")) else None
     if isinstance(value, str):
@@ -65,7 +59,7 @@ def strict(value: Any) -> Any:
         return value
     if isinstance(value, Mapping):
         return {k if type(k) is str and k.isascii() else strict(str(k)): strict(v) for k, v in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
+    if isinstance(value, Sequence | Set):
         return [strict(v) for v in value]
     if isinstance(value, Note) and not value.values:
         return {"code": strict(value.code), "message": strict(value.message)}
@@ -75,8 +69,10 @@ def strict(value: Any) -> Any:
 
 
 def fields_of(value: Any, *without: str) -> dict[str, Any]:
-    """Return the fields of a result by name, but for those named and those that its `repr` leaves out, too."""
-    return {f.name: getattr(value, f.name) for f in fields(value) if f.repr and f.name not in without}
+    """Return the fields of a result by name, moments as ISO 8601 in UTC, but for those named and those that its `repr`
+    leaves out, too."""
+    told = {f.name: getattr(value, f.name) for f in fields(value) if f.repr and f.name not in without}
+    return told | {name: iso_time(told[name]) for name in MOMENTS if name in told}
 
 
 def iso_time(epoch: float | None) -> str | None:
@@ -109,10 +105,8 @@ def judged(found: results.Judged) -> dict[str, Any]:
         own = {"candidates": [], "steps": steps, "missing_effect": None}
     return {
         **header(), **fields_of(found), "start": iso_time(first), "end": iso_time(last), "effects": effects,
-        "samples": None if s is None else s.used.sum(), "model": kept and {
-            **fields_of(kept), "start": iso_time(kept.start), "end": iso_time(kept.end),
-            "effects": [{"effect": e.reference, "column": e.column or None, **e.parameters} for e in kept.effects]},
-        **own}
+        "samples": None if s is None else s.used.sum(), "model": kept and {**fields_of(kept), "effects": [
+            {"effect": e.reference, "column": e.column or None, **e.parameters} for e in kept.effects]}, **own}
 
 
 def _fitted(found: results.FittedEffect) -> dict[str, Any]:

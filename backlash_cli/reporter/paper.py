@@ -32,7 +32,6 @@ def paper(report: PaperReport) -> Report:
 
 
 def _plot(figure: PaperFigure) -> Figure:
-    """A figure with its panels below each other."""
     n = len(figure.panels)
     height = (1.0 - GAP * (n - 1)) / n
     layout: Figure = {"height": 190 * n + 160, "annotations": []}

@@ -67,6 +67,11 @@ def picture(text: object, limit: int = 80) -> str:
     return html.escape(terminal(text, limit), quote=False)
 
 
+def counted(number: int, what: str) -> str:
+    """A number of things, e.g. '1 loop', '2 loops'."""
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
 def file_names(names: Iterable[str]) -> dict[str, str]:
     """Return name -> file name (no folder, no suffix): letters, digits, `.`, `-`, `_`, at most 60 characters.
 

@@ -162,5 +162,4 @@ def _shape(axes: dict[str, Axes], shape: Figure, dates: bool) -> None:
 
 
 def _numbers(values: Sequence[Any], dates: bool = False) -> Any:
-    """Values as numbers, what is None as nan; dates in days since 1970."""
     return np.array(values, dtype=np.float64) / (86_400_000.0 if dates else 1.0)

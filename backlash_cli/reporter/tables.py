@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import UsageError
 from ..results import LoopReport, ScanResult
 from .files import replacing
-from .json_report import half_periods, loop, strict
+from .json_report import loop, strict
 from .safe import spreadsheet
 
 if TYPE_CHECKING:
@@ -49,9 +49,8 @@ def columns_of(table: str) -> dict[str, str]:
 
 
 def _rows(r: LoopReport, table: str) -> list[list[Any]]:
-    """The rows of one loop as strict values, in the order of the table's columns."""
     if table == "estimates":
-        return [[strict(r.loop), *row.values()] for row in half_periods(r.estimates)]
+        return [[strict(r.loop), *row.values()] for row in strict(r.estimates)]
     document = loop(replace(r, estimates=()))
     return [[_at(document, (kind.split()[1:] or [name])[0]) for name, kind in LOOP_COLUMNS.items()]]
 

@@ -12,7 +12,7 @@ from operator import itemgetter
 from ..record import LoopSettings
 from ..results import Explanation, FittedEffect, FittedParameter, LoopReport, Region, Step, Verdict
 from .json_report import iso_time
-from .safe import terminal
+from .safe import counted, terminal
 
 # words, in the order of a work list; and good, warn, bad, quiet: the mark of a page and the colour of a terminal
 VERDICTS = {**{verdict: verdict.replace("_", " ") for verdict in Verdict}, Verdict.INSUFFICIENT_DATA: "too little data",
@@ -69,11 +69,6 @@ def change(value: float, base: float) -> str:
     """How far a value is from the one without compensator, e.g. '-20 %', '+200 %', '0 %'."""
     more = round(100.0 * (value / base - 1.0)) if base > 0.0 else None
     return "–" if more is None else f"{more:+d} %".replace("+0", "0")
-
-
-def counted(number: int, what: str) -> str:
-    """A number of things, e.g. '1 loop', '2 loops'."""
-    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def joined(texts: Iterable[object], between: str = ", ") -> str:
@@ -173,7 +168,6 @@ def quantity(p: FittedParameter, stage: str, settings: LoopSettings, start: floa
 
 
 def _each(p: FittedParameter) -> list[FittedParameter]:
-    """The numbers of a parameter that holds several, one by one."""
     assert isinstance(p.value, tuple)
     return [replace(p, value=v, ci95=p.ci95 and p.ci95[i]) for i, v in enumerate(p.value)]  # type: ignore[arg-type]
 

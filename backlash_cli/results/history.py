@@ -5,12 +5,12 @@ Times are UTC epoch seconds, dead bands in spans of the controller output, slope
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 
 from ..record import Note
-from .scan import Estimate, Verdict
+from .scan import Verdict
 
 DAY = 86400.0
 
@@ -62,22 +62,9 @@ class Night:
         return day_of(self.time)
 
     @property
-    def measured(self) -> bool:
-        """Whether the night gives a size of the dead band."""
-        return self.d is not None
-
-    @property
     def below_detection(self) -> bool:
         """Whether the night says only that the dead band is below its limit of detection."""
         return self.d is None and self.verdict is Verdict.NO_BACKLASH and self.limit_of_detection is not None
-
-
-@dataclass(frozen=True)
-class HalfPeriod(Estimate):
-    """One half period of the history."""
-
-    loop: str = ""
-    joined: bool = False  # goes over the cut between two nights
 
 
 @dataclass(frozen=True)
@@ -95,37 +82,6 @@ class Repair:
     def date(self) -> date:
         """UTC calendar day."""
         return day_of(self.time)
-
-
-@dataclass(frozen=True)
-class Run:
-    """One run that added to the history. Times span the data; there is no clock time, so that a rerun adds nothing."""
-
-    first: float
-    last: float
-    loops: int
-    nights: int
-    inputs: tuple[str, ...]
-    failures: tuple[Note, ...] = ()
-    tool: str = ""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What adding a run changed: nights by what happened to them, as (loop, day) pairs; loops without a time."""
-
-    new: tuple[tuple[str, str], ...] = ()
-    unchanged: tuple[tuple[str, str], ...] = ()
-    revised: tuple[tuple[str, str], ...] = ()
-    untimed: tuple[str, ...] = ()
-
-    def sentence(self) -> str:
-        """Say it in words."""
-        done = ((self.new, "new"), (self.unchanged, "known and unchanged"), (self.revised, "revised"))
-        parts = [f"{len(found)} night{'s' * (len(found) > 1)} {word}" for found, word in done if found]
-        if self.untimed:
-            parts.append(f"{len(self.untimed)} loops without a time, not stored: {', '.join(self.untimed[:5])}")
-        return ", ".join(parts) or "nothing to add"
 
 
 @dataclass(frozen=True)
@@ -154,11 +110,11 @@ class HeldOut:
     """How a straight line and a trend that may bend foresaw the last nights, from the nights before alone."""
 
     nights: int  # so many were hidden
-    since: float  # time of the first of them
-    line: float  # median error of the straight line
-    local: float  # of the trend that may bend
-    bias: float  # median of nights less line, positive where the line is too low
-    line_holds: bool  # the line foresaw them as well
+    since: str  # day of the first of them
+    straight_line_error: float  # median
+    local_error: float  # of the trend that may bend
+    straight_line_bias: float  # median of nights less line, positive where the line is too low
+    straight_line_holds: bool  # it foresaw them as well
 
 
 @dataclass(frozen=True)
@@ -175,14 +131,14 @@ class Wear:
     """The wear of one loop: its segments, the repairs between them, and when the limit is reached."""
 
     loop: str
-    nights: int
+    nights: Sequence[Night] = field(repr=False)  # in time order
     limit: Limit
     state: str  # "growing", "no_trend", "too_few_nights" or "no_estimate"
     segments: tuple[Segment, ...] = ()
     repairs: tuple[Repair, ...] = ()
     limit_date: tuple[float, float, float] | None = None  # (value, early, late) where a trend reaches the limit
     gaps: tuple[tuple[str, str], ...] = ()  # (day, code of the reason) where a scan gave no size
-    missing: tuple[str, ...] = ()  # days between the first and the last night without any export
+    missing_days: tuple[str, ...] = ()  # days between the first and the last night without any export
     model: str = ""  # what the date comes from: "line" (straight) or "local" (a trend that may bend), if any
     held_out: HeldOut | None = None  # the two compared, None with too few nights
     forecast: tuple[tuple[float, ...], ...] = ()  # (time, dead band, low, high) to a date ahead
@@ -202,11 +158,12 @@ class Wear:
 class Place:
     """A place in the order of repair: what to do with the valve, and what decided."""
 
+    wear: Wear
     loop: str
     rank: int
     action: str  # "pull", "room", "watch", "leave" or "check"
-    ratio: float | None  # of the dead band to its limit
     confidence: float
+    ratio_to_limit: float | None  # of the dead band
     nights: int  # the last ones since the repair; `silent` of them saw no dead band, in `swinging` the loop oscillated
     silent: int
     swinging: int

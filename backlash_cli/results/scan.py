@@ -5,6 +5,7 @@ Times are UTC epoch seconds, signals normalised: a dead band is in spans of the 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -45,6 +46,7 @@ class Estimate:
     direction: int  # sign of e
     accepted: bool  # passed every gate
     why: str = "ok"  # else the code of the gate that refused it
+    joined: bool = field(default=False, repr=False)  # goes over the cut between two nights of a history
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +150,15 @@ class LoopReport:
     details: Mapping[str, object] = field(default_factory=dict)
     # what the next night needs to go on without a cut (estimator/carry.py), packed
     carry: bytes | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def claimed(self) -> Confirmation | Cluster | None:
+        """The dead band that the report stands for, None where the verdict claims none: PV against OP goes before the
+        half periods, which read low in noise."""
+        if self.verdict not in (Verdict.BACKLASH, Verdict.SUSPECTED):
+            return None
+        sizes = (self.confirmation, self.cluster)
+        return next((found for found in sizes if found is not None and math.isfinite(found.d) and found.d > 0.0), None)
 
     @property
     def limit_of_detection(self) -> float | None:

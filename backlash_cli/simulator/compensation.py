@@ -11,11 +11,11 @@ import numpy as np
 
 from ..errors import LoopError
 from ..estimator.compensator import HYSTERESIS, gain_share
+from ..estimator.recording import reversals
 from ..model.problem import noise_floor
 from ..record import FloatArray, Note, Record, SampleState
 from ..results import LoopReport, Verdict
-from ..results.compensation import CompensationStudy, ProcessModel, Trial
-from ..results.plan import Course
+from ..results.advice import CompensationStudy, Course, Trial
 from ..scanning import scan
 from .controller import Compensator, Controller, Scheme
 from .limit_cycle import limit_cycle
@@ -35,6 +35,7 @@ STEPS_BACK = (1.0, 0.75, 0.5)  # shares of the rule's gain that are tried when t
 LOAD_STEPS = 12
 SPACING = 12.0  # slowest time constants of the loop between load steps
 MOST_SAMPLES = 60_000
+STILL = 1e-9  # of span: a valve that turns by less stands
 SWING = 0.05  # dead bands: a valve that swings by less and for ever is not worth the name of limit cycle
 
 
@@ -54,8 +55,8 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
     d, interval, d_source = size_of(report, dead_band)
     controller = Controller.of(settings)
     known = replace(record, settings=settings)
-    model, warnings = model_of(known, controller, d, process)
-    if (smaller := contradiction(model)) is not None:
+    simulated, warnings = model_of(known, controller, d, process)
+    if (smaller := contradiction(simulated)) is not None:
         if smaller[1] == 0.0:
             raise LoopError(f"the record fits better without any dead band than with {100 * d:.2f} %",
                             where=record.loop, code="no_dead_band",
@@ -63,11 +64,10 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
         note = Note("smaller_dead_band", f"the record fits a dead band of {100 * smaller[1]:.2f} % clearly better than "
                     f"{100 * d:.2f} %; the smaller one is used")
         d, interval = smaller[1], (min(smaller[0], interval[0]), smaller[1])
-        model, more = model_of(known, controller, d, None)
+        simulated, more = model_of(known, controller, d, None)
         warnings = (*warnings, note, *more)
     if d_source == "scan" and report.verdict is Verdict.SUSPECTED:
         warnings = (*warnings, Note("suspected", "the scan only suspects backlash; confirm it by a valve test first"))
-    simulated = process or Process.of(model)
     if simulated.gain * controller.K < 0.0:
         raise LoopError(f"K = {controller.K:g} and the process gain {simulated.gain:g} make positive feedback",
                         where=record.loop, remedy="give both the same sign", code="wrong_sign")
@@ -76,15 +76,15 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
     share, why = gain_share(interval[0], derivative=controller.Td > 0.0, output_noise=arrived)
     loop = Study(controller, simulated, d, interval, density, typical_load(record, d), HYSTERESIS * filtered,
                  share * interval[0], why, seed)
-    return study(loop, record.loop, d_source, model, warnings)
+    return study(loop, record.loop, d_source, warnings)
 
 
 def size_of(report: LoopReport, given: float | None) -> tuple[float, tuple[float, float], str]:
     """Return dead band, the ends of its interval and its source. Raises LoopError when the scan found none."""
     if given is not None:
         return given, (given, given), "given"
-    found = report.confirmation or report.cluster
-    if found is None or found.d <= 0.0 or report.verdict not in (Verdict.BACKLASH, Verdict.SUSPECTED):
+    found = report.claimed
+    if found is None:
         reason = report.reasons[0].message if report.reasons else "no half period could be used"
         raise LoopError(f"the scan does not see backlash ({report.verdict}: {reason})", where=report.loop,
                         remedy="give one from a valve test with --dead-band 0.03 (3 % of the output span)",
@@ -93,13 +93,13 @@ def size_of(report: LoopReport, given: float | None) -> tuple[float, tuple[float
 
 
 def model_of(record: Record, controller: Controller, d: float, given: Process | None, *, integrating: bool = False
-             ) -> tuple[ProcessModel, tuple[Note, ...]]:
+             ) -> tuple[Process, tuple[Note, ...]]:
     """Return the process to simulate and what to know about it. integrating: whether a fitted one may integrate."""
     if given is not None:
-        return ProcessModel(given.static_gain or given.gain, given.lags, given.dead_time, given.integrating), ()
+        return given, ()
     told = record.settings.source.get("Kp") == "metadata"
     model = fit_process(record, d, record.settings.Kp if told else None, integrating=integrating)
-    margin = gain_margin(controller, Process.of(model))
+    margin = gain_margin(controller, model)
     if margin >= LEAST_MARGIN:
         return model, ()
     gain = model.gain * margin / LEAST_MARGIN
@@ -108,7 +108,7 @@ def model_of(record: Record, controller: Controller, d: float, given: Process | 
     return replace(model, gain=gain), (note,)
 
 
-def contradiction(model: ProcessModel) -> tuple[float, float] | None:
+def contradiction(model: Process) -> tuple[float, float] | None:
     """Return the low end and the best size of a dead band that fits the record clearly better, None if none does."""
     best, most = max(model.profile, key=lambda p: p[1], default=(0.0, 0.0))
     if not model.profile or most - model.profile[-1][1] <= CLEARLY:
@@ -201,8 +201,7 @@ class Study:
                               compensator=compensator, seed=self.seed))
 
 
-def study(s: Study, loop: str, d_source: str, model: ProcessModel, warnings: tuple[Note, ...] = ()
-          ) -> CompensationStudy:
+def study(s: Study, loop: str, d_source: str, warnings: tuple[Note, ...] = ()) -> CompensationStudy:
     """Simulate all gains and choose one. Raises LoopError when the loop is unstable even without compensator."""
     allowed = [back * s.rule_gain for back in STEPS_BACK]
     shares = {0.0, *(share * s.d for share in SHARES)}
@@ -221,7 +220,7 @@ def study(s: Study, loop: str, d_source: str, model: ProcessModel, warnings: tup
     return CompensationStudy(
         loop=loop,
         settings={"K": s.controller.K, "Ti": s.controller.Ti, "Td": s.controller.Td, "Tf": s.controller.filter_time},
-        d=s.d, interval=s.interval, d_source=d_source, process=model,
+        d=s.d, interval=s.interval, d_source=d_source, process=s.process,
         output_noise=noise_gains(s.controller)[1] * float(np.sqrt(s.density)), hysteresis=s.hysteresis, load=s.load,
         trials=tuple(trials[gain] for gain in listed), rule_gain=s.rule_gain, recommended=recommended, reason=reason,
         refusals=refusals, warnings=warnings, before=before, after=after)
@@ -232,14 +231,8 @@ def judge(run: Trace, s: Study, gain: float) -> Trial:
     hours = run.scenario.duration / 3600.0
     error = np.abs(run.setpoint - run.process_output)
     travel, output_travel = (float(np.sum(np.abs(np.diff(way)))) / hours for way in (run.valve, run.output))
-    return Trial(gain, float(np.mean(error)), float(np.max(error)), travel, output_travel, reversals(run.valve) / hours,
-                 goes_on_oscillating(s, gain))
-
-
-def reversals(valve: FloatArray) -> float:
-    """Return how often a valve position (samples,) turns."""
-    moves = np.diff(valve)
-    return float(np.count_nonzero(np.diff(np.sign(moves[np.abs(moves) > 1e-9]))))
+    return Trial(gain, float(np.mean(error)), float(np.max(error)), goes_on_oscillating(s, gain), travel, output_travel,
+                 reversals(run.valve, STILL) / hours)
 
 
 def goes_on_oscillating(s: Study, gain: float) -> bool:
@@ -247,7 +240,7 @@ def goes_on_oscillating(s: Study, gain: float) -> bool:
     duration = 120.0 * s.slowest
     run = s.run(duration, gain, use("load_step", times=[0.0], sizes=[2.0 * s.d]))
     valve = run.valve[run.time > 0.7 * duration]
-    return bool(reversals(valve) >= 4 and np.ptp(valve) > SWING * s.d)
+    return bool(reversals(valve, STILL) >= 4 and np.ptp(valve) > SWING * s.d)
 
 
 def choose(s: Study, trials: dict[float, Trial]) -> tuple[float | None, str, tuple[Note, ...]]:
@@ -279,9 +272,9 @@ def objections(base: Trial, trial: Trial, beyond: Trial) -> list[Note]:
     if trial.limit_cycle or beyond.limit_cycle:
         notes.append(Note("compensator_limit_cycle", f"the compensator itself makes the loop oscillate at a gain of "
                           f"{100 * (trial if trial.limit_cycle else beyond).gain:.2f} %"))
-    if trial.travel > MOST_TRAVEL * base.travel:
-        notes.append(Note("valve_travel", f"{at} valve travels {trial.travel / base.travel:.1f} times as far: it would "
-                          "wear faster"))
+    times = trial.valve_travel_per_hour / base.valve_travel_per_hour if base.valve_travel_per_hour else 0.0
+    if times > MOST_TRAVEL:
+        notes.append(Note("valve_travel", f"{at} valve travels {times:.1f} times as far: it would wear faster"))
     if trial.iae > (1.0 - LEAST_FALL) * base.iae:
         change = 100 * (trial.iae / base.iae - 1.0)
         notes.append(Note("no_improvement", f"{at} mean error changes by {change:+.0f} % only"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ..errors import MetadataError
 from ..record import FloatArray
-from ..results.compensation import ProcessModel
 
 ComplexArray = NDArray[np.complex128]
 
@@ -20,7 +19,9 @@ class Process:
     """G(s) = gain * numerator(s)/denominator(s) * prod 1/(1 + s lag) * (1/s if integrating) * exp(-s dead_time).
 
     Coefficients start with the highest power of s. gain: measurement span per output span (per second if
-    integrating). lags, dead_time: seconds. Raises MetadataError for negative times or a model that is not causal.
+    integrating). lags, dead_time: seconds. source: "given" or "fitted"; evidence: fall of -2 log likelihood that a
+    fitted one brings; profile: (dead band, evidence) of smaller dead bands with it. Raises MetadataError for negative
+    times or a model that is not causal.
     """
 
     gain: float = 1.0
@@ -29,6 +30,9 @@ class Process:
     integrating: bool = False
     numerator: tuple[float, ...] = (1.0,)
     denominator: tuple[float, ...] = (1.0,)
+    source: str = "given"
+    evidence: float | None = None
+    profile: tuple[tuple[float, float], ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         for name in ("lags", "numerator", "denominator"):
@@ -51,11 +55,6 @@ class Process:
         if len(np.trim_zeros(self.numerator, "f")) - 1 >= order:
             raise MetadataError("the process answers at once: numerator degree is not below denominator degree",
                                 remedy="add a lag, for example lags = [1.0]")
-
-    @classmethod
-    def of(cls, model: ProcessModel) -> Process:
-        """Return the process that a model describes."""
-        return cls(model.gain, model.lags, model.dead_time, model.integrating)
 
     @property
     def static_gain(self) -> float | None:

@@ -22,7 +22,7 @@ from ..errors import LoopError
 from ..estimator.predictor import block_means, recording_of
 from ..kernels import play
 from ..record import FloatArray, Record, SampleState
-from ..results.compensation import ProcessModel
+from .process import Process
 
 FEWEST = 300  # blocks
 PER_INTEGRAL_TIME = 12.0  # blocks in one Ti
@@ -142,8 +142,7 @@ def shock_weights(values: FloatArray) -> FloatArray:
     return np.minimum(1.0, SHOCK * spread(values) / np.maximum(np.abs(values), 1e-12))
 
 
-def fit_process(record: Record, d: float, known_gain: float | None = None, *, integrating: bool = False
-                ) -> ProcessModel:
+def fit_process(record: Record, d: float, known_gain: float | None = None, *, integrating: bool = False) -> Process:
     """Return the process that explains PV best from OP behind a dead band d [span].
 
     The record's settings must hold K and Ti. known_gain: static gain, when it is known. integrating: whether the answer
@@ -189,4 +188,5 @@ def fit_process(record: Record, d: float, known_gain: float | None = None, *, in
                         f"{GIVE}", code="integrating")
     lags = tuple(time for time in (0.0 if integrates else lag, second) if time > 0.0)
     profile = tuple((share * d, replace(fit, x=stem(share * d)).match(best)[0]) for share in SHARES.tolist())
-    return ProcessModel(gain / lag if integrates else gain, lags, delay, integrates, "fitted", evidence, profile)
+    return Process(gain / lag if integrates else gain, lags, delay, integrates, source="fitted", evidence=evidence,
+                   profile=profile)

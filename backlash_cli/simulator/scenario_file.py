@@ -90,7 +90,6 @@ def build(cls: Any, entry: object, where: str) -> Any:
 
 
 def _value(kind: Any, value: object, where: str) -> Any:
-    """Read a value as what its field is declared as."""
     inner, origin = get_args(kind), get_origin(kind)
     if origin is UnionType:
         return _value(inner[0], value, where)
@@ -186,8 +185,9 @@ def parse_process(text: str) -> Process:
 
     Raises MetadataError for unknown names, what is no number, and processes that cannot be.
 
-    >>> parse_process("K=1.3, T=20, T2=3, L=2")
-    Process(gain=1.3, lags=(20.0, 3.0), dead_time=2.0, integrating=False, numerator=(1.0,), denominator=(1.0,))
+    >>> found = parse_process("K=1.3, T=20, T2=3, L=2")
+    >>> found.gain, found.lags, found.dead_time
+    (1.3, (20.0, 3.0), 2.0)
     """
     if text.endswith(".toml"):
         table = read_toml(text)

@@ -31,8 +31,8 @@ def table(folder: str | Path) -> pd.DataFrame:
             if true.truth == "stick" or not isinstance(found, Confirmation) or found.details["trace"]:
                 continue
             assert isinstance(asked, Study)
-            for L in LIMITS:
-                rows.append([true.d >= L, *signs(asked.tests, L, asked.length, asked.span)[:-1]])
+            seen = signs(asked.tests, asked.length, asked.span)[:, :-1]
+            rows += [[true.d >= L, *of] for L, of in zip(LIMITS, seen, strict=True)]
     columns = ["there", "gain", "short", "tied", "length", "span over limit", "limit", "deviation"]
     return pd.DataFrame(rows, columns=columns)
 

@@ -142,7 +142,7 @@ def drawn(seed: int, hidden: tuple[str, ...], plant: bool):
     theta = lag * random.uniform(0.1, 0.45)
     n, dt = (6000 if plant else 5400), min(h / 100.0, 0.005)
     if "lugre" in hidden:
-        dt = 0.002
+        dt = 0.00125
     per = round(h / dt)
     control = int(random.choice([2, 4, 5]))
     gain = random.uniform(0.7, 1.6)

@@ -23,7 +23,7 @@ from backlash_cli.model.fit import Fit, fit
 from backlash_cli.model.intervals import fitted_effects, process_parameters
 from backlash_cli.model.pipeline import Part, Shape, as_tuple, in_order
 from backlash_cli.model.problem import Problem, problem_from_record
-from backlash_cli.model.recorder import fitted_problem, rounded, through_rounding
+from backlash_cli.model.recorder import fitted_problem, through_rounding
 from backlash_cli.model.search import baseline
 from backlash_cli.record import FloatArray, Record
 from backlash_cli.results import FittedParameter
@@ -102,7 +102,7 @@ def numbers(case: Case, record: Record) -> Iterator[tuple[str, float, FittedPara
     held = tuple(recorders(problem, baseline(problem), [BY_NAME["quantization"]]))
     seen = fitted_problem(problem, held)
     fitted = through_rounding(seen, held, true_fit(case, seen))
-    for effect in fitted_effects(seen, fitted, held, careful=not rounded(seen, held)):
+    for effect in fitted_effects(seen, fitted, held):
         truth = case.truth.get(effect.effect, {})
         for name, number in effect.parameters.items():
             if name in truth and not number.nuisance and number.ci95 is not None:

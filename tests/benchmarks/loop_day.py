@@ -17,9 +17,9 @@ import numpy as np
 
 from backlash_cli.estimator.confirm import confirm
 from backlash_cli.estimator.haegglund import detect_oscillation, error_scanner, estimate
-from backlash_cli.estimator.quality import quality_of
-from backlash_cli.estimator.settings_check import check_quickly
-from backlash_cli.estimator.survey import Survey
+from backlash_cli.estimator.identify import identify
+from backlash_cli.estimator.quality import data_quality
+from backlash_cli.estimator.settings_check import check_settings, follows
 from backlash_cli.record import Record
 from backlash_cli.scanning import ScanOptions, scan
 
@@ -49,14 +49,12 @@ def half_periods(record: Record) -> object:
 
 def quality(record: Record) -> object:
     """What the recorder did to the signals, shares, gaps."""
-    survey = Survey()
-    survey.update(record)
-    return quality_of(survey, record, record.settings.Ti)
+    return data_quality(record)
 
 
 def settings_check(record: Record) -> object:
     """Do the settings given make the recorded output?"""
-    return check_quickly(record, record.settings)
+    return follows(record, record.settings) or check_settings(record.settings, identify(record))
 
 
 def confirmation(record: Record) -> object:

@@ -72,7 +72,7 @@ def sixty_nights(hours: float, loops: int) -> None:
         error = (now.slope / slope - 1) if now is not None and now.slope is not None else np.nan
         errors.append(error)
         late.append(worst)
-        print(f"  {loop} {sum(n.measured for n in nights)} {error:+.3f} {worst:.1f} repairs {len(whole.repairs)} "
+        print(f"  {loop} {sum(n.d is not None for n in nights)} {error:+.3f} {worst:.1f} repairs {len(whole.repairs)} "
               f"{dict(Counter(str(n.verdict) for n in nights))}")
     print(f"  slope within 15 %: {np.mean(np.abs(errors) <= 0.15):.2f}; date within 10 days: "
           f"{np.mean(np.array(late) <= 10):.2f}")

@@ -157,7 +157,8 @@ def repairs(histories: int) -> tuple[float, float]:
         at = int(np.argmin(np.diff(truth))) + 1
         time = START + DAY * (at - 0.5)
         found = [r.time for r in wear("X", history.nights, (), Limit(0.1, "a", "benchmark")).repairs if r.found]
-        near = any(sum(min(t, time) <= n.time < max(t, time) for n in history.nights if n.measured) <= 3 for t in found)
+        sized = [n.time for n in history.nights if n.d is not None]
+        near = any(sum(min(t, time) <= night < max(t, time) for night in sized) <= 3 for t in found)
         fair = truth[at - 1] - truth[at] >= 0.005 and truth[at] <= 0.75 * truth[at - 1]
         made_ += fair
         real += fair and near

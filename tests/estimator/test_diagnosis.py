@@ -8,7 +8,7 @@ import pytest
 
 from backlash_cli.estimator.diagnosis import SUM_OF_BOTH, Diagnosis, diagnose
 from backlash_cli.estimator.mean_cycle import compare_mean_cycle
-from backlash_cli.estimator.wave import find_period, misfits, moving_mean, regularity, wave
+from backlash_cli.estimator.wave import find_period, misfits, moving_mean, regularity, sustained
 from backlash_cli.record import Record, record_from_arrays
 from tests.benchmarks.cycling_loops import draw
 from tests.benchmarks.diagnosis_benchmark import judged
@@ -104,8 +104,7 @@ def test_the_period_of_a_noisy_sine(period: float) -> None:
     found, height = find_period(values)
     assert found == pytest.approx(period, rel=0.02)
     assert height == pytest.approx(0.5 / 0.59, abs=0.03)
-    of = wave(values, found, height)
-    assert of is not None and of.sustained > 0.8
+    assert sustained(values, found, height) > 0.8
     assert regularity(values) > 1.0 > regularity(np.random.default_rng(5).normal(size=6000))
 
 

@@ -17,7 +17,7 @@ def gap(gain, share, deviation, tied) -> GapTest:
 def test_the_signs_are_those_that_are_written_down():
     one = gap([90, 80, 4, 2, 1], [1, 1, 0.2, 0.1, 0.3], 0.1, [50, 40, -3, -6, -9])
     two = gap([70, 60, 6, 0, 0], [1, 1, 0.5, 0.0, 0.1], 0.2, [20, 20, -1, -2, -3])
-    found = signs([(one, 2.0), (two, 4.0)], 2.0, length=200.0, span=6.0)
+    found = signs([(one, 2.0), (two, 4.0)], length=200.0, span=6.0)[LIMITS.index(2.0)]
     # widths of 1.7 to 5 count: 2 and 4; nets 4 - 1 and 6 - 2, shortfall 6 and 1.5 deviations, tied -3 and -1
     expected = [np.log1p(3.5), np.log1p(3.75), -np.log1p(2.0), *np.log([200.0, 3.0, 2.0, 0.15]), 3.75]
     assert found == pytest.approx(expected)
@@ -41,11 +41,12 @@ def test_a_trace_of_small_gaps_leaves_larger_ones_excluded():
 def test_nothing_is_excluded_where_nothing_is_known():
     """Whatever the calibration says of such records: the share itself must be short of full."""
     vague = gap(0.1, 0.5, 0.8, -0.5)
-    found = signs([(vague, 1.0)] * 4, 5.6, 300.0, 12.0)
-    assert chance_hidden(np.array([found[:-1]]))[0] < HIDDEN and found[-1] < SHORT_OF
+    found = signs([(vague, 1.0)] * 4, 300.0, 12.0)[LIMITS.index(5.6)]
+    assert chance_hidden(found[None, :-1])[0] < HIDDEN and found[-1] < SHORT_OF
     assert excluded([(vague, 1.0)] * 4, 300.0, 12.0) is None
 
 
 def test_a_longer_record_excludes_more():
-    rows = [signs([(gap(0.5, 0.1, 0.2, -3.0), 1.0)] * 3, 1.5, length, 12.0)[:-1] for length in (30.0, 300.0, 3000.0)]
+    signs_of = [signs([(gap(0.5, 0.1, 0.2, -3.0), 1.0)] * 3, length, 12.0) for length in (30.0, 300.0, 3000.0)]
+    rows = [found[LIMITS.index(1.5), :-1] for found in signs_of]
     assert np.all(np.diff(chance_hidden(np.array(rows))) < 0.0)

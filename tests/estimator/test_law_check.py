@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backlash_cli.estimator.identify import identify
-from backlash_cli.estimator.settings_check import check_quickly, check_settings, follows
+from backlash_cli.estimator.settings_check import check_settings, follows
 from backlash_cli.record import LoopSettings, SampleState
 
 from .closed_loop import Loop, load_steps, run
@@ -66,7 +66,7 @@ def test_without_output_or_with_too_little_of_it_nothing_passes() -> None:
     assert not follows(replace(RECORD, state=manual), GIVEN)
 
 
-@pytest.mark.parametrize("Ti", [20.0, 1200.0, 20.0 / 60.0])
-def test_the_answer_is_that_of_the_full_comparison(Ti: float) -> None:
+@pytest.mark.parametrize("Ti", [20.0, 21.0, 19.0])
+def test_what_passes_has_nothing_to_answer_for(Ti: float) -> None:
     settings = replace(GIVEN, Ti=Ti)
-    assert check_quickly(RECORD, settings) == check_settings(settings, identify(RECORD))
+    assert follows(RECORD, settings) and check_settings(settings, identify(RECORD)) == ()

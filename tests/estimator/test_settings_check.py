@@ -84,6 +84,6 @@ def test_a_forgotten_derivative_is_mentioned() -> None:
 
 def test_messages_name_the_mistake_and_the_value_from_the_data() -> None:
     (note,) = check_settings(LoopSettings(K=0.6, Ti=28.0 / 60), FOUND)
-    assert "given in minutes?" in note.message and "Ti 27.9" in note.message
+    assert "given in minutes?" in note.message and "Ti 28.1" in note.message
     assert note.values["severity"] == "contradict"
     assert note.values["factor"] == pytest.approx(60.0)

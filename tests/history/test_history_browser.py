@@ -27,7 +27,7 @@ def folder(tmp_path_factory):
         history.mark_repair("FIC2", 1774000000.0, "new <b>packing</b>")
         plant = plant_history(history, read_limits())
         for name in ("wear.html", "wear"):
-            write_report(folder / name, plant.places, plant.wears, plant.nights, history.recent_half_periods)
+            write_report(folder / name, plant, history.half_periods)
     return folder
 
 

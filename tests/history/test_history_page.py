@@ -20,13 +20,13 @@ def plant(tmp_path_factory):
 
 
 def test_each_loop_has_its_size_its_limit_and_its_last_weeks(plant):
-    figure = plant_picture(plant.places, plant.wears, plant.nights)
-    names = [p.loop for p in plant.places]
+    figure = plant_picture(plant)
+    names = [p.loop for p in plant]
     assert figure["layout"]["yaxis"]["ticktext"] == names and names[0] == "BAD" and names[-1] == "BLIND"
     *groups, ticks, limits, lines = figure["data"]
     assert ticks["x"] == [3.0, 3.0, 3.0] and ticks["y"] == [0, 1, 2] and ticks["name"] == "limit"
     at = {names[row]: x for group in groups for row, x in zip(group["y"], group["x"], strict=True)}
-    assert at["BAD"] == pytest.approx(100 * plant.wears["BAD"].now.level) and at["BLIND"] == 0.0
+    assert at["BAD"] == pytest.approx(100 * plant[0].wear.now.level) and at["BLIND"] == 0.0
     assert [words for group in groups for words in group["text"]].count("no size") == 1
     # a small line for each loop with sizes, no older than the last weeks, within the row of its loop
     assert lines["x"].count(None) == limits["x"].count(None) == 2
@@ -41,7 +41,7 @@ def test_each_loop_has_its_size_its_limit_and_its_last_weeks(plant):
 
 def test_a_report_is_one_file_or_a_folder(plant, tmp_path):
     for name in ("wear.html", "wear"):
-        write_report(tmp_path / name, plant.places, plant.wears, plant.nights, lambda loop: ())
+        write_report(tmp_path / name, plant, lambda loop, days: ())
     whole, index = (tmp_path / "wear.html").read_text("utf-8"), (tmp_path / "wear" / "index.html").read_text("utf-8")
     for page in (whole, index):
         assert page.index("The plant") < page.index("Order of repair") and "last 8 weeks" in page

@@ -127,7 +127,8 @@ def test_the_sixty_nights_that_grow_ever_faster():
         history, found = sixty_nights("exponential", seed)
         score = scored(history, found)
         assert abs(score.level) < 0.05 and abs(score.slope) < 0.15 and score.date_hit
-        assert found.model == "local" and found.held_out.line > 3 * found.held_out.local and found.held_out.bias > 0.003
+        assert found.model == "local" and found.held_out.straight_line_error > 3 * found.held_out.local_error
+        assert found.held_out.straight_line_bias > 0.003
 
 
 @pytest.mark.parametrize("kind", BENDING)
@@ -156,7 +157,7 @@ def test_repairs_are_found_among_missed_nights_and_few_that_are_none():
 
 def test_missed_nights_in_a_row_are_no_repair_and_a_long_silence_is():
     history = made("linear", 1)
-    sized = [n for n in history.nights if n.measured][:40]
+    sized = [n for n in history.nights if n.d is not None][:40]
     silent = [n.__class__("X", n.start, n.end, Verdict.NO_BACKLASH, 0.8, limit_of_detection=0.4 * n.d) for n in sized]
     few = [*sized[:20], *silent[20:23], *sized[23:]]
     assert not wear("X", few, (), Limit(0.05, "a", "test")).repairs

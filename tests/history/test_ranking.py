@@ -16,9 +16,8 @@ LIMIT = Limit(0.03, "no_positioner", "rule of practice")
 def places(plant, horizon=90.0, travel=None):
     nights = {name: [night_of({**night_row(r), "travel": (travel or {}).get(name)}) for r in reports]
               for name, reports in plant.items()}
-    wears = {name: wear(name, found, (), LIMIT) for name, found in nights.items()}
-    return {p.loop: SimpleNamespace(**vars(p), why=tuple(lines("why_place", p, wears[p.loop])))
-            for p in rank([*wears.values()], nights, horizon)}
+    return {p.loop: SimpleNamespace(**vars(p), why=tuple(lines("why_place", p)))
+            for p in rank([wear(name, found, (), LIMIT) for name, found in nights.items()], horizon)}
 
 
 def steady(d, name="X", seed=0, **options):
@@ -75,4 +74,4 @@ def test_a_loop_that_oscillates_is_a_case_for_the_control_engineer():
 
 
 def test_nothing_to_rank():
-    assert rank([], {}) == []
+    assert rank([]) == []

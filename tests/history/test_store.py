@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from backlash_cli.errors import BacklashError
 from backlash_cli.history.joins import active
 from backlash_cli.history.store import APPLICATION, STEPS, History
+from backlash_cli.reporter.templates import sentence
 from backlash_cli.results import Verdict
 from tests.history.nights import DAY, MARCH, cut, growing, made, result
 from tests.test_scan import RECORD
@@ -39,8 +40,8 @@ def test_scanning_again_changes_nothing(tmp_path):
     clean = filled(tmp_path / "a.db", reports)
     with History(tmp_path / "a.db") as history:
         outcome = history.add(result(reports[17]))
-    assert outcome.unchanged == (("FIC101", "2026-03-18"),) and not outcome.new
-    assert outcome.sentence() == "1 night known and unchanged"
+    assert outcome["unchanged"] == [("FIC101", "2026-03-18")] and not outcome["new"]
+    assert sentence("stored", outcome) == "1 night known and unchanged"
     assert dump(tmp_path / "a.db") == clean
 
 
@@ -105,7 +106,7 @@ def test_a_corrected_export_replaces_the_night(tmp_path):
     filled(tmp_path / "a.db", reports)
     with History(tmp_path / "a.db") as history:
         outcome = history.add(result(made(2, 0.033)))
-        assert outcome.revised == (("FIC101", "2026-03-03"),)
+        assert outcome["revised"] == [("FIC101", "2026-03-03")]
         assert history.nights("FIC101")[2].d == pytest.approx(0.033)
         assert len(history.nights("FIC101")) == 5
 
@@ -116,21 +117,21 @@ def test_a_night_keeps_what_the_report_said(tmp_path):
     with History(tmp_path / "a.db") as history:
         a, b, c = history.nights("FIC101")
         assert history.loops() == ["FIC101"]
-        assert [len(r.inputs) for r in history.runs()] == [1, 1, 1]
+        assert [len(r["inputs"]) for r in history.runs()] == [1, 1, 1]
     assert (a.d, a.source, a.ci95) == (0.02, "confirmation", (0.018, 0.022))
     assert a.date.isoformat() == "2026-03-01" and a.settings["Ti"] == 28.0 and a.reasons[0].code == "made"
-    assert b.below_detection and b.limit_of_detection == 0.005 and not c.below_detection and not c.measured
+    assert b.below_detection and b.limit_of_detection == 0.005 and not c.below_detection and c.d is None
 
 
 def test_odd_names_and_times_do_no_harm(tmp_path):
     with History(tmp_path / "a.db", create=True) as history:
         for name in ("\udc80x", "a\x00b", "", "é", "x" * 5000):
             history.add(result(made(0, 0.02, loop=name)))
-            assert not history.add(result(made(0, 0.02, loop=name))).new
+            assert not history.add(result(made(0, 0.02, loop=name)))["new"]
         assert len(history.loops()) == 5 and "\\udc80x" in history.loops()
         for start in (-1e12, 1e14, float("nan"), None):
             outcome = history.add(result(replace(made(0, 0.02), start=start, end=start)))
-            assert outcome.untimed == ("FIC101",) and "not stored" in outcome.sentence()
+            assert outcome["untimed"] == ["FIC101"] and "not stored" in sentence("stored", outcome)
 
 
 def test_repairs_are_marked_once(tmp_path):

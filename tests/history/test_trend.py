@@ -87,7 +87,7 @@ def test_nights_without_a_size_are_named_gaps_not_zeros():
     found = of(reports)
     assert found.current.slope == pytest.approx(TRUE, rel=0.15)
     assert len(found.gaps) == 19 and found.gaps[0] == ("2026-03-01", "made")
-    assert found.missing == ("2026-03-11", "2026-03-12", "2026-03-13")
+    assert found.missing_days == ("2026-03-11", "2026-03-12", "2026-03-13")
 
 
 def test_nights_below_detection_hold_the_early_slope():
@@ -130,7 +130,7 @@ def test_years_of_nights_are_pooled_and_give_the_same_wear():
 
 def test_one_night_and_no_night():
     assert of([made(0, 0.02)]).state == "too_few_nights"
-    assert of([]).state == "no_estimate" and of([]).nights == 0
+    assert of([]).state == "no_estimate" and not of([]).nights
     assert of([made(0, None, verdict=Verdict.CANNOT_TELL)]).state == "no_estimate"
 
 

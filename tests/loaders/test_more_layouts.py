@@ -5,6 +5,9 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
+
 import pyarrow as pa
 import pytest
 
@@ -41,6 +44,15 @@ def influx(tags, header):
             for t, v in zip(STAMPS, values, strict=True)
         ]
     return "\n".join(lines) + "\n"
+
+
+def packed(files):
+    """A zip archive of texts."""
+    held = io.BytesIO()
+    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in files.items():
+            archive.writestr(name, text)
+    return held.getvalue()
 
 
 def row(loop, i):
@@ -99,6 +111,15 @@ MORE = {
     "name_suffix_avg": Export({"plant.csv": wide(name=lambda n:n+".AVG")}),
     "name_br": Export({"plant.csv": wide(name=lambda n:n.replace('.','[')+"]")}),
     "name_nosep": Export({"plant.csv": wide(name=lambda n:n.replace('.',''))}),
+    "pm_behind_narrow_blank": Export({"plant.csv": wide(lambda t:'"'+t.strftime('%b %d, %Y, %I:%M:%S\u202f%p')+'"')}),
+    "spanish_pm_hard_blank": Export({"plant.csv": wide(lambda t:t.strftime('%d/%m/%Y %I:%M:%S ')+('a.\u00a0m.' if t.hour<12 else 'p.\u00a0m.'))}),
+    "epoch_in_t_stamp": Export({"plant.csv": long(lambda n,t,v:f"area1/{n.replace('.','/')},{v},192,{seconds(t)*1e3:.0f}","tagpath,floatvalue,dataintegrity,t_stamp")}),
+    "epoch_in_ts_ms": Export({"plant.csv": long(lambda n,t,v:f"{seconds(t)*1e3:.0f},{n},{v}","ts_ms,metric,val")}),
+    "pairs_wert": Export({"plant.csv": ";".join(f"{n} Zeitstempel;{n} Wert" for n in SIGNALS)+"\n"+"".join(";".join(f"{t:%d.%m.%Y %H:%M:%S};{comma(n, v[i])}" for n, v in SIGNALS.items())+"\n" for i,t in enumerate(STAMPS))}),
+    "quality_of_profibus": Export({"plant.csv": long(lambda n,t,v:f"{n};{iso(t)};{v.replace('.',',')};128;0","Archive variable;Time stamp;Value;Quality code;Flags")}),
+    "quality_yes": Export({"plant.csv": long(lambda n,t,v:f"{iso(t)};{n};{v.replace('.',',')};Y","Zeit;Tag;Wert;Gültig")}),
+    "zip": Export({"plant.zip": packed({"export/day.csv": wide(), "read.me": "of the plant"})}),
+    "zip_per_tag": Export({"plant.zip": packed({f"{n}.csv": "Timestamp,Value\n"+"".join(f"{iso(t)},{cell(n, x)}\n" for t,x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()})}),
 }  # fmt: skip
 for key, (separator, decimal, delimiter) in GROUPED.items():
     MORE[f"grouped_{key}"] = Export(

@@ -13,6 +13,7 @@ from backlash_cli.loaders import ReadOptions, read
 from backlash_cli.record import SampleState
 
 from .exports import ROWS, SETTINGS, SIGNALS, STAMPS, arrow, cell, iso, long, wide
+from .test_more_layouts import packed
 
 
 def save(folder, text, name="plant.csv"):
@@ -247,3 +248,44 @@ def test_a_workbook_may_have_date_and_time_of_day_in_two_columns(tmp_path):
     head, *body = wide_rows()
     rows = [["Date", "Time", *head[1:]], *([row[0].date(), row[0].time(), *row[1:]] for row in body)]
     equals_the_recording(read(book(tmp_path, {"Data": rows}))["FIC101"])
+
+
+@pytest.mark.parametrize(("files", "said"), [
+    ({"picture.png": b"\x89PNG"}, "holds no export"),
+    ({"day.csv": b"\x00" * (200 << 20)}, "holds no export|expand|binary"),
+])
+def test_a_zip_archive_without_an_export_says_so(tmp_path, files, said):
+    with pytest.raises(InputError, match=said):
+        read(save(tmp_path, packed(files), "plant.zip"))
+
+
+def test_a_damaged_zip_archive_is_refused(tmp_path):
+    whole = packed({"day.csv": wide()})
+    middle = bytearray(whole)
+    middle[2000:2004] = b"\xff\x00\xff\x00"
+    for damaged in (whole[: len(whole) // 2], bytes(middle)):
+        with pytest.raises(InputError, match="zip"):
+            read(save(tmp_path, damaged, "plant.zip"))
+
+
+def test_what_is_not_used_of_an_archive_is_named(tmp_path):
+    archive = packed({"day.csv": wide(), "remarks.txt": "valve was greased\non Monday\n"})
+    plant = read(save(tmp_path, archive, "plant.zip"))
+    assert [r.loop for r in plant] == ["FIC101", "PIC303"]
+    assert "remarks" in next(note.message for note in plant.warnings if note.code == "passed_over")
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("<!DOCTYPE html>\n<html><body>User</body></html>\n", "web page"),
+    ('[{"tag": "FIC101.PV", "value": 1.0},\n{"tag": "FIC101.PV", "value": 2.0}]\n', "JSON"),
+    ("ARROW1\x00\x00" + 500 * "\x00", "Arrow"),
+])
+def test_what_is_no_export_is_called_by_its_name(tmp_path, text, said):
+    with pytest.raises(InputError, match=said):
+        read(save(tmp_path, text))
+
+
+def test_where_no_sample_is_good_the_quality_is_named(tmp_path):
+    text = long(lambda n, t, v: f"{n},{iso(t)},{v},Bad", "tag,time,value,quality")
+    with pytest.raises(BacklashError, match=r"600 samples of FIC101\.PV have bad quality.*--good-quality"):
+        read(save(tmp_path, text))

@@ -121,7 +121,8 @@ def test_holes_bad_samples_and_manual_periods_are_no_obstacle() -> None:
     )  # fmt: skip
     problem = problem_from_record(gapped)
     assert problem.samples == len(record)
-    assert len(problem.holes) == 2
+    # two samples are short beside what the process remembers
+    assert problem.holes == 1 and not problem.used[300:330].any() and problem.used[705]
     found = compare(gapped)
     assert found.fitness.parameters["tau"].value == pytest.approx(20.0, rel=0.03)
     assert found.fitness.rmse_holdout < 0.00115

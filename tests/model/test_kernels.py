@@ -27,7 +27,7 @@ def problem():
     output = record.output.copy()
     output[300:320] = np.nan
     found = problem_from_record(replace(record, output=output))
-    assert len(found.holes) == 1
+    assert found.holes == 1
     return found
 
 

@@ -12,7 +12,7 @@ from backlash_cli.effects.registry import load_effect
 from backlash_cli.model import compare, explain
 from backlash_cli.model.fit import Solver
 from backlash_cli.model.noise import Noise
-from backlash_cli.model.pipeline import Part, Shape, predict
+from backlash_cli.model.pipeline import Part, Shape, acting, predict
 from backlash_cli.model.problem import problem_from_record
 from backlash_cli.record import FloatArray, LoopSettings, Record, record_from_arrays
 
@@ -119,7 +119,8 @@ def test_a_model_with_an_effect_at_the_sensor_holds_on_another_day() -> None:
 
 
 def test_effects_of_the_tool_have_a_stage_that_the_pipeline_knows() -> None:
-    sensor, load, valve = (Part(load_effect(name), {}) for name in ("sensor_hysteresis", "load_step", "backlash"))
-    assert sensor.on_sensor and not sensor.on_output
-    assert load.is_linear and not load.on_load
-    assert valve.on_output and not valve.on_sensor
+    names = ("sensor_hysteresis", "load_step", "backlash")
+    parts = sensor, load, valve = [Part(load_effect(name), {}) for name in names]
+    assert load.is_linear
+    assert [acting(parts, *stages) for stages in ((Stage.SENSOR,), (Stage.LOAD,), (Stage.VALVE, Stage.PROCESS))] == [
+        [sensor], [], [valve]]

@@ -9,7 +9,7 @@ from backlash_cli.plan import Move, PlanOptions, plan, search
 from backlash_cli.plan.words import amount
 from backlash_cli.record import LoopSettings, SampleState
 from backlash_cli.results import Verdict
-from backlash_cli.results.plan import PlanOption
+from backlash_cli.results.advice import PlanOption
 from backlash_cli.scanning import scan
 from tests.plan.test_twin import loop
 

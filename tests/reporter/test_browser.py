@@ -98,6 +98,17 @@ def test_the_figures_follow_a_change_to_dark(browser, page):
     browser.wait("document.querySelector('details[open] .plot').layout.font.color === '#e6eaee'")
 
 
+@pytest.mark.parametrize("width", [390, 1280])
+def test_figures_keep_their_height_when_the_window_changes(browser, page, width):
+    browser.open(page, width=width, fragment="#loop-1")
+    plot = "document.querySelector('details[open] .plot')"
+    browser.wait(f"{plot}._responsiveChartHandler !== undefined")
+    before = browser.evaluate(f"{plot}.clientHeight")
+    browser.call("Emulation.setDeviceMetricsOverride", width=width - 60, height=700, deviceScaleFactor=1, mobile=False)
+    browser.wait(f"{plot}._fullLayout.width < {width - 60}")
+    assert before >= 420 and browser.evaluate(f"{plot}.clientHeight") == before
+
+
 def test_the_plant_is_drawn_at_the_top_and_the_table_fits_a_usual_screen(browser, tmp_path):
     write_text(tmp_path / "r.html", scanned(result(), {}).page())
     browser.open(tmp_path / "r.html", width=1280)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.reporter.json_report import half_periods, iso_time, json_parts, loop, strict, to_json
+from backlash_cli.reporter.json_report import iso_time, json_parts, loop, strict, to_json
 from backlash_cli.reporter.tables import csv_parts, to_dataframe
 from backlash_cli.results import Estimate, LoopReport, ScanResult, Verdict
 from backlash_cli.results.scan import Estimates
@@ -70,8 +70,7 @@ def test_json_csv_and_frame_are_those_of_the_rows(found):
 def test_estimates_given_one_by_one_are_told_alike():
     found = [Estimate(1.7e9 + 90.5 * k, 1.7e9 + 90.5 * (k + 1), 90.5, 0.01, 0.02, 0.1, (-1) ** k, k > 1,
                       "ok" if k > 1 else "shape") for k in range(4)]
-    assert half_periods(found) == [one_by_one(e) for e in found]
-    assert half_periods(()) == []
+    assert strict(found) == [one_by_one(e) for e in found]
 
 
 def test_pieces_are_the_text_and_a_loop_may_be_called_after_a_field():

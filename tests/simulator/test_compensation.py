@@ -11,7 +11,6 @@ from backlash_cli.errors import LoopError, MetadataError, UsageError
 from backlash_cli.model.problem import noise_floor
 from backlash_cli.record import record_from_arrays
 from backlash_cli.reporter.advice import ADVICE, compensation
-from backlash_cli.results.compensation import ProcessModel
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, trace, use
 from backlash_cli.simulator.compensation import (
     MARGIN,
@@ -51,10 +50,6 @@ def known(**changes):
     values = {"controller": PI, "process": FLOW, "d": D, "interval": (0.025, 0.035), "density": 4e-7, "load": 0.05,
               "hysteresis": 0.0003, "rule_gain": 0.02, "rule_reason": "the rule"}
     return Study(**{**values, **changes})
-
-
-def model(s):
-    return ProcessModel(s.process.gain, s.process.lags, s.process.dead_time)
 
 
 @pytest.fixture(scope="module")
@@ -170,18 +165,18 @@ def test_limit_cycles_of_the_papers_examples():
 
 
 def test_a_good_gain_lowers_the_error_and_spares_the_valve():
-    found = study(known(), "FIC1", "given", model(known()))
+    found = study(known(), "FIC1", "given")
     best = found.trial(found.recommended)
     assert found.recommended == 0.02
     assert best.iae < 0.85 * found.base.iae
-    assert best.travel < 1.3 * found.base.travel
+    assert best.valve_travel_per_hour < 1.3 * found.base.valve_travel_per_hour
     assert not best.limit_cycle
     assert any(t.gain == pytest.approx(MARGIN * 0.02) for t in found.trials)
-    assert found.trial(1.2 * D).travel > 1.3 * found.base.travel
+    assert found.trial(1.2 * D).valve_travel_per_hour > 1.3 * found.base.valve_travel_per_hour
 
 
 def test_too_large_a_gain_is_stepped_back():
-    found = study(known(rule_gain=0.034), "FIC1", "given", model(known()))
+    found = study(known(rule_gain=0.034), "FIC1", "given")
     assert found.recommended == pytest.approx(0.75 * 0.034) or found.recommended == pytest.approx(0.5 * 0.034)
     assert found.refusals
     assert "because at more" in found.reason
@@ -198,7 +193,7 @@ def test_too_large_a_gain_is_stepped_back():
 )
 def test_refusals(changes, code):
     case = known(**changes)
-    found = study(case, "FIC1", "given", model(case))
+    found = study(case, "FIC1", "given")
     assert found.recommended is None
     assert found.after is None
     assert found.refusals[0].code == code
@@ -207,8 +202,9 @@ def test_refusals(changes, code):
 
 def test_objections_name_travel_and_lack_of_improvement():
     s = known()
-    base = study(s, "FIC1", "given", model(s)).base
-    worn = {g: replace(base, gain=g, travel=2 * base.travel, iae=0.5 * base.iae) for g in gains_of(s)}
+    base = study(s, "FIC1", "given").base
+    far = 2 * base.valve_travel_per_hour
+    worn = {g: replace(base, gain=g, valve_travel_per_hour=far, iae=0.5 * base.iae) for g in gains_of(s)}
     dull = {g: replace(base, gain=g) for g in gains_of(s)}
     for trials, code in ((worn, "valve_travel"), (dull, "no_improvement")):
         gain, _, notes = choose(s, {**trials, 0.0: base})
@@ -221,7 +217,7 @@ def gains_of(s):
 
 
 def test_same_seed_same_study():
-    first, second = (study(known(), "FIC1", "given", model(known())) for _ in range(2))
+    first, second = (study(known(), "FIC1", "given") for _ in range(2))
     assert first.trials == second.trials
 
 

@@ -103,6 +103,7 @@
       layout.height = (layout.height || 450) + 18 * named;
       Object.keys(layout).filter((k) => k.startsWith("xaxis")).forEach((k) => Object.assign(layout[k], { nticks: 4, tickangle: 0 }));
     }
+    plot.style.height = `${layout.height || 450}px`;  // else a window of another size leaves only the least height
     window.Plotly.newPlot(plot, figure.data, layout, {
       responsive: true, displaylogo: false, scrollZoom: false,
       modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]],

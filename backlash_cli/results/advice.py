@@ -1,8 +1,18 @@
-"""What would decide a loop that a scan left undecided: options, each with its chance, and what they would look like."""
+"""Advice to a person: what would decide a loop that a scan left undecided, and what compensation would do to a loop.
+
+Signals are normalised, dead bands and gains of the compensator in spans of the output, times in seconds.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from ..record import Note
+
+if TYPE_CHECKING:
+    from ..simulator.process import Process
 
 ENOUGH, WRONG = 0.8, 0.05  # chance from which on an option is said to decide; the most of wrong answers
 
@@ -64,3 +74,48 @@ class LoopPlan:
     model: str = ""  # what was simulated, in words
     pv_range: tuple[float, float] = field(default=(0.0, 1.0), repr=False)
     op_range: tuple[float, float] = field(default=(0.0, 1.0), repr=False)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One compensator gain and what the simulation gave."""
+
+    gain: float
+    iae: float  # mean absolute error
+    peak: float  # largest error
+    limit_cycle: bool  # goes on oscillating without noise or load
+    valve_travel_per_hour: float
+    output_travel_per_hour: float
+    reversals_per_hour: float  # of the valve
+
+
+@dataclass(frozen=True, eq=False)
+class CompensationStudy:
+    """Before and after for one loop, and the advice."""
+
+    loop: str
+    settings: Mapping[str, float]
+    d: float  # dead band
+    interval: tuple[float, float]  # its ends
+    d_source: str  # "scan" or "given"
+    process: Process
+    output_noise: float  # standard deviation of the fast motion of the output
+    hysteresis: float  # of the error's sign, simulated with every gain
+    load: float  # typical load step
+    trials: tuple[Trial, ...]  # by gain, the first without compensator
+    rule_gain: float  # what the rule allows before any simulation
+    recommended: float | None  # gain, None when refused
+    reason: str  # why this gain, or why none
+    refusals: tuple[Note, ...] = ()  # what speaks against
+    warnings: tuple[Note, ...] = ()
+    before: Course | None = None
+    after: Course | None = None  # with the recommended gain
+
+    @property
+    def base(self) -> Trial:
+        """The loop as it is, without compensator."""
+        return self.trials[0]
+
+    def trial(self, gain: float) -> Trial:
+        """Return the trial whose gain is closest."""
+        return min(self.trials, key=lambda t: abs(t.gain - gain))
