@@ -125,4 +125,4 @@ def paper(html: Path | None, json_file: Path | None) -> int:
     from ..reporter.paper import paper as paper_report
     from ..simulator.paper import reproduce
 
-    return deliver(paper_report(reproduce()), json_file, html)
+    return deliver(paper_report(*reproduce()), json_file, html)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..results.paper import PaperFigure, PaperReport
+from ..results.paper import PaperFigure, PaperRow
 from .figures import GREEN, QUIET, Figure, axis, digits, trace, written
 from .json_report import fields_of
 from .report import Report
@@ -14,20 +15,21 @@ GAP = 0.1  # of the height, between panels
 SOURCE = "J. Process Control 17 (2007) 489-499"
 
 
-def paper(report: PaperReport) -> Report:
-    """Return the table paper, ours, difference, agrees; why some rows differ; and the figures."""
-    agreeing = sum(row.agrees for row in report.rows)
-    content = {"report": report, "source": SOURCE, "agreeing": agreeing,
-               "reasons": list(dict.fromkeys(row.why for row in report.rows if row.why))}
+def paper(rows: Sequence[PaperRow], figures: Sequence[PaperFigure], lists: Mapping[str, tuple[str, str]]) -> Report:
+    """Return the table paper, ours, difference, agrees; why some rows differ; the figures; and single estimates, the
+    paper's and ours by the key of a figure."""
+    agreeing = sum(row.agrees for row in rows)
+    content = {"rows": rows, "lists": lists, "source": SOURCE, "agreeing": agreeing,
+               "reasons": list(dict.fromkeys(row.why for row in rows if row.why))}
 
     def document() -> dict[str, Any]:
-        rows = [{**fields_of(row, "value", "certified", "certified_tolerance"), "paper": row.value,
-                 "difference": row.difference, "agrees": row.agrees, "why": row.why or None} for row in report.rows]
-        return {"paper": f"T. Haegglund, {SOURCE}", "agree": agreeing, "rows": rows,
-                "estimates": {key: {"paper": theirs, "ours": ours} for key, (theirs, ours) in report.lists.items()}}
+        told = [{**fields_of(row, "value", "certified", "certified_tolerance"), "paper": row.value,
+                 "difference": row.difference, "agrees": row.agrees, "why": row.why or None} for row in rows]
+        return {"paper": f"T. Haegglund, {SOURCE}", "agree": agreeing, "rows": told,
+                "estimates": {key: {"paper": theirs, "ours": ours} for key, (theirs, ours) in lists.items()}}
 
     return Report("paper", "Haegglund (2007), recomputed", content, document,
-                  lambda: {"figures": [(figure, _plot(figure)) for figure in report.figures]},
+                  lambda: {"figures": [(figure, _plot(figure)) for figure in figures]},
                   f"T. Haegglund, Automatic on-line estimation of backlash in control loops, {SOURCE}", width=120)
 
 

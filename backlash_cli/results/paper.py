@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from ..record import FloatArray
 
@@ -69,13 +68,3 @@ class PaperFigure:
     title: str
     panels: tuple[Panel, ...]
     text: str = ""
-
-
-@dataclass(frozen=True)
-class PaperReport:
-    """All rows and figures."""
-
-    rows: tuple[PaperRow, ...]
-    figures: tuple[PaperFigure, ...]
-    # key of a figure -> the single estimates, paper's and ours, as text
-    lists: Mapping[str, tuple[str, str]] = field(default_factory=dict)

@@ -40,7 +40,7 @@ SWING = 0.05  # dead bands: a valve that swings by less and for ever is not wort
 
 
 def compensate(record: Record, *, process: Process | None = None, dead_band: float | None = None,
-               report: LoopReport | None = None, seed: int = 0) -> CompensationStudy:
+               report: LoopReport | None = None) -> CompensationStudy:
     """Return what compensation would do to a loop, simulated; advice to a person, nothing is written anywhere.
 
     process: given process, else fitted to the record. dead_band: given size [span of output], else from a scan.
@@ -75,7 +75,7 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
     filtered, arrived = (gain * float(np.sqrt(density)) for gain in noise_gains(controller))
     share, why = gain_share(interval[0], derivative=controller.Td > 0.0, output_noise=arrived)
     loop = Study(controller, simulated, d, interval, density, typical_load(record, d), HYSTERESIS * filtered,
-                 share * interval[0], why, seed)
+                 share * interval[0], why)
     return study(loop, record.loop, d_source, warnings)
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..estimator.haegglund import DEFAULT_KP, published_estimates
 from ..record import FloatArray, Record
 from ..results import Estimate
-from ..results.paper import Line, Panel, PaperFigure, PaperReport, PaperRow
+from ..results.paper import Line, Panel, PaperFigure, PaperRow
 from .controller import Compensator, Scheme
 from .limit_cycle import describing_function, limit_cycle
 from .loop import Trace, simulate, trace
@@ -52,8 +52,8 @@ PAGE = tomllib.loads((resources.files(__package__) / "published.toml").read_text
 PUBLISHED = tuple(PaperRow(*row, **PAGE["differs"].get(row[0], {})) for row in PAGE["published"])
 
 
-def reproduce() -> PaperReport:
-    """Recompute the paper."""
+def reproduce() -> tuple[list[PaperRow], list[PaperFigure], dict[str, tuple[str, str]]]:
+    """Recompute the paper: all rows and figures, and by key of a figure the single estimates, paper's and ours."""
     values: Numbers = {}
     figures: list[PaperFigure] = []
     lists: dict[str, str] = {}
@@ -61,9 +61,9 @@ def reproduce() -> PaperReport:
         values |= more
         figures += drawn
     order = list(PAGE["figures"])
-    return PaperReport(tuple(replace(row, ours=values[row.key]) for row in PUBLISHED),
-                       tuple(sorted(figures, key=lambda f: order.index(f.key))),
-                       {key: (PAGE["estimates"][key], ours) for key, ours in lists.items()})
+    return ([replace(row, ours=values[row.key]) for row in PUBLISHED],
+            sorted(figures, key=lambda f: order.index(f.key)),
+            {key: (PAGE["estimates"][key], ours) for key, ours in lists.items()})
 
 
 def figure(key: str, *panels: Panel) -> PaperFigure:
@@ -111,9 +111,9 @@ def example_1(d: float = D) -> Scenario:
     return with_dead_band(load_scenarios("example-1"), d)[0]
 
 
-def cycle_of(run: Trace, window: tuple[float, float] = SETTLED) -> tuple[float, float]:
-    """Return period [s] and amplitude [span] of the process output within a window of seconds."""
-    y = (run.process_output - run.setpoint)[within(run, window)]
+def cycle_of(run: Trace) -> tuple[float, float]:
+    """Return period [s] and amplitude [span] of the process output once the setpoint step is over."""
+    y = (run.process_output - run.setpoint)[within(run, SETTLED)]
     rises = np.flatnonzero((y[:-1] < 0.0) & (y[1:] >= 0.0))
     # position of each crossing between its two samples
     at = (rises + y[rises] / (y[rises] - y[rises + 1])) * run.scenario.step
