@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.signal import lfilter
 
+from ..half_periods import DoubleLag
 from ..record import FloatArray, IntArray
 
 OWN, PROPORTIONAL, INTEGRAL, SETPOINT, DERIVATIVE = range(5)  # places in the sums; the output itself comes first
@@ -73,10 +73,8 @@ class LawFit:
 
     @cached_property
     def one_frequency(self) -> float:
-        """Share of the derivative that the other terms explain; near 1 for a single sine.
-
-        A filter cannot be told from integral action there.
-        """
+        """Share of the derivative that the other terms explain; near 1 for a single sine, where a filter cannot be
+        told from integral action."""
         terms, own = self.form.terms, self._total[DERIVATIVE, DERIVATIVE]
         if own <= 0 or DERIVATIVE in terms:
             return 0.0
@@ -102,13 +100,10 @@ class LawFit:
         return self.gain / self.ratio if self.gain * self.ratio > 0 else np.inf
 
     def better_than(self, other: LawFit) -> float:
-        """How many standard errors this fit's residuals lie below the other's, in logarithms, window by window.
-
-        Forms that differ in phase only may explain exactly the same; rounding must not choose between them.
-        """
+        """How many standard errors this fit's residuals lie below the other's, in logarithms, window by window."""
         by = np.log(other.residuals / self.residuals)
         mean, error = float(by.mean()), float(by.std()) / max(len(by) - 1, 1) ** 0.5
-        if abs(mean) < ROUNDING:
+        if abs(mean) < ROUNDING:  # forms that differ in phase only may explain exactly the same
             return 0.0
         return mean / error if error > 0.0 else np.inf * mean
 
@@ -145,10 +140,8 @@ def window_sums(rows: LawRows, form: LawForm, filter_time: float) -> FloatArray:
         setpoint, measured = setpoint[late], measured[late]
     long = 2 * (lengths - settle) >= window
     decay = np.exp(-h / filter_time) if filter_time > 0.0 else 0.0
-    smooth = measured.copy()
-    for first, length in zip(firsts[long].tolist(), lengths[long].tolist(), strict=True):
-        part, rest = slice(first, first + length), measured[first]
-        smooth[part] = rest + lfilter([(1.0 - decay) ** 2], [1.0, -2.0 * decay, decay**2], measured[part] - rest)
+    twice = DoubleLag(np.array([(1.0 - decay) ** 2, 0.0, 0.0]), np.array([1.0, -2.0 * decay, decay**2]))
+    smooth, _ = twice.run(measured, twice.settled(measured[0]), firsts[1:])
     error, slope = setpoint - smooth, np.diff(smooth, prepend=0.0) / h
     slope[firsts] = 0.0
     terms = np.column_stack([output, -smooth, h * (np.cumsum(error) - form.phase * error), setpoint, -slope])

@@ -5,13 +5,6 @@ is known. It is fitted in its level form, with one offset per window of about te
 is averaged out and slow changes from outside do not matter; the filter time is searched for. What the record cannot
 settle (filter, scan rate of the controller) widens the intervals.
 
-    identify(record) -> Identification | Note         with_constant_setpoint(record) -> the record, where SP stood still
-
-A Note says why the settings cannot be read: no_output, output_constant, too_short, not_this_controller,
-proportional_part_unseen.
-An Identification may carry notes: gain_uncertain, sampling_too_coarse, interpolated, one_frequency; `separate` is
-False where only K/Ti is to be relied on.
-
 A record without setpoint: integral action holds the mean of PV at it. With that level in its place a PI or PID
 controller of a loop whose setpoint never moved explains the recorded output almost to the last digit; where the
 setpoint moved, it does not, and nothing is assumed.
@@ -26,17 +19,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ..record import FloatArray, LoopSettings, Note, Record, SampleState
-from .control_law import (
-    DERIVATIVE,
-    INTEGRAL,
-    PROPORTIONAL,
-    SETPOINT,
-    LawFit,
-    LawForm,
-    LawRows,
-    fit_law,
-    search_filter,
-)
+from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawFit, LawForm, LawRows, fit_law, search_filter
 from .survey import LEVELS, ROWS, SLOWER, rows, with_all_signals
 
 LEAST_ROWS = 60
@@ -78,7 +61,8 @@ class Identification:
 
     b: weight of the setpoint in the P part, None when the setpoint stands still. Td is 0 unless the data show it.
     Tf: measurement filter [s] (3) that fits best. r2: share of the output's motion that is explained.
-    n: rows of data used, `interval` seconds apart. form: "ideal PI" or "ideal PID". notes: what limits the result.
+    n: rows of data used, `interval` seconds apart. form: "ideal PI" or "ideal PID". notes: what limits the result
+    (gain_uncertain, sampling_too_coarse, interpolated, one_frequency).
     """
 
     K: Identified
@@ -99,10 +83,7 @@ class Identification:
         return not self.notes or all(note.code == "one_frequency" for note in self.notes)
 
     def settings(self, base: LoopSettings) -> LoopSettings:
-        """Return `base` with the values it lacks filled in from the data and named as identified.
-
-        Rounded to what can be known, so that the last digits of a sum do not go into everything that follows.
-        """
+        """Return `base` with the values it lacks filled in from the data, rounded and named as identified."""
         missing = {n: getattr(self, n).value for n in ("K", "Ti") if getattr(base, n) is None}
         if missing and base.Td == 0.0 and self.Td.value > 0.0:
             missing["Td"] = self.Td.value
@@ -112,7 +93,8 @@ class Identification:
 def identify(record: Record) -> Identification | Note:
     """Read K, Ti, Td and setpoint weight of the controller from setpoint, measurement and output of one loop.
 
-    A Note says why they cannot be read.
+    A Note says why they cannot be read: no_output, output_constant, too_short, one_frequency, not_this_controller,
+    proportional_part_unseen.
     """
     if record.output is None or not np.isfinite(record.output).any():
         return Note("no_output", "the record has no controller output, so K and Ti cannot be read from it")

@@ -9,7 +9,7 @@ beyond, the size of a dead band is wrong by that factor).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import ceil, exp, isfinite, log
+from math import ceil, exp, log
 
 from ..record import LoopSettings, Note, Record
 from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawForm, fit_law
@@ -58,12 +58,7 @@ def check_settings(settings: LoopSettings, found: Identification | Note) -> tupl
         action = "reverse (K positive)" if found.K.value > 0 else "direct (K negative)"
         message = f"K = {K:g} has the wrong sign: the output moves like that of a controller with {action} action"
         notes.append(_note("settings_action_sign", message, found, -1.0, "warn"))
-    if K is not None and Ti is not None:
-        notes += _both(abs(K), Ti, settings, found)
-    elif Ti is not None:
-        notes += _one("Ti", Ti, found.Ti, found)
-    elif K is not None:
-        notes += _one("K", abs(K), _magnitude(found.K), found)
+    notes += _compared(K, Ti, settings, found)
     low, high = found.Td.ci95
     # only where the data show a D part: its absence cannot be told from a filter
     if found.Td.value > 0 and not low / 1.5 <= settings.Td <= high * 1.5:
@@ -120,46 +115,39 @@ def _times(offset: float) -> str:
     return f"{factor:.3g} times" if factor > 1 else f"1/{1 / factor:.3g} of"
 
 
-def _both(K: float, Ti: float, settings: LoopSettings, found: Identification) -> list[Note]:
-    gain, ratio = _magnitude(found.K), _magnitude(found.ratio)
+def _compared(K: float | None, Ti: float | None, settings: LoopSettings, found: Identification) -> list[Note]:
+    """What is wrong with K and Ti; of one that is not given that of the data is taken, and its doubt."""
+    gain, reset, ratio = _magnitude(found.K), found.Ti, _magnitude(found.ratio)
+    if K is None:
+        low, high = (max(end, 1e-9) for end in reset.ci95)
+        ratio = Identified(gain.value / reset.value, (gain.value / high, gain.value / low))
+    elif Ti is None:
+        ratio = Identified(gain.value / reset.value, (gain.ci95[0] / reset.value, gain.ci95[1] / reset.value))
+    gross = CONTRADICTS if K and Ti else AGREES  # in doubt only such a difference counts
+    K, Ti = abs(K or gain.value), Ti or reset.value
     offset, sure = _distance(K / Ti, ratio)
     apart, sure_apart = _distance(K, gain)
     width = (ratio.ci95[1] - ratio.ci95[0]) / (2.0 * ratio.value)
-    clear = width < WELL_KNOWN and found.r2 > WELL_EXPLAINED
-    coarse = Ti < COARSE * found.interval
+    coarse, factor = Ti < COARSE * found.interval, K / Ti / ratio.value
+    shown = f"K {gain.value:.3g}, Ti {reset.value:.3g} s"
     mix_up = _best(K, Ti, settings, gain, ratio, coarse) if abs(offset) > AGREES and sure > SURE else None
     of_spans = mix_up is not None and mix_up.known and abs(offset - log(mix_up.gain / mix_up.reset)) < CLOSE
-    factor = K / Ti / ratio.value
-    if abs(offset) <= AGREES or sure <= (SURE if clear or of_spans else CONTRADICTS):
+    clear = of_spans or (width < WELL_KNOWN and found.r2 > WELL_EXPLAINED)
+    if abs(offset) <= AGREES or sure <= (SURE if clear else gross):
         if not (found.separate and abs(apart) > GAIN_APART and sure_apart > AGREES):
             return []
         return [_note("settings_gain", f"K = {K:g} and Ti = {Ti:g} s are both {_times(apart)} what the data show "
-                      f"(K {gain.value:.3g}, Ti {found.Ti.value:.3g} s); their quotient agrees", found, factor, "warn")]
+                      f"({shown}); their quotient agrees", found, factor, "warn")]
     if mix_up is not None:
-        return [_note(mix_up.code, f"{mix_up.words} (the data show K {found.K.value:.3g}, Ti {found.Ti.value:.3g} s)",
-                      found, mix_up.gain / mix_up.reset, "contradict" if abs(offset) > CONTRADICTS else "warn")]
+        return [_note(mix_up.code, f"{mix_up.words} (the data show {shown})", found, mix_up.gain / mix_up.reset,
+                      "contradict" if abs(offset) > CONTRADICTS else "warn")]
     if coarse:
         message = f"Ti = {Ti:g} s and samples {found.interval:g} s apart: too coarse to check the settings"
         return [Note("settings_unchecked", message, {"why": "sampling_too_coarse"})]
-    beyond = abs(offset) > CONTRADICTS and sure > AGREES
-    return [_note("settings_contradicted" if beyond else "settings_disagree",
-                  f"K/Ti of the metadata is {_times(offset)} what the data show (K {gain.value:.3g}, Ti "
-                  f"{found.Ti.value:.3g} s, K/Ti {ratio.value:.3g} +- {100 * width:.0f} %): check the settings",
-                  found, factor, "contradict" if beyond else "warn")]
-
-
-def _one(name: str, given: float, x: Identified, found: Identification) -> list[Note]:
-    offset, sure = _distance(given, x)
-    if abs(offset) <= GAIN_APART or sure <= AGREES or not isfinite(offset):
-        return []
-    code = "settings_contradicted"
-    message = (f"{name} = {given:g} is {_times(offset)} what the data show ({x.value:.3g}, {x.ci95[0]:.3g}.."
-               f"{x.ci95[1]:.3g})")
-    if name == "Ti" and abs(abs(offset) - log(60.0)) < EXPLAINED:
-        size = "small: given in minutes?" if offset < 0 else "large: seconds taken for minutes?"
-        code = "settings_ti_minutes"
-        message = f"Ti = {given:g} s looks 60 times too {size} (the data show {x.value:.3g} s)"
-    return [_note(code, message, found, given / x.value, "contradict")]
+    code, severity = ("settings_contradicted", "contradict") if abs(offset) > CONTRADICTS and sure > AGREES else (
+        "settings_disagree", "warn")
+    return [_note(code, f"K/Ti of the metadata is {_times(offset)} what the data show ({shown}, K/Ti {ratio.value:.3g} "
+                  f"+- {100 * width:.0f} %): check the settings", found, factor, severity)]
 
 
 def _best(K: float, Ti: float, settings: LoopSettings, gain: Identified, ratio: Identified,

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from ..record import Note
 from ..results import NOTHING_SAID, Cluster, Confirmation, Verdict
 from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, read, times
@@ -15,7 +17,6 @@ from .haegglund import Oscillation
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
 AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share
-HARMLESS = 0.015  # span: a reconstructed PV imitates dead bands of this size, which half periods cannot confirm
 HEALTHY = 0.92  # of the strange loops that were cleared
 BLOCKED, LIMITED = "blocks", "limits"
 STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # hold for tests in manual as well
@@ -59,10 +60,9 @@ class Findings:
     def swinging(self) -> tuple[Note, ...]:
         """A note where the loop oscillates most of the time."""
         share, period = self.oscillation.share, self.oscillation.period or 0.0
-        if not self.oscillation.present or share <= 0.5:
-            return ()
-        return (Note("oscillation", f"the control error oscillates with a period of {period:.3g} s during {share:.0%} "
-                     "of the record", {"period_s": period, "share": share}),)
+        return () if share <= 0.5 else (
+            Note("oscillation", f"the control error oscillates with a period of {period:.3g} s during {share:.0%} of "
+                 "the record", {"period_s": period, "share": share}),)
 
 
 @dataclass(frozen=True)
@@ -106,13 +106,13 @@ def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
     if tested.verdict is automatic.verdict is Verdict.SUSPECTED and _joined(f, c):
         assert isinstance(f.confirmation, Confirmation)
         says = note("neither this nor normal operation is proof alone, but both see the same dead band")
-        return replace(tested if _sharper(tested, automatic) else automatic, verdict=Verdict.BACKLASH,
+        return replace(min(automatic, tested, key=_width), verdict=Verdict.BACKLASH,
                        reasons=(says, _explained(c), _explained(f.confirmation), LOOK_ALIKE), confidence=JOINT)
     at_least = (*DECIDED, Verdict.SUSPECTED) if automatic.verdict in NOTHING_SAID else DECIDED
     if tested.verdict not in at_least:
         says = note("it does not decide: " + _missing(c, tested, f.output_step))
         return replace(automatic, reasons=(*automatic.reasons, says))
-    keeps = (_sharper(automatic, tested) if automatic.verdict is tested.verdict else
+    keeps = (_width(automatic) < _width(tested) if automatic.verdict is tested.verdict else
              automatic.verdict in SEEN and tested.verdict is Verdict.NO_BACKLASH and not _contradict(automatic, tested))
     first, other = (automatic, tested) if keeps else (tested, automatic)
     reasons = [note("it does not contradict normal operation, which tells more" if keeps else
@@ -154,12 +154,9 @@ def _contradict(automatic: Decision, tested: Decision) -> bool:
     return False
 
 
-def _sharper(one: Decision, other: Decision) -> bool:
-    """Does one know the size, or what it excludes, better than the other?"""
-    a, b = one.cluster, other.cluster
-    if a is None or b is None:
-        return b is None
-    return a.ci95[1] - a.ci95[0] < b.ci95[1] - b.ci95[0]
+def _width(one: Decision) -> float:
+    """How well it knows the size, or what it excludes: the width of the interval [span]."""
+    return one.cluster.ci95[1] - one.cluster.ci95[0] if one.cluster else np.inf
 
 
 def _in_automatic(f: Findings) -> Decision:
@@ -180,15 +177,14 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     reading, limits = read(c, output_step=f.output_step), f.limits
     sure = confidence(float(c.details["evidence"]), by_hand(c))
     reasons = [_explained(c), LOOK_ALIKE, *_side_by_side(f, c), *f.reading]
-    small = limits and f.detections < ENOUGH and c.ci95[1] < HARMLESS  # a reconstructed PV imitates such sizes
-    if reading.clear and not small:
+    if reading.clear:
         if limits and not _agreement(f, c):
             return Decision(Verdict.SUSPECTED, (reasons[0], *limits, *reasons[1:]), 0.5, _final(f, c))
         return Decision(Verdict.BACKLASH, (*reasons, *f.swinging, *limits), sure, _final(f, c))
     if f.swinging:
         found = reasons[:1] if reading.some else [_not_explained(c)]
         return Decision(Verdict.OSCILLATING, (*f.swinging, *found, *reading.against, *limits), 0.7, None)
-    if reading.some and not small:
+    if reading.some:
         return Decision(Verdict.SUSPECTED, (*reasons, *reading.against, *limits), min(sure, 0.75), _final(f, c))
     return _nothing_found(f, c, limits)
 

@@ -18,6 +18,7 @@ from ..record import FloatArray, IntArray, LoopSettings, Note, Record
 from ..settings import LoopValues, settings_of
 from ..settings.spans import spans_of
 from .grid import GAP_FACTOR, MAX_HOLE, NAT, SPARSE_SHARE, Grid, Ordered, Times, held, linear, make_grid
+from .names import explained, noted
 from .options import ReadOptions
 from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults
 from .states import automatic, judged, state_notes
@@ -88,8 +89,7 @@ class _Making:
     """Makes the record of a loop, or chunk after chunk of it, on the grid and with the spans of the first one.
 
     known, until: stamps of the last chunk with their grid numbers, and the number of its last sample. carried: setpoint
-    and mode that still hold. times, order, bridge: of the measurement in this chunk, and the longest hole that is
-    filled."""
+    and mode that still hold. times, order, bridge: of PV in this chunk, and the longest hole that is filled."""
 
     recipe: Recipe
     joiner: Joiner
@@ -131,14 +131,13 @@ class _Making:
         self.notes += told
         measured = self._on_grid(pv, "pv", grid)
         if first_chunk and not np.isfinite(measured).any():
-            why = "; ".join(["the measurement (PV) holds no number that may be used", *(note.message for note in told)])
-            raise LoopError(why, code="no_measurement", remedy="check the column and the export" + (
-                ", or name the qualities that are good with --good-quality" if "quality" in why else ""))
+            why = "".join(f"; {note.message}" for note in told)
+            raise LoopError(**explained("no_good_pv" if "quality" in why else "no_pv_number", why=why))
         setpoint, output = self._companion(loop, "sp", grid), self._companion(loop, "op", grid)
         if setpoint is None and settings.constant_setpoint is not None:
             setpoint = np.full(len(measured), settings.constant_setpoint)
         if output is not None and not (np.isfinite(output).any() if first_chunk else self.has_output):
-            self.notes.append(Note("no_output", "the output (OP) holds no number at all"))
+            self.notes.append(noted("no_output"))
             output = None
         self.has_output = output is not None
         self.spans = self.spans or spans_of(settings, [measured] if setpoint is None else [measured, setpoint],
@@ -153,8 +152,7 @@ class _Making:
                                  self.bridge)
         self.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()},
                            samples=last - first)
-        missing = [] if sp is not None else [Note(
-            "no_setpoint", "no setpoint (SP) column: what needs the control error cannot be done", {"loop": loop.name})]
+        missing = [] if sp is not None else [noted("no_setpoint", {"loop": loop.name})]
         said = [state_notes(self.counts, *kinds) for kinds in (
             ("wild", "filled", "frozen", "saturated", "missing"), ("setpoint", "output"), ("manual",))]
         extra = {name: self._disturbance(items, grid) for name, items in loop.extra.items()}
@@ -182,9 +180,7 @@ class _Making:
         signal = self.joiner.signal(loop.roles[role], role, loop.name)
         self.notes += [*signal.notes, *add_faults(self.faults, signal.faults)]
         if signal.times is not self.times:
-            how = "interpolated on straight lines" if self.recipe.options.interpolation == "linear" else (
-                "held until the next record")
-            self.notes.append(Note("expanded", f"{role.upper()} is recorded at its own times; it is {how}"))
+            self.notes.append(noted(f"expanded:{self.recipe.options.interpolation or 'hold'}", role=role.upper()))
         return self._carried_on(signal, role, grid)
 
     def _disturbance(self, items: list[Series], grid: Grid) -> FloatArray | None:
@@ -206,15 +202,14 @@ class _Making:
         states = np.concatenate([auto for auto, _ in found])
         signal = Signal(self.joiner.times(*(item.axis for item in items)), states, np.zeros(len(states), bool))
         if not np.isfinite(signal.values).any() and "mode" not in self.carried:
-            return None, [*notes, Note("mode_empty", "the MODE column is empty; the loop is taken to be in automatic")]
+            return None, [*notes, noted("mode_empty")]
         values = self._carried_on(signal, "mode", grid)
         unknown = np.isnan(values)
         if unknown.any():
             # a first change to manual means automatic before, and the other way round
             before = not unknown.all() and float(values[~unknown][0]) == 0.0
             values = np.where(unknown, before, values)
-            notes.append(Note("mode_unknown", f"{int(unknown.sum())} samples before the first recorded mode are taken "
-                              f"as {'automatic' if before else 'not automatic'}"))
+            notes.append(noted("mode_unknown", count=unknown.sum(), how="automatic" if before else "not automatic"))
         return values == 0.0, notes
 
     def _carried_on(self, signal: Signal, role: str, grid: Grid) -> FloatArray:
@@ -300,12 +295,10 @@ def _window(loop: LoopSeries, begin: int, end: int) -> LoopSeries:
 def refuse_missing(loop: LoopSeries) -> None:
     for role, tag in loop.missing_tags.items():
         if role not in loop.roles:
-            raise LoopError(f"{role} = {tag!r} from the metadata is not found in the data", code="tag_not_found",
-                            remedy=f"write the tag as it stands in the file, or leave {role} out")
+            raise LoopError(**explained("tag_not_found", role=role, tag=tag))
     if "pv" not in loop.roles:
         there = ", ".join(role.upper() for role in loop.roles)
-        raise LoopError(f"no measurement (PV) column; there is {there} only", code="no_measurement",
-                        remedy=f'name the column {loop.name[:40]}.PV, or give pv = "TAG" in loops.toml')
+        raise LoopError(**explained("no_pv", there=there, loop=loop.name[:40]))
 
 
 def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..record import FloatArray, IntArray, Note, duration
+from .names import explained, noted
 
 NAT = np.iinfo(np.int64).min
 SECOND = 1_000_000
@@ -55,20 +56,18 @@ def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), li
     rows = np.flatnonzero(micros != NAT)
     if lost := len(micros) - len(rows):
         at = f", the first in line {line + int(np.argmax(micros == NAT))}" if line else ""
-        notes.append(_counted("unreadable_times", lost, f"rows without a readable time stamp were dropped{at}"))
+        notes.append(noted("unreadable_times", {"rows": float(lost)}, at=at))
     if not len(rows):
-        raise LoopError("no readable time stamps", remedy="describe them with --time-format", code="no_times")
+        raise LoopError(**explained("no_times"))
     stamps = micros[rows]
     low, middle, high = np.quantile(stamps.astype(np.float64), [0.05, 0.5, 0.95])
     far = np.abs(stamps.astype(np.float64) - middle) > FAR * (high - low) + 2.0 * DAY
     if len(stamps) >= 20 and 0 < far.sum() <= max(3, OUTLIER_SHARE * len(stamps)):  # a clock reset to 1970, a year 9999
         shown = ", ".join(map(utc_text, stamps[far][:3]))
-        notes.append(_counted("time_outliers", int(far.sum()),
-                              f"rows with implausible time stamps far out of range were dropped ({shown})"))
+        notes.append(noted("time_outliers", {"rows": float(far.sum())}, shown=shown))
         rows, stamps = rows[~far], stamps[~far]
     if len(stamps) > 1 and stamps.min() == stamps.max():
-        raise LoopError(f"all {len(stamps)} rows carry the same time stamp {utc_text(stamps[0])}", code="constant_time",
-                        remedy="export with full time stamps (the time does not advance)")
+        raise LoopError(**explained("constant_time", rows=len(stamps), stamp=utc_text(stamps[0])))
     values, back = probe[rows], np.flatnonzero(np.diff(stamps) < 0)
     shifted = None if np.isin(rows[back + 1], parts).any() else _clock_set_back(stamps, back, values, notes)
     if shifted is not None:
@@ -76,31 +75,23 @@ def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), li
     elif len(back):
         turn = np.argsort(stamps, kind="stable")
         stamps, rows, values = stamps[turn], rows[turn], values[turn]
-        notes.append(Note("unsorted", f"rows were not in time order ({len(back)} steps backwards); they were sorted",
-                          {"steps": float(len(back))}))
+        notes.append(noted("unsorted", {"steps": float(len(back))}))
     repeats = np.flatnonzero(np.diff(stamps) == 0)
     differ = _differ(values[repeats], values[repeats + 1], values)
     spread = _spread_evenly(stamps) if len(repeats) and differ.mean() > 0.5 else None
     if spread is not None:
-        notes.append(Note("coarse_stamps", "several rows share each time stamp; they were spread evenly over the time "
-                          "to the next stamp"))
+        notes.append(noted("coarse_stamps"))
         stamps = spread
     elif len(repeats):
         conflicts = int(differ.sum())
         more = f", {conflicts} of them with another value" if conflicts else ""
-        notes.append(_counted("duplicate_times", len(repeats), f"rows repeat the time stamp of another row{more}; the "
-                              "first of each is kept", conflicts=float(conflicts)))
+        notes.append(noted("duplicate_times", {"rows": float(len(repeats)), "conflicts": float(conflicts)}, more=more))
         if conflicts > 0.5 * len(stamps):
-            raise LoopError("most rows repeat a time stamp with another value: the times do not tell the rows apart",
-                            code="constant_time", remedy="export with finer time stamps")
+            raise LoopError(**explained("coarse_times"))
         # of rows with one stamp the first, or the first that holds a value
         kept = np.lexsort((~np.isfinite(values), stamps))[np.diff(stamps, prepend=stamps[0] - 1) != 0]
         stamps, rows = stamps[kept], rows[kept]
     return Ordered(stamps, rows, tuple(notes))
-
-
-def _counted(code: str, count: int, text: str, **more: float) -> Note:
-    return Note(code, f"{count} {text}", {"rows": float(count), **more})
 
 
 def _clock_set_back(stamps: IntArray, back: IntArray, values: FloatArray, notes: list[Note]) -> IntArray | None:
@@ -124,10 +115,8 @@ def _clock_set_back(stamps: IntArray, back: IntArray, values: FloatArray, notes:
     if np.any(np.diff(out) < 0):
         return None
     for stamp, is_hour, seconds in zip(before, hour, lost / SECOND, strict=True):
-        what = ("time stamps go back one hour (end of daylight saving time?); the repeated hour is kept in file order,"
-                if is_hour else f"the clock jumps backwards by {seconds:g} s with other values for the same time")
-        notes.append(Note(CLOCK_CODES[not is_hour], f"{what} at {utc_text(stamp)}; later stamps are moved on by it",
-                          {"seconds": float(seconds)}))
+        name = "dst_repeated_hour:moved" if is_hour else "clock_set_back"
+        notes.append(noted(name, {"seconds": float(seconds)}, at=utc_text(stamp)))
     return out
 
 
@@ -234,24 +223,17 @@ class Grid:
         if self.kind == "jitter":
             variance = tally["squares"] / max(tally["near"], 1.0) - (tally["sum"] / max(tally["near"], 1.0)) ** 2
             spread = round(max(variance, 0.0) ** 0.5, 9)
-            text = (f"time stamps vary around {every:g} s (standard deviation {100 * spread:.0f} %); values are "
-                    f"interpolated to every {every:g} s")
-            found.append(Note("resampled", text, {"interval_s": every, "jitter": spread}))
+            found.append(noted("resampled", {"interval_s": every, "jitter": spread}, percent=100 * spread))
         elif self.kind == "compressed":
             share = tally["recorded"] / max(tally["points"], 1.0)
-            text = (f"samples are irregular, as after exception or swinging-door compression: {100 * share:.0f} % of "
-                    f"the grid of {every:g} s was recorded, up to {self.gap / SECOND:g} s are bridged")
-            found.append(Note("compressed", text, {"interval_s": every, "recorded_share": share,
-                                                   "median_spacing_s": self.usual / SECOND}))
+            values = {"interval_s": every, "recorded_share": share, "median_spacing_s": self.usual / SECOND}
+            found.append(noted("compressed", values, percent=100 * share, bridged=self.gap / SECOND))
         if gaps := tally["gaps"]:
             longest = tally["longest"] / SECOND
-            found.append(Note(
-                "gaps", f"{gaps:.0f} gap{'s' * (gaps > 1)} in the record, the longest {duration(longest)} from "
-                f"{utc_text(int(tally['from']))}; nothing is estimated across a gap",
-                {"gaps": gaps, "longest_s": longest}))
+            found.append(noted("gaps", {"gaps": gaps, "longest_s": longest}, s="s" * (gaps > 1),
+                               length=duration(longest), begin=utc_text(int(tally["from"]))))
         if short := tally["short"]:
-            found.append(Note("missing_rows", f"{tally['absent']:.0f} samples are missing in {short:.0f} short gaps",
-                              {"samples": tally["absent"]}))
+            found.append(noted("missing_rows", {"samples": tally["absent"]}, gaps=short))
         return found
 
 
@@ -278,8 +260,7 @@ class Times:
 def make_grid(order: Ordered) -> Grid:
     """Find the grid of strictly increasing stamps. Raises LoopError when they are too few or too irregular."""
     if len(order.stamps) < 2:
-        raise LoopError(f"only {len(order.stamps)} sample: the record is too short", code="too_few_samples",
-                        remedy="export a longer time")
+        raise LoopError(**explained("too_few_samples", samples=len(order.stamps)))
     grid = _plan(order.stamps).laid(order)
     return replace(grid, notes=(*order.notes, *grid.said(order.stamps, grid.recorded, defaultdict(float))))
 
@@ -305,8 +286,7 @@ def _plan(stamps: IntArray) -> Grid:
         base = _nice(low)
     gap = max(GAP_FACTOR * high, (MAX_HOLE + 1.5) * base)
     if steps[steps <= gap].sum(dtype=float) / base > MAX_GROWTH * len(stamps):
-        raise LoopError(f"samples are too irregular: {base / SECOND:g} s to {values[-1] / SECOND:g} s apart",
-                        code="irregular", remedy="export at a fixed interval, not interpolated")
+        raise LoopError(**explained("irregular", least=base / SECOND, most=values[-1] / SECOND))
     return Grid(start, base, "compressed", gap, middle)
 
 

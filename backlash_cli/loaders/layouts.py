@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from ..errors import InputError
 from .cells import codes_and_words, is_number, is_text
-from .names import COLUMNS, SIGNALS, Tag, is_quality_name, is_time_name, plain, signal_role, split_tag
+from .names import COLUMNS, SIGNALS, Tag, explained, is_quality_name, is_time_name, plain, signal_role, some, split_tag
 from .options import ReadOptions
 from .signals import Series
 from .states import quality_words
@@ -109,8 +109,7 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
         sorted((i for i in texts if head.plain[i] in GROUPS | TAG), key=lambda i: head.plain[i] not in GROUPS)[:1]
         if kind == "tall" else ())
     if not naming and kind in ("long", "tall"):
-        what = "tag" if kind == "long" else "loop"
-        raise InputError(f"no column of {what} names found", where=head.where, remedy=f"name it '{what}'")
+        raise InputError(**explained("no_names", what="tag" if kind == "long" else "loop"), where=head.where)
     values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
               and not head.is_time(i) and not (kind == "tall" and is_quality_name(word))]
     if kind != "long":
@@ -122,7 +121,7 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     rest = [i for i in rest if i not in quality]
     value = (named or [i for i in rest if i not in head.texts] or rest)[:1]
     if not value:
-        raise InputError("no column of values found", where=head.where, remedy="name it 'value'")
+        raise InputError(**explained("no_values"), where=head.where)
     return Layout(kind, (stamps,), tuple(value), naming, dict(zip(value, quality, strict=False)))
 
 
@@ -142,8 +141,7 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
     """Return the stamps, or date and time of day, and all columns of times. Raises InputError when there is none."""
     columns = head.times
     if not columns:
-        raise InputError("no time column found", where=head.where, remedy="name the column of time stamps 'timestamp', "
-                         "or say how they are written with --time-format")
+        raise InputError(**explained("no_time_column"), where=head.where)
     clocks = [i for i in columns if pa.types.is_time(head.columns[i].type) or head.kinds[i] == "clock"]
     dates = [i for i in columns if i not in clocks]
     if clocks and dates and is_midnight(head.columns[dates[0]], head.names[dates[0]], options, head.where):
@@ -231,9 +229,7 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
             one = replace(one, loop=home or head.stem, signal=one.signal if one.role or not one.loop else header)
         found.append(one)
     if not found:
-        shown = ", ".join((name or "(blank)")[:40] for name in head.names[:8]) + ", ..." * (len(head.names) > 8)
-        raise InputError(f"no signal columns found beside the time (columns: {shown})", where=head.where,
-                         remedy="name columns LOOP.SP, LOOP.PV, LOOP.OP, or name the tags in loops.toml")
+        raise InputError(**explained("no_signals", shown=some(head.names)), where=head.where)
     return found
 
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 from itertools import product
 from typing import Any
+
+from ..record import Note
 
 WORDS: dict[str, dict[str, Any]] = tomllib.loads((files(__package__) / "words.toml").read_text("utf-8"))
 SIGNALS: dict[str, str] = WORDS["signals"]
@@ -38,6 +41,22 @@ class Tag:
 def plain(text: str) -> str:
     """Return the text in lower case without blanks, dots, dashes, underscores and a unit in brackets at the end."""
     return re.sub(r"[\s._\-/:\\#*'\"|]+", "", _UNIT.sub("", text)).lower()
+
+
+def explained(name: str, **values: object) -> dict[str, str]:
+    """Return the arguments of an error of words.toml: what is wrong, the remedy, perhaps a code; values: shown."""
+    texts = (text.format(**values) for text in WORDS["errors"][name])
+    return dict(zip(("what", "remedy", "code"), texts, strict=False))
+
+
+def noted(name: str, values: Mapping[str, float | str] = {}, /, **shown: object) -> Note:
+    """Return a note of words.toml; its code is the name up to a colon. values: kept in it; shown: only said."""
+    return Note(name.partition(":")[0], WORDS["notes"][name].format(**values, **shown), values)
+
+
+def some(words: Sequence[str], most: int = 8) -> str:
+    """Return the first of some words, shortened, to be shown in a message."""
+    return ", ".join(word.strip()[:40] or "(blank)" for word in words[:most]) + ", ..." * (len(words) > most)
 
 
 def signal_role(text: str) -> str:

@@ -26,7 +26,7 @@ import pyarrow as pa
 from ..errors import InputError
 from ..record import Note
 from .cells import decimal_sign
-from .names import COLUMNS, WORDS, is_time_name, plain, signal_role, split_tag
+from .names import COLUMNS, WORDS, explained, is_time_name, noted, plain, signal_role, split_tag
 from .options import ReadOptions
 from .sources import Remote, is_export, open_place, stem_of
 from .times import stamp_kind
@@ -57,14 +57,14 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
     """Return "parquet", "workbook", "archive" or "text" for what begins so. Raises InputError for what is no export."""
     try:
         if not path.is_file():
-            raise InputError("not a regular file", where=str(path), remedy="save the export as a file first")
+            raise InputError(**explained("no_file"), where=str(path))
         if not magic:
             with open_place(path) as file:
                 magic = file.read(16)
     except OSError as error:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
     if not magic:
-        raise InputError("file is empty (0 bytes)", where=str(path), remedy="export it again")
+        raise InputError(**explained("empty_file"), where=str(path))
     if magic.startswith(b"PK\x03\x04"):
         return "workbook" if path.name.lower().endswith((".xlsx", ".xlsm")) else "archive"
     for mark, (what, remedy) in WORDS["foreign"].items():
@@ -81,7 +81,7 @@ class Text:
 
     def __init__(self, path: Path | Remote, options: ReadOptions, taken: Callable[[int], None] = lambda count: None,
                  opened: Callable[[], Any] | None = None) -> None:
-        self.path, self.options, self._taken = path, options, taken
+        self.path, self.where, self.options, self._taken = path, str(path), options, taken
         self.notes: list[Note] = []
         self.rest = lines_together(self._decoded(self._pieces(opened)))
         self.head = next(self.rest, bytearray())
@@ -104,13 +104,11 @@ class Text:
                 except _DAMAGED as error:
                     if not codec:
                         raise
-                    problem = "the compressed stream ends too early" if isinstance(error, EOFError) else str(error)
+                    what = "the compressed stream ends too early" if isinstance(error, EOFError) else str(error)
                     # with a wrong checksum any part may be wrong
                     if total < 200 or isinstance(error, (gzip.BadGzipFile, BadZipFile)):
-                        raise InputError(f"damaged {codec} file: {problem}", where=str(self.path),
-                                         remedy="export or copy it again") from None
-                    self.notes.append(Note("truncated", f"damaged or truncated {codec} file ({problem}): only the part "
-                                           "before is read"))
+                        raise InputError(**explained("damaged", kind=codec, problem=what), where=self.where) from None
+                    self.notes.append(noted("truncated", codec=codec, problem=what))
                     return
                 self._taken(file.tell() - told)
                 told = file.tell()
@@ -118,9 +116,7 @@ class Text:
                     return
                 total += len(piece)
                 if codec and (total > self.options.max_bytes or (total > BOMB_FLOOR and total > BOMB_RATIO * size)):
-                    raise InputError(f"{size} bytes of {codec} expand to more than {total >> 20} MB",
-                                     where=str(self.path),
-                                     remedy="if this is a real export, decompress it first or cut it into parts")
+                    raise InputError(**explained("bomb", size=size, codec=codec, MB=total >> 20), where=self.where)
                 yield piece
 
     def _decoded(self, pieces: Iterator[bytes]) -> Iterator[bytes]:
@@ -129,9 +125,9 @@ class Text:
         while len(head) < SAMPLE and (piece := next(pieces, b"")):
             head += piece
         if not head:
-            raise InputError("file holds no data", where=str(self.path), remedy="export it again")
+            raise InputError(**explained("no_data"), where=self.where)
         if kind_of(self.path, head) == "parquet":
-            raise InputError("compressed Parquet file", where=str(self.path), remedy="decompress it first")
+            raise InputError(**explained("compressed_parquet"), where=self.where)
         encoding = guess_encoding(head, self.path, self.options)
         decoder = codecs.getincrementaldecoder(encoding)("strict" if encoding == "utf-8" else "replace")
         for piece in chain([head.removeprefix(codecs.BOM_UTF8)], pieces, [b""]):
@@ -144,10 +140,9 @@ class Text:
                 piece, encoding = decoder.getstate()[0] + piece, "cp1252"
                 decoder = codecs.getincrementaldecoder("cp1252")("replace")
                 text = decoder.decode(piece)
-                self.notes.append(Note("encoding", "text is not UTF-8; read with the encoding cp1252 (Western "
-                                       "European)"))
+                self.notes.append(noted("encoding:western"))
             if "\ufffd" in text and encoding != "utf-8" and not self.notes:
-                self.notes.append(Note("encoding", f"some bytes are not valid {encoding} text; they were replaced"))
+                self.notes.append(noted("encoding", encoding=encoding))
             yield text.encode("utf-8", errors="replace")
 
 
@@ -207,8 +202,7 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
         if many > 0.2 * len(sample) and few < many / 8:
             return encoding
     if len(sample.translate(None, _TEXT)) > 0.02 * len(sample):
-        raise InputError("not text: binary data that is neither CSV nor Parquet", where=str(path),
-                         remedy="export it again as CSV")
+        raise InputError(**explained("binary"), where=str(path))
     return "utf-8"
 
 
@@ -221,10 +215,9 @@ def members(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
         for _, opened in found:
             opened().close()
     except (BadZipFile, OSError, ValueError, RuntimeError) as error:  # damaged, encrypted, or packed in another way
-        raise InputError(f"the zip archive cannot be opened: {error}", where=str(path),
-                         remedy="unpack it, or copy it again") from None
+        raise InputError(**explained("damaged_archive", problem=error), where=str(path)) from None
     if not found:
-        raise InputError("the zip archive holds no export (no CSV files)", where=str(path), remedy="pack CSV files")
+        raise InputError(**explained("empty_archive"), where=str(path))
     return found
 
 
@@ -236,15 +229,14 @@ def sheets(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
         with open_place(path) as file:
             book = pd.read_excel(io.BytesIO(file.read()), sheet_name=None, header=None, engine="calamine")
     except ImportError:
-        raise InputError("reading Excel workbooks needs python-calamine", where=str(path),
-                         remedy="pip install 'backlash[excel]', or save the sheet as CSV") from None
+        raise InputError(**explained("no_calamine"), where=str(path)) from None
     except Exception as error:  # the library raises kinds of its own for damaged workbooks
-        raise InputError(f"damaged workbook: {str(error).strip() or type(error).__name__}", where=str(path),
-                         remedy="save it again, or save the sheet as CSV") from None
+        problem = str(error).strip() or type(error).__name__
+        raise InputError(**explained("damaged_workbook", problem=problem), where=str(path)) from None
     found = [(name, partial(io.BytesIO, rows.to_csv(header=False, index=False).encode()))
              for name, rows in book.items() if len(rows) > 1]
     if not found:
-        raise InputError("the workbook holds no table", where=str(path), remedy="export it again")
+        raise InputError(**explained("empty_workbook"), where=str(path))
     return found
 
 
@@ -269,7 +261,7 @@ def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> D
     declared = re.match(r"^sep=(.)$", lines[0][2].strip()) if lines else None
     lines = [row for row in lines[1 if declared else 0 : HEAD_LINES] if row[2].strip(" \t,;|")]
     if not lines:
-        raise InputError("file holds no data", where=where, remedy="export it again")
+        raise InputError(**explained("no_data"), where=where)
     last = range(len(lines) - min(24, max(1, len(lines) // 2)), len(lines))
     delimiter = options.delimiter or (declared[1] if declared else _delimiter(
         [lines[i][2] for i in last], [row[2] for row in lines[:30]]))
@@ -283,10 +275,12 @@ def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> D
         raise _without_data([cells(i) for i in range(min(10, len(lines)))], width, options, where)
     before = {lines[i][0]: cells(i) for i in range(max(first - HEAD_LINES // 10, 0), first)}
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
+    numbers = [c for row in (*data, *tail) for c in row if kind(c) == "number" and (delimiter != "," or "," in c)]
+    only_commas = delimiter != "," and any("," in c for c in numbers) and not any("." in c for c in numbers)
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
     return Dialect(delimiter, column_names(before, width, options, where), lines[first][1], end, lines[first][0],
-                   options.decimal or _decimal([*data, *tail], delimiter),
+                   options.decimal or decimal_sign(numbers, "," if only_commas else "."),
                    tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True)))
 
 
@@ -329,24 +323,15 @@ def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tupl
                  and (i + 1 == count or any(map(is_data, range(i + 1, min(i + 4, count)))))), None)
 
 
-def _decimal(rows: list[list[str]], delimiter: str) -> str:
-    numbers = [c for row in rows for c in row if kind(c) == "number" and (delimiter != "," or "," in c)]
-    only_commas = delimiter != "," and any("," in c for c in numbers) and not any("." in c for c in numbers)
-    return decimal_sign(numbers, "," if only_commas else ".")
-
-
 def _without_data(begun: list[list[str]], width: int, options: ReadOptions, where: str) -> InputError:
-    what = "no rows with a time and numbers found: this is not an export of measurements"
-    remedy = "name the time with --time-format, the decimal sign with --decimal, the header with --header-row"
+    name = "no_measurements"
     if width < 2 and options.delimiter:
-        what = f"the lines are not divided by {options.delimiter!r}"
-        remedy = "leave --delimiter out to have it found, or name another"
+        name = "wrong_delimiter"
     elif all(score_names(cells) > 0 for cells in begun):
-        what, remedy = "only a header: no rows of data", "export it again with samples"
+        name = "only_a_header"
     elif width < 2:
-        what = "no columns found: the lines have no common delimiter"
-        remedy = "name it with --delimiter, or export a table of time stamps and values"
-    return InputError(what, where=where, remedy=remedy)
+        name = "no_columns"
+    return InputError(**explained(name, delimiter=options.delimiter), where=where)
 
 
 def column_names(before: dict[int, list[str]], width: int, options: ReadOptions, where: str) -> tuple[str, ...]:
@@ -360,8 +345,7 @@ def column_names(before: dict[int, list[str]], width: int, options: ReadOptions,
     commented = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in rows if COMMENT.match(cells[0])][-1:]
     rows = [cells for cells in rows if not COMMENT.match(cells[0])] or [row for row in commented if score_names(row)]
     if not rows:
-        raise InputError("no header line found: nothing says which column is the time, the setpoint or the measurement",
-                         where=where, remedy="add a header line, or name the columns with --columns time,SP,PV,OP")
+        raise InputError(**explained("no_header"), where=where)
     rows = [_fit(row, width) for row in rows[-8:]]
     best = max(range(len(rows)), key=lambda i: (score_names(rows[i]), i))
     names = rows[best]

@@ -14,10 +14,10 @@ from zoneinfo import ZoneInfo, available_timezones
 
 from ..errors import UsageError, nearest
 from .grid import SECOND
+from .names import explained
 
-LAYOUTS = ("wide", "single", "long", "pairs")
 TIME_WORDS = ("iso", "ymd", "dmy", "mdy", "epoch_s", "epoch_ms", "epoch_us", "epoch_ns", "excel", "seconds")
-INTERPOLATIONS = ("hold", "linear")
+LOOP_OPTIONS = "--loop, --loops-matching"
 _UNITS = {"s": 1, "min": 60, "h": 3600, "d": 86_400, "w": 7 * 86_400}
 _AGE = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(s|min|h|d|w)\s*")
 
@@ -28,13 +28,11 @@ class ReadOptions:
 
     time_format: strptime pattern or one of TIME_WORDS. timezone: IANA name of the zone of stamps without offset.
     interpolation: "hold" or "linear" for every signal; None: measurement linear, the rest hold. delimiter, decimal,
-    encoding: of CSV files ("," "tab" ..., "." or ",", "cp1252" ...). layout: one of LAYOUTS. columns: names of the
-    columns of a file without a header line. header_row: number (from 1) of the line that names the columns.
-    only_loops: names or wildcards, each of which must exist. loops_matching: patterns (`check_pattern`) of which one
-    must fit. sample: "20" or "5%" of the loops that are left, drawn by sample_seed. since: a moment or an age
-    (`parse_since`). good_quality, auto_modes: further words or numbers that mean good, or automatic. max_bytes: limit
-    on decompressed size per file.
-    """
+    encoding: of CSV files ("," "tab" ..., "." or ",", "cp1252" ...). layout: "wide", "single", "long" or "pairs".
+    columns: names of the columns of a file without a header line. header_row: number (from 1) of the line that names
+    them. only_loops: names or wildcards, each of which must exist. loops_matching: patterns (`check_pattern`) of which
+    one must fit. sample: "20" or "5%" of those left, drawn by sample_seed. since: a moment or an age (`parse_since`).
+    good_quality, auto_modes: further words or numbers that mean good, or automatic. max_bytes: of a file in memory."""
 
     time_format: str | None = None
     timezone: str | None = None
@@ -55,9 +53,10 @@ class ReadOptions:
     max_bytes: int = 2 << 30
 
     def __post_init__(self) -> None:
-        for name, value, allowed in (("interpolation", self.interpolation, INTERPOLATIONS),
-                                     ("layout", self.layout, LAYOUTS), ("decimal", self.decimal, (".", ",")),
-                                     ("time-format", self.time_format, TIME_WORDS)):
+        for name, value, allowed in (("decimal", self.decimal, (".", ",")),
+                                     ("time-format", self.time_format, TIME_WORDS),
+                                     ("interpolation", self.interpolation, ("hold", "linear")),
+                                     ("layout", self.layout, ("wide", "single", "long", "pairs"))):
             if value is not None and value not in allowed and not (name == "time-format" and "%" in value):
                 words = ("  " if name == "decimal" else ", ").join(allowed)
                 raise UsageError(f"{value!r} is not known here", where=f"--{name}", remedy=f"one of: {words}")
@@ -65,14 +64,12 @@ class ReadOptions:
             named = {"tab": "\t", "\\t": "\t", "comma": ",", "semicolon": ";", "pipe": "|", "space": " "}
             object.__setattr__(self, "delimiter", named.get(self.delimiter.lower(), self.delimiter))
             if len(self.delimiter) != 1 or self.delimiter in '\r\n"0123456789.':
-                raise UsageError(f"{self.delimiter!r} cannot separate columns", where="--delimiter",
-                                 remedy="give one character or one of: comma, semicolon, tab, pipe, space")
+                raise UsageError(**explained("delimiter", text=self.delimiter), where="--delimiter")
         if self.encoding is not None:
             try:
                 "".encode(self.encoding)
             except (LookupError, ValueError):
-                raise UsageError(f"no text encoding {self.encoding!r}", where="--encoding",
-                                 remedy="for example utf-8, utf-16, cp1252") from None
+                raise UsageError(**explained("encoding", text=self.encoding), where="--encoding") from None
         if self.timezone is not None:
             try:
                 ZoneInfo(self.timezone)
@@ -95,8 +92,7 @@ def sample_size(text: str, loops: int) -> int:
     found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(%?)\s*", text)
     number, percent = (float(found[1]), bool(found[2])) if found else (0.0, False)
     if not number or (number > 100.0 if percent else number % 1.0):
-        raise UsageError(f"{text!r} is no size of a sample", where="--sample",
-                         remedy="give a number of loops such as 20, or a share such as 5%")
+        raise UsageError(**explained("sample", text=text), where="--sample")
     return min(loops, math.ceil(number / 100.0 * loops - 1e-9) if percent else int(number))
 
 
@@ -107,11 +103,10 @@ def check_pattern(pattern: str) -> Callable[[str], bool]:
         try:
             expression = re.compile(pattern[1:-1], re.IGNORECASE)
         except (re.error, OverflowError, RecursionError) as error:
-            raise UsageError(f"{pattern!r} is no regular expression: {error}", where="--loop, --loops-matching",
-                             remedy="for example '/^FIC1[0-4]/', or wildcards without slashes: 'FIC*'") from None
+            raise UsageError(**explained("expression", text=pattern, error=error), where=LOOP_OPTIONS) from None
         return lambda name: expression.search(name) is not None
     if not pattern:
-        raise UsageError("the pattern is empty", where="--loop, --loops-matching", remedy="for example 'FIC*'")
+        raise UsageError(**explained("empty_pattern"), where=LOOP_OPTIONS)
     lower = pattern.lower()
     return lambda name: fnmatchcase(name.lower(), lower)
 
@@ -129,5 +124,4 @@ def parse_since(text: str, timezone: str | None = None) -> tuple[int | None, int
             if moment.tzinfo is None:
                 moment = moment.replace(tzinfo=ZoneInfo(timezone) if timezone else UTC)
             return (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1), 0
-    raise UsageError(f"{text!r} is no time", where="--since",
-                     remedy="give a date such as 2026-11-01 or 2026-11-01T06:00, or an age such as 3d or 12h")
+    raise UsageError(**explained("since", text=text), where="--since")

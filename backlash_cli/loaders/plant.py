@@ -17,14 +17,13 @@ from ..record import Note, Record
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
 from .grid import NAT, utc_text
+from .names import explained, noted, some
 from .options import ReadOptions, check_pattern, parse_since, sample_size
 from .signals import Axis, Joiner, LoopSeries, Room, Series, by_loop, explicit_tags, failure
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import signals_of_file
 
-READING_ERRORS = (ArrowException, UnicodeError, OverflowError, MemoryError, OSError, ValueError)
-SHOWN = 12  # names written out in a message; all of them stand in its values
-FEW_LOOPS = 3  # loops of the loops file without data that are named one by one
+FEW = 3  # loops of the loops file without data that are named one by one
 
 
 @dataclass(frozen=True)
@@ -130,26 +129,22 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
             found, notes = signals_of_file(source, options, needed, room, taken)
             series += found
             warnings += notes
-        except (BacklashError, *READING_ERRORS) as error:
+        except (BacklashError, ArrowException, OverflowError, MemoryError, OSError, ValueError) as error:
             text = str(error).strip().split("\n")[0][:300] or type(error).__name__
             problems[str(source.path)] = error if isinstance(error, BacklashError) else InputError(
-                f"cannot be read: damaged or not understood: {text}", where=str(source.path),
-                remedy="export the file again")
+                **explained("not_understood", text=text), where=str(source.path))
     if not series:
         first = next(iter(problems.values()), None)
         raise first if first is not None and len(sources) == 1 else InputError(
             f"none of {len(sources)} files could be read; the first: {first}", remedy="export them again")
     all_loops = by_loop(series, metadata)
     if not all_loops:
-        tags = ", ".join(filter(None, sorted({item.tag for item in series})[:12])) or "columns without a name"
-        raise InputError("no loop found: no column is called SP, PV or OP of a loop", where=str(sources[0].path),
-                         remedy=f"name the tags in loops.toml; found: {tags}")
+        tags = sorted({item.tag for item in series if item.tag}) or ["columns without a name"]
+        raise InputError(**explained("no_loop", tags=some(tags, 12)), where=str(sources[0].path))
     # an indicator, or a column with a chance name
     single = sorted(name for name, own in all_loops.items() if len(own.roles) == 1 and metadata.of(name) is None)
     if 0 < len(single) < len(all_loops):
-        more = ", ".join(name[:40] for name in single[:5]) + (", ..." if len(single) > 5 else "")
-        warnings.append(Note("single_signals", f"{len(single)} tags have one signal only and are no loops; they are "
-                             f"left out: {more}"))
+        warnings.append(noted("single_signals", count=len(single), names=some(single, 5)))
     names, notes = choose(all_loops.keys() - single or single, options.only_loops, options.loops_matching,
                           options.sample, options.sample_seed)
     wanted, moment = {name: all_loops[name] for name in names}, None
@@ -172,37 +167,33 @@ def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
     metadata = merge([read_metadata(path) for path in paths])
     notes = [Note("metadata_conflict", text) for text in metadata.conflicts]
     if not metadata.files:
-        notes.append(Note("no_metadata", "no loop settings found (loops.toml): settings are missing and have to be "
-                          "identified"))
+        notes.append(noted("no_metadata"))
     elif not metadata.loops:
-        notes.append(Note("no_metadata", f"the loops file {metadata.files[0]} lists no loops: K and Ti are missing"))
+        notes.append(noted("no_metadata:empty", file=metadata.files[0]))
     return metadata, notes
 
 
 def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata) -> list[Note]:
     there = {metadata.match(name) for name in series}
     names = [name for name in metadata.loops if name not in there]
-    if len(names) > FEW_LOOPS:  # the loops file of a whole plant beside the export of a few loops: usual
-        text = (f"{len(names)} loops of the loops file are not found in the data: {', '.join(names[:FEW_LOOPS])} ...")
-        return [Note("loop_not_found", text, {"loop": ", ".join(names), "loops": len(names)})]
+    if len(names) > FEW:  # the loops file of a whole plant beside the export of a few loops: usual
+        return [noted("loop_not_found:many", {"loop": ", ".join(names), "loops": len(names)}, names=some(names, FEW))]
     notes = []
     for name in names:
         values = metadata.loops[name].values
         tags = ", ".join(tag for role in ROLE_KEYS if isinstance(tag := values.get(role), str))
         hint = f"its tags {tags} are not there" if tags else nearest(name, sorted(series))
-        notes.append(Note("loop_not_found", f"loop {name} of the loops file is not found in the data ({hint})",
-                          {"loop": name}))
+        notes.append(noted("loop_not_found", {"loop": name}, hint=hint))
     return notes
 
 
 def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOptions) -> Recipe:
-    values, text = metadata.of(name), ""
+    values, notes = metadata.of(name), tuple[Note, ...]()
     origin = next(iter(series.roles.values()))[0].loop
     if values is None and metadata.files:
-        text = f"loop {name[:60]} is not in the loops file: its settings are missing"
+        notes = (noted("not_in_metadata", loop=name[:60]),)
     elif values is not None and origin not in ("", name) and metadata.match(origin) is None:
-        text = f"{origin[:60]} in the data is taken as {name[:60]} of the loops file"
-    notes = (Note("not_in_metadata" if values is None else "matched_name", text),) if text else ()
+        notes = (noted("matched_name", origin=origin[:60], loop=name[:60]),)
     return Recipe(name, series, metadata.fallback() if values is None else values, options, notes)
 
 
@@ -241,12 +232,10 @@ def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[st
     drawn = fitting if sample is None else draw(fitting, sample_size(sample, len(fitting)), seed)
     notes: list[Note] = []
     if left := len(named) - len(fitting):
-        notes.append(Note("not_matching", f"{left} of {len(named)} loops do not match {words} and were not computed",
-                          {"loops": float(left)}))
+        notes.append(noted("not_matching", {"loops": float(left)}, of=len(named), words=words))
     if left := len(fitting) - len(drawn):
-        text = (f"{len(drawn)} of {len(fitting)} loops were drawn (--sample {sample}, seed {seed}): {_shown(drawn)}; "
-                f"{left} were not computed")
-        notes.append(Note("sampled", text, {"loops": float(left), "seed": float(seed), "drawn": ", ".join(drawn)}))
+        notes.append(noted("sampled", {"loops": float(left), "seed": float(seed), "drawn": ", ".join(drawn)},
+                           count=len(drawn), of=len(fitting), sample=sample, names=some(drawn)))
     return drawn, notes
 
 
@@ -254,11 +243,6 @@ def draw(names: Sequence[str], count: int, seed: int = 0) -> list[str]:
     """Return `count` of the names: those of the smallest hash with the seed, so that a growing plant keeps them."""
     return sorted(sorted(names, key=lambda name: hashlib.sha256(
         f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest())[:count])
-
-
-def _shown(names: Sequence[str]) -> str:
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return ", ".join(name[:40] for name in names[:SHOWN]) + more
 
 
 def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None
@@ -290,13 +274,11 @@ def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, t
             kept[name] = rest
     text, without = f"{utc_text(moment)} UTC", [name for name in loops if name not in kept]
     if without and not kept:
-        raise InputError(f"no loop has data since {text}; the data end at {utc_text(last)} UTC",
-                         where=f"--since {when}", remedy="give an earlier time, or an age such as 3d")
-    notes = [Note("since", f"data before {text} were left out (--since {when})", {"since": text})]
+        raise InputError(**explained("nothing_since", text=text, end=utc_text(last)), where=f"--since {when}")
+    notes = [noted("since", {"since": text}, when=when)]
     if without:
-        said = f"{len(without)} of {len(loops)} loops have no data since {text} and were not computed: "
-        notes.append(Note("nothing_since", said + _shown(without),
-                          {"loops": float(len(without)), "names": ", ".join(without)}))
+        notes.append(noted("nothing_since", {"loops": float(len(without)), "names": ", ".join(without)},
+                           of=len(loops), since=text, some=some(without)))
     return kept, notes, moment
 
 

@@ -22,7 +22,7 @@ from ..record import FloatArray, IntArray, Note
 from ..settings import ROLE_KEYS, Metadata
 from .cells import Cells, Lexicon
 from .grid import NAT, Times
-from .names import SIGNALS, WORDS, plain
+from .names import SIGNALS, explained, noted, plain
 from .states import good_samples, lone_zeros
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
@@ -74,9 +74,7 @@ class Room:
             while view:
                 view = view[self._file.write(view) :]
         except OSError as error:
-            raise BacklashError(
-                f"no room for temporary data: {error.strerror}", where=tempfile.gettempdir(), code="cannot_write",
-                remedy="name a folder with more room in TMPDIR, or scan some of the loops with --loop") from None
+            raise BacklashError(**explained("no_room", problem=error.strerror), where=tempfile.gettempdir()) from None
         return Spilled(self._path, place, column.dtype, len(column))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -91,8 +89,7 @@ def _remove(file: IO[bytes]) -> None:
 class Store:
     """Columns of equal length that are written once, in pieces, and read often; texts of "v3" by their places in "v3w".
 
-    grouped: rows are kept by the numbers in the column "group" of each piece. stays: in memory, also when it is
-    sent."""
+    grouped: rows are kept by the numbers in the column "group" of each piece. stays: in memory, also when sent."""
 
     def __init__(self, room: Room, *, grouped: bool = False, stays: bool = False) -> None:
         self.room, self.grouped, self.stays = room, grouped, stays
@@ -132,16 +129,14 @@ class Store:
                 own = slice(int(starts[group]) + low, int(starts[group]) + high)
                 parts.append(piece[name][own] if name in piece else np.full(high - low, -1, np.int32))
             first, last = first - count, last - count
-        return parts[0] if len(parts) == 1 else np.concatenate(parts or [np.zeros(0)])
+        return parts[0] if len(parts) == 1 else np.concatenate(parts or [np.zeros(0, np.int64)])
 
     def cells(self, column: str, first: int, last: int, group: int = 0) -> Cells:
         """Return the cells of rows first..last-1 of a column."""
         values, lexicon = self.read(column, first, last, group), self.lexicons.get(column)
         return Cells(values, self.read(f"{column}w", first, last, group), lexicon) if lexicon else Cells(values)
 
-    def stamps(self, column: str, first: int, last: int, group: int = 0) -> IntArray:
-        """Return the stamps of rows first..last-1 [microseconds since 1970 UTC], NAT where unreadable."""
-        return self.read(column, first, last, group).astype(np.int64, copy=False)
+    stamps = read  # [microseconds since 1970 UTC], NAT where unreadable
 
     def emptied(self) -> Iterator[Piece]:
         """Yield the pieces, which are gone from here then."""
@@ -160,8 +155,7 @@ class Store:
 @dataclass(frozen=True, eq=False)
 class Axis:
     """Rows that belong together, and the `column` of their stamps, which all signals recorded in these rows share.
-    which: of the rows, or of those of a group. where:
-    file. first_line: line of row 0."""
+    which: of the rows, or of those of a group. where: file. first_line: line of row 0."""
 
     rows: Any  # of a file, with the methods `cells` and `stamps` of a Store
     column: str
@@ -240,7 +234,6 @@ class Series:
     axis: Axis = field(default=None)  # type: ignore[assignment]
 
     def cells(self) -> Cells:
-        """Return its cells."""
         return self.axis.cells(f"v{self.column}")
 
     def marks(self) -> Cells | None:
@@ -378,8 +371,7 @@ def add_faults(total: Faults, found: Faults) -> list[Note]:
         all_words.update(words)
         if count := all_words.total():
             top = ", ".join(f"{word or '(blank)'} ({number})" for word, number in all_words.most_common(4))
-            text = WORDS["faults"][code].format(tag=tag[:60], top=top)
-            notes.append(Note(code, f"{count} {text}", {"samples": float(count)}))
+            notes.append(noted(code, {"samples": float(count)}, tag=tag[:60], top=top))
     return notes
 
 
@@ -395,15 +387,12 @@ def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Seri
         first = [item for item, rank in zip(items, ranks, strict=True) if rank == min(ranks)]
         if len(first) < len(items):
             names = ", ".join(item.tag for item in items)
-            notes.append(Note("several_columns", f"{names} could all be {role.upper()}; {first[0].tag} is used"))
+            notes.append(noted("several_columns", names=names, role=role.upper(), tag=first[0].tag))
         if len(first) > 1 and first[0].axis is first[1].axis:
             values, *others = (item.cells().numbers()[0] for item in first)
             if not all(np.array_equal(values, other, equal_nan=True) for other in others):
-                raise LoopError(f"{len(first)} columns are called {first[0].tag!r} and differ: duplicate column names",
-                                where=where, remedy="rename one of them, or name the right one in loops.toml",
-                                code="duplicate_columns")
-            notes.append(Note("duplicate_columns",
-                              f"column {first[0].tag} stands {len(first)} times with the same content"))
+                raise LoopError(**explained("duplicate_columns", count=len(first), tag=first[0].tag), where=where)
+            notes.append(noted("duplicate_columns", tag=first[0].tag, count=len(first)))
             first = first[:1]
         chosen += first
     return chosen, notes

@@ -20,7 +20,7 @@ from urllib.request import url2pathname
 
 from ..errors import BacklashError, InputError, MetadataError, nearest
 from ..settings import Metadata, parse_table, parse_toml
-from .names import COLUMNS, WORDS, plain
+from .names import COLUMNS, WORDS, explained, plain, some
 
 _FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|parquet|pq|xlsx|xlsm|zip))?"
                    r"(?:\.(?:gz|zstd?|bz2|xz))?", re.IGNORECASE | re.DOTALL)
@@ -78,11 +78,9 @@ class Remote(str):
         return self
 
     def is_dir(self) -> bool:
-        """Say whether this is a folder. Raises InputError where that cannot be known."""
         return self._info["type"] == "directory"
 
     def is_file(self) -> bool:
-        """Say whether this is a file. Raises InputError where that cannot be known."""
         return self._info["type"] not in ("directory", "nothing")
 
     def stat(self) -> SimpleNamespace:
@@ -138,23 +136,20 @@ class Remote(str):
             raise
         except Exception as error:
             line = str(error).strip().split("\n")[0][:200] or type(error).__name__
-            what, remedy = f"cannot be read: {type(error).__name__}: {line}", "check the address and the network"
+            name, known, what = "unreachable", "", "fsspec" if "fsspec" in line else "a driver"
             if isinstance(error, FileNotFoundError):
-                what, remedy = "no such file or folder: not found", "check the address"
+                name = "no_object"
             elif isinstance(error, ImportError):
-                driver = "fsspec" if "fsspec" in line else "a driver"
-                what = f"reading {self.scheme}:// needs {driver} that is not installed ({line})"
-                remedy = f"pip install {WORDS['drivers'].get(self.scheme, 'backlash[remote]')!r}"
+                name, known = "no_driver", WORDS["drivers"].get(self.scheme, "backlash[remote]")
             elif (isinstance(error, PermissionError) or getattr(error, "status", None) in (401, 403)
                   or "credential" in type(error).__name__.lower()):
-                what = f"access denied: {line}"
-                remedy = "check the credentials of this machine and the rights of the object"
+                name = "denied"
             elif isinstance(error, ValueError) and "rotocol not known" in line:
                 from fsspec import available_protocols
 
-                what = f"no storage is called {self.scheme}://"
-                remedy = nearest(self.scheme, [*WORDS["drivers"], *available_protocols()])
-            raise InputError(what, where=self, remedy=remedy) from None
+                name, known = "no_storage", nearest(self.scheme, [*WORDS["drivers"], *available_protocols()])
+            raise InputError(**explained(name, kind=type(error).__name__, line=line, what=what, scheme=self.scheme,
+                                         known=known), where=self) from None
 
 
 @dataclass(frozen=True)
@@ -179,7 +174,7 @@ class Source:
 def find_sources(inputs: Sequence[str | PathLike[str]]) -> list[Source]:
     """Return the files behind the inputs, each once, in order. Raises InputError for what does not exist."""
     if not inputs:
-        raise InputError("no input given", remedy="name an export file or a folder of exports")
+        raise InputError(**explained("no_input"))
     found: dict[str, Source] = {}
     for item in inputs:
         path = place(item)
@@ -188,11 +183,10 @@ def find_sources(inputs: Sequence[str | PathLike[str]]) -> list[Source]:
             for source in _below(path) if path.is_dir() else [Source(path)]:
                 found.setdefault(str(source.path.absolute()), source)
         except (FileNotFoundError, NotADirectoryError):
-            raise InputError("no such file or folder: not found", where=str(path),
-                             remedy="check the name and the path") from None
+            raise InputError(**explained("not_found"), where=str(path)) from None
         except (OSError, ValueError) as error:  # too long a name, a zero byte in it
-            raise InputError(f"cannot open: {getattr(error, 'strerror', error)}", where=ascii(path)[:200],
-                             remedy="check the name") from None
+            problem = getattr(error, "strerror", error)
+            raise InputError(**explained("cannot_open", problem=problem), where=ascii(path)[:200]) from None
     return list(found.values())
 
 
@@ -217,9 +211,8 @@ def _below(folder: Path | Remote) -> list[Source]:
             found.append(Source(here / name, own, beside))
     if not found:
         other = sorted({Path(name).suffix or name for names in listed.values() for name in names})
-        there = f"; found there: {', '.join(other[:8])}" + ", ..." * (len(other) > 8) if other else "; it is empty"
-        raise InputError(f"folder holds no exports (no CSV, Parquet or Excel files){there}", where=str(folder),
-                         remedy="name the folder with the exports, or a file")
+        there = f"; found there: {some(other)}" if other else "; it is empty"
+        raise InputError(**explained("no_exports", there=there), where=str(folder))
     return found
 
 
@@ -264,12 +257,9 @@ def read_metadata(path: str | PathLike[str]) -> Metadata:
         with open_place(path) as file:
             text = file.read().decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        what, remedy = "cannot be read: not UTF-8 text", "save it as UTF-8"
-        if isinstance(error, OSError):
-            what, remedy = f"cannot be read: {error.strerror}", "give --loops a TOML or CSV file that can be read"
-        if isinstance(error, FileNotFoundError):
-            what, remedy = "not found: no such file", "check the path given to --loops"
-        raise MetadataError(f"loops file {what}", where=str(path), remedy=remedy) from None
+        name = "no_loops_file" if isinstance(error, FileNotFoundError) else (
+            "loops_file" if isinstance(error, OSError) else "loops_file_text")
+        raise MetadataError(**explained(name, problem=getattr(error, "strerror", "")), where=str(path)) from None
     parse = parse_table if Path(path.name).suffix.lower() in (".csv", ".txt", ".tsv") else parse_toml
     return parse(text, str(path))
 

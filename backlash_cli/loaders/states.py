@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray, Note, SampleState
 from .cells import Cells
-from .names import WORDS
+from .names import WORDS, noted, some
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
 AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
@@ -51,10 +51,9 @@ def _named(further: tuple[str, ...]) -> tuple[set[str], list[float]]:
 
 def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, float] | None = None
                  ) -> tuple[NDArray[np.bool_], list[Note]]:
-    """Return (rows,) True where the quality says good. Numbers are codes of OPC or PROFIBUS (128 and more),
-    percents or 0/1. further:
-    words or numbers that mean good. name: Validity and its like are 1 where the row is good. known: what earlier chunks
-    tell."""
+    """Return (rows,) True where the quality says good. Numbers are codes of OPC or PROFIBUS (128 and more), percents or
+    0/1. further: words or numbers that mean good. name: Validity and its like are 1 where the row is good. known: what
+    earlier chunks tell."""
     numbers, codes, words = _numbers_or_words(cells, all_texts=True)
     extra, wanted = _named(further)
     if numbers is not None:
@@ -64,8 +63,7 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
     good = [word.strip().lower() in extra or (
         bool(_GOOD.fullmatch(word.strip())) and not _DOUBT.fullmatch(word)) for word in words]
     if not any(good):  # only faults are marked: an empty cell is good
-        note = Note("quality_words", f"no quality reads Good; rows marked {_some(words)} are dropped")
-        return np.append(np.array(good, bool), True)[codes], [note]
+        return np.append(np.array(good, bool), True)[codes], [noted("quality_words", words=some(words, 4))]
     # a change-driven quality column leaves unchanged rows empty, the last word holds
     codes = codes[np.maximum.accumulate(np.where(codes >= 0, np.arange(len(codes)), 0))]
     return np.append(np.array(good, bool), False)[codes], []
@@ -84,8 +82,7 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, float]) -> tupl
         return values == (100.0 if high == 100 else 1.0), []
     if low == high:
         return np.full(len(values), usual in (0.0, 1.0)) & (values == usual), []
-    return values == usual, [Note("quality_code", f"quality numbers are not OPC codes; {usual:g}, the most frequent, "
-                                  "is taken as good (--good-quality names others)")]
+    return values == usual, [noted("quality_code", usual=usual)]
 
 
 def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[Note]]:
@@ -99,8 +96,7 @@ def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[
     auto = [text in extra or bool(_AUTO.fullmatch(text)) for text in texts]
     unknown = [word.strip() for word, text, yes in zip(words, texts, auto, strict=True)
                if text and not yes and not _MANUAL.fullmatch(text)]
-    notes = [Note("mode_words", f"modes {_some(unknown)} are not known and count as not automatic (auto_modes in "
-                  "loops.toml names further ones)")] if unknown else []
+    notes = [noted("mode_words", modes=some(unknown, 4))] if unknown else []
     states = [float(yes) if text else np.nan for text, yes in zip(texts, auto, strict=True)]
     return np.array([*states, np.nan])[codes], notes
 
@@ -108,21 +104,15 @@ def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[
 def _auto_numbers(values: FloatArray, named: list[float]) -> tuple[FloatArray, list[Note]]:
     present = np.isfinite(values)
     distinct = np.unique(values[present])
-    whole, text = np.clip(distinct, 0, 256).astype(np.int64), ""
+    whole, notes = np.clip(distinct, 0, 256).astype(np.int64), []
     if named or np.isin(distinct, (0.0, 1.0, 2.0, 3.0)).all():
         auto = np.isin(values, named or (1.0, 2.0, 3.0))
     elif np.all((distinct == whole) & (whole > 0) & (whole <= 128) & (whole & (whole - 1) == 0)):
         auto = np.isin(values, (16.0, 32.0, 64.0))
-        text = "modes are read as fieldbus numbers: 16, 32 and 64 are automatic"
+        notes = [noted("mode_numbers:fieldbus")]
     else:
-        auto, shown = values == 1, ", ".join(f"{v:g}" for v in distinct[:5])
-        text = (f"modes {shown} are not all known; only 1 counts as automatic (auto_modes in loops.toml names others)")
-    return np.where(present, auto, np.nan), [Note("mode_numbers", text)] if text else []
-
-
-def _some(words: list[str]) -> str:
-    shown = ", ".join(w.strip()[:20] or "(blank)" for w in words[:4])
-    return shown + (", ..." if len(words) > 4 else "")
+        auto, notes = values == 1, [noted("mode_numbers", modes=some([f"{v:g}" for v in distinct], 5))]
+    return np.where(present, auto, np.nan), notes
 
 
 def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
@@ -170,8 +160,7 @@ def frozen(values: FloatArray) -> NDArray[np.bool_]:
 
     A signal with noise repeats a number with some chance p, so a run of L repeats somewhere among n samples has
     chance about n p^L; runs with less than FROZEN_CHANCE are frozen. A signal without noise may stand still, as a
-    valve does in its dead band: it must do so for QUIET_SHARE of the record.
-    """
+    valve does in its dead band: it must do so for QUIET_SHARE of the record."""
     starts, ends = runs(values[1:] == values[:-1]) if len(values) >= 2 * LEAST_CHANGES else (np.zeros(0, int),) * 2
     lengths = ends - starts
     if lengths.max(initial=0) < FROZEN_RUN - 1:
@@ -218,22 +207,17 @@ def lone_zeros(values: FloatArray) -> NDArray[np.bool_] | None:
     return inside(starts[few], ends[few], len(values)) if few.any() else None
 
 
-_KINDS = {kind: (SampleState[state] if state else None, code, text)
-          for kind, (state, code, text) in WORDS["samples"].items()}
+_KINDS = {kind: (SampleState[state] if state else None, code) for kind, (state, code) in WORDS["samples"].items()}
 
 
 def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
     """Say how many of all "samples" are of these kinds, in order."""
     found, samples = [], counts["samples"]
-    for kind in kinds:
-        _, code, text = _KINDS[kind]
+    for kind in filter(counts.get, kinds):
         if kind == "wild" and counts[kind] > 0.5 * samples:
-            share = 100 * counts[kind] / samples
-            found.append(Note("outside_range",
-                              f"{share:.0f} % of the measurement lies far outside pv_range: check it"))
-        elif counts[kind]:
-            text = text if kind in ("wild", "filled") else f"of {samples} samples {text}; not used"
-            found.append(Note(code, f"{counts[kind]} {text}", {"samples": float(counts[kind])}))
+            found.append(noted("outside_range", percent=100 * counts[kind] / samples))
+        else:
+            found.append(noted(_KINDS[kind][1], {"samples": float(counts[kind])}, of=samples))
     return found
 
 
@@ -251,7 +235,7 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
              "interpolated": interpolated, "saturated": None if op is None else saturated(op),
              "setpoint": None if sp is None else ~np.isfinite(sp), "output": None if op is None else ~np.isfinite(op)}
     state = np.zeros(len(index), np.uint8)
-    for name, (value, _, _) in _KINDS.items():
+    for name, (value, _) in _KINDS.items():
         if name == "manual" and manual is not None:
             marks[name] = manual & (state != SampleState.MISSING) & (state != SampleState.IMPLAUSIBLE)
         if value is not None and (where := marks.get(name)) is not None:

@@ -22,7 +22,7 @@ from ..record import IntArray, Note
 from .cells import BLANK, Cells, Lexicon, codes_and_words, is_number, is_text, stored
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
-from .names import signal_role
+from .names import explained, noted, signal_role
 from .opening import HEAD_LINES, Text, find_dialect, kind_of, members, sheets
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
@@ -41,13 +41,12 @@ class TextTable:
     """A text file as a table: its first rows, then all of it in batches of columns."""
 
     def __init__(self, text: Text, stem: str, partition: dict[str, str]) -> None:
-        self.text, self.where = text, str(text.path)
+        self.text, self.where = text, text.where
         self.dialect = dialect = find_dialect(text.head, text.options, self.where)
         self._bad: list[tuple[int | None, int, int]] = []
         first = self._parsed(text.head[dialect.offset : dialect.end], None, threads=False)
         if first.num_rows == 0:
-            raise InputError("no rows of data below the header", where=self.where,
-                             remedy="export it again with samples")
+            raise InputError(**explained("no_rows", below=" below the header"), where=self.where)
         self.head = Head(self.where, stem, dialect.names, tuple(first.columns), dialect.kinds, partition,
                          dialect.decimal, dialect.line)
         self.notes = text.notes
@@ -76,9 +75,8 @@ class TextTable:
         if self._bad:
             line = "" if first_bad is None else f", the first is line {self.dialect.line + first_bad - 1}"
             _, expected, found = self._bad[0]
-            self.notes.append(Note(
-                "ragged_rows", f"{len(self._bad)} rows have too few or too many cells and were dropped{line} ({found} "
-                f"columns instead of {expected})", {"rows": float(len(self._bad)), "file": self.where}))
+            self.notes.append(noted("ragged_rows", {"rows": float(len(self._bad)), "file": self.where}, line=line,
+                                    found=found, expected=expected))
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:
@@ -106,16 +104,14 @@ def open_parquet(path: Any) -> pa_parquet.ParquetFile:
     try:
         return pa_parquet.ParquetFile(open_place(path) if isinstance(path, Remote) else path)
     except FileNotFoundError:
-        raise InputError("the machine that reads it does not see this file", where=str(path), code="not_shared",
-                         remedy="put the data where every machine finds them under the same name: a network drive, "
-                                "or s3://, abfs://, gs://") from None
+        raise InputError(**explained("not_shared"), where=str(path)) from None
     except (pa.ArrowException, OSError) as error:
         raise _damaged(str(error), path) from None
 
 
 def _damaged(problem: str, path: Any) -> InputError:
-    return InputError(f"damaged Parquet file: {problem.strip().split(chr(10))[0][:200]}", where=str(path),
-                      remedy="export or copy it again")
+    problem = problem.strip().split("\n")[0][:200]
+    return InputError(**explained("damaged", kind="Parquet", problem=problem), where=str(path))
 
 
 class ParquetTable:
@@ -128,15 +124,14 @@ class ParquetTable:
         about, schema, size = file.metadata, file.schema_arrow, path.stat().st_size
         self.count, decoded = about.num_rows, about.num_rows * about.num_columns * 8
         if decoded > options.max_bytes and decoded > MAX_GROWTH * size:
-            raise InputError(f"{size} bytes of Parquet expand to {decoded >> 20} MB", where=self.where,
-                             remedy="if this is a real export, cut it into parts")
+            raise InputError(**explained("bomb", size=size, codec="Parquet", MB=decoded >> 20), where=self.where)
         if not self.count:
-            raise InputError("no rows of data", where=self.where, remedy="export it again with samples")
+            raise InputError(**explained("no_rows", below=""), where=self.where)
         self._ends = np.cumsum([about.row_group(k).num_rows for k in range(about.num_row_groups)])
         fields = [field for field in schema if not pa.types.is_nested(field.type)]
         self._names = [field.name for field in fields]
         if len(set(self._names)) < len(fields):
-            raise InputError("two columns have the same name", where=self.where, remedy="export it with unique names")
+            raise InputError(**explained("same_names"), where=self.where)
         # cells tell about the layout only where they are no plain measurements
         tell = pa.schema([f for k, f in enumerate(fields) if k == 0 or not pa.types.is_floating(f.type)])
         begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_LINES, columns=tell.names), 1), tell)
@@ -204,7 +199,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
             layout = layout_of(table.head, options)
         except InputError as error:
             problems.append(error)
-            notes += [Note("passed_over", f"{name!r} in the archive is not used: {error}")][: kind == "archive"]
+            notes += [noted("passed_over", name=name, error=error)][: kind == "archive"]
             continue
         found += _signals(table, layout, options, needed, room)
         notes += table.notes

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..record import FloatArray, IntArray, Note
 from .cells import codes_and_words, is_number, is_text, plain_numbers, to_array
 from .grid import DAY, HOUR, NAT, SECOND
-from .names import WORDS, plain
+from .names import WORDS, explained, noted, plain
 from .options import ReadOptions
 
 LETTER = r"[^\x00-@\[-`{-\x7f]"  # also of other alphabets; \pL takes forty times as long to compile
@@ -185,20 +185,17 @@ class StampReader:
             return self._texts(column)
         if is_number(kind):
             return self._numbers(to_array(column.cast(pa.float64(), safe=False)))
-        raise InputError(f"column {self.name!r} holds no time stamps ({kind})", where=self.where,
-                         remedy="name the time column")
+        raise InputError(**explained("no_stamps", column=self.name, kind=kind), where=self.where)
 
     def finish(self) -> Callable[[IntArray], IntArray]:
         """Return what gives the stamps in UTC, to be called for all rows in file order. Raises InputError when there
         were none, or when day and month cannot be told apart."""
         if not self._zones:
             what = f"readable time stamps (for example {self._shown!r})" if self._shown else "time stamps"
-            raise InputError(f"time column {self.name!r} holds no {what}", where=self.where,
-                             remedy="describe them with --time-format, for example --time-format '%d/%m/%Y %H:%M:%S'")
+            raise InputError(**explained("unreadable_stamps", column=self.name, what=what), where=self.where)
         order = self.form if self.form in ("dmy", "mdy", "ymd") or not self._open else self._date_order()
         if {True, False} <= self._zones:
-            self.notes.append(Note(
-                "mixed_zones", "some time stamps carry an offset and some do not; the others count as UTC"))
+            self.notes.append(noted("mixed_zones"))
         zone = ZoneInfo(self.options.timezone) if self.options.timezone and False in self._zones else None
 
         def resolved(stamps: IntArray) -> IntArray:
@@ -214,8 +211,8 @@ class StampReader:
     @property
     def all_notes(self) -> tuple[Note, ...]:
         """What is to be said of all stamps, when they were resolved."""
-        text = f"{self._doubled} rows lie in the hour that occurs twice in {self.options.timezone}; they are taken in "
-        return (*self.notes, *[Note("dst_repeated_hour", f"{text}file order")][: self._doubled])
+        doubled = noted("dst_repeated_hour", rows=self._doubled, zone=self.options.timezone)
+        return (*self.notes, doubled) if self._doubled else tuple(self.notes)
 
     def _utc(self, micros: IntArray, zone: ZoneInfo) -> IntArray:
         """The next rows in UTC; after a step back of half an hour in the doubled hour the second offset holds."""
@@ -247,7 +244,7 @@ class StampReader:
 
     def _past_midnight(self, micros: IntArray) -> IntArray:
         if self._of_day is None:
-            self.notes.append(Note("relative_time", "times of day without a date: shown from 1970-01-01"))
+            self.notes.append(noted("relative_time:of_day"))
         known, out = np.flatnonzero(micros != NAT), micros.copy()
         last = self._of_day or int(micros[known[:1]].sum())
         out[known] += (last // DAY + np.cumsum(np.diff(micros[known], prepend=last % DAY) < -DAY // 2)) * DAY
@@ -267,8 +264,7 @@ class StampReader:
             try:
                 found = pd.to_datetime(text, format=self.form, errors="coerce", utc=True)
             except (ValueError, TypeError, OverflowError) as error:
-                raise InputError(f"bad --time-format {self.form!r}: {error}",
-                                 remedy="for example '%d/%m/%Y %H:%M:%S'") from None
+                raise InputError(**explained("time_format", form=self.form, error=error)) from None
             micros = found.to_numpy(dtype="datetime64[us]").astype(np.int64)
             return np.append(self._seen(micros, np.zeros(len(words), bool)), NAT)[codes]
         if self._unit:
@@ -311,14 +307,11 @@ class StampReader:
         if separator == "." and "dmy" in fitting:
             return "dmy"
         if separator in ("/", "-") and "mdy" in fitting and re.search(r"\d\s*[AaPp]\.?\s?[Mm]", self._shown_open):
-            self.notes.append(Note("time_format", "dates with AM/PM are read as month/day/year; --time-format dmy if "
-                                   "not"))
+            self.notes.append(noted("time_format:am_pm"))
             return "mdy"
         year, b, a = (int(part[0]) for part in readings["dmy"])
-        raise InputError(
-            f"dates like {a:02d}{separator}{b:02d}{separator}{year % 100 if short else year:02d} in {self.name!r} are "
-            "ambiguous: is the day first?", where=self.where, code="ambiguous_dates",
-            remedy="say it with --time-format dmy, mdy or a pattern such as '%d/%m/%Y %H:%M:%S'")
+        date = separator.join((f"{a:02d}", f"{b:02d}", f"{year % 100 if short else year:02d}"))
+        raise InputError(**explained("ambiguous_dates", date=date, column=self.name), where=self.where)
 
     def _numbers(self, values: FloatArray) -> IntArray:
         known = values[np.isfinite(values)]
@@ -327,13 +320,11 @@ class StampReader:
         if not self._unit:
             self._unit = self.form or _unit_of(known, self.name)
             if self._unit not in _UNITS and self._unit != "digits":
-                raise InputError(f"column {self.name!r} holds numbers, not {self._unit!r} stamps", where=self.where,
-                                 remedy="mend --time-format")
+                raise InputError(**explained("number_stamps", column=self.name, unit=self._unit), where=self.where)
             if self._unit == "excel":
-                self.notes.append(Note("time_format", "times are spreadsheet day numbers (days since 1899-12-30)"))
+                self.notes.append(noted("time_format:excel"))
             if not _UNITS.get(self._unit, (0, 0, True))[2]:
-                self.notes.append(Note("relative_time", f"times of {self.name!r} count from an unknown start; shown "
-                                       "from 1970-01-01"))
+                self.notes.append(noted("relative_time", column=self.name))
         if self._unit == "digits":
             codes, words = codes_and_words(pa.array(values, from_pandas=True).cast(pa.int64(), safe=False).cast(
                 pa.string()))

@@ -165,10 +165,8 @@ def starts(solver: Solver, shape: Shape, effect: Effect, known: Mapping[str, Val
 
 def candidate(judge: Judge, base: Fit, effect: Effect, *, known: Mapping[str, Fit] | None = None, must: bool = False
               ) -> Fit | None:
-    """Return the most likely fit of `base` with `effect` added, None when the data offer no start for it.
-
-    known: fits with other effects added, by name. must: search also where a look-alike gains nothing.
-    """
+    """Return the most likely fit of `base` with `effect` added, None when the data offer no start for it; known: fits
+    with other effects added, by name. must: search also where a look-alike gains nothing."""
     problem, known, valleys = judge.problem, known or {}, jumpy(effect)
     values = {name: next(part.values for part in fitted.shape.parts if part.effect.name == name)
               for name, fitted in known.items()}

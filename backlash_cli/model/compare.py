@@ -11,14 +11,13 @@ from ..effects.process import delayed_lag
 from ..record import FloatArray, Note, Record
 from ..results import Comparison, Fitness, FittedParameter, Model, Series
 from .fit import BENT_ROUNDS, predicted_by, rms, with_load
-from .holdout import better, folds
+from .holdout import better, distance, folds
 from .intervals import described, process_parameters
 from .locate import regions
 from .pipeline import Part, Shape, as_tuple, load_regressors, moved_output, moved_process, sensed_slopes, through
 from .problem import FEWEST_SAMPLES, Problem, finer, problem_from_record
 from .reasons import why_not
-from .recorder import distance
-from .saved_model import apart, in_ranges_of, kept_model, loads_left_out, shape_of
+from .saved_model import apart, in_ranges_of, kept_model, loads_left_out, seen_by, shape_of
 from .search import baseline
 
 STEADY = 1e-3  # a setpoint that stays within this range [span] does not move
@@ -64,14 +63,6 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
         unexplained=unexplained(fitness.rmse_holdout, base.rmse_holdout, problem.floor), reasons=reasons,
         warnings=notes(problem, record, model), series=series_of(problem, predicted, shape), settings=record.settings,
         model=kept)
-
-
-def seen_by(model: Model, problem: Problem) -> NDArray[np.bool_]:
-    """Return which grid points lie in the record that the model was fitted to, (samples,); none when it is not told."""
-    time, slack = problem.time, 0.5 * problem.interval
-    if model.start is None or model.end is None:
-        return np.zeros(problem.samples, dtype=bool)
-    return (time >= model.start - slack) & (time <= model.end + slack)
 
 
 def error_unseen(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], known: NDArray[np.bool_]

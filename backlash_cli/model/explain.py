@@ -13,7 +13,7 @@ from ..effects.registry import all_effects, load_effect
 from ..errors import UsageError
 from ..record import Record
 from ..results import Candidate, Explanation, Fitness, Model, Rest, Step
-from . import recorder
+from . import holdout
 from .candidates import ENOUGH, Judge, candidate, recorders
 from .compare import notes, series_of, unexplained
 from .fit import Fit, fit, predicted_by
@@ -71,8 +71,8 @@ def looked(problem: Problem, model: Model | None, known: Mapping[str, Effect], c
     base = baseline(problem)
     given, held = (None, ()) if model is None else shape_of(model, problem)
     held = held or tuple(recorders(problem, base, [e for e in known.values() if not chosen or e in chosen]))
-    problem = replace(problem, floor=recorder.recorded_floor(problem, held, base))
-    seen = recorder.fitted_problem(problem, held)
+    problem = replace(problem, floor=holdout.recorded_floor(problem, held, base))
+    seen = holdout.fitted_problem(problem, held)
     if held:
         base = baseline(seen)
     start = base if given is None else fit(seen, replace(given, delay=base.shape.delay), base.noise)
@@ -82,9 +82,9 @@ def looked(problem: Problem, model: Model | None, known: Mapping[str, Effect], c
         if effect.fitting.bounds is None and effect.name not in start.shape.names:
             start = candidate(judge, start, effect, must=True) or start
             by_user.append(effect.name)
-    tries = [e for e in known.values() if not (e.fitting.seldom and recorder.only_reports(problem, held))]
+    tries = [e for e in known.values() if not (e.fitting.seldom and holdout.only_reports(problem, held))]
     found = search(seen, () if chosen else tries, start)
-    found = replace(found, final=recorder.through_rounding(seen, held, found.final))
+    found = replace(found, final=holdout.through_rounding(seen, held, found.final))
     return problem, base, found, held, by_user
 
 
@@ -105,11 +105,11 @@ def assemble(record: Record, best: Looked, model: Model | None) -> Explanation:
     names = [*(p.effect.name for p in held), *order]
     alikes = (*((p.effect.name, other) for p in held for other in p.effect.fitting.siblings), *found.alike())
     sure = {p.effect.name: "clear" for p in held} | confidence(found, by_user, steps, alikes,
-                                                                recorder.only_reports(problem, held))
+                                                                holdout.only_reports(problem, held))
     siblings = {part.effect.name: part.effect.fitting.siblings for part in found.final.shape.parts}
     candidates = with_reasons(problem, gain, tried(seen, found, plain, names), names, alikes, siblings, reason, ENOUGH)
-    before = recorder.distance(problem, (), predicted_by(problem, plain.fit))
-    error = recorder.distance(problem, held, predicted_by(problem, last.fit))
+    before = holdout.distance(problem, (), predicted_by(problem, plain.fit))
+    error = holdout.distance(problem, held, predicted_by(problem, last.fit))
     return Explanation(
         loop=record.loop,
         baseline=Fitness(plain.rmse, plain.rmse_holdout, process_parameters(seen, plain.fit)),
@@ -154,8 +154,8 @@ def tried(seen: Problem, found: Found, plain: Tested, accepted: Sequence[str]) -
         gain = before - found.judge.score(trial)
         gone = float(np.clip(1.0 - (best.rmse_holdout / plain.rmse_holdout) ** 2, 0.0, 1.0))
         verdict = "accepted" if name in accepted else "not needed"
-        out.append(Candidate(name, effect.parameters, effect.column, effect.sentence, effect.meaning, effect.stage,
-                             rmse_holdout=best.rmse_holdout, error_reduction=gone, evidence=gain, verdict=verdict))
+        out.append(Candidate(**vars(effect), rmse_holdout=best.rmse_holdout, error_reduction=gone, evidence=gain,
+                             verdict=verdict))
     return tuple(sorted(out, key=lambda c: (c.effect not in accepted, c.rmse_holdout)))
 
 
@@ -188,7 +188,5 @@ def margin(found: Found) -> tuple[float, str] | None:
     """Return by how much the best single effect beats the next, and the name of the next."""
     if len(found.first) < 2:
         return None
-    best, second = sorted(found.first.items(), key=lambda item: found.judge.score(item[1]))[:2]
-    if found.judge.score(found.baseline) - found.judge.score(best[1]) < ENOUGH:
-        return None
-    return found.judge.score(second[1]) - found.judge.score(best[1]), second[0]
+    (best, _), (second, name) = sorted((found.judge.score(trial), name) for name, trial in found.first.items())[:2]
+    return None if found.judge.score(found.baseline) - best < ENOUGH else (second - best, name)

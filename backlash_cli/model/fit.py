@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import cmath
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,11 +70,8 @@ BENT_ROUNDS, COLD_ROUNDS, BENT_ENOUGH = 3, 25, 1e-4  # steps to the linear numbe
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted model of one loop.
-
-    coefficients: gain, then offset, forgotten start, and one per linear column. deviance: -2 log likelihood.
-    rmse: root mean square of measured minus predicted PV.
-    """
+    """A fitted model of one loop. coefficients: gain, offset, forgotten start, and one per linear column. deviance: -2
+    log likelihood. rmse: root mean square of measured minus predicted PV."""
 
     shape: Shape
     coefficients: FloatArray
@@ -101,7 +97,7 @@ class Solver:
 
     def solve(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened moved process of a shape."""
-        if self._last is None or self._last[0] is not shape:
+        if self._last is None or self._last[0] != shape:
             self._last = shape, self._solve_bent(shape) if shape.sensors else self._solve(shape)
         return self._last[1]
 
@@ -115,17 +111,13 @@ class Solver:
     def _take(self, others: FloatArray, measured: FloatArray, ridge: FloatArray) -> None:
         """Take whitened columns (samples, columns) and measurement (samples,) as the ones to solve."""
         self._raw, self._others, self._y, self._yy = None, others, measured, float(measured @ measured)
-        self._cross, self._gram = others.T @ measured, others.T @ others
-        self._gram.flat[:: len(self._gram) + 1] += ridge
+        self._b, self._G = np.append(0.0, others.T @ measured), np.empty((len(ridge) + 1, len(ridge) + 1))
+        self._G[1:, 1:] = others.T @ others + np.diag(ridge)
 
     def _solved(self, x: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-        m = len(self._cross) + 1
-        G = np.empty((m, m))
-        G[1:, 1:] = self._gram
+        G, b = self._G, self._b
         G[0, 1:] = G[1:, 0] = x @ self._others
-        G[0, 0] = x @ x
-        b = np.concatenate([[x @ self._y], self._cross])
-        self._G = G
+        G[0, 0], b[0] = x @ x, x @ self._y
         c = self.inverse(b[:, None])[:, 0]
         return c, max(self._yy - float(c @ (2.0 * b - G @ c)), 1e-300), x
 
@@ -186,13 +178,16 @@ def ridges(problem: Problem, columns: FloatArray) -> FloatArray:
 
 def descend(solver: Solver, shape: Shape, *, rounds: int = 8) -> Shape:
     """Refine the searched numbers until the deviance gains next to nothing."""
+    free = free_numbers(solver.problem, shape)
+    low, high = np.array([(f.low, f.high) for f in free]).T
 
-    def local(shape: Shape) -> tuple[FloatArray, FloatArray, Callable[[FloatArray], Shape]]:
-        free = free_numbers(solver.problem, shape)
-        numbers = get(shape, free)
-        return *curvature(solver, shape, free), lambda move: put(shape, free, numbers + move)
+    def local(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        here = put(shape, free, x)
+        return curvature(solver, here, free_numbers(solver.problem, here))
 
-    return downhill(shape, solver.rss, local, solver.white.samples, rounds, CLOSE)
+    x = downhill(get(shape, free), lambda x: solver.rss(put(shape, free, x)), local, low, high, solver.white.samples,
+                 rounds, CLOSE)
+    return put(shape, free, x)
 
 
 def curvature(solver: Solver, shape: Shape, free: list[Free]) -> tuple[FloatArray, FloatArray]:
@@ -266,10 +261,8 @@ def predicted_by(problem: Problem, fitted: Fit, seen: Problem | None = None) -> 
 
 
 def with_load(seen: Problem, predicted: FloatArray, noise: Noise | None) -> FloatArray:
-    """Return a prediction from OP (samples,), with the load as known some time before where the loop is driven by it.
-
-    noise: of the model; None: fitted to what the prediction misses.
-    """
+    """Return a prediction from OP (samples,), with the load as known some time before where the loop is driven by it;
+    noise: of the model; None: fitted to what the prediction misses."""
     if not seen.by_load:
         return predicted
     error, h, span = np.where(seen.used, seen.measurement - predicted, 0.0), seen.interval, seen.duration

@@ -58,27 +58,12 @@ def half_widths(problem: Problem, fitted: Fit) -> dict[tuple[int, str, int], flo
     return out
 
 
-def interval(problem: Problem, effect: Effect, q: Parameter, value: float, wide: float) -> Interval | None:
-    """Return the 95 % interval of a number that the error alone leaves `wide` either way; None where it is not known.
-
-    The process is simpler in the model than it is, and what a valve does with OP shows in PV no better than OP was
-    recorded, to half a step either way. The time of an event and the period of a swing are told by the clock.
-    """
-    if not np.isfinite([value, wide]).all():
-        return None
-    if q.name not in effect.fitting.dear:
-        in_valve = effect.stage == Stage.VALVE and q.unit == "span"
-        wide = hypot(wide, MODEL_ERROR * value, 0.5 * problem.output_step * in_valve)
-    return max(value - wide, q.low), min(value + wide + unseen_travel(problem, effect, q.name, value), q.high)
-
-
-def unseen_travel(problem: Problem, effect: Effect, name: str, value: float) -> float:
+def unseen_travel(problem: Problem, effect: Effect, q: Parameter, value: float) -> float:
     """Return by how much a gap may be wider than OP as recorded says: OP turned between the stored samples.
 
     A gap is crossed from the highest to the lowest OP, and a controller that works faster than the historian stores
     goes beyond both. What storing half of the samples would cut off the peaks tells what storing these has cut off.
     """
-    q = next(q for q in effect.parameters if q.name == name)
     if effect.stage != Stage.VALVE or q.unit != "span" or q.nuisance or not np.isfinite(q.neutral) or value <= 0.0:
         return 0.0
     u = problem.output
@@ -88,14 +73,23 @@ def unseen_travel(problem: Problem, effect: Effect, name: str, value: float) -> 
 
 
 def fitted_effects(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> list[FittedEffect]:
-    """Return the effects of a fit, in the order a signal meets them, with values, units and intervals."""
+    """Return the effects of a fit, in the order a signal meets them, with values, units and 95 % intervals.
+
+    The process is simpler in the model than it is, and what a valve does with OP shows in PV no better than OP was
+    recorded, to half a step either way. The time of an event and the period of a swing are told by the clock.
+    """
     wide, values = half_widths(problem, fitted), linear_values(fitted)
 
-    def interval_of(place: int, q: Parameter, item: int, value: float) -> Interval | None:
-        effect = fitted.shape.parts[place].effect
-        return interval(problem, effect, q, value, wide.get((place, q.name, item), np.nan))
+    def interval(place: int, q: Parameter, item: int, value: float) -> Interval | None:
+        effect, off = fitted.shape.parts[place].effect, wide.get((place, q.name, item), np.nan)
+        if not np.isfinite([value, off]).all():
+            return None
+        if q.name not in effect.fitting.dear:
+            in_valve = effect.stage == Stage.VALVE and q.unit == "span"
+            off = hypot(off, MODEL_ERROR * value, 0.5 * problem.output_step * in_valve)
+        return max(value - off, q.low), min(value + off + unseen_travel(problem, effect, q, value), q.high)
 
-    found = [described(part, values[i], partial(interval_of, i)) for i, part in enumerate(fitted.shape.parts)]
+    found = [described(part, values[i], partial(interval, i)) for i, part in enumerate(fitted.shape.parts)]
     return [*found, *(described(part, part.values) for part in recorders)]
 
 

@@ -23,10 +23,8 @@ SMALLEST_SHARE_OF_SAMPLES = 0.005
 
 
 def regions(problem: Problem, error: FloatArray, shape: Shape) -> tuple[Region, ...]:
-    """Return the parts of the record with their share of the squared error, the worst for their size first.
-
-    error: (samples,) measured minus predicted PV, 0 where not used. shape: of the model, for how long it remembers.
-    """
+    """Return the parts of the record with their share of the squared error, the worst for their size first; error:
+    (samples,) measured minus predicted PV, 0 where not used. shape: of the model, for how long it remembers."""
     h, lag, used = problem.interval, shape.lag, problem.used
     felt = max(int((LAGS_FELT * lag + shape.delay) / h), 2)
     total, count = float(np.sum(error[used] ** 2)), int(np.count_nonzero(used))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +18,10 @@ from ..record import FloatArray
 
 SLOWEST = 0.1  # what wanders more slowly than this share of the record is no noise about a mean: it is a drift
 CLOSE_ENOUGH = 0.02  # deviances closer than this tell nothing about the noise
-# a search starts at least this share of its range from its ends; its steps, at most, and for slopes, in logits of it
-NEAR_END, MOST_MOVE, SMALL, ROUNDS, DAMPING = 0.3, 1.0, 3e-3, 20, 0.1
-State = TypeVar("State")
-Local = tuple[FloatArray, FloatArray, Callable[[FloatArray], State]]
+# a search starts at least this share of its range from its ends; its steps, at most, and for slopes, in logarithms
+NEAR_END, MOST_MOVE, SMALL, ROUNDS, DAMPING = 0.1, 2.0, 1e-2, 20, 0.1
 LESS, MORE, TRIES = 0.2, 8.0, 4  # damping after a step that was better, or not; steps tried from one place
+Local = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -46,10 +44,8 @@ class Noise:
 
 @dataclass(frozen=True)
 class Whitener:
-    """Kalman gains of one Noise on one record: gain (samples, 2), weight (samples,) = 1/sqrt(innovation variance).
-
-    Unusable samples have gain and weight 0. log_det: sum of the logarithms of the innovation variances.
-    """
+    """Kalman gains of one Noise on one record: gain (samples, 2), weight (samples,) = 1/sqrt(innovation variance), 0
+    where a sample does not count. log_det: sum of the logarithms of the innovation variances."""
 
     a1: float
     a2: float
@@ -83,30 +79,32 @@ def whitener(noise: Noise, used: NDArray[np.bool_], h: float) -> Whitener:
     return Whitener(rest[0], rest[1], gain, weight, float(log_det), int(np.count_nonzero(used)))
 
 
-def downhill(state: State, squares: Callable[[State], float], local: Callable[[State], Local[State]], samples: int,
-             rounds: int, tolerance: float, damping: float = 1e-2) -> State:
-    """Return a state of fewer squares, by at most `rounds` steps, until the deviance gains less than `tolerance`.
+def downhill(x: FloatArray, squares: Callable[[FloatArray], float], local: Callable[[FloatArray], Local],
+             low: FloatArray, high: FloatArray, samples: int, rounds: int, tolerance: float, damping: float = 1e-2,
+             most: float = np.inf) -> FloatArray:
+    """Return numbers (numbers,) of fewer squares, by a few steps, until the deviance gains less than `tolerance`.
 
-    squares: sum over `samples` errors; the deviance is samples times its logarithm. local: of a state half the Hessian
-    (numbers, numbers) and gradient (numbers,) of the squares, and the state that is moved by (numbers,).
+    squares: sum over `samples` errors; the deviance is samples times its logarithm. local: half the Hessian (numbers,
+    numbers) and gradient (numbers,) of the squares. low, high: (numbers,) bounds. most: the longest step.
     Source: Levenberg (1944), Marquardt (1963), damping scaled by the diagonal.
     """
-    least = squares(state)
+    least = squares(x)
     for _ in range(rounds):
-        A, g, moved = local(state)
+        A, g = local(x)
         diagonal = np.maximum(np.diag(A), 1e-12 * max(float(np.max(np.diag(A))), 1e-300))
         gained = 0.0
         for _try in range(TRIES):
-            trial = moved(np.asarray(-np.linalg.solve(A + np.diag(damping * diagonal), g), dtype=np.float64))
+            move = np.asarray(-np.linalg.solve(A + np.diag(damping * diagonal), g), dtype=np.float64)
+            trial = np.clip(x + np.clip(move, -most, most), low, high)
             found = squares(trial)
             if found < least:
                 gained = samples * float(np.log(least / found))
-                state, least, damping = trial, found, max(damping * LESS, 1e-6)
+                x, least, damping = trial, found, max(damping * LESS, 1e-6)
                 break
             damping = min(damping * MORE, 1e6)
         if gained < tolerance:
             break
-    return state
+    return x
 
 
 def fit_noise(error: FloatArray, used: NDArray[np.bool_], h: float, first: Noise) -> Noise:
@@ -119,47 +117,37 @@ def fit_noise(error: FloatArray, used: NDArray[np.bool_], h: float, first: Noise
     low, high = np.log([[1e-3, 1e3], [0.5 * h, longest], [0.1 * h, longest]]).T
     count, none = int(np.count_nonzero(used)), (np.empty((0, 2)), np.empty(0))
 
-    def noise(x: FloatArray) -> Noise:
-        # from any numbers to those within their ranges
-        ratio, slow, fast = np.exp(low + (high - low) / (1.0 + np.exp(-x))).tolist()
-        return Noise(ratio, slow, fast)
-
     def innovations(x: FloatArray) -> FloatArray:
-        white, log_det = kernels.kalman(error, used, *noise(x).at_rest(h), *none)
+        white, log_det = kernels.kalman(error, used, *Noise(*np.exp(x).tolist()).at_rest(h), *none)
         return np.asarray(white * np.exp(0.5 * log_det / count))
 
-    def local(x: FloatArray) -> tuple[FloatArray, FloatArray, Callable[[FloatArray], FloatArray]]:
+    def local(x: FloatArray) -> Local:
         here = innovations(x)
         J = np.column_stack([(innovations(x + move) - here) / SMALL for move in SMALL * np.eye(3)])
-        return J.T @ J, J.T @ here, lambda move: x + np.clip(move, -MOST_MOVE, MOST_MOVE)
+        return J.T @ J, J.T @ here
 
-    share = (np.log([first.ratio, first.slow, first.fast]) - low) / (high - low)
-    share = np.clip(share, NEAR_END, 1.0 - NEAR_END)
-    x = downhill(np.log(share / (1.0 - share)), lambda x: float(np.sum(innovations(x) ** 2)), local, count, ROUNDS,
-                 CLOSE_ENOUGH, DAMPING)
-    found = noise(x)
-    return Noise(found.ratio, max(found.slow, found.fast), min(found.slow, found.fast))
+    inside = NEAR_END * (high - low)
+    x = np.clip(np.log([first.ratio, first.slow, first.fast]), low + inside, high - inside)
+    ratio, *times = np.exp(downhill(x, lambda x: float(np.sum(innovations(x) ** 2)), local, low, high, count, ROUNDS,
+                                    CLOSE_ENOUGH, DAMPING, MOST_MOVE)).tolist()
+    return Noise(ratio, max(times), min(times))
 
 
 def known_load(error: FloatArray, used: NDArray[np.bool_], h: float, noise: Noise, ahead: int) -> FloatArray:
-    """Return the load in PV (samples,) as known `ahead` samples before, from what a model missed until then.
+    """Return the load in PV (samples,) as known `ahead` samples before, from what a model missed until then; error:
+    (samples,) measured minus predicted PV, any number where not `used`. Harvey (1989), section 3.5."""
 
-    error: (samples,) measured minus predicted PV, any number where not `used`. Harvey (1989), section 3.5.
-    """
+    def behind(pushes: FloatArray, keep: float) -> FloatArray:
+        """Return x (samples,) with x[0] = 0 and x[k+1] = keep x[k] + pushes[k]."""
+        return np.asarray(kernels.lag(np.append(0.0, pushes), keep, 0.0, 1.0, 0))[1:]
+
     white = whitener(noise, used, h)
     a1, a2, b = white.a1, white.a2, 1.0 - white.a2
     innovation = white.one(np.where(used, error, 0.0)) / np.where(used, white.weight, 1.0)
     to_w, to_l = (white.gain * innovation[:, None]).T
-    w = _behind(a1 * to_w, a1)
-    lagged = _behind(a2 * to_l + b * (w + to_w), a2)
-    # `ahead - 1` samples later the lagged load is l p2 + w b (p1 - p2) / (a1 - a2)
-    p1, p2, more = a1 ** (ahead - 1), a2 ** (ahead - 1), ahead - 1
-    share = b * more * a1 ** max(more - 1, 0) if abs(a1 - a2) < 1e-9 else b * (p1 - p2) / (a1 - a2)
-    out = np.zeros(len(error))
-    out[more:] = (p2 * lagged + share * w)[: len(error) - more]
-    return out
-
-
-def _behind(pushes: FloatArray, keep: float) -> FloatArray:
-    """Return x (samples,) with x[0] = 0 and x[k+1] = keep x[k] + pushes[k]."""
-    return np.asarray(kernels.lag(np.append(0.0, pushes), keep, 0.0, 1.0, 0))[1:]
+    w = behind(a1 * to_w, a1)
+    lagged = behind(a2 * to_l + b * (w + to_w), a2)
+    # so many samples later the lagged load is l a2^more + w b (a1^(more-1) + a1^(more-2) a2 + ... + a2^(more-1))
+    more, powers = ahead - 1, np.arange(ahead - 1)
+    later = a2**more * lagged + b * float(np.sum(a1**powers * a2 ** powers[::-1])) * w
+    return np.append(np.zeros(more), later)[: len(error)]

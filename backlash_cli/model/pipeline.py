@@ -110,23 +110,18 @@ def through(problem: Problem, parts: Sequence[Part], signal: FloatArray) -> Floa
 
 
 def load_columns(problem: Problem, part: Part) -> list[FloatArray]:
-    """Return what a linear effect adds to the process input per unit of each linear value, one (samples,) each.
-
-    A swing whose phase is not known takes two columns for each value: in phase, and a quarter of a period before.
-    """
+    """Return what a linear effect adds to the process input per unit of each linear value, one (samples,) each; two for
+    a swing whose phase is not known: in phase, and a quarter of a period before."""
     effect, fitting = part.effect, part.effect.fitting
     none = {name: tuple(0.0 for _ in as_tuple(part.values[name])) for name in fitting.linear}
 
     def make() -> list[FloatArray]:
-        out = []
-        for name, zeros in none.items():
-            for i in range(len(zeros)):
-                for turn in (0.0, 0.5 * np.pi) if fitting.phase else (0.0,):
-                    units = {**none, name: (*zeros[:i], 1.0, *zeros[i + 1 :])}
-                    p = effect.pack({**part.values, **units, **({fitting.phase: turn} if fitting.phase else {})})
-                    out.append(effect.apply(np.zeros(problem.samples), p, problem.interval,
-                                            series=problem.columns.get(part.column, ())))
-        return out
+        units: list[Values] = [{**none, name: (*zeros[:i], 1.0, *zeros[i + 1 :])} for name, zeros in none.items()
+                 for i in range(len(zeros))]
+        if fitting.phase:
+            units = [{**unit, fitting.phase: turn} for unit in units for turn in (0.0, 0.5 * np.pi)]
+        return [effect.apply(np.zeros(problem.samples), effect.pack({**part.values, **unit}), problem.interval,
+                             series=problem.columns.get(part.column, ())) for unit in units]
 
     key = (effect.name, part.column, *((k, v if k not in none else len(none[k])) for k, v in part.values.items()))
     return problem.memory.of(key, make)
@@ -138,10 +133,8 @@ def as_tuple(value: object) -> tuple[float, ...]:
 
 
 def into_process(problem: Problem, shape: Shape) -> tuple[FloatArray, float]:
-    """Return what enters the first lag of the process per unit of gain (samples,), and by how much it is delayed [s].
-
-    An effect on the load that is not linear acts on what has passed the dead time, so that none is left then.
-    """
+    """Return what enters the first lag of the process per unit of gain (samples,), and by how much it is delayed [s]:
+    not at all where an effect on the load, which acts on what has passed the dead time, is not linear."""
     moved = moved_output(problem, shape.parts)
     loads = acting(shape.parts, Stage.LOAD)
     if not loads:
@@ -166,11 +159,8 @@ def sensed_slopes(problem: Problem, shape: Shape, process: FloatArray, columns: 
 
 
 def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
-    """Return the other columns of the prediction, (samples, columns): 1, the forgotten start, and loads.
-
-    The first two are the same for every shape; load columns follow in the order of the parts, and last, for each
-    further lag of the process, what it has to forget of its start.
-    """
+    """Return the other columns of the prediction, (samples, columns): 1, the forgotten start, loads in the order of the
+    parts, and for each further lag of the process what it has to forget of its start."""
     lags = [part for part in shape.parts if part.effect.fitting.on_loads]
     loads = [part for part in shape.parts if part.is_linear]
 

@@ -211,10 +211,8 @@ def _interpolate(values: FloatArray) -> FloatArray:
 
 def moved_from_outside(output: FloatArray, setpoint: FloatArray, manual: NDArray[np.bool_], used: NDArray[np.bool_],
                        h: float) -> float:
-    """Return the share of the variance of OP, 0..1, that setpoint moves, answered by a sum of lags, or a hand explain.
-
-    All arrays (samples,); h: interval [s].
-    """
+    """Return the share of the variance of OP (samples,), 0..1, that setpoint moves, answered by a sum of lags, or a
+    hand explain; h: interval [s]."""
     y = output[used]
     spread = float(np.var(y))
     if spread <= 0.0:

@@ -14,11 +14,10 @@ import numpy as np
 from ..record import Note
 from ..results import Candidate, FittedEffect, Model
 from .fit import Solver, finished, fit
-from .holdout import Tested, better, tested
+from .holdout import Tested, better, fitted_problem, tested
 from .locate import turning_points
 from .pipeline import Part, Shape, moved_output, moved_process
 from .problem import Problem, usual_output
-from .recorder import fitted_problem
 
 # a gap below this part of the span is what a good valve has: the usual rule is 1 % of travel with a positioner
 HEALTHY = 0.01

@@ -1,22 +1,8 @@
-"""A fitted shape as a model that can be kept in a file, and back.
-
-The file is TOML text that a person can read, change by hand and use again tomorrow:
-
-    loop = "FIC101"
-
-    [baseline]
-    Kp = 1.3       # static gain [PV span / OP span]
-    tau = 20.0     # time constant [s]
-
-    [[effects]]
-    effect = "backlash"
-    d = 0.03       # dead band [span]
-"""
+"""A fitted shape as a model that can be kept in a file of TOML text, changed by hand and used again tomorrow."""
 
 from __future__ import annotations
 
 import json
-import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -26,6 +12,7 @@ from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from ..effects import EFFECTS, Effect, Stage
 from ..effects.registry import load_effect
@@ -82,10 +69,8 @@ class ModelPage(Page, frozen=True):
 
 
 def parse_model(text: str, where: str = "model file") -> Model:
-    """Return the model that the text of a model file describes.
-
-    Raises MetadataError with file, line and the nearest known names for whatever is not understood.
-    """
+    """Return the model that the text of a model file describes. Raises MetadataError with file, line and the nearest
+    known names for whatever is not understood."""
     page = checked(parsed(text, where), ModelPage, where, text, words=WORDS)
     for key in ("pv_range", "op_range", "output"):
         span = getattr(page, key)
@@ -135,7 +120,7 @@ def model_text(model: Model) -> str:
         "# Signals are normalised by the ranges (0.03 = 3 % of span), times are in seconds.",
     ]
     told = {key: getattr(model, key) for key in REMARKS}
-    told |= {key: _time(told[key]) for key in ("start", "end") if told[key] is not None}
+    told |= {key: datetime.fromtimestamp(round(told[key], 3), UTC) for key in ("start", "end") if told[key] is not None}
     out += [f"{key} = {_value(value)}{REMARKS[key]}" for key, value in told.items() if value is not None]
     out += ["", "[baseline]", *(f"{key} = {_value(getattr(model, key))}  # {words}" for key, words in BASELINE.items())]
     for entry in model.effects:
@@ -146,14 +131,6 @@ def model_text(model: Model) -> str:
         out += [f"{q.name} = {_value(value)}  # {_comment(q.meaning)} [{_comment(q.unit)}]" for q in effect.parameters
                 if (value := entry.parameters.get(q.name)) not in (None, q.neutral, ())]
     return "\n".join(out) + "\n"
-
-
-def _time(epoch: float) -> datetime | float:
-    """A date; a number where it is no date."""
-    try:
-        return datetime.fromtimestamp(round(epoch, 3), UTC)
-    except (OverflowError, ValueError, OSError):
-        return epoch
 
 
 def _value(value: object) -> str:
@@ -171,7 +148,7 @@ def _value(value: object) -> str:
 
 def _comment(text: str) -> str:
     """Text on one line, without what a TOML comment may not hold."""
-    return re.sub(r"\s+", " ", "".join(c if c.isprintable() else " " for c in text)).strip()
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 def kept_model(record: Record, problem: Problem, fitted: Fit, recorders: Sequence[Part], rmse_holdout: float) -> Model:
@@ -196,11 +173,17 @@ def reference(effect: Effect) -> str:
     return next((f"{module}:{name}" for name, value in names if value is effect), "")
 
 
+def seen_by(model: Model, problem: Problem) -> NDArray[np.bool_]:
+    """Return which grid points lie in the record that the model was fitted to, (samples,); none when it is not told."""
+    time, slack = problem.time, 0.5 * problem.interval
+    if model.start is None or model.end is None:
+        return np.zeros(problem.samples, dtype=bool)
+    return (time >= model.start - slack) & (time <= model.end + slack)
+
+
 def apart(model: Model, problem: Problem) -> bool:
     """True when a record shares no time with the one that the model was fitted to."""
-    if model.start is None or model.end is None:
-        return False
-    return problem.start > model.end or problem.start + problem.duration <= model.start
+    return model.start is not None and model.end is not None and not seen_by(model, problem).any()
 
 
 def of_its_day(effect: Effect) -> bool:
@@ -225,11 +208,8 @@ def loads_left_out(model: Model, problem: Problem) -> tuple[Note, ...]:
 
 
 def shape_of(model: Model, problem: Problem) -> tuple[Shape, tuple[Part, ...]]:
-    """Return the shape of a model, with the times of events moved to those of the record, and its recorders.
-
-    Loads that belong to another day are left out (see `loads_left_out`).
-    Raises LoopError when a measured column that the model needs is not in the record.
-    """
+    """Return the shape of a model, with the times of events moved to those of the record and without loads of another
+    day, and its recorders. Raises LoopError when a measured column that the model needs is not in the record."""
     parts, recorders = list[Part](), list[Part]()
     later = 0.0 if model.start is None else problem.start - model.start
     for entry in model.effects:
@@ -255,26 +235,23 @@ def shape_of(model: Model, problem: Problem) -> tuple[Shape, tuple[Part, ...]]:
 
 
 def in_ranges_of(record: Record, model: Model) -> Record:
-    """Return a record whose ranges were guessed from its data on the ranges of a model; others stay as they are.
-
-    A day on which PV went higher is guessed a longer range; the numbers of a model mean something on their own only.
-    """
-    s = record.settings
-    other = {key: (float(span[0]), float(span[1])) for key in ("pv_range", "op_range")
-             if (span := getattr(model, key)) is not None and s.source.get(key) == "data"
-             and tuple(span) != tuple(getattr(s, key))}
-    if not other:
+    """Return a record whose ranges were guessed from its data on the ranges of a model: a day on which PV went higher
+    is guessed a longer range, and the numbers of a model mean something on their own only. Others stay as they are."""
+    s, spans = record.settings, dict[str, tuple[float, float]]()
+    for key in ("pv_range", "op_range"):
+        span = getattr(model, key)
+        if span is not None and s.source.get(key) == "data" and tuple(span) != tuple(getattr(s, key)):
+            spans[key] = float(span[0]), float(span[1])
+    if not spans:
         return record
-    pv, op = (other.get(key, getattr(s, key)) for key in ("pv_range", "op_range"))
-    PV, OP = ((span[1] - span[0]) / (was[1] - was[0]) for span, was in ((pv, s.pv_range), (op, s.op_range)))
 
-    def moved(values: FloatArray, was: tuple[float, float], span: tuple[float, float]) -> FloatArray:
-        return (was[0] + (was[1] - was[0]) * values - span[0]) / (span[1] - span[0])
+    def moved(values: FloatArray, key: str) -> FloatArray:
+        (was, end), (low, high) = getattr(s, key), spans.get(key, getattr(s, key))
+        return np.asarray((was + (end - was) * values - low) / (high - low))
 
-    settings = replace(s, pv_range=pv, op_range=op, K=None if s.K is None else s.K * PV / OP,
-                       Kp=None if s.Kp is None else s.Kp * OP / PV)
-    told = tuple(note for note in record.notes if note.code not in {f"guessed_{key}" for key in other})
-    return replace(
-        record, settings=settings, notes=told, setpoint=moved(record.setpoint, s.pv_range, pv),
-        measurement=moved(record.measurement, s.pv_range, pv),
-        output=None if record.output is None else moved(record.output, s.op_range, op))
+    pv, op = (float(np.ptp(moved(np.arange(2.0), key))) for key in ("pv_range", "op_range"))
+    settings = replace(s, **spans, K=s.K and s.K * op / pv, Kp=s.Kp and s.Kp * pv / op)  # type: ignore[arg-type]
+    told = tuple(note for note in record.notes if note.code not in {f"guessed_{key}" for key in spans})
+    return replace(record, settings=settings, notes=told, setpoint=moved(record.setpoint, "pv_range"),
+                   measurement=moved(record.measurement, "pv_range"),
+                   output=None if record.output is None else moved(record.output, "op_range"))

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import LoopError
 from ..estimator.compensator import HYSTERESIS, gain_share
-from ..estimator.recording import reversals
+from ..estimator.quality import reversals
 from ..model.problem import noise_floor
 from ..record import FloatArray, Note, Record, SampleState
 from ..results import LoopReport, Verdict

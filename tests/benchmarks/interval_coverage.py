@@ -20,10 +20,10 @@ import numpy as np
 from backlash_cli.effects.fitting import Values
 from backlash_cli.model.candidates import recorders
 from backlash_cli.model.fit import Fit, fit
+from backlash_cli.model.holdout import fitted_problem, through_rounding
 from backlash_cli.model.intervals import fitted_effects, process_parameters
 from backlash_cli.model.pipeline import Part, Shape, as_tuple, in_order
 from backlash_cli.model.problem import Problem, problem_from_record
-from backlash_cli.model.recorder import fitted_problem, through_rounding
 from backlash_cli.model.search import baseline
 from backlash_cli.record import FloatArray, Record
 from backlash_cli.results import FittedParameter

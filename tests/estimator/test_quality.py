@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.estimator.quality import data_quality
-from backlash_cli.estimator.recording import fast_noise, reversals, rounding_step, stored_as
+from backlash_cli.estimator.quality import data_quality, fast_noise, reversals, rounding_step, stored_as
 from backlash_cli.estimator.survey import Survey
 from backlash_cli.record import Record, SampleState, record_from_arrays
 

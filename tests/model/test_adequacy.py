@@ -9,9 +9,9 @@ from backlash_cli.effects.registry import load_effect
 from backlash_cli.model import explain
 from backlash_cli.model.adequacy import left_by
 from backlash_cli.model.candidates import Judge, candidate, recorders
+from backlash_cli.model.holdout import only_reports, recorded_floor
 from backlash_cli.model.intervals import unseen_travel
 from backlash_cli.model.problem import Memory, problem_from_record
-from backlash_cli.model.recorder import only_reports, recorded_floor
 from backlash_cli.model.search import baseline
 from backlash_cli.record import FloatArray, LoopSettings, Record, record_from_arrays
 
@@ -82,7 +82,7 @@ def test_a_gap_may_be_wider_where_op_turned_between_the_stored_samples() -> None
     problem, backlash = problem_from_record(there), load_effect("backlash")
     # by hand: a top of 5 over neighbours of 3 and 4 would be cut off by 1 if every second sample were stored
     peaks = np.tile([0.3, 0.4, 0.5, 0.4, 0.2, 0.1, 0.2], 30)
-    by_hand = unseen_travel(problem_with(problem, peaks), backlash, "d", 0.05)
+    by_hand = unseen_travel(problem_with(problem, peaks), backlash, backlash.parameters[0], 0.05)
     assert by_hand == pytest.approx(1.5 * 0.1)
 
 

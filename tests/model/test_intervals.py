@@ -9,11 +9,11 @@ import pytest
 
 from backlash_cli.effects import EFFECTS
 from backlash_cli.model.fit import Fit, fit
+from backlash_cli.model.holdout import expected, limits, through_rounding
 from backlash_cli.model.intervals import MODEL_ERROR, fitted_effects, half_widths, process_parameters
 from backlash_cli.model.noise import Noise
 from backlash_cli.model.pipeline import Part, Shape
 from backlash_cli.model.problem import Problem, problem_from_record
-from backlash_cli.model.recorder import expected, limits, through_rounding
 from backlash_cli.record import Record
 
 from .loops import loop

@@ -67,7 +67,7 @@ def test_warnings_are_summarised_and_verbose_lists_them():
     found = result(report("a"), report("b"))
     assert to_text(found).count("default_kp") == 1 and "a (and 1 more loop)" in to_text(found)
     assert to_text(found, verbose=True).count("default_kp") == 2
-    assert "half periods not used: 8 too_short, 2 shape" in to_text(found, verbose=True)
+    assert "half periods not used: 8 too short, 2 not flat" in to_text(found, verbose=True)
 
 
 def test_failures_are_listed_and_many_are_cut():
