@@ -13,7 +13,6 @@ import numpy as np
 from ..record import Note
 from ..results import NOTHING_SAID, Cluster, Confirmation, Verdict
 from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, read, times
-from .haegglund import Oscillation
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
 AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share
@@ -23,22 +22,21 @@ STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # hold for
 DECIDED, SEEN = (Verdict.BACKLASH, Verdict.NO_BACKLASH), (Verdict.BACKLASH, Verdict.SUSPECTED)
 TOO_FEW = {"weak_evidence", "few_reversals", "single_event", "size_unknown"}  # what a second test makes good
 DISPUTED, JOINT = 0.6, 0.9  # confidence where manual and automatic speak against each other, and for each other
-CALM = Oscillation(False, 0.0, 0.0)
 TOO_LITTLE = "short_record"  # what only more data can mend; all else cannot be told from data of this kind
 
 
 @dataclass(frozen=True)
 class Findings:
     """All that the verdict is made of. confirmation: a Note says why PV could not be tested against OP, None that it
-    was not asked for. detections: half periods that pass the publication's gates. quality: notes whose
-    values["effect"] says what they mean for the verdict. output_step: rounding step of OP [span], 0 when not rounded
-    or rebuilt. reading: what is to be said of the half periods besides their centre. manual: what tests of the valve in
-    manual say, a Note why they say nothing, None where there were none."""
+    was not asked for. detections: half periods that pass the publication's gates. oscillation: share of the record and
+    period [s]. quality: notes whose values["effect"] says what they mean for the verdict. output_step: rounding step of
+    OP [span], 0 when not rounded or rebuilt. reading: what is to be said of the half periods besides their centre.
+    manual: what tests of the valve in manual say, a Note why they say nothing, None where there were none."""
 
     cluster: Cluster | None
     detections: int
     long_half_periods: int
-    oscillation: Oscillation
+    oscillation: tuple[float, float]
     confirmation: Confirmation | Note | None = None
     quality: tuple[Note, ...] = ()
     output_step: float = 0.0
@@ -59,7 +57,7 @@ class Findings:
     @property
     def swinging(self) -> tuple[Note, ...]:
         """A note where the loop oscillates most of the time."""
-        share, period = self.oscillation.share, self.oscillation.period or 0.0
+        share, period = self.oscillation
         return () if share <= 0.5 else (
             Note("oscillation", f"the control error oscillates with a period of {period:.3g} s during {share:.0%} of "
                  "the record", {"period_s": period, "share": share}),)
@@ -96,7 +94,7 @@ def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
     """What a test in manual adds to the verdict from automatic operation."""
     storage = tuple(replace(note, values={**note.values, "effect": LIMITED}) for note in f.quality
                     if note.values.get("effect") == LIMITED or note.code in STORAGE)
-    tested = replace(_from_confirmation(replace(f, oscillation=CALM, quality=storage), c), confirmation=c)
+    tested = replace(_from_confirmation(replace(f, oscillation=(0.0, 0.0), quality=storage), c), confirmation=c)
     span, tests, evidence = (float(c.details[name]) for name in ("output_range", "recordings", "evidence"))
 
     def note(says: str) -> Note:
