@@ -11,7 +11,7 @@ from .estimator.carry import carry_of, pack
 from .estimator.compensator import recommend
 from .estimator.confirm import confirm
 from .estimator.diagnosis import with_oscillation
-from .estimator.haegglund import DEFAULT_KP, Oscillation, detect_oscillation, error_scanner, estimate, tally
+from .estimator.haegglund import DEFAULT_KP, detect_oscillation, error_scanner, estimate, tally
 from .estimator.identify import identify, with_constant_setpoint
 from .estimator.manual_stretches import manual_stretches
 from .estimator.quality import data_quality
@@ -164,7 +164,7 @@ class LoopScanner:
         else:
             warnings.append(Note("rule_left_out", "the published rule (15) on half periods is left out: "
                                  + refusal.message, {"why": refusal.code}))
-            cluster, said, oscillation = None, (), Oscillation(False, 0.0)
+            cluster, said, oscillation = None, (), (0.0, 0.0)
         output_noise, rounding = (quality.op.noise, quality.op.step) if quality.op else (0.0, 0.0)
         decision = decide(Findings(cluster, report.detections, report.long_half_periods, oscillation, confirmation,
                                    (*quality.notes, *on_settings), rounding, said, manual))
@@ -172,7 +172,7 @@ class LoopScanner:
         if decision.verdict is Verdict.CANNOT_TELL:
             reasons = (*contradictions, *reasons)
         elif decision.verdict is Verdict.BACKLASH:
-            swings = oscillation.share > OSCILLATING and not report.detections
+            swings = oscillation[0] > OSCILLATING and not report.detections
             compensator = recommend(decision.cluster, decision.confirmation, derivative=settings.Td > 0,
                                     output_noise=output_noise, oscillating=swings)
         return replace(report, verdict=decision.verdict, reasons=reasons, confidence=decision.confidence,

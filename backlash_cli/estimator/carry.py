@@ -3,8 +3,7 @@
 A night leaves its tail (filter states and the open half period) and its head: the samples during which the filters
 still remember that they started at rest, and the first half period after that. The tail of one night run through the
 head of the next gives the half periods that the uncut record would have given; the rest of the night is the same
-either way. Both nights may arrive in any order. As bytes (`pack`) a carry is small enough to keep for every loop and
-night.
+either way. Both nights may arrive in any order, and a carry is small enough to keep for every loop and night.
 """
 
 from __future__ import annotations
@@ -66,8 +65,7 @@ def carry_of(record: Record, settings: LoopSettings, scanner: ErrorScanner) -> C
     known = record.usable[split:] & np.isfinite(record.measurement[split:] + record.setpoint[split:])
     if known.any():  # the head ends with a sample that counts
         at += int(np.argmax(known)) + 1
-    head = record.slice(0, at)
-    body = error_scanner(settings, record.interval)
+    head, body = record.slice(0, at), error_scanner(settings, record.interval)
     body.update(head)
     first, end, whole, begun = None, None, False, body.smooth.open
     if known.any() and begun is not None:
@@ -131,15 +129,12 @@ def resume(tail: Tail, night: Carry, shift: int) -> tuple[Segments, float | None
     return Segments.join([done, whole]), night.first_end, None
 
 
-def pack(value: Carry | Tail) -> bytes:
+def pack(value: Carry) -> bytes:
     """Return `value` as bytes: MessagePack, compressed; the same value gives the same bytes."""
     return zlib.compress(msgspec.msgpack.encode(value, enc_hook=lambda array: array.astype("<f8").tobytes()), 6)
 
 
 def unpack(data: bytes) -> Carry:
     """Return the Carry that `pack` made bytes of."""
-    return msgspec.msgpack.decode(zlib.decompress(data), type=Carry, dec_hook=_array)
-
-
-def _array(kind: type, data: bytes) -> FloatArray:
-    return np.frombuffer(data, dtype="<f8").copy()
+    return msgspec.msgpack.decode(zlib.decompress(data), type=Carry,
+                                  dec_hook=lambda kind, array: np.frombuffer(array, dtype="<f8").copy())

@@ -50,10 +50,8 @@ def recommend(cluster: Cluster | None, confirmation: Confirmation | None, *, der
               output_noise: float, oscillating: bool = False) -> Compensator | None:
     """Return the gain delta [span of output] for scheme (9), None where compensation would do harm.
 
-    derivative: the controller uses Td. output_noise: standard deviation of the fast motion of the output [span].
-    oscillating: the loop oscillates most of the time: an integrating process, tuning or a load, which no gain heals.
-    The gain is a share of the lower end of the interval of d: 0.8, with derivative action 0.5, and less where the
-    output is noisy; at a noise of d/6.25 and above none.
+    derivative, output_noise: see `gain_share`, which is taken of the lower end of the interval of d. oscillating: the
+    loop oscillates most of the time: an integrating process, tuning or a load, which no gain heals.
     """
     best = confirmation or cluster
     if best is None or oscillating:

@@ -222,7 +222,7 @@ def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[No
     # noise between the samples, which the controller saw and the record did not.
     coarse = 0.0 if averaged else rows.interval / best.reset_time
     blur = 0.01 + 0.1 * coarse + 0.15 * coarse * np.array([1.0, 1.0, 0.0, 0.0, 0.0])
-    attenuation = best.attenuation if coarse > NOISE_UNSEEN else 1.0
+    stretch = np.array([1.0 / best.attenuation if coarse > NOISE_UNSEEN else 1.0] * 2 + [1.0] * 3)
 
     def quantities(v: FloatArray) -> FloatArray:
         """K, Ti, K/Ti, Td and b of coefficients (..., terms)."""
@@ -239,8 +239,7 @@ def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[No
             reach = stdtrit(groups - 1, 0.975) * error + blur * np.abs(value)
             # a part of the record without any integral action: nothing is known
             reach = np.where(np.isfinite(reach), reach, np.inf)
-            stretched = value / np.where(np.arange(5) < 2, attenuation, 1.0)
-            ends += [value - reach, stretched - reach, value + reach, stretched + reach]
+            ends += [v + way for v in (value, value * stretch) for way in (-reach, reach)]
     K, Ti, ratio, Td, b = (Identified(value, (low, high)) for value, low, high in zip(
         quantities(best.values).tolist(), np.min(ends, axis=0).tolist(), np.max(ends, axis=0).tolist(), strict=True))
     low, high = sorted(abs(x) for x in K.ci95)

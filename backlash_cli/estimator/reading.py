@@ -5,8 +5,6 @@ it by a third of the estimate (eq. (13) knows of no setpoint), and where its mea
 it. On 300 simulated loops this took away a quarter of the false clusters and nearly half of the error. Noise that the
 controller passes on to its output walks the valve to and fro across its gap, so that the integral part has less to
 travel: the estimates (15) fall by about three times its standard deviation, and that is added to their centre.
-
-    read_half_periods(estimates, moved, settings, interval, noise) -> cluster, notes
 """
 
 from __future__ import annotations
@@ -28,10 +26,8 @@ DITHER = 3.0  # 2.3 to 3.4 on the publication's second example with noise of six
 MATTERS = 0.1  # of the estimate: smaller corrections are made and not told
 LEAST_GAP = 5.0  # smallest dead band in standard deviations of the output's noise: below, the valve never rests
 CLOSE = 0.35  # estimates within +-35 % of the centre belong together
-SEVERAL = 4  # fewest estimates of a group beside another
-A_QUARTER = 0.25
+FEWEST, A_QUARTER = 4, 0.25  # estimates of a group beside another, of one direction beside the other; share of all
 REFUSED = {"setpoint_move": "the setpoint moved", "below_noise": "the error is no larger than noise"}
-FEWEST = 4  # estimates in each of two directions that can be compared
 
 
 def filtered_noise(noise: float, interval: float, Ti: float) -> float:
@@ -79,7 +75,7 @@ def read_half_periods(h: Estimates, moved: FloatArray, settings: LoopSettings, i
     cluster = densest(d)
     if cluster is None:
         return None, tuple(notes)
-    notes += [*_groups(d), *_directions(d, h.direction[used])]
+    notes += _differing(d, h.direction[used])
     if DITHER * sd > MATTERS * cluster.d:
         notes.append(Note(
             "dither", f"noise of about {100 * sd:.2g} % on OP walks the valve across its gap; the estimates (15) read "
@@ -98,26 +94,23 @@ def _setpoint_moved(h: Estimates, moved: FloatArray, settings: LoopSettings) -> 
     return np.asarray((moved + before) / abs(settings.Kp or DEFAULT_KP) > CLOSE * h.d)
 
 
-def _groups(d: FloatArray) -> list[Note]:
-    """A note where the estimates gather in several places."""
-    found = gathered(d)
-    if len(found) < 2:
-        return []
-    told = " and ".join(f"{100 * c.d:.2g} % ({c.n})" for c in found)
-    values = {f"d{i + 1}": c.d for i, c in enumerate(found)}
-    return [Note("several_groups", f"the estimates (15) form {len(found)} groups, {told}: the dead band differs "
-                 "between operating points, or changed, or some of them come from load", values)]
+def _differing(d: FloatArray, direction: NDArray[np.int8]) -> list[Note]:
+    """Notes where estimates gather in several places, and where one direction's lie clear of the other's."""
+    notes, found, up, down = [], gathered(d), densest(d[direction == 1]), densest(d[direction != 1])
+    if len(found) > 1:
+        told = " and ".join(f"{100 * c.d:.2g} % ({c.n})" for c in found)
+        notes.append(Note("several_groups", f"the estimates (15) form {len(found)} groups, {told}: the dead band "
+                          "differs between operating points, or changed, or some of them come from load",
+                          {f"d{i + 1}": c.d for i, c in enumerate(found)}))
+    if up and down and min(up.n, down.n) >= FEWEST and _apart(up, down):
+        notes.append(Note("directions_differ", f"the estimates (15) are {100 * up.d:.2g} % with the error above zero "
+                          f"and {100 * down.d:.2g} % below: the gap is not the same both ways, or a load leans on one "
+                          "side", {"above": up.d, "below": down.d}))
+    return notes
 
 
-def _directions(d: FloatArray, direction: NDArray[np.int8]) -> list[Note]:
-    """A note where the estimates of one direction lie clear of those of the other."""
-    up, down = densest(d[direction == 1]), densest(d[direction != 1])
-    if (up is None or down is None or min(up.n, down.n) < FEWEST
-            or (up.ci95[0] <= down.ci95[1] and down.ci95[0] <= up.ci95[1])):
-        return []
-    return [Note("directions_differ", f"the estimates (15) are {100 * up.d:.2g} % with the error above zero and "
-                 f"{100 * down.d:.2g} % below: the gap is not the same both ways, or a load leans on one side",
-                 {"above": up.d, "below": down.d})]
+def _apart(one: Cluster, other: Cluster) -> bool:
+    return one.ci95[0] > other.ci95[1] or one.ci95[1] < other.ci95[0]
 
 
 def densest(d: FloatArray) -> Cluster | None:
@@ -138,15 +131,15 @@ def densest(d: FloatArray) -> Cluster | None:
 
 
 def gathered(d: FloatArray) -> list[Cluster]:
-    """Return all groups of at least SEVERAL estimates and a quarter of them each, the largest first.
+    """Return all groups of at least FEWEST estimates and a quarter of them each, the largest first.
 
     Each is the densest of what the groups before it left. Neighbours whose intervals touch are one group.
     """
     found: list[Cluster] = []
     left = d[d > 0]
     total = len(left)
-    while (group := densest(left)) is not None and group.n >= max(SEVERAL, A_QUARTER * total):
-        if all(group.ci95[0] > c.ci95[1] or group.ci95[1] < c.ci95[0] for c in found):
+    while (group := densest(left)) is not None and group.n >= max(FEWEST, A_QUARTER * total):
+        if all(_apart(group, c) for c in found):
             found.append(replace(group, share=group.n / total))
         left = left[np.abs(left / group.d - 1.0) > CLOSE]
     return found

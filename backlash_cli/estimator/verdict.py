@@ -13,7 +13,6 @@ import numpy as np
 from ..record import Note
 from ..results import NOTHING_SAID, Cluster, Confirmation, Verdict
 from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, read, times
-from .haegglund import Oscillation
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
 AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share
@@ -23,22 +22,21 @@ STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # hold for
 DECIDED, SEEN = (Verdict.BACKLASH, Verdict.NO_BACKLASH), (Verdict.BACKLASH, Verdict.SUSPECTED)
 TOO_FEW = {"weak_evidence", "few_reversals", "single_event", "size_unknown"}  # what a second test makes good
 DISPUTED, JOINT = 0.6, 0.9  # confidence where manual and automatic speak against each other, and for each other
-CALM = Oscillation(False, 0.0, 0.0)
 TOO_LITTLE = "short_record"  # what only more data can mend; all else cannot be told from data of this kind
 
 
 @dataclass(frozen=True)
 class Findings:
     """All that the verdict is made of. confirmation: a Note says why PV could not be tested against OP, None that it
-    was not asked for. detections: half periods that pass the publication's gates. quality: notes whose
-    values["effect"] says what they mean for the verdict. output_step: rounding step of OP [span], 0 when not rounded
-    or rebuilt. reading: what is to be said of the half periods besides their centre. manual: what tests of the valve in
-    manual say, a Note why they say nothing, None where there were none."""
+    was not asked for. detections: half periods that pass the publication's gates. oscillation: share of the record and
+    period [s]. quality: notes whose values["effect"] says what they mean for the verdict. output_step: rounding step of
+    OP [span], 0 when not rounded or rebuilt. reading: what is to be said of the half periods besides their centre.
+    manual: what tests of the valve in manual say, a Note why they say nothing, None where there were none."""
 
     cluster: Cluster | None
     detections: int
     long_half_periods: int
-    oscillation: Oscillation
+    oscillation: tuple[float, float]
     confirmation: Confirmation | Note | None = None
     quality: tuple[Note, ...] = ()
     output_step: float = 0.0
@@ -59,7 +57,7 @@ class Findings:
     @property
     def swinging(self) -> tuple[Note, ...]:
         """A note where the loop oscillates most of the time."""
-        share, period = self.oscillation.share, self.oscillation.period or 0.0
+        share, period = self.oscillation
         return () if share <= 0.5 else (
             Note("oscillation", f"the control error oscillates with a period of {period:.3g} s during {share:.0%} of "
                  "the record", {"period_s": period, "share": share}),)
@@ -81,10 +79,10 @@ def decide(f: Findings) -> Decision:
     """Return the verdict on one loop: from the test in manual where it decides, else from automatic operation."""
     confirmation = f.confirmation if isinstance(f.confirmation, Confirmation) else None
     automatic = replace(_in_automatic(f), confirmation=confirmation)
-    if isinstance(f.manual, Confirmation):
-        return _with_test(f, f.manual, automatic)
     if f.manual is None:
         return automatic
+    if isinstance(f.manual, Confirmation):
+        return _with_test(f, f.manual, automatic)
     if f.manual.code == "manual_no_answer" and automatic.verdict in (*NOTHING_SAID, Verdict.SUSPECTED):
         wide = automatic.cluster and automatic.cluster.d >= float(f.manual.values["at_least"])
         return replace(automatic, verdict=Verdict.SUSPECTED, reasons=(f.manual, *automatic.reasons), confidence=0.5,
@@ -96,7 +94,7 @@ def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
     """What a test in manual adds to the verdict from automatic operation."""
     storage = tuple(replace(note, values={**note.values, "effect": LIMITED}) for note in f.quality
                     if note.values.get("effect") == LIMITED or note.code in STORAGE)
-    tested = replace(_from_confirmation(replace(f, oscillation=CALM, quality=storage), c), confirmation=c)
+    tested = replace(_from_confirmation(replace(f, oscillation=(0.0, 0.0), quality=storage), c), confirmation=c)
     span, tests, evidence = (float(c.details[name]) for name in ("output_range", "recordings", "evidence"))
 
     def note(says: str) -> Note:
@@ -167,25 +165,45 @@ def _in_automatic(f: Findings) -> Decision:
         return _from_confirmation(f, f.confirmation)
     if f.swinging:
         return Decision(Verdict.OSCILLATING, f.swinging, 0.8, f.cluster)
-    if isinstance(f.confirmation, Note):
+    if f.confirmation is not None:
         verdict = Verdict.INSUFFICIENT_DATA if f.confirmation.code == TOO_LITTLE else Verdict.CANNOT_TELL
         return Decision(verdict, (f.confirmation,), 0.0, f.cluster)
-    return _from_half_periods(f)
+    # without a test of PV against OP: what the half periods alone allow, by the paper's idea
+    if f.long_half_periods == 0:
+        note = Note("no_long_half_periods", "the control error never stays on one side for 5 Ti or longer")
+        return Decision(Verdict.NO_BACKLASH, (note,), 0.5, f.cluster)
+    if f.tight is not None:
+        note = Note("estimates_agree", f"{f.tight.n} of {f.detections} estimates gather at "
+                    f"{100 * f.tight.d:.2g} % of span; PV was not tested against OP")
+        return Decision(Verdict.SUSPECTED, (note, *f.reading), 0.5, f.cluster)
+    note = Note("estimates_scatter", f"{f.detections} detections, not enough of them alike")
+    return Decision(Verdict.CANNOT_TELL, (note,), 0.0, f.cluster)
 
 
 def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
-    reading, limits = read(c, output_step=f.output_step), f.limits
+    reading, limits, of = read(c, output_step=f.output_step), f.limits, f.cluster
     sure = confidence(float(c.details["evidence"]), by_hand(c))
-    reasons = [_explained(c), LOOK_ALIKE, *_side_by_side(f, c), *f.reading]
+    agree = f.tight is not None and abs(f.tight.d - c.d) <= AGREE * c.d
+    reasons = [_explained(c), LOOK_ALIKE]
+    if of is not None and of.n >= ENOUGH:
+        reasons.append(Note("methods_agree" if agree else "methods_differ", (
+            f"{of.n} half periods of the error give {100 * of.d:.2g} % by the published rule, in agreement"
+            if agree else f"the published rule on half periods of the error gives {100 * of.d:.2g} % ({of.n} similar "
+            "estimates); it reads low with noise on OP and high with setpoint moves and changing load, so the number "
+            "from PV against OP is reported"), {"published": of.d, "confirmed": c.d, "n": float(of.n)}))
+    reasons += f.reading
+    # the number to report; what was found was seen: a limit above it would say that it cannot have been
+    size = Cluster(c.d, c.ci95, (c.ci95[1] - c.ci95[0]) / (2.0 * c.d) if c.d > 0 else 0.0, of.n if of else 0,
+                   of.share if of else 0.0, c.limit_of_detection and min(c.limit_of_detection, c.d))
     if reading.clear:
-        if limits and not _agreement(f, c):
-            return Decision(Verdict.SUSPECTED, (reasons[0], *limits, *reasons[1:]), 0.5, _final(f, c))
-        return Decision(Verdict.BACKLASH, (*reasons, *f.swinging, *limits), sure, _final(f, c))
+        if limits and not agree:
+            return Decision(Verdict.SUSPECTED, (reasons[0], *limits, *reasons[1:]), 0.5, size)
+        return Decision(Verdict.BACKLASH, (*reasons, *f.swinging, *limits), sure, size)
     if f.swinging:
-        found = reasons[:1] if reading.some else [_not_explained(c)]
-        return Decision(Verdict.OSCILLATING, (*f.swinging, *found, *reading.against, *limits), 0.7, None)
+        found = reasons[0] if reading.some else _not_explained(c)
+        return Decision(Verdict.OSCILLATING, (*f.swinging, found, *reading.against, *limits), 0.7, None)
     if reading.some:
-        return Decision(Verdict.SUSPECTED, (*reasons, *reading.against, *limits), min(sure, 0.75), _final(f, c))
+        return Decision(Verdict.SUSPECTED, (*reasons, *reading.against, *limits), min(sure, 0.75), size)
     return _nothing_found(f, c, limits)
 
 
@@ -210,46 +228,6 @@ def _nothing_found(f: Findings, c: Confirmation, limits: tuple[Note, ...]) -> De
              "but PV follows OP without it: they come from load or setpoint", {"published": f.tight.d}),)
     return Decision(Verdict.NO_BACKLASH, (_not_explained(c), seen, *others, *limits), 0.6 if limits else HEALTHY,
                     Cluster(0.0, (0.0, limit), 0.0, 0, 0.0, limit))
-
-
-def _from_half_periods(f: Findings) -> Decision:
-    """Without a test of PV against OP: what the half periods alone allow, by the paper's idea."""
-    if f.long_half_periods == 0:
-        note = Note("no_long_half_periods", "the control error never stays on one side for 5 Ti or longer")
-        return Decision(Verdict.NO_BACKLASH, (note,), 0.5, f.cluster)
-    if f.tight is not None:
-        note = Note("estimates_agree", f"{f.tight.n} of {f.detections} estimates gather at "
-                    f"{100 * f.tight.d:.2g} % of span; PV was not tested against OP")
-        return Decision(Verdict.SUSPECTED, (note, *f.reading), 0.5, f.cluster)
-    note = Note("estimates_scatter", f"{f.detections} detections, not enough of them alike")
-    return Decision(Verdict.CANNOT_TELL, (note,), 0.0, f.cluster)
-
-
-def _final(f: Findings, c: Confirmation) -> Cluster:
-    """The number to report: from PV against OP, with what the half periods say about how often it showed."""
-    spread = (c.ci95[1] - c.ci95[0]) / (2.0 * c.d) if c.d > 0 else 0.0
-    n, share = (f.cluster.n, f.cluster.share) if f.cluster else (0, 0.0)
-    # what was found was seen: a limit above it would say that it cannot have been
-    limit = None if c.limit_of_detection is None else min(c.limit_of_detection, c.d)
-    return Cluster(c.d, c.ci95, spread, n, share, limit)
-
-
-def _agreement(f: Findings, c: Confirmation) -> bool:
-    return f.tight is not None and abs(f.tight.d / c.d - 1.0) <= AGREE
-
-
-def _side_by_side(f: Findings, c: Confirmation) -> tuple[Note, ...]:
-    of = f.cluster
-    if of is None or of.n < ENOUGH:
-        return ()
-    code, message = "methods_differ", (
-        f"the published rule on half periods of the error gives {100 * of.d:.2g} % ({of.n} similar estimates); it "
-        "reads low with noise on OP and high with setpoint moves and changing load, so the number from PV against OP "
-        "is reported")
-    if _agreement(f, c):
-        code, message = "methods_agree", (
-            f"{of.n} half periods of the error give {100 * of.d:.2g} % by the published rule, in agreement")
-    return (Note(code, message, {"published": of.d, "confirmed": c.d, "n": float(of.n)}),)
 
 
 def _explained(c: Confirmation) -> Note:

@@ -6,13 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from backlash_cli.estimator.haegglund import Oscillation
 from backlash_cli.estimator.verdict import Findings, decide
 from backlash_cli.record import Note
 from backlash_cli.results import Cluster, Confirmation, Verdict
 
-CALM = Oscillation(False, 0.0)
-SWINGING = Oscillation(True, 0.9, 60.0, 0.02)
+CALM, SWINGING = (0.0, 0.0), (0.9, 60.0)
 DETAILS = {"evidence": 60.0, "crossings": 30.0, "share": 0.98, "share_deviation": 0.06, "output_range": 0.12,
            "edge": 0.0, "trace": 1.0, "sign_known": 1.0}
 FOUND = Confirmation(0.03, (0.027, 0.034), 0.4, 113.0, 0.04, DETAILS)
