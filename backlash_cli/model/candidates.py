@@ -7,7 +7,7 @@ of one more column. For a step at every possible sample this takes one backward 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -191,39 +191,34 @@ def candidate(judge: Judge, base: Fit, effect: Effect, *, known: Mapping[str, Fi
         for shape in shapes:
             # loads are solved for: only the process has to move a little with them
             lower = descend(solver, shape, rounds=1 if effect.fitting.linear else 3)
-            shape = lower if plausible(lower) else shape
+            shape = lower if plausible(problem, lower) else shape
             gained = solver.white.samples * np.log(solver.rss(ground) / solver.rss(shape))
             noise = base.noise if gained < LITTLE else refit_noise(solver, shape, base.noise)
             trials.append(finished(problem, shape, noise))
     trials.sort(key=judge.score)
-    hopeful = [trial for trial in trials if believed(problem, trial)]
+    hopeful = [trial for trial in trials if plausible(problem, trial.shape, linear_values(trial))]
     if hopeful and not valleys and judge.score(hopeful[0]) > judge.score(base) + HOPELESS:
         return hopeful[0]
     ways = hopeful or trials
     found = [fit(problem, way.shape, way.noise, before=way.deviance) for way in ways[:2]
              if judge.score(way) < judge.score(ways[0]) + BEHIND]
     # slopes may end where the effect is another; how well it does where it is itself must be known all the same
-    told = [fitted for fitted in found if believed(problem, fitted)] or (hopeful if valleys else [])
+    told = [f for f in found if plausible(problem, f.shape, linear_values(f))] or (hopeful if valleys else [])
     return min(told, key=judge.score, default=None)
 
 
-def plausible(shape: Shape, values: Sequence[Values] = (), travel: Callable[[float], float] = lambda _: np.inf
-              ) -> bool:
-    """True when every effect of a shape calls its values plausible, or `values`, those solved for included."""
-    both = zip(shape.parts, values or [part.values for part in shape.parts], strict=True)
-    return all(part.effect.fitting.plausible is None or part.effect.fitting.plausible(v, travel) for part, v in both)
-
-
-def believed(problem: Problem, found: Fit) -> bool:
-    """True when a fit is plausible for what OP did about each event."""
-    reach = max(int(ANSWERED * max(found.shape.lag, problem.settings.Ti or 0.0) / problem.interval), 60)
+def plausible(problem: Problem, shape: Shape, values: Sequence[Values] = ()) -> bool:
+    """True when every effect of a shape calls its values plausible for what OP did about each event; values: those
+    solved for included, where they are known."""
+    reach = max(int(ANSWERED * max(shape.lag, problem.settings.Ti or 0.0) / problem.interval), 60)
 
     def travel(time: float) -> float:
         at = int(time / problem.interval)
         moved = float(np.ptp(problem.output[max(at - reach // 10, 0) : at + reach]))
         return moved if moved > 1e-6 else np.inf
 
-    return plausible(found.shape, linear_values(found), travel)
+    both = zip(shape.parts, values or [part.values for part in shape.parts], strict=True)
+    return all(part.effect.fitting.plausible is None or part.effect.fitting.plausible(v, travel) for part, v in both)
 
 
 def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Shape]:
@@ -253,7 +248,7 @@ def wander(solver: Solver, shape: Shape, random: np.random.Generator, trials: in
     for _ in range(trials):
         pick = random.random(len(free)) < np.where(own, 0.6, 0.15)
         trial = put(shape, free, numbers + scale * reach * random.standard_normal(len(free)) * pick)
-        rss = solver.rss(trial) if plausible(trial) else np.inf
+        rss = solver.rss(trial) if plausible(solver.problem, trial) else np.inf
         if rss < best:
             best, shape, numbers = rss, trial, get(trial, free)
             scale = min(scale * 1.5, 2.0)

@@ -15,7 +15,7 @@ from .holdout import better, distance, folds
 from .intervals import described, process_parameters
 from .locate import regions
 from .pipeline import Part, Shape, as_tuple, load_regressors, moved_output, moved_process, sensed_slopes, through
-from .problem import FEWEST_SAMPLES, Problem, finer, problem_from_record
+from .problem import FEWEST_SAMPLES, Problem, problem_from_record, readings
 from .reasons import why_not
 from .saved_model import apart, in_ranges_of, kept_model, loads_left_out, seen_by, shape_of
 from .search import baseline
@@ -41,7 +41,9 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
         kept = kept_model(record, problem, plain.fit, (), plain.rmse_holdout)
     else:
         kept, (shape, recorders) = model, shape_of(model, problem)
-        parts, problem = (*shape.parts, *recorders), nearer(problem, model, shape)
+        parts = (*shape.parts, *recorders)
+        # OP as recorded, or as it was before rounding where the model predicts better from it
+        problem = min(readings(problem), key=lambda p: rms((p.measurement - matched(p, kept, shape)[1])[p.used]))
         known = seen_by(model, problem)
         seen = float(np.mean(known[problem.used]))
         shape, predicted = matched(problem, model, shape)
@@ -77,15 +79,6 @@ def error_unseen(problem: Problem, model: Model, shape: Shape, recorders: tuple[
         errors.append(distance(problem, recorders, predicted)[left_out & problem.used & ~known])
     unseen = np.concatenate(errors)
     return rms(unseen) if unseen.size else None
-
-
-def nearer(problem: Problem, model: Model, shape: Shape) -> Problem:
-    """Return the problem with OP as recorded, or as it was before rounding where the model predicts better from it."""
-    between = finer(problem)
-    if between is None:
-        return problem
-    errors = [np.sum((p.measurement - matched(p, model, shape)[1])[p.used] ** 2) for p in (problem, between)]
-    return between if errors[1] < errors[0] else problem
 
 
 def matched(problem: Problem, model: Model, shape: Shape) -> tuple[Shape, FloatArray]:

@@ -21,7 +21,7 @@ from .holdout import Tested, better, tested
 from .intervals import fitted_effects, process_parameters
 from .locate import regions
 from .pipeline import Part
-from .problem import Problem, finer, problem_from_record
+from .problem import Problem, problem_from_record, readings
 from .reasons import marked, too_little, with_reasons
 from .saved_model import in_ranges_of, kept_model, shape_of
 from .search import WEAK, Found, baseline, families, search
@@ -41,7 +41,7 @@ def explain(record: Record, model: Model | None = None, *, add: Sequence[Effect 
     Raises LoopError when there is nothing to fit, UsageError for an effect that cannot be fitted.
     """
     record = record if model is None else in_ranges_of(record, model)
-    problem = problem_from_record(record, seed)
+    problem, *between = readings(problem_from_record(record, seed))
     more, chosen = ([load_effect(e) if isinstance(e, str) else e for e in several] for several in (effects, add))
     known = {effect.name: effect for effect in (*all_effects(), *more, *chosen)}
     for effect in chosen:
@@ -49,11 +49,11 @@ def explain(record: Record, model: Model | None = None, *, add: Sequence[Effect 
             why = "needs a measured column, and this record has none" if effect.fitted else "cannot be fitted"
             remedy = "backlash effects lists what can be added"
             raise UsageError(f"{effect.name} {why}", where=record.loop, remedy=remedy)
-    best, between = looked(problem, model, known, chosen), finer(problem)
+    best = looked(problem, model, known, chosen)
     # rounding blurs how large an effect of the valve is and of which kind, it does not make one: OP is taken as
     # recorded, unless PV says clearly that the valve got what OP was before it was rounded
-    if between is not None and (of_valve := valve_effects(best[2].final)):
-        other = looked(between, model, known, chosen)
+    if between and (of_valve := valve_effects(best[2].final)):
+        other = looked(between[0], model, known, chosen)
         before, after = (found.judge.score(found.final) for _, _, found, *_ in (best, other))
         if of_valve == valve_effects(other[2].final) and after < before - ENOUGH:
             best = other

@@ -144,6 +144,8 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
     holes, felt = _holes(output, (record.settings.Ti or record.interval * samples / 60.0) / record.interval)
     if np.count_nonzero(used & ~felt) > max(0.5 * count, FEWEST_SAMPLES):
         used &= ~felt
+    else:
+        holes = 0
     columns = {}
     for name, values in record.disturbances.items():
         grid = on_grid(values)
@@ -160,12 +162,12 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
         Memory(max(16, ROOM // samples)))
 
 
-def finer(problem: Problem) -> Problem | None:
-    """Return the problem with OP as it may have been before rounding, None when OP was not rounded coarsely."""
+def readings(problem: Problem) -> list[Problem]:
+    """Return the problem, and with OP as it may have been before it was rounded, where it was rounded coarsely."""
     if not problem.output_step:
-        return None
-    return replace(problem, output=between_steps(problem.output, problem.output_step),
-                   memory=Memory(problem.memory.most), others=Memory(1))
+        return [problem]
+    return [problem, replace(problem, output=between_steps(problem.output, problem.output_step),
+                             memory=Memory(problem.memory.most), others=Memory(1))]
 
 
 def usual_output(problem: Problem) -> tuple[float, float] | None:

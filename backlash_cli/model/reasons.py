@@ -25,12 +25,9 @@ HEALTHY = 0.01
 FEW_SAMPLES, TIMES_NOISE = 5.0, 2.0
 # share of the squared hold-out error that goes where the error is 1.08 times larger without the effect
 LOWER = 1.0 - 1.0 / 1.08**2
-# errors closer than this share say the same
-ABOUT = 0.1
-# PV must move by this many times its noise before anything can be said about how it follows OP
-LEAST_MOTION = 3.0
-# share of this record's OP that must lie where OP was when the model was fitted
-SAME_PLACE = 0.5
+ABOUT = 0.1  # errors closer than this share say the same
+LEAST_MOTION = 3.0  # PV must move by this many times its noise before anything can be said about how it follows OP
+SAME_PLACE = 0.5  # share of this record's OP that must lie where OP was when the model was fitted
 # less than this share of OP's travel at the stem: next to nothing reaches the process
 LITTLE = 0.3
 UNITS = {"span": (100.0, " %"), "OP span": (100.0, " %"), "1/s": (100.0, " % per second")}
