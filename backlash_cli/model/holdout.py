@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..record import FloatArray
 from .fit import Fit, Solver, descend, finished, predicted_by
 from .noise import Noise
 from .pipeline import Part
@@ -22,15 +23,28 @@ from .recorder import distance, fitted_problem
 FEWEST_BLOCKS, MOST_BLOCKS, LAGS_PER_BLOCK = 12, 24, 15.0
 FOLDS = 4
 LAGS_AFTER_HOLE = 4.0
+# quantile of Student's t with 11 degrees of freedom that chance exceeds once in 40
+SURE = 2.2
 
 
 @dataclass(frozen=True, eq=False)
 class Tested:
-    """A fit with its errors: in the fit (rmse) and on samples it did not see (rmse_holdout), recorder allowed for."""
+    """A fit with its errors: in the fit (rmse) and on samples it did not see (rmse_holdout), recorder allowed for.
+
+    unseen: (samples,) the latter, nan where nothing was left out.
+    """
 
     fit: Fit
     rmse: float
     rmse_holdout: float
+    unseen: FloatArray
+
+    def surely_worse(self, other: Tested) -> bool:
+        """True when samples that neither has seen are predicted worse than by `other`: a t-test of the squared errors,
+        block by block, as a load that passes in one of them tells little."""
+        more = self.unseen**2 - other.unseen**2
+        blocks = [float(np.mean(block)) for block in np.array_split(more[np.isfinite(more)], FEWEST_BLOCKS)]
+        return float(np.mean(blocks)) > SURE * float(np.std(blocks, ddof=1)) / np.sqrt(FEWEST_BLOCKS)
 
 
 def folds(problem: Problem, lag: float) -> list[NDArray[np.bool_]]:
@@ -50,14 +64,16 @@ def folds(problem: Problem, lag: float) -> list[NDArray[np.bool_]]:
 def tested(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, rounds: int = 2) -> Tested:
     """Return the errors of a fit; searched numbers start from the whole record's and are refined on each fold."""
     seen = fitted_problem(problem, recorders)
-    unseen = []
+    unseen = np.full(problem.samples, np.nan)
     for left_out in folds(problem, problem.settings.Ti or fitted.shape.lag):
         solver = Solver(seen.masked(~left_out), fitted.noise)
         shape = descend(solver, fitted.shape, rounds=rounds) if rounds else fitted.shape
         there = replace(fitted, shape=shape, coefficients=solver.solve(shape)[0])
-        unseen.append(distance(problem, recorders, predicted_by(problem, there, seen))[left_out & problem.used])
+        new = left_out & problem.used
+        unseen[new] = distance(problem, recorders, predicted_by(problem, there, seen))[new]
     error = distance(problem, recorders, predicted_by(problem, fitted, seen))[problem.used]
-    return Tested(fitted, *(float(np.sqrt(e @ e / max(e.size, 1))) for e in (error, np.concatenate(unseen))))
+    rmse, holdout = (float(np.sqrt(e @ e / max(e.size, 1))) for e in (error, unseen[np.isfinite(unseen)]))
+    return Tested(fitted, rmse, holdout, unseen)
 
 
 def better(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> Tested:
