@@ -36,6 +36,7 @@ from .fitting import Clues, Fitting, Values
 from .shape import Effect, Parameter, Stage
 
 WIDE_SHARES = (0.55, 0.65, 0.75, 0.85, 0.93)  # gaps worth trying, in travels of the output, beside those of usual size
+NEAR_STICTION = np.array([0.85, 0.92, 1.0])  # gaps in bands of the stiction that is known
 LEAST_JUMP = 0.1  # a slip jump below this share of the band moves the stem as backlash does
 
 
@@ -62,7 +63,9 @@ def propose(clues: Clues) -> list[Values]:
     Where the output travels little, a gap of most of its travel is told from a smaller one by a narrow valley only.
     """
     gaps, wide = np.geomspace(0.003, 0.2, 11), float(np.ptp(clues.output)) * np.array(WIDE_SHARES)
-    gaps = np.concatenate([gaps[gaps < 0.8 * wide[0]], wide[(wide >= gaps[0]) & (wide <= gaps[-1])]])
+    # beside other effects the valley can be narrow: where the valve would stick is near it
+    near = float(clues.known.get("stiction", {}).get("S", 0.0)) * NEAR_STICTION  # type: ignore[arg-type]
+    gaps = np.concatenate([gaps[gaps < 0.8 * wide[0]], wide[(wide >= gaps[0]) & (wide <= gaps[-1])], near[near > 0.0]])
     return [{"d": d, "position": place} for d in gaps.tolist() for place in (-0.7, 0.0, 0.7)]
 
 

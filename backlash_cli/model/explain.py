@@ -164,7 +164,8 @@ def confidence(found: Found, by_user: Sequence[str], steps: Sequence[Step], alik
     """Return for each accepted effect how sure it is: clear, likely or stand_in.
 
     A stand-in lowers the error, but what is left matters beside it, or an effect of another kind does as well in its
-    place. An effect with a look-alike of its own kind, or that lowers the error little, is likely.
+    place. An effect that lowers the error little is likely. A look-alike of its own kind leaves open which of the two
+    it is, not that one of them is there: both are named.
     reports: PV is known only where an exception test let it through, which looks like a valve that moves in jumps.
     """
     out = {}
@@ -177,7 +178,7 @@ def confidence(found: Found, by_user: Sequence[str], steps: Sequence[Step], alik
         jumps = reports and not part.is_linear and part.effect.stage == Stage.VALVE
         if fitting.seldom or jumps or not found.left.adequate([gain]) or any(o not in fitting.siblings for o in others):
             out[name] = "stand_in"
-        elif not found.adequate or name in by_user or others or before < LITTLE_LOWER * after or gain < WEAK:
+        elif not found.adequate or name in by_user or before < LITTLE_LOWER * after or gain < WEAK:
             out[name] = "likely"
         else:
             out[name] = "clear"

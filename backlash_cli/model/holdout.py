@@ -27,15 +27,27 @@ from .problem import FEWEST_SAMPLES, Problem, hold
 # a block lasts many process lags, so that a random load on both sides tells nothing about its middle
 FOLDS, FEWEST_BLOCKS, MOST_BLOCKS, LAGS_PER_BLOCK = 4, 12, 24, 15.0
 ROUNDS = 20  # each closes a part of the distance; so many where the step is as wide as what is looked for
+SURE = 2.2  # quantile of Student's t with 11 degrees of freedom that chance exceeds once in 40
 
 
 @dataclass(frozen=True, eq=False)
 class Tested:
-    """A fit with its errors: in the fit (rmse) and on samples it did not see (rmse_holdout), recorder allowed for."""
+    """A fit with its errors: in the fit (rmse) and on samples it did not see (rmse_holdout), recorder allowed for.
+
+    unseen: (samples,) the latter, nan where nothing was left out.
+    """
 
     fit: Fit
     rmse: float
     rmse_holdout: float
+    unseen: FloatArray
+
+    def surely_worse(self, other: Tested) -> bool:
+        """True when samples that neither has seen are predicted worse than by `other`: a t-test of the squared errors,
+        block by block, as a load that passes in one of them tells little."""
+        more = self.unseen**2 - other.unseen**2
+        blocks = [float(np.mean(block)) for block in np.array_split(more[np.isfinite(more)], FEWEST_BLOCKS)]
+        return float(np.mean(blocks)) > SURE * float(np.std(blocks, ddof=1)) / np.sqrt(FEWEST_BLOCKS)
 
 
 def folds(problem: Problem, lag: float) -> list[NDArray[np.bool_]]:
@@ -50,14 +62,15 @@ def folds(problem: Problem, lag: float) -> list[NDArray[np.bool_]]:
 def tested(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, rounds: int = 2) -> Tested:
     """Return the errors of a fit; searched numbers start from the whole record's and are refined on each fold."""
     seen = fitted_problem(problem, recorders)
-    unseen = []
+    unseen = np.full(problem.samples, np.nan)
     for left_out in folds(problem, problem.settings.Ti or fitted.shape.lag):
         solver = Solver(seen.masked(~left_out), fitted.noise)
         shape = descend(solver, fitted.shape, rounds=rounds) if rounds else fitted.shape
         there = replace(fitted, shape=shape, coefficients=solver.solve(shape)[0])
-        unseen.append(distance(problem, recorders, predicted_by(problem, there, seen))[left_out & problem.used])
+        new = left_out & problem.used
+        unseen[new] = distance(problem, recorders, predicted_by(problem, there, seen))[new]
     error = distance(problem, recorders, predicted_by(problem, fitted, seen))[problem.used]
-    return Tested(fitted, rms(error), rms(np.concatenate(unseen)))
+    return Tested(fitted, rms(error), rms(unseen[np.isfinite(unseen)]), unseen)
 
 
 def better(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> Tested:

@@ -116,10 +116,11 @@ def rung(step: Step) -> str:
 
 
 def effect_name(effect: str, e: Explanation) -> str:
-    """The name of an accepted effect, with its twin where the record cannot tell them apart; whether it is likely."""
-    twin = [b for a, b in e.look_alikes if a == effect and {a, b} == {"backlash", "stiction"}]
-    likely = any(x.effect == effect and x.confidence == "likely" for x in e.effects)
-    return " or ".join(plain_name(name) for name in sorted([effect, *twin])) + " (likely)" * likely
+    """The name of an accepted effect, with its look-alikes where the record cannot tell them apart; whether it is
+    likely."""
+    sure = next((x.confidence for x in e.effects if x.effect == effect), "")
+    twins = [b for a, b in e.look_alikes if a == effect and sure != "stand_in"]
+    return " or ".join(plain_name(name) for name in sorted([effect, *twins])) + " (likely)" * (sure == "likely")
 
 
 def fails(regions: Sequence[Region]) -> list[Region]:
