@@ -48,8 +48,7 @@ class Lexicon:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Cells of a column. values: (rows,) nan where there is no number. codes: (rows,) place of a text in the lexicon,
-    or -1."""
+    """Cells of a column. values: (rows,) nan where no number stands. codes: (rows,) place in the lexicon or -1."""
 
     values: FloatArray
     codes: NDArray[np.int32] | None = None
@@ -71,8 +70,7 @@ class Cells:
         return self.codes is not None and len(self._used[0]) > 0
 
     def numbers(self) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return (values, bad): the cells as numbers, nan where blank or bad: a word, inf, a unit other than most
-        have."""
+        """Return (values, bad): the cells as numbers, nan where blank or bad: a word, inf, another unit than most."""
         flags = np.isinf(self.values)
         if not self.is_text:
             return self.values, flags

@@ -30,8 +30,7 @@ LONGEST_FILL = 60  # samples, however slow the controller
 
 @dataclass(frozen=True)
 class Recipe:
-    """All that makes the record of one loop, when its turn comes, also in another process of this machine. key: by
-    which a finished report of the loop is known again, where such are kept."""
+    """All that makes the record of one loop, when its turn comes, also in another process. key: of its kept report."""
 
     loop: str
     series: LoopSeries
@@ -294,8 +293,7 @@ def _window(loop: LoopSeries, begin: int, end: int) -> LoopSeries:
 
 def refuse_missing(loop: LoopSeries) -> None:
     for role, tag in loop.missing_tags.items():
-        if role not in loop.roles:
-            raise LoopError(**explained("tag_not_found", role=role, tag=tag))
+        raise LoopError(**explained("tag_not_found", role=role, tag=tag))
     if "pv" not in loop.roles:
         there = ", ".join(role.upper() for role in loop.roles)
         raise LoopError(**explained("no_pv", there=there, loop=loop.name[:40]))

@@ -44,9 +44,8 @@ class Ordered:
 
 
 def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), line: int = 0) -> Ordered:
-    """Bring stamps into strictly increasing order; raises LoopError when no time passes. probe: (rows,) a measured
-    signal that tells repeated rows from rows of another time. parts: first rows of further files. line: of row 0 in its
-    file."""
+    """Bring stamps into strictly increasing order. Raises LoopError when no time passes. probe: (rows,) measured, tells
+    repeated rows from those of another time. parts: first rows of further files. line: of row 0 in its file."""
     if len(micros) and micros.min() != NAT:
         steps, few = np.diff(micros), len(micros) // 20
         if (not len(steps) or steps.min() > 0) and not (few and float(micros[-1]) - float(micros[0]) > FAR * (
@@ -154,8 +153,7 @@ def utc_text(micros: int) -> str:
 class Grid:
     """A grid and its points. start, step, gap, usual: microseconds; longer distances than gap are gaps, unless it is
     regular. index: (samples,) grid numbers, jumps are gaps. rows: (samples,) of a regular one, -1 for an absent one,
-    None when sample i is row i. recorded: (samples,) of others, True where a row stands at or, with jitter, next to the
-    point."""
+    None when sample i is row i. recorded: (samples,) of others, True where a row stands there (jitter: beside it)."""
 
     start: int
     step: int

@@ -84,18 +84,13 @@ class Head:
 @dataclass(frozen=True)
 class Layout:
     """What the columns are. stamps: of each set of rows the column of its stamps, or those of date and time of day.
-    values: of signals. naming: the tag of rows, or loop and signal apart. quality: column of values -> column that
-    marks it."""
+    values: of signals. naming: the tag of rows, or loop and signal apart. quality: column -> the one that marks it."""
 
     kind: str
     stamps: tuple[Sequence[int], ...]
     values: tuple[int, ...]
     naming: tuple[int, ...] = ()
     quality: dict[int, int] = field(default_factory=dict)
-
-    @property
-    def stored(self) -> list[int]:
-        return sorted({*self.values, *self.quality.values()})
 
 
 def layout_of(head: Head, options: ReadOptions) -> Layout:
@@ -151,8 +146,7 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
 
 
 def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
-    """Return the columns that name the tag of each row, with loop and signal apart or not; () if none. texts: the
-    columns of texts. What stands in a column counts more than its header."""
+    """Return which columns of `texts` name the tag of each row, or loop and signal, by cells before headers; or ()."""
     heads = {i: head.words(i) for i in texts}
 
     def mostly(test: Callable[[str], bool]) -> list[int]:
@@ -202,9 +196,8 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
 
 
 def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[Series]:
-    """Name the signals of a wide file or of pairs; blank: columns without any cell. Raises InputError without any. A
-    header that names no loop is completed by what folders or file are called; "value" stands for what its time column
-    is."""
+    """Name the signals of a wide file or of pairs; blank: columns without any cell. Raises InputError without any. What
+    folders or file are called completes a header that names no loop; "value" stands for what its time column is."""
     pairs, marks, tags = layout.kind == "pairs", set(layout.quality.values()), head.tags
     signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in blank))]
     alone = not pairs and any(not tags[i].loop and tags[i].role in SIGNALS for i in signals)  # of one loop

@@ -75,9 +75,8 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
 
 class Text:
     """The text of a file as UTF-8, in blocks of whole lines: `head`, and `rest`, to be gone through once; `notes` are
-    complete then. taken: called with the bytes that were read. opened: gives the text, where it is but a part of the
-    file. Raises InputError for what is no text, and for small files that expand without end; of a damaged file what is
-    whole is read."""
+    complete then. taken: called with the bytes that were read. opened: gives a text that is but a part of the file.
+    Raises InputError for what is no text or expands without end; of a damaged file what is whole is read."""
 
     def __init__(self, path: Path | Remote, options: ReadOptions, taken: Callable[[int], None] = lambda count: None,
                  opened: Callable[[], Any] | None = None) -> None:
@@ -242,8 +241,7 @@ def sheets(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
 
 @dataclass(frozen=True)
 class Dialect:
-    """names: of columns. offset, line: where the data begin. end: of what was looked at. kinds: what each column
-    holds."""
+    """names: of columns. offset, line: where data begin. end: of what was looked at. kinds: what columns hold."""
 
     delimiter: str
     names: tuple[str, ...]

@@ -23,6 +23,7 @@ from .signals import Axis, Joiner, LoopSeries, Room, Series, by_loop, explicit_t
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import signals_of_file
 
+Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]
 FEW = 3  # loops of the loops file without data that are named one by one
 
 
@@ -114,8 +115,7 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
                options: ReadOptions | None = None, taken: Callable[[int], None] | None = None,
                room: Room | None = None, salt: str | None = None) -> OpenPlant:
     """Find the loops of exports. taken: called with the bytes of a file that were read. room: memory for samples, the
-    rest goes to a scratch file. salt: what a kept report depends on beside the data. Raises BacklashError as `read`
-    does."""
+    rest goes to a scratch file. salt: what a kept report depends on beside the data. Raises BacklashError."""
     options = options or ReadOptions()
     given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
     sources = find_sources(given)
@@ -217,8 +217,7 @@ def _fits(name: str, patterns: Sequence[str]) -> bool:
 def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[str] = (), sample: str | None = None,
            seed: int = 0) -> tuple[list[str], list[Note]]:
     """Return the loops that are wanted of all `names`, in order, and what was left out and why. Raises UsageError for a
-    name or patterns that nothing fits. only: each must exist. matching: one must. sample: "20" or "5%" of what is
-    left."""
+    name or patterns that nothing fits. only: each must exist. matching: one must. sample: "20" or "5%" of the rest."""
     everything = sorted(set(names))
     for pattern in only:
         if not any(_fits(name, [pattern]) for name in everything):
@@ -280,6 +279,3 @@ def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, t
         notes.append(noted("nothing_since", {"loops": float(len(without)), "names": ", ".join(without)},
                            of=len(loops), since=text, some=some(without)))
     return kept, notes, moment
-
-
-Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
+from itertools import chain
 from typing import IO, Any
 from weakref import finalize
 
@@ -22,16 +23,17 @@ from ..record import FloatArray, IntArray, Note
 from ..settings import ROLE_KEYS, Metadata
 from .cells import Cells, Lexicon
 from .grid import NAT, Times
-from .names import SIGNALS, explained, noted, plain
+from .names import SIGNALS, explained, noted, plain, some
 from .states import good_samples, lone_zeros
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
+ENDLESS = 1 << 62  # bytes
 PIECE = 1 << 20  # rows that are looked at together
 MOST_TIMES = 8  # kept: more than one loop has, and few enough for plants of many files
 Faults = dict[tuple[str, str], Counter[str]]  # (what is wrong, tag) -> what stood there, counted
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)  # there are millions of a large file
 class Spilled:
     """A column in the scratch file: a slice of it is read. nbytes: the memory it takes."""
 
@@ -98,7 +100,7 @@ class Store:
         self.starts: list[IntArray] = []  # of each piece: where its groups begin, or its only one
 
     def add(self, piece: Piece) -> None:
-        starts = np.array([0, len(next(iter(piece.values()))[:])])
+        starts = np.array([0, len(next(iter(piece.values()), np.zeros(0))[:])])
         if not starts[1]:
             return
         if self.grouped:
@@ -132,11 +134,15 @@ class Store:
         return parts[0] if len(parts) == 1 else np.concatenate(parts or [np.zeros(0, np.int64)])
 
     def cells(self, column: str, first: int, last: int, group: int = 0) -> Cells:
-        """Return the cells of rows first..last-1 of a column."""
         values, lexicon = self.read(column, first, last, group), self.lexicons.get(column)
         return Cells(values, self.read(f"{column}w", first, last, group), lexicon) if lexicon else Cells(values)
 
     stamps = read  # [microseconds since 1970 UTC], NAT where unreadable
+
+    def whole(self) -> Piece:
+        """Return all rows as one piece."""
+        count = int(self.rows().sum())
+        return {name: self.read(name, 0, count) for name in dict.fromkeys(chain.from_iterable(self.pieces))}
 
     def emptied(self) -> Iterator[Piece]:
         """Yield the pieces, which are gone from here then."""
@@ -182,7 +188,6 @@ class Axis:
         return self.rows.stamps(self.column, *between)[taken]
 
     def cells(self, column: str) -> Cells:
-        """Return the cells of a column in all rows."""
         between, taken = self._base(0, len(self))
         return self.rows.cells(column, *between)[taken]
 
@@ -207,7 +212,7 @@ class Axis:
         """Return rows that lie in the scratch file of this machine with some columns in memory; others as they are."""
         if not isinstance(self.rows, Store):
             return self
-        store = Store(Room(1 << 62), stays=True)
+        store = Store(Room(ENDLESS), stays=True)
         store.lexicons = self.rows.lexicons
         piece: Piece = {self.column: self.read()}
         for column in columns:
@@ -219,9 +224,8 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One signal of one file. tag: its name as written. loop, role, signal: that name taken apart. column: of the file.
-    stamps: its set of rows in the layout. quality: name of the column `marked` that says what is good, or "". axis: its
-    rows, once they are stored."""
+    """One signal of one file. tag: its name as written. loop, role, signal: its parts. column: of the file.
+    stamps: its set of rows in the layout. quality: name of the column `marked`, which says what is good. axis: rows."""
 
     tag: str
     loop: str
@@ -237,7 +241,6 @@ class Series:
         return self.axis.cells(f"v{self.column}")
 
     def marks(self) -> Cells | None:
-        """Return the quality of its cells, None where there is none."""
         return self.axis.cells(f"v{self.marked}") if self.quality else None
 
 
@@ -386,7 +389,7 @@ def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Seri
         ranks = [priority.get(plain(item.signal), 99) for item in items]
         first = [item for item, rank in zip(items, ranks, strict=True) if rank == min(ranks)]
         if len(first) < len(items):
-            names = ", ".join(item.tag for item in items)
+            names = some([item.tag for item in items])
             notes.append(noted("several_columns", names=names, role=role.upper(), tag=first[0].tag))
         if len(first) > 1 and first[0].axis is first[1].axis:
             values, *others = (item.cells().numbers()[0] for item in first)

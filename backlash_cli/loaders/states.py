@@ -52,8 +52,7 @@ def _named(further: tuple[str, ...]) -> tuple[set[str], list[float]]:
 def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, float] | None = None
                  ) -> tuple[NDArray[np.bool_], list[Note]]:
     """Return (rows,) True where the quality says good. Numbers are codes of OPC or PROFIBUS (128 and more), percents or
-    0/1. further: words or numbers that mean good. name: Validity and its like are 1 where the row is good. known: what
-    earlier chunks tell."""
+    0/1. further: words or numbers that mean good. name: Validity is 1 where good. known: by earlier chunks."""
     numbers, codes, words = _numbers_or_words(cells, all_texts=True)
     extra, wanted = _named(further)
     if numbers is not None:
@@ -176,8 +175,7 @@ def frozen(values: FloatArray) -> NDArray[np.bool_]:
 
 
 def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
-    """Is the noise resolved? Then neighbouring changes point in opposite directions (their correlation tends to -1/2),
-    and changes are larger than the recorder's step."""
+    """Is the noise resolved: larger than the recorder's step, neighbouring changes opposed (correlated by -1/2)?"""
     changes = np.diff(values)
     keep = np.isfinite(changes) & ~inside(starts, ends, len(changes))
     both = keep[1:] & keep[:-1]
@@ -226,8 +224,7 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
            ) -> tuple[FloatArray, NDArray[np.uint8], dict[str, NDArray[np.bool_]]]:
     """Return (measurement, state, marks): PV with holes of at most `bridge` samples filled, the SampleState of each
     sample, and where they are of the kinds of `state_notes`. All are (samples,). index: grid numbers. sp, pv, op:
-    normalised, None where not recorded. interpolated: the measurement was not recorded there. manual: not in
-    automatic."""
+    normalised, None where not recorded. interpolated: where PV was not recorded. manual: where not in automatic."""
     wild = implausible(pv)
     y, filled = short_holes(np.where(wild, np.nan, pv), index, bridge)
     missing = ~np.isfinite(y)

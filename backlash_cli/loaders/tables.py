@@ -25,10 +25,11 @@ from .layouts import Head, Layout, layout_of, of_tag, signals_of
 from .names import explained, noted, signal_role
 from .opening import HEAD_LINES, Text, find_dialect, kind_of, members, sheets
 from .options import ReadOptions
-from .signals import Axis, Piece, Room, Series, Store
+from .signals import ENDLESS, Axis, Piece, Room, Series, Store
 from .sources import Remote, Source, open_place, stem_of
 from .times import StampReader, micros_of
 
+TOGETHER = 32 << 20  # bytes of samples that are stored as one piece, so that there are few pieces to read
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS = 1 << 22, 1 << 19  # cells and rows of Parquet that are read at once
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
@@ -166,15 +167,12 @@ class ParquetTable:
             column = open_parquet(self.path).read_row_groups(list(groups), columns=[name], use_threads=False).column(0)
         except (pa.ArrowException, OSError) as error:
             raise _damaged(str(error), self.path) from None
-        if len(column := column.slice(first - begin, last - first)) != last - first:
-            raise _damaged(f"column {name[:60]} has {len(column)} rows of {last - first}", self.path)
-        return column
+        if len(column := column.slice(first - begin, last - first)) == last - first:
+            return column
+        raise _damaged(f"column {name[:60]} has {len(column)} rows of {last - first}", self.path)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "head": None}
-
-
-Table = TextTable | ParquetTable
 
 
 def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Series], bool], room: Room,
@@ -208,24 +206,24 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
     return found, notes
 
 
-def _signals(table: Table, layout: Layout, options: ReadOptions, is_needed: Callable[[Series], bool], room: Room
-             ) -> list[Series]:
-    """Store what is needed of a file, stamps in UTC as "t0" ..., cells as "v3" ..., rows of several tags by tag; a
-    column of Parquet with stamps in UTC stays in the file."""
+def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptions,
+             is_needed: Callable[[Series], bool], room: Room) -> list[Series]:
+    """Store stamps in UTC ("t0" ...) and cells ("v3" ...), rows of many tags by tag; Parquet may stay in its file."""
     head = table.head
-    blank = {i for i in layout.stored if pa.types.is_null(head.columns[i].type)}
+    columns = sorted({*layout.values, *layout.quality.values()})
+    blank = {i for i in columns if pa.types.is_null(head.columns[i].type)}
     kinds = [head.columns[i].type for pair in layout.stamps for i in pair]
     if not layout.naming and isinstance(table, ParquetTable) and len(kinds) == len(layout.stamps) and all(
             pa.types.is_timestamp(kind) and (kind.tz or not options.timezone) for kind in kinds):
         axes = [Axis(table, f"v{pair[0]}", range(table.count), where=head.where) for pair in layout.stamps]
         return _on_axes(signals_of(head, layout, blank), axes, layout)
-    columns = layout.stored
     if not layout.naming:  # what is still blank may be a tag of the loops file
         needed = {i for one in signals_of(head, layout) if is_needed(one) for i in (one.column, one.marked)}
         columns = [i for i in columns if i in needed or i in blank]
     readers = [StampReader([head.names[i] for i in pair], options, head.where) for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
+    together = Store(Room(ENDLESS))
     for batch in table.batches([*columns, *layout.naming], {i for pair in layout.stamps for i in pair}):
         piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
                         for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
@@ -236,7 +234,11 @@ def _signals(table: Table, layout: Layout, options: ReadOptions, is_needed: Call
                 blank.remove(i)
         if layout.naming:
             piece["group"] = _numbered(batch, layout.naming, head, tags)
-        raw.add(piece)
+        together.add(piece)
+        if ENDLESS - together.room.left > TOGETHER:
+            raw.add(together.whole())
+            together = Store(Room(ENDLESS))
+    raw.add(together.whole())
     clocks = [reader.finish() for reader in readers]
     for piece in raw.emptied():
         store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
@@ -294,8 +296,7 @@ def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], he
 
 
 def _one_clock(store: Store, column: str, tags: int) -> tuple[list[tuple[int, int]], list[Note]]:
-    """A clock set back in a file in time order went back for all tags, the rarely recorded too. Return after which rows
-    by how much [microseconds] it did, and what is to be said of it."""
+    """After which rows by how much [microseconds] the clock was set back for all tags, also rarely recorded; notes."""
     back: list[int] = []
     first, before, counts = 0, -(1 << 62), np.zeros(tags + 1, np.int64)
     for piece in store.pieces:

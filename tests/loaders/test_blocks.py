@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from backlash_cli.api import scan_files
 from backlash_cli.errors import BacklashError
-from backlash_cli.loaders import Plant, ReadOptions, clean, opening, read, signals
+from backlash_cli.loaders import Plant, ReadOptions, clean, opening, read, signals, tables
 from backlash_cli.loaders.plant import open_plant
 from backlash_cli.loaders.signals import Room, Store, failure
 from backlash_cli.record import SampleState
@@ -51,6 +51,7 @@ def read_in(path, options=None, room=0, block=3001, head=400):
         patch.setattr(opening, "BLOCK", max(block, 1000))
         patch.setattr(opening, "CHUNK", block)
         patch.setattr(opening, "HEAD_LINES", head)
+        patch.setattr(tables, "TOGETHER", 5 * block)  # some blocks are stored as one piece
         opened = open_plant(path, options=options, room=Room(room))
         found, lost = [], []
         for recipe in opened.recipes:
