@@ -90,7 +90,7 @@ def write_report(output: Path, places: Sequence[Place], wears: Mapping[str, Wear
     told = (places, [[n.digest for n in nights[p.loop]] for p in places], [wears[p.loop] for p in places])
     Report("wear", "Valve wear report", content, drawn=lambda: {
         "picture": plant_picture(places[:RANKED], wears, nights)},
-           subtitle=sentence("made", len(nights), first, last, __version__, len(times)), loops=lambda: [
+           subtitle=sentence("made", len(nights), first, last, __version__, len({*map(day, times)})), loops=lambda: [
         LoopPart(p.loop, MARKS[p.action], sentence("brief_wear", p, wears[p.loop]), "wear_loop.html",
                  partial(_loop, p, wears[p.loop], nights[p.loop], half_periods, not single or p.rank <= DRAWN))
         for p in places]).write(output, told)
