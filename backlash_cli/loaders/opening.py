@@ -383,7 +383,10 @@ def _joined(names: list[str], other: list[str]) -> list[str]:
     result, upper = [], ""
     for cell, word in zip(high, low, strict=True):
         upper = cell or upper
-        result.append(f"{upper}.{word}" if upper and word and plain(word) not in COLUMNS["value"] else upper or word)
+        tag = split_tag(upper)
+        part = bool(word) and plain(word) not in COLUMNS["value"] and (  # below a whole tag a unit may stand
+            not (tag.loop and tag.role) or is_time_name(word) or is_quality_name(plain(word)))
+        result.append(f"{upper}.{word}" if upper and part else upper or word)
     return result
 
 

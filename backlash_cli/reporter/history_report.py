@@ -87,7 +87,7 @@ def write_report(output: Path, places: Sequence[Place], half_periods: HalfPeriod
     content = {"places": places, "counts": Counter(TITLES[p.action] for p in places), "ranked": RANKED,
                "cut": DRAWN * (single and len(places) > DRAWN), "weeks": WEEKS, "marks": MARKS, "growth": growth}
     Report("wear", "Valve wear report", content, drawn=lambda: {"picture": plant_picture(places[:RANKED])},
-           subtitle=sentence("made", len(places), first, last, __version__, len(times)), loops=lambda: [
+           subtitle=sentence("made", len(places), first, last, __version__, len({*map(day, times)})), loops=lambda: [
         LoopPart(p.loop, MARKS[p.action], sentence("brief_wear", p), "wear_loop.html",
                  partial(_loop, p, half_periods, not single or p.rank <= DRAWN))
         for p in places]).write(output, (places, [n.digest for p in places for n in p.wear.nights]))

@@ -63,10 +63,10 @@ class Metadata:
         return LoopValues(self.defaults, self.files[0], frozenset(self.defaults)) if self.defaults else None
 
     def match(self, loop: str) -> str | None:
-        """Return the name under which the metadata know a loop of the data, or None."""
+        """Return the name under which the metadata know a loop of the data (FIC-101 as fic101), or None."""
         if loop in self.loops:
             return loop
-        same = [name for name in self.loops if name.strip().lower() == loop.strip().lower()]
+        same = [name for name in self.loops if _spaced(name).replace(" ", "") == _spaced(loop).replace(" ", "")]
         return same[0] if len(same) == 1 else None
 
 

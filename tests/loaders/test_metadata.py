@@ -41,6 +41,7 @@ def test_defaults_hold_where_a_loop_says_nothing():
 def test_names_match_without_case():
     metadata = parse_toml(GOOD, "x")
     assert metadata.match("fic101") == "FIC101"
+    assert metadata.match("FIC-101") == "FIC101"
     assert metadata.match("FIC102") is None
 
 

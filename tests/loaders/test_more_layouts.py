@@ -118,6 +118,8 @@ MORE = {
     "pairs_wert": Export({"plant.csv": ";".join(f"{n} Zeitstempel;{n} Wert" for n in SIGNALS)+"\n"+"".join(";".join(f"{t:%d.%m.%Y %H:%M:%S};{comma(n, v[i])}" for n, v in SIGNALS.items())+"\n" for i,t in enumerate(STAMPS))}),
     "quality_of_profibus": Export({"plant.csv": long(lambda n,t,v:f"{n};{iso(t)};{v.replace('.',',')};128;0","Archive variable;Time stamp;Value;Quality code;Flags")}),
     "quality_yes": Export({"plant.csv": long(lambda n,t,v:f"{iso(t)};{n};{v.replace('.',',')};Y","Zeit;Tag;Wert;Gültig")}),
+    "pairs_above_units": Export({"plant.csv": ",".join(f"{n}," for n in SIGNALS)+"\n"+",".join("Time,m3/h" for _ in SIGNALS)+"\n"+"".join(",".join(f"{iso(t)},{cell(n, v[i])}" for n, v in SIGNALS.items())+"\n" for i,t in enumerate(STAMPS))}),
+    "loop_signal_unit": Export({"plant.csv": long(lambda n,t,v:f"{';'.join(n.split('.'))};{iso(t)};{v.replace('.',',')};{'%' if n.endswith('OP') else 'bar' if n.startswith('P') else 'm3/h'}","Regler;Größe;Zeitpunkt;Messwert;Einheit")}),
     "zip": Export({"plant.zip": packed({"export/day.csv": wide(), "read.me": "of the plant"})}),
     "zip_per_tag": Export({"plant.zip": packed({f"{n}.csv": "Timestamp,Value\n"+"".join(f"{iso(t)},{cell(n, x)}\n" for t,x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()})}),
 }  # fmt: skip
