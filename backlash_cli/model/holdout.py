@@ -53,10 +53,10 @@ def tested(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, r
     unseen = []
     for left_out in folds(problem, problem.settings.Ti or fitted.shape.lag):
         solver = Solver(seen.masked(~left_out), fitted.noise)
-        shape = descend(solver, fitted.shape, rounds=rounds) if rounds else fitted.shape
+        shape = descend(solver, fitted.shape, rounds=rounds)
         there = replace(fitted, shape=shape, coefficients=solver.solve(shape)[0])
-        unseen.append(distance(problem, recorders, predicted_by(problem, there, seen))[left_out & problem.used])
-    error = distance(problem, recorders, predicted_by(problem, fitted, seen))[problem.used]
+        unseen.append(distance(problem, recorders, predicted_by(seen, there))[left_out & problem.used])
+    error = distance(problem, recorders, predicted_by(seen, fitted))[problem.used]
     return Tested(fitted, rms(error), rms(np.concatenate(unseen)))
 
 
