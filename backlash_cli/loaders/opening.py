@@ -26,7 +26,7 @@ import pyarrow as pa
 from ..errors import InputError
 from ..record import Note
 from .cells import decimal_sign
-from .names import COLUMNS, WORDS, explained, is_time_name, noted, plain, signal_role, split_tag
+from .names import COLUMNS, WORDS, explained, is_quality_name, is_time_name, noted, plain, signal_role, split_tag
 from .options import ReadOptions
 from .sources import Remote, is_export, open_place, stem_of
 from .times import stamp_kind

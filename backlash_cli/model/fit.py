@@ -180,24 +180,19 @@ def descend(solver: Solver, shape: Shape, *, rounds: int = 8) -> Shape:
     """Refine the searched numbers until the deviance gains next to nothing."""
     free = free_numbers(solver.problem, shape)
     low, high = np.array([(f.low, f.high) for f in free]).T
-
-    def local(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        here = put(shape, free, x)
-        return curvature(solver, here, free_numbers(solver.problem, here))
-
-    x = downhill(get(shape, free), lambda x: solver.rss(put(shape, free, x)), local, low, high, solver.white.samples,
-                 rounds, CLOSE)
+    x = downhill(get(shape, free), lambda x: solver.rss(put(shape, free, x)),
+                 lambda x: curvature(solver, put(shape, free, x)), low, high, solver.white.samples, rounds, CLOSE)
     return put(shape, free, x)
 
 
-def curvature(solver: Solver, shape: Shape, free: list[Free]) -> tuple[FloatArray, FloatArray]:
+def curvature(solver: Solver, shape: Shape) -> tuple[FloatArray, FloatArray]:
     """Return half the Hessian (numbers, numbers) and gradient (numbers,) of the whitened sum of squares.
 
     The linear numbers follow the searched ones, but what their following does to the slopes in second order is left
     out (Kaufman, BIT 15, 1975): one column per number instead of a new solution.
     """
     _, _, rest = solver.rest(shape)
-    Z = slopes(solver, shape, free)
+    Z = slopes(solver, shape, free_numbers(solver.problem, shape))
     B = solver.columns(shape).T @ Z
     return Z.T @ Z - B.T @ solver.inverse(B), -Z.T @ rest
 
@@ -253,11 +248,9 @@ def raw_error(problem: Problem, shape: Shape, coefficients: FloatArray) -> Float
     return np.where(problem.used, problem.measurement - predict(problem, shape, coefficients), 0.0)
 
 
-def predicted_by(problem: Problem, fitted: Fit, seen: Problem | None = None) -> FloatArray:
-    """Return PV predicted by a fit on the whole grid, (samples,); seen: the problem as the fit sees it, all by default:
-    the load is read from those samples only."""
-    predicted = predict(problem, fitted.shape, fitted.coefficients)
-    return with_load(problem if seen is None else seen, predicted, fitted.noise)
+def predicted_by(seen: Problem, fitted: Fit) -> FloatArray:
+    """Return PV predicted by a fit on the whole grid, (samples,), with the load read from the samples that count."""
+    return with_load(seen, predict(seen, fitted.shape, fitted.coefficients), fitted.noise)
 
 
 def with_load(seen: Problem, predicted: FloatArray, noise: Noise | None) -> FloatArray:

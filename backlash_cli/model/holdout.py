@@ -65,11 +65,11 @@ def tested(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, r
     unseen = np.full(problem.samples, np.nan)
     for left_out in folds(problem, problem.settings.Ti or fitted.shape.lag):
         solver = Solver(seen.masked(~left_out), fitted.noise)
-        shape = descend(solver, fitted.shape, rounds=rounds) if rounds else fitted.shape
+        shape = descend(solver, fitted.shape, rounds=rounds)
         there = replace(fitted, shape=shape, coefficients=solver.solve(shape)[0])
         new = left_out & problem.used
-        unseen[new] = distance(problem, recorders, predicted_by(problem, there, seen))[new]
-    error = distance(problem, recorders, predicted_by(problem, fitted, seen))[problem.used]
+        unseen[new] = distance(problem, recorders, predicted_by(seen, there))[new]
+    error = distance(problem, recorders, predicted_by(seen, fitted))[problem.used]
     return Tested(fitted, rms(error), rms(unseen[np.isfinite(unseen)]), unseen)
 
 

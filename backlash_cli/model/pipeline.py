@@ -184,4 +184,5 @@ def regressors(problem: Problem, shape: Shape) -> FloatArray:
 
 def predict(problem: Problem, shape: Shape, coefficients: FloatArray) -> FloatArray:
     """Return predicted PV (samples,): `regressors` times coefficients as the transmitter shows them."""
-    return through(problem, shape.sensors, regressors(problem, shape) @ coefficients)
+    others = load_regressors(problem, shape) @ coefficients[1:]
+    return through(problem, shape.sensors, coefficients[0] * moved_process(problem, shape) + others)

@@ -91,7 +91,7 @@ def test_one_column_per_number_points_where_full_slopes_point(problem, parts):
     free = free_numbers(problem, shape)
     _, _, rest = solver.rest(shape)
     J = full_slopes(solver, shape, rest, free)
-    A, g = curvature(solver, shape, free)
+    A, g = curvature(solver, shape)
     # the gradient is exact up to the finite steps; the curvature leaves out terms of second order
     np.testing.assert_allclose(g, J.T @ rest, rtol=0.05, atol=0.02 * np.max(np.abs(J.T @ rest)))
     assert np.all(np.linalg.eigvalsh(A) > -1e-9 * np.max(np.diag(A)))
