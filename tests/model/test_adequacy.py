@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from backlash_cli.effects.registry import load_effect
-from backlash_cli.model import explain
+from backlash_cli.model import explain, holdout
 from backlash_cli.model.adequacy import left_by
 from backlash_cli.model.candidates import Judge, candidate, recorders
 from backlash_cli.model.holdout import only_reports, recorded_floor
@@ -108,3 +108,12 @@ def test_repeated_values_are_an_exception_test_or_rounding_with_their_own_floor(
         assert part.effect.name == name and next(iter(part.values.values())) == pytest.approx(step, rel=0.05)
         assert only_reports(problem, (part,)) is (name == "exception_compression")
         assert 0.0005 < recorded_floor(problem, (part,), base) < 0.01
+
+
+def test_a_load_that_passes_in_one_block_makes_no_model_surely_worse() -> None:
+    unseen = np.random.default_rng(4).standard_normal(1200)
+    passed = unseen + np.repeat([5.0, 0.0], [100, 1100])
+    usual, one, all_over = (holdout.Tested(None, 1.0, 1.0, e)  # type: ignore[arg-type]
+                            for e in (unseen, passed, 1.3 * unseen))
+    assert not one.surely_worse(usual) and not usual.surely_worse(one) and not one.surely_worse(one)
+    assert all_over.surely_worse(usual)

@@ -166,6 +166,8 @@ def test_the_answer_says_how_sure_it_is_and_what_is_left():
     assert "What is left is 1.2 times the noise, as a wandering load and noise would leave it." in text
     text, said = told("likely", look_alikes=())
     assert "backlash (likely)" in said and "Likely, not certain" in text
+    text, said = told("clear", look_alikes=(("backlash", "stiction"),))
+    assert said.startswith("Missing in the plain model: backlash or stiction") and "Likely, not certain" not in text
     rest = Rest(5.0, ("time: the gain changes in the course of the record",))
     text, said = told("stand_in", look_alikes=(("backlash", "sensor_hysteresis"),), adequate=False, rest=rest)
     assert "acts like backlash, but may be something else: sensor hysteresis would look the same" in said
