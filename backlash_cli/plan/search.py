@@ -41,9 +41,9 @@ TURNS = (2, 4)  # times up and down, where once is not enough
 AROUND = 5.0  # integral times of ordinary operation before and after a test
 # OP in manual goes up and down about its level, in steps of the target's size, of which the first one back does nothing
 # and the second all, then in larger ones: they shrink the delay of play, not that of a process; more rounds average the
-# load
+# load, but blocks of PV must stay shorter than steps: 32 rounds called healthy valves
 ONCE = np.array([1.0, 0.0, -1.0, 0.0])
-LARGER, ALIKE, ROUNDS = 2.5, 1.2, (2, 4, 8, 16, 32)
+LARGER, ALIKE, ROUNDS = 2.5, 1.2, (2, 4, 8, 16)
 HOLDS, FEWEST_HELD = (1.0, 2.5), 10.0  # lags of the process beyond its dead time that a step is held; samples, at least
 ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
 OVER = 1.1  # what a move may go beyond a limit before it counts as beyond it: repeats differ
