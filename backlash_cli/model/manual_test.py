@@ -199,7 +199,7 @@ def _answers(longest: float, interval: float) -> list[Answer]:
     lags = np.geomspace(0.5 * interval, max(longest, interval), LAGS)
     plain = [Answer(float(lag), float(b * lag), float(c * lag)) for lag in lags for b in SECOND for c in DEAD_TIMES
              if (not b or lag > interval) and (not c or c * lag > 0.3 * interval)]
-    return [*plain, *(Answer(float(lag), integrating=True) for lag in lags[::2])]
+    return [*plain, *(Answer(float(lag), 0.0, float(c * lag), True) for lag in lags[::2] for c in DEAD_TIMES)]
 
 
 def _refined(data: _Blocks, d: float, models: Sequence[tuple[Noise, Answer]], K: float | None
