@@ -93,7 +93,8 @@ def decide(f: Findings) -> Decision:
 def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
     """What a test in manual adds to the verdict from automatic operation."""
     storage = tuple(replace(note, values={**note.values, "effect": LIMITED}) for note in f.quality
-                    if note.values.get("effect") == LIMITED or note.code in STORAGE)
+                    if note.code in STORAGE or (note.values.get("effect") == LIMITED
+                                                and not note.code.startswith("settings_")))  # in manual K is not used
     tested = replace(_from_confirmation(replace(f, oscillation=(0.0, 0.0), quality=storage), c), confirmation=c)
     span, tests, evidence = (float(c.details[name]) for name in ("output_range", "recordings", "evidence"))
 

@@ -37,7 +37,7 @@ LIMITS = np.geomspace(1.0, 10.0, 14)  # % of span: the limits of detection that 
 LAGS, LONGEST = 7, 0.25  # how many lags are tried, up to which part of the longest test
 SECOND, DEAD_TIMES = (0.0, 0.6), (0.0, 0.5, 1.0)  # second lag and dead time as shares of the lag
 WANDERS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # move of the load in a block over the noise
-SMOOTH = (0.1, 2.0, 6.0, 20.0)  # blocks over which its moves are smoothed
+SMOOTH = (0.1, 2.0, 6.0, 20.0, 100.0)  # blocks over which its moves are smoothed; long where a tank adds up its load
 FOREVER = 30.0  # times the test: what the load forgets
 SCOUTS, KEPT = (0.25, 0.5, 0.75), 4  # dead bands of the first round as shares of the motion; models kept of each
 NEARER = (1.35, 1.16, 1.08)  # then about the best of them, by these factors
@@ -199,7 +199,7 @@ def _answers(longest: float, interval: float) -> list[Answer]:
     lags = np.geomspace(0.5 * interval, max(longest, interval), LAGS)
     plain = [Answer(float(lag), float(b * lag), float(c * lag)) for lag in lags for b in SECOND for c in DEAD_TIMES
              if (not b or lag > interval) and (not c or c * lag > 0.3 * interval)]
-    return [*plain, *(Answer(float(lag), integrating=True) for lag in lags[::2])]
+    return [*plain, *(Answer(float(lag), 0.0, float(c * lag), True) for lag in lags[::2] for c in DEAD_TIMES)]
 
 
 def _refined(data: _Blocks, d: float, models: Sequence[tuple[Noise, Answer]], K: float | None
