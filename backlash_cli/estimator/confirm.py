@@ -110,8 +110,8 @@ def study(record: Record, settings: LoopSettings) -> Study | Note:
         Ti = 0.5 * memory(error[usable]) * record.interval
     recordings = _recordings(record, output, usable)
     if not recordings:
-        return Note("short_record", f"no stretch of the record without a hole of {GAP} samples has {FEWEST_BLOCKS} that "
-                    "can be used")
+        return Note("short_record", f"no stretch of the record without a hole of {GAP} samples has {FEWEST_BLOCKS} "
+                    "that can be used")
     moves = np.concatenate([r.output[r.usable] for r in recordings])
     span, seconds = float(np.ptp(moves)), len(moves) * record.interval
     if span < NARROWEST * 1.5:
