@@ -2,17 +2,13 @@
 
 Two twins of the loop, one with a dead band of the target's size and one with a healthy valve, both as the record allows
 them. A candidate is played on both, what the historian would keep of it goes behind the record, and the whole is
-scanned. What does not promise enough after a few repeats is left. Of each ladder of tests the longest is played first:
-where it has no hope no shorter one has any; else the shortest with hope is found by bisection.
+scanned. A rung of a ladder that does not promise enough after a few repeats is left for the next, larger one.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
 
 import numpy as np
 
@@ -27,10 +23,8 @@ from .twin import KINDS, TENTH, Move, Test, Twin, behind, twins_of
 from .words import logging_words, model_words, option_words
 
 TARGET = 0.02  # span: dead band that matters, where the record has no limit of detection
-# repeats, and what the chance must be for more of them: to go on with a ladder, and of a test that is to be proposed;
-# this is more than is asked for in the end, as twins are like their loops, not the same
-HOPE = ((2, 0.5), (6, 0.65))
-SURE = (*HOPE, (20, 0.9))
+LOOKS = ((2, 0.5), (6, 0.5), (20, 0.7))  # repeats of a rung, and what its chance must be for more of them
+SURE = 0.9  # chance from which on no longer test is tried: twins are like their loops, not the same
 TOLD = 1.1  # limits of detection are told in steps, 2.03 % is one of them
 LONGER = (1.0, 3.0, 9.0)  # waits, in lengths of the record
 LONGEST_WAIT, LEAST_WAIT = 14 * 86400.0, 20.0  # seconds; integral times
@@ -39,10 +33,8 @@ MOST_SAMPLES = 150_000  # of a simulated wait
 HOLD = 10.0  # integral times that a setpoint is held
 TURNS = (2, 4)  # times up and down, where once is not enough
 AROUND = 5.0  # integral times of ordinary operation before and after a test
-# OP in manual goes up and down about its level, in steps of the target's size, of which the first one back does nothing
-# and the second all, then in larger ones: they shrink the delay of play, not that of a process; more rounds average the
-# load, but blocks of PV must stay shorter than steps: 32 rounds called healthy valves
-ONCE = np.array([1.0, 0.0, -1.0, 0.0])
+# OP in manual goes up and down in steps of the target's size, of which the first one back does nothing and the second
+# all, then in larger ones: they shrink the delay of play, not that of a process; more rounds average the load
 LARGER, ALIKE, ROUNDS = 2.5, 1.2, (2, 4, 8, 16)
 HOLDS, FEWEST_HELD = (1.0, 2.5), 10.0  # lags of the process beyond its dead time that a step is held; samples, at least
 ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
@@ -113,10 +105,7 @@ def plan(record: Record, options: PlanOptions | None = None, report: LoopReport 
     rounding = (quality.pv.step, quality.op.step if quality.op else 0.0)
     try:
         worn, healthy = twins_of(record, (target, 0.0), rounding)
-        # a test in manual that clears of no more than what is suspected leaves the suspicion
-        suspected = report.cluster if report.verdict is Verdict.SUSPECTED else None
-        told = min(TOLD * target, suspected.d if suspected else 1.0)
-        subject = Subject(record, worn, healthy, options, target, report.verdict, told)
+        subject = Subject(record, worn, healthy, options, target, report.verdict)
     except LoopError as error:
         return found if logging else replace(found, options=(PlanOption("logging", f"{error.what}: {error.remedy}"),))
     tried = sorted(subject.tried(), key=lambda option: (not option.decides, not option.within_limits))
@@ -126,7 +115,7 @@ def plan(record: Record, options: PlanOptions | None = None, report: LoopReport 
 @dataclass
 class Subject:
     """One loop on the desk: its record and what the scan said of it, its twins with the target's dead band and with
-    none; told: the largest limit with which a healthy valve counts as cleared [span]."""
+    none."""
 
     record: Record
     worn: Twin
@@ -134,8 +123,6 @@ class Subject:
     options: PlanOptions
     target: float
     before: Verdict
-    told: float
-    played: dict[Test, Played] = field(default_factory=dict)
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -150,13 +137,13 @@ class Subject:
         return [self._least(makers[kind]()) for kind in self.options.kinds
                 if kind == "manual_test" or self.before is not Verdict.OSCILLATING]
 
-    def _waits(self) -> list[list[Test]]:
+    def _waits(self) -> list[Test]:
         h = self.record.interval
         length = max(len(self.record) * h, LEAST_WAIT * self.healthy.controller.Ti)
         most = min(LONGEST_WAIT, MOST_SAMPLES * h)
-        return [[Test("wait", t) for t in sorted({min(k * length, most) for k in LONGER})]]
+        return [Test("wait", t) for t in sorted({min(k * length, most) for k in LONGER})]
 
-    def _setpoint_steps(self) -> list[list[Test]]:
+    def _setpoint_steps(self) -> list[Test]:
         w, (pv_most, op_most) = self.healthy, self.limits
         hold = max(HOLD * w.controller.Ti, 2.0 * w.answer_time)
         gain = w.settled(hold)
@@ -165,57 +152,52 @@ class Subject:
         least, large = (k * self.target * gain for k in ACROSS)
         large = max(least, min(large, most))
         once = (-1.0, 0.0) if w.level > 0.5 else (1.0, 0.0)
-        return [[*(Test("setpoint_steps", hold, size, once) for size in dict.fromkeys((least, large))),
-                 *(Test("setpoint_steps", hold, large, once * n) for n in TURNS)]]
+        return [*(Test("setpoint_steps", hold, size, once) for size in dict.fromkeys((least, large))),
+                *(Test("setpoint_steps", hold, large, once * n) for n in TURNS)]
 
-    def _manual_tests(self) -> list[list[Test]]:
-        """Up, down, down, up, so that PV stays about where it is, be it of an integrator; the small moves first."""
+    def _manual_tests(self) -> list[Test]:
+        """Up, up, down, down; where PV ramps for as long as OP is off its balance, up, down, down, up."""
         w, (pv_most, op_most) = self.healthy, self.limits
         p = w.process
-        slow = 1.0 / abs(w.controller.K * p.gain) if p.integrating else sum(p.lags)
-        ladders = []
-        for larger in (0.0, LARGER):
-            for k in HOLDS:
-                hold = max(p.dead_time + k * slow, FEWEST_HELD * self.record.interval)
-                allowed = min(op_most, pv_most / max(w.settled(hold), 1e-9)) / self.target
-                size = max(larger, min(LARGER, allowed))
-                once = np.concatenate([ONCE, size * ONCE] if size > ALIKE else [ONCE])
-                levels = tuple((once * (-1.0 if w.output > 0.5 else 1.0)).tolist())
-                ladders.append([Test("manual_test", hold, self.target, levels * n) for n in ROUNDS])
-        # a shorter test saves no time, and hangs on the twin being right
-        fit = [[test for test in ladder if LEAST_TEST <= test.duration <= LONGEST_TEST] for ladder in ladders]
-        nearest = min(chain(*ladders), key=lambda test: abs(np.log(test.duration / LEAST_TEST)))
-        return [ladder for ladder in fit if ladder] or [[nearest]]
+        # a lag far above Ti is one that the record does not tell from an integrator
+        slow = min(sum(p.lags), w.controller.Ti) if p.lags and not p.integrating else w.controller.Ti
+        once = np.array([1.0, 0.0, -1.0, 0.0] if p.integrating else [1.0, 2.0, 1.0, 0.0])
+        rungs: list[Test] = []
+        for k in HOLDS:
+            hold = max(p.dead_time + k * slow, FEWEST_HELD * self.record.interval)
+            allowed = min(op_most, pv_most / w.settled(hold)) / (self.target * once.max())
+            for larger in {1.0, float(np.clip(allowed, 1.0, LARGER)), LARGER}:
+                both = [once, larger * once] if larger > ALIKE else [once]
+                levels = tuple((np.concatenate(both) * (-1.0 if w.output > 0.5 else 1.0)).tolist())
+                rungs += [Test("manual_test", hold, self.target, levels * n) for n in ROUNDS]
+        rungs = sorted(set(rungs), key=lambda test: (test.duration, max(map(abs, test.levels))))
+        least = min(LEAST_TEST, rungs[-1].duration)  # a shorter one saves no time, and hangs on the twin being right
+        return [test for test in rungs if least <= test.duration <= LONGEST_TEST] or rungs[:1]
 
-    def _least(self, ladders: list[list[Test]]) -> PlanOption:
-        """Return the shortest test within the limits that decides surely; else the shortest beyond them; else the most
-        promising one."""
-        for within in (True, False):
-            promising: list[Test] = []
-            for ladder in ladders:
-                shorter = [test for test in ladder if not promising or test.duration < promising[0].duration]
-                if shorter and self._promises(shorter[-1], HOPE, within):
-                    k = bisect_left(shorter, True, hi=len(shorter) - 1,
-                                    key=lambda test: self._promises(test, HOPE, within))
-                    promising = shorter[k:] + promising
-            for test in promising:
-                if self._promises(test, (*SURE, (self.options.repeats, ENOUGH)), within):
-                    option = self._option(self.played[test])
-                    if option.decides:
-                        return option
-        most = max((p for p in self.played.values() if p.test.kind == ladders[0][0].kind),
-                   key=lambda played: (played.chance, played.worn.total()))
-        self._promises(most.test, (*HOPE, (20, ENOUGH), (self.options.repeats, ENOUGH)))
-        return self._option(most)
-
-    def _promises(self, test: Test, looks: Sequence[tuple[int, float]], within: bool = False) -> bool:
-        """Play a test again and again while its chance is what it must be; within: also its moves."""
-        played = self.played.setdefault(test, Played(test))
-        for upto, least in looks:
-            self._repeat(played, min(upto, self.options.repeats))
-            if played.chance < least or (within and self._excess(played) > 1.0):
-                return False
-        return True
+    def _least(self, rungs: list[Test]) -> PlanOption:
+        """Return the first rung within the limits that decides surely; else of those that decide the one within them or
+        least beyond; else the most promising one."""
+        deciding: list[Played] = []
+        looks: list[Played] = []
+        if rungs[-1].kind != "manual_test":  # where more of the same has no hope, less has none
+            self._repeat(longest := Played(rungs[-1]), LOOKS[0][0])
+            if longest.chance < LOOKS[0][1]:
+                return self._option(longest)
+        for test in rungs:
+            looks.append(played := Played(test))
+            for upto, least in (*LOOKS, (self.options.repeats, ENOUGH)):
+                self._repeat(played, min(upto, self.options.repeats))
+                beyond = self._excess(played)
+                if played.chance < least or (deciding and beyond > 1.0 and beyond >= self._excess(deciding[-1])):
+                    break
+            else:
+                if self._option(played).decides:
+                    deciding.append(played)
+                    if beyond == 1.0 and played.chance >= SURE:
+                        return self._option(played)
+        if deciding:
+            return self._option(min(deciding, key=lambda played: (self._excess(played), -played.chance)))
+        return self._option(max(reversed(looks), key=lambda played: played.chance))
 
     def _excess(self, played: Played) -> float:
         """How far a test goes beyond the limits: 1 for within."""
@@ -224,6 +206,8 @@ class Subject:
     def _repeat(self, played: Played, upto: int) -> None:
         """Go on until the test was played so often with each valve."""
         test = played.test
+        # a test in manual speaks for itself, but where there was a suspicion
+        alone = test.kind == "manual_test" and self.before is not Verdict.SUSPECTED
         for twin, said in ((self.worn, played.worn), (self.healthy, played.healthy)):
             for k in range(said.total(), upto):
                 seed = 2 * (k + self.options.repeats * self.options.seed) + (twin is self.worn)
@@ -233,10 +217,9 @@ class Subject:
                 except LoopError:  # a limit cycle that leaves the span: this test says nothing
                     said[Verdict.ERROR] += 1
                     continue
-                by_hand = test.kind == "manual_test"  # it speaks for itself
-                report = scan(later if by_hand else behind(self.record, later))
+                report = scan(later if alone else behind(self.record, later))
                 verdict = report.verdict
-                if verdict is Verdict.NO_BACKLASH and (excluded(report) or 0.0) > self.told:
+                if verdict is Verdict.NO_BACKLASH and (excluded(report) or 0.0) > TOLD * self.target:
                     verdict = Verdict.CANNOT_TELL  # cleared, but of a larger dead band than the one that matters
                 said[verdict] += 1
                 if test.move and len(played.moves) < FEW:
@@ -244,7 +227,7 @@ class Subject:
                     size = min(len(run.output), len(still.output))
                     pv, op = (float(np.abs(one[:size] - other[:size]).max()) for one, other in (
                         (run.process_output, still.process_output), (run.output, still.output)))
-                    if by_hand:  # all else is what the controller would have done to OP
+                    if test.kind == "manual_test":  # all else is what the controller would have done to OP
                         op = test.move * max(map(abs, test.levels))
                     played.moves.append((pv, op))
 

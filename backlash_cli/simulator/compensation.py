@@ -92,13 +92,13 @@ def size_of(report: LoopReport, given: float | None) -> tuple[float, tuple[float
     return found.d, (min(found.ci95[0], found.d), max(found.ci95[1], found.d)), "scan"
 
 
-def model_of(record: Record, controller: Controller, d: float, given: Process | None
+def model_of(record: Record, controller: Controller, d: float, given: Process | None, *, integrating: bool = False
              ) -> tuple[Process, tuple[Note, ...]]:
-    """Return the process to simulate and what to know about it."""
+    """Return the process to simulate and what to know about it. integrating: whether a fitted one may integrate."""
     if given is not None:
         return given, ()
     told = record.settings.source.get("Kp") == "metadata"
-    model = fit_process(record, d, record.settings.Kp if told else None)
+    model = fit_process(record, d, record.settings.Kp if told else None, integrating=integrating)
     margin = gain_margin(controller, model)
     if margin >= LEAST_MARGIN:
         return model, ()

@@ -9,7 +9,7 @@ Ljung, System Identification, 2nd ed., chapter 13), and large shocks count littl
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import groupby, product
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -42,13 +42,11 @@ GIVE = "give the process with --process K=..,T=..,L=.."
 class Fit:
     """Block means of valve position x and measurement y (blocks,) over `interval` [s], and how they are compared.
 
-    output: (samples,) OP, `per` of them in a block. joined: (blocks,) True where a block and the one before it were
-    recorded. Ti [s], sign: of the gain. known_gain: None where the settings do not tell it. whitening: (ORDER + 1,) the
-    filter behind which PV and prediction are compared. A shape is first lag, second lag and dead time [s].
+    joined: (blocks,) True where a block and the one before it were recorded. Ti [s], sign: of the gain. known_gain:
+    None where the settings do not tell it. whitening: (ORDER + 1,) the filter behind which PV and prediction are
+    compared. A shape is first lag, second lag and dead time [s].
     """
 
-    output: FloatArray
-    per: int
     x: FloatArray
     y: FloatArray
     joined: NDArray[np.bool_]
@@ -57,10 +55,6 @@ class Fit:
     sign: float
     known_gain: float | None
     whitening: FloatArray
-
-    def behind(self, d: float) -> Fit:
-        """Return the fit with the valve position behind a dead band d [span]."""
-        return replace(self, x=block_means(play(self.output, d, float(self.output[0])), self.per))
 
     def white(self, values: FloatArray) -> FloatArray:
         """Return changes from block to block (blocks,), zero across gaps, through the whitening filter."""
@@ -86,24 +80,19 @@ class Fit:
             return self.known_gain
         return along / max(power, 1e-300) if along * self.sign > 0.0 else 0.0
 
-    def table(self, shapes: FloatArray) -> FloatArray:
-        """Return <prediction, measurement> and <prediction, prediction> at gain 1 for shapes (n, 3), as (n, 2); shocks
-        count less, judged on what no model explains."""
-        y = self.white(self.y)
-        weight, rows = shock_weights(y), []
-        for lags, several in groupby(shapes.tolist(), key=lambda shape: shape[:2]):
-            prompt = self.white(self.lagged(*lags))
-            for g in (weight * self.late(prompt, shape[2]) for shape in several):
-                rows.append((g @ (weight * y), g @ g))
-        return np.array(rows)
-
     def search(self) -> FloatArray:
-        """Return the best shape of the grid."""
-        tried = shapes_of(LAGS[LAGS * self.Ti >= SHORTEST * self.interval], self.Ti)
-        table = self.table(tried)
-        gains = np.array([self.gain_of(along, power) for along, power in table])
-        found = gains * (2.0 * table[:, 0] - gains * table[:, 1])
-        return tried[found.argmax()] if found.max() > 0.0 else np.array([self.Ti, 0.0, 0.0])
+        """Return the best shape of the grid; shocks count less, judged on what no model explains."""
+        y = self.white(self.y)
+        weight = shock_weights(y)
+        found = [(0.0, (self.Ti, 0.0, 0.0))]
+        for lag, share in product(LAGS[LAGS * self.Ti >= SHORTEST * self.interval] * self.Ti, SECOND):
+            prompt = self.white(self.lagged(lag, share * lag))
+            for delay in np.multiply(DELAYS, self.Ti):
+                g = weight * self.late(prompt, delay)
+                along, power = float(g @ (weight * y)), float(g @ g)
+                gain = self.gain_of(along, power)
+                found.append((gain * (2.0 * along - gain * power), (lag, share * lag, delay)))
+        return np.array(max(found, key=lambda one: one[0])[1])
 
     def match(self, shape: FloatArray) -> tuple[float, float, FloatArray]:
         """Return the evidence for a shape, a fall of -2 log likelihood, its gain, both robust, and what it leaves."""
@@ -143,11 +132,6 @@ class Fit:
         return shape_of(np.asarray(minimize(cost, first, method="Nelder-Mead", options=options).x))
 
 
-def shapes_of(lags: FloatArray, Ti: float) -> FloatArray:
-    """Return shapes (n, 3) [s] of first lags in integral times with SECOND and DELAYS."""
-    return Ti * np.array([(lag, share * lag, delay) for lag, share, delay in product(lags, SECOND, DELAYS)])
-
-
 def spread(values: FloatArray) -> float:
     """Return the standard deviation of the bulk of some values."""
     return 1.4826 * float(np.median(np.abs(values))) + 1e-12
@@ -158,12 +142,12 @@ def shock_weights(values: FloatArray) -> FloatArray:
     return np.minimum(1.0, SHOCK * spread(values) / np.maximum(np.abs(values), 1e-12))
 
 
-def prepared(record: Record, d: float, known_gain: float | None = None, fewest: int = FEWEST) -> tuple[Fit, FloatArray]:
-    """Return a record in block means behind a dead band d [span], with the filter that whitens what the best shape of
-    the grid leaves, and that shape. The record's settings must hold K and Ti.
+def fit_process(record: Record, d: float, known_gain: float | None = None, *, integrating: bool = False) -> Process:
+    """Return the process that explains PV best from OP behind a dead band d [span].
 
-    known_gain: static gain, when it is known. fewest: blocks. Raises LoopError when OP is absent or rests, or the
-    record is too short.
+    The record's settings must hold K and Ti. known_gain: static gain, when it is known. integrating: whether the answer
+    may be an integrating process, of which only the ratio of gain to lag can be seen. Raises LoopError when OP is
+    absent or rests, the record is too short, PV does not answer to OP, or the process integrates and may not.
     """
     K, Ti = record.settings.K or 1.0, record.settings.Ti or 1.0
     if record.output is None:
@@ -172,41 +156,37 @@ def prepared(record: Record, d: float, known_gain: float | None = None, fewest: 
     good = np.isfinite(record.measurement) & np.isfinite(record.output)
     good &= (record.state != SampleState.MISSING) & (record.state != SampleState.IMPLAUSIBLE)
     per = max(1, round(Ti / (PER_INTEGRAL_TIME * record.interval)))
-    if np.count_nonzero(good) < fewest * per:
+    if np.count_nonzero(good) < FEWEST * per:
         raise LoopError(f"the record is too short to fit a process: {np.count_nonzero(good) * record.interval:.3g} s "
-                        f"can be used, {fewest * per * record.interval:.3g} s are needed", where=record.loop,
+                        f"can be used, {FEWEST * per * record.interval:.3g} s are needed", where=record.loop,
                         remedy=f"export a longer period, or {GIVE}", code="insufficient_data")
     grid = recording_of(record.index, record.output, record.measurement, good)
     whole = block_means(grid.usable.astype(float), per) == 1.0
-    fit = Fit(grid.output, per, np.empty(0), block_means(grid.measurement, per), whole & np.append(False, whole[:-1]),
-              per * record.interval, Ti, np.sign(K), known_gain, np.eye(1, ORDER + 1)[0]).behind(d)
+    joined = whole & np.append(False, whole[:-1])
+
+    def stem(d: float) -> FloatArray:
+        return block_means(play(grid.output, d, float(grid.output[0])), per)
+
+    fit = Fit(stem(d), block_means(grid.measurement, per), joined, per * record.interval, Ti, np.sign(K), known_gain,
+              np.eye(1, ORDER + 1)[0])
     if np.ptp(fit.x) <= 1e-9:
         raise LoopError("the output never crosses the dead band", where=record.loop, code="constant_signal",
                         remedy="export a period with setpoint changes or load upsets, or give the process")
     for _ in range(3):
         best = fit.search()
         fit = fit.whitened_by(best)
-    return fit, best
-
-
-def fit_process(record: Record, d: float, known_gain: float | None = None) -> Process:
-    """Return the process that explains PV best from OP behind a dead band d [span].
-
-    Raises LoopError as `prepared`, and when PV does not answer to OP or the process integrates: then only the ratio of
-    gain to lag can be seen.
-    """
-    fit, best = prepared(record, d, known_gain)
-    integrates = bool(best[0] >= INTEGRATING * fit.Ti)
+    integrates = bool(best[0] >= INTEGRATING * Ti)
     best = fit.refine(best)
     evidence, gain, _ = fit.match(best)
     if gain == 0.0 or evidence < LEAST_EVIDENCE:
         raise LoopError("the measurement does not answer to the output: no process can be fitted", where=record.loop,
                         remedy=GIVE, code="no_process")
-    if integrates:
+    lag, second, delay = best.tolist()
+    if integrates and not integrating:
         raise LoopError("the process looks integrating: only the ratio of gain to lag can be seen", where=record.loop,
                         remedy="integrating loops with dead band oscillate; compensation is not advised. Otherwise "
                         f"{GIVE}", code="integrating")
-    lag, second, delay = best.tolist()
-    profile = tuple((share * d, fit.behind(share * d).match(best)[0]) for share in SHARES.tolist())
-    return Process(gain, tuple(time for time in (lag, second) if time > 0.0), delay, source="fitted", evidence=evidence,
+    lags = tuple(time for time in (0.0 if integrates else lag, second) if time > 0.0)
+    profile = tuple((share * d, replace(fit, x=stem(share * d)).match(best)[0]) for share in SHARES.tolist())
+    return Process(gain / lag if integrates else gain, lags, delay, integrates, source="fitted", evidence=evidence,
                    profile=profile)
