@@ -29,7 +29,7 @@ from .signals import ENDLESS, Axis, Piece, Room, Series, Store
 from .sources import Remote, Source, open_place, stem_of
 from .times import StampReader, micros_of
 
-TOGETHER = 32 << 20  # bytes of samples that go to the scratch file as one piece, so that there are few to read
+TOGETHER = 16 << 20  # bytes of samples that go to the scratch file as one piece, so that there are few to read
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS = 1 << 22, 1 << 19  # cells and rows of Parquet that are read at once
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred

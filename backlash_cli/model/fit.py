@@ -159,8 +159,9 @@ class Solver:
         return np.column_stack([self.solve(shape)[2], self._others])
 
     def rss(self, shape: Shape) -> float:
-        """Return the whitened sum of squares of a shape."""
-        return self.solve(shape)[1]
+        """Return the whitened sum of squares of a shape; NaN, which is not less than any, of one far out of range."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.solve(shape)[1]
 
     def rest(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened rest (samples,) of a shape."""

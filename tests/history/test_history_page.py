@@ -45,5 +45,5 @@ def test_a_report_is_one_file_or_a_folder(plant, tmp_path):
     whole, index = (tmp_path / "wear.html").read_text("utf-8"), (tmp_path / "wear" / "index.html").read_text("utf-8")
     for page in (whole, index):
         assert page.index("The plant") < page.index("Order of repair") and "last 8 weeks" in page
-        assert f" {len({int(n.time // DAY) for found in plant.nights.values() for n in found})} nights" in page
+        assert f" {len({int(n.time // DAY) for p in plant for n in p.wear.nights})} nights" in page
     assert whole.count("<details") == 3 + 3 and "loops-" in index

@@ -105,6 +105,9 @@ def test_figures_keep_their_height_when_the_window_changes(browser, page, width)
     browser.wait(f"{plot}._responsiveChartHandler !== undefined")
     before = browser.evaluate(f"{plot}.clientHeight")
     browser.call("Emulation.setDeviceMetricsOverride", width=width - 60, height=700, deviceScaleFactor=1, mobile=False)
+    browser.wait(f"window.innerWidth === {width - 60}")
+    # the first one may come while the page still draws
+    browser.evaluate("setTimeout(() => window.dispatchEvent(new Event('resize')), 300)")
     browser.wait(f"{plot}._fullLayout.width < {width - 60}")
     assert before >= 420 and browser.evaluate(f"{plot}.clientHeight") == before
 
