@@ -18,7 +18,7 @@ the imperfection of the prediction is worth.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,8 +113,8 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], widths: FloatArray, K:
     gain = -0.5 * n * np.log(np.maximum(1.0 - share * found / p.loss, 1e-9))
     deviation = np.where(answered, np.sqrt(np.sum(sums**2, axis=1)) / size, UNKNOWN)
     tied = 0.5 * n * np.log(p.loss / np.maximum(left, 1e-300))
-    test = GapTest(widths, gain, share, deviation, tied, np.zeros(len(widths), dtype=bool), share * found / p.loss)
-    return replace(test, possible=full(test.share) & _possible(p, b, K, Ti, interval))
+    possible = full(share) & _possible(p, b, K, Ti, interval)
+    return GapTest(widths, gain, share, deviation, tied, possible, share * found / p.loss)
 
 
 def free_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:

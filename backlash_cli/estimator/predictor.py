@@ -95,8 +95,8 @@ class Predictor:
     columns: (columns, rows): ones, past PV, past OP, the rest. target, error: (rows,). All three times the root of the
     weights (rows,), so that sums over rows are weighted ones. inverse: of the Gram matrix. past_measurement,
     past_output: where their lags stand among the columns; last_measurement: where means of PV's last few samples do.
-    loss: sum of squared errors, that of an imperfect model included. coefficients: (columns,). every: 1 where all rows
-    are there, 2 where every second one is ..
+    loss: sum of squared errors, that of an imperfect model included. every: 1 where all rows are there, 2 where every
+    second one is ..
     """
 
     size: int
@@ -105,7 +105,6 @@ class Predictor:
     target: FloatArray
     weights: FloatArray
     error: FloatArray
-    coefficients: FloatArray
     gram: FloatArray
     inverse: FloatArray
     loss: float
@@ -189,7 +188,7 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int) -> Pred
         past = _lags_of(means[:2], lags, rows).reshape(2 * lags.count, -1)
         linear.append(_level(np.vstack([np.ones((1, len(rows))), past, means[:1, rows]]), several))
     H = np.concatenate(linear, axis=1)
-    first, _, _ = _fitted(H[:-1], H[-1])
+    first = _fitted(H[:-1], H[-1])[0]
     answers = lags.spread(first[1:].reshape(2, -1))  # of every block, also those that are not taken
     missed = [_level(recordings[i].means[0, whole[i]] - first[0] - sum(
         np.convolve(x, c)[whole[i] - 1] for x, c in zip(recordings[i].means[:2], answers, strict=True)), several)
@@ -205,15 +204,14 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int) -> Pred
     H = H[np.any(H != 0.0, axis=1)]
     if len(y) < max(len(H) + LEAST_ROWS, FEWEST_ROWS):
         return None
-    b, w, gram = _fitted(H, y)
-    root = np.sqrt(w)
-    H, y = H * root, y * root
+    b, w, H, gram = _fitted(H, y)
+    y = y * np.sqrt(w)
     error = y - b @ H
     floor = float(np.sum(w)) * (MODEL_ERROR * deviation) ** 2
     first_lag = 0 if several else 1  # levels of their own leave no column of ones
     output, latest, recent = first_lag + lags.count, first_lag + 2 * lags.count, len(_last_lengths(recordings[0].size))
     inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
-    return Predictor(recordings[0].size, lags, H, y, w, error, b, gram, inverse, float(error @ error) + floor,
+    return Predictor(recordings[0].size, lags, H, y, w, error, gram, inverse, float(error @ error) + floor,
                      slice(first_lag, output), slice(output, latest), slice(latest, latest + recent),
                      every, tuple(taken),
                      tuple(whole[i][t] for i, t in taken.items()))
@@ -269,8 +267,9 @@ def _level(values: FloatArray, several: bool) -> FloatArray:
     return values - values.mean(axis=-1, keepdims=True) if several else values
 
 
-def _fitted(H: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Coefficients (columns,), Student weights (rows,) and weighted Gram matrix of the regression of y on H."""
+def _fitted(H: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Coefficients (columns,), Student weights (rows,), H times their root and its Gram matrix, of the regression of y
+    on H."""
     w, weighted = np.ones(len(y)), np.empty_like(H)
     for again in range(ROUNDS + 1):
         root = np.sqrt(w)
@@ -287,4 +286,4 @@ def _fitted(H: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, Float
         if not again:
             variance = min(variance, (1.4 * float(np.median(np.abs(error)))) ** 2)
         w = (FREEDOM + 1.0) / (FREEDOM + error**2 / max(variance, 1e-300))
-    return b, w, gram
+    return b, w, weighted, gram

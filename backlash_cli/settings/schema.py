@@ -66,8 +66,15 @@ class Metadata:
         """Return the name under which the metadata know a loop of the data (FIC-101 as fic101), or None."""
         if loop in self.loops:
             return loop
-        same = [name for name in self.loops if _spaced(name).replace(" ", "") == _spaced(loop).replace(" ", "")]
+        same = self._joined_names.get(_joined(_spaced(loop)), [])
         return same[0] if len(same) == 1 else None
+
+    @cached_property
+    def _joined_names(self) -> dict[str, list[str]]:
+        found: dict[str, list[str]] = {}
+        for name, spaced in self._spaced_names:
+            found.setdefault(_joined(spaced), []).append(name)
+        return found
 
 
 class _LoopsFile(Page, frozen=True):
@@ -172,6 +179,11 @@ def merge(parts: Iterable[Metadata]) -> Metadata:
 
 def _spaced(name: str) -> str:
     return f" {_SEPARATOR.sub(' ', name).strip().lower()} "
+
+
+def _joined(spaced: str) -> str:
+    """A spaced name without blanks, but for those between digits: FIC1-01 is not FIC10-1."""
+    return re.sub(r"(?<!\d) | (?!\d)", "", spaced)
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,7 @@ def test_names_match_without_case():
     assert metadata.match("fic101") == "FIC101"
     assert metadata.match("FIC-101") == "FIC101"
     assert metadata.match("FIC102") is None
+    assert metadata.match("FIC10-1") is None  # a separator between digits is part of the name
 
 
 @pytest.mark.parametrize(
