@@ -10,9 +10,10 @@ import numpy as np
 
 from ..effects import Effect, Parameter, Stage
 from ..effects.fitting import Values
+from ..effects.process import DEAD_TIME
 from ..results import FittedEffect, FittedParameter
 from ..results.explain import Interval
-from .fit import Fit, Solver, free_numbers, linear_values, slopes
+from .fit import DELAY_TRUST, Fit, Solver, free_numbers, linear_values, slopes
 from .locate import turning_points
 from .pipeline import Part, as_tuple
 from .problem import Problem
@@ -49,7 +50,7 @@ def half_widths(problem: Problem, fitted: Fit) -> dict[tuple[int, str, int], flo
     wide = NORMAL_95 * np.sqrt(variance)
     keys = [*((f.place, f.name, 0) for f in free), (-1, "Kp", 0), (-1, "offset", 0)]
     solved = iter((wide[len(keys) + 1 :] / abs(fitted.gain)).tolist())
-    out = dict(zip(keys, wide.tolist(), strict=False))
+    out = {(-1, "delay", 0): DELAY_TRUST * (problem.delay or 0.0)} | dict(zip(keys, wide.tolist(), strict=False))
     for place, part in enumerate(shape.parts):
         for name in part.effect.fitting.linear:
             for item in range(len(as_tuple(part.values[name]))):
@@ -76,7 +77,8 @@ def fitted_effects(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = 
     """Return the effects of a fit, in the order a signal meets them, with values, units and 95 % intervals.
 
     The process is simpler in the model than it is, and what a valve does with OP shows in PV no better than OP was
-    recorded, to half a step either way. The time of an event and the period of a swing are told by the clock.
+    recorded, to half a step either way and half a sample. The time of an event and the period of a swing are told by
+    the clock. Of a dead time beside that of the settings only the sum is known.
     """
     wide, values = half_widths(problem, fitted), linear_values(fitted)
 
@@ -86,7 +88,8 @@ def fitted_effects(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = 
             return None
         if q.name not in effect.fitting.dear:
             in_valve = effect.stage == Stage.VALVE and q.unit == "span"
-            off = hypot(off, MODEL_ERROR * value, 0.5 * problem.output_step * in_valve)
+            off = hypot(off, MODEL_ERROR * value, 0.5 * problem.output_step * in_valve,
+                        0.5 * problem.interval * (q.unit == "s"), wide[-1, "delay", 0] * (effect is DEAD_TIME))
         return max(value - off, q.low), min(value + off + unseen_travel(problem, effect, q, value), q.high)
 
     found = [described(part, values[i], partial(interval, i)) for i, part in enumerate(fitted.shape.parts)]
@@ -121,7 +124,7 @@ def process_parameters(problem: Problem, fitted: Fit) -> dict[str, FittedParamet
         ("offset", "offset", float(fitted.coefficients[1]), turned, "PV span", "PV at no output"),
         ("theta", "delay", delay, delay, "s", "dead time of the settings, refined"),
     ):
-        if (-1, key, 0) in wide:
-            off = hypot(wide[-1, key, 0], MODEL_ERROR * size)
+        if (-1, key, 0) in wide and (key != "delay" or problem.delay is not None):
+            off = hypot(wide[-1, key, 0], MODEL_ERROR * size, 0.5 * problem.interval * (unit == "s"))
             out[name] = FittedParameter(value, unit, (value - off, value + off) if np.isfinite(off) else None, meaning)
     return out
