@@ -49,7 +49,8 @@ _NUMBER = re.compile(
 _WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
 COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 DELIMITERS = (",", ";", "\t", "|")
-HEAD_LINES = 4000
+HEAD_LINES, HEAD_SIZE = 100, 160_000  # lines that are looked at first, and characters in further ones
+JOINED = 8  # lines at most of one cell in quotes
 Line = tuple[int, int, str]
 
 
@@ -254,10 +255,9 @@ class Dialect:
 
 def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> Dialect:
     """Find how a text is written. Raises InputError without a header, data, or anything that looks like columns."""
-    lines = lines_of(text)
-    end = lines[HEAD_LINES][1] if len(lines) > HEAD_LINES else len(text)
+    lines, end = lines_of(text)
     declared = re.match(r"^sep=(.)$", lines[0][2].strip()) if lines else None
-    lines = [row for row in lines[1 if declared else 0 : HEAD_LINES] if row[2].strip(" \t,;|")]
+    lines = [row for row in lines[1 if declared else 0 :] if row[2].strip(" \t,;|")]
     if not lines:
         raise InputError(**explained("no_data"), where=where)
     last = range(len(lines) - min(24, max(1, len(lines) // 2)), len(lines))
@@ -271,7 +271,7 @@ def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> D
     first = _first_row(lines, cells, kinds, options.header_row or 0)
     if first is None or all(k == "text" for k in kinds if k != "empty"):
         raise _without_data([cells(i) for i in range(min(10, len(lines)))], width, options, where)
-    before = {lines[i][0]: cells(i) for i in range(max(first - HEAD_LINES // 10, 0), first)}
+    before = {lines[i][0]: cells(i) for i in range(first)}
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
     numbers = [c for row in (*data, *tail) for c in row if kind(c) == "number" and (delimiter != "," or "," in c)]
     only_commas = delimiter != "," and any("," in c for c in numbers) and not any("." in c for c in numbers)
@@ -418,17 +418,20 @@ def split_line(line: str, delimiter: str) -> list[str]:
     return line.split(delimiter)
 
 
-def lines_of(text: bytes | bytearray) -> list[Line]:
-    """Return (line number from 1, offset in bytes, text) of the first logical lines; quotes may hold line ends."""
+def lines_of(text: bytes | bytearray) -> tuple[list[Line], int]:
+    """Return (line number from 1, offset in bytes, text) of the first logical lines, and the offset behind them; quotes
+    may hold line ends."""
     found: list[Line] = []
     # any kind of line end, and no further line than is needed is decoded
-    lines, at, offset = [*islice(io.TextIOWrapper(io.BytesIO(text), "utf-8", newline=""), HEAD_LINES + 1)], 0, 0
-    while at < len(lines) and len(found) <= HEAD_LINES:
+    stream = io.TextIOWrapper(pa.BufferReader(text), "utf-8", newline="")
+    lines, at, offset = [*islice(stream, HEAD_LINES), *stream.readlines(HEAD_SIZE)], 0, 0
+    last = len(lines) - (JOINED if stream.read(1) else 0)
+    while at < last:
         line, count = lines[at], 1
         if line.count('"') % 2:  # an open quote: go on to the line that closes it, if one comes soon
-            count = next((k for k in range(2, 9) if "".join(lines[at : at + k]).count('"') % 2 == 0), 1)
+            count = next((k for k in range(2, JOINED + 1) if "".join(lines[at : at + k]).count('"') % 2 == 0), 1)
             line = "".join(lines[at : at + count])
         found.append((at + 1, offset, line.rstrip("\r\n")))
         offset += len(line.encode())
         at += count
-    return found
+    return found, offset

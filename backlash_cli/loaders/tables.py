@@ -23,13 +23,14 @@ from .cells import BLANK, Cells, Lexicon, codes_and_words, is_number, is_text, s
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
 from .names import explained, noted, signal_role
-from .opening import HEAD_LINES, Text, find_dialect, kind_of, members, sheets
+from .opening import Text, find_dialect, kind_of, members, sheets
 from .options import ReadOptions
 from .signals import ENDLESS, Axis, Piece, Room, Series, Store
 from .sources import Remote, Source, open_place, stem_of
 from .times import StampReader, micros_of
 
 TOGETHER = 16 << 20  # bytes of samples that go to the scratch file as one piece, so that there are few to read
+HEAD_ROWS = 4000  # of Parquet, that are looked at first
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS = 1 << 22, 1 << 19  # cells and rows of Parquet that are read at once
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
@@ -135,7 +136,7 @@ class ParquetTable:
             raise InputError(**explained("same_names"), where=self.where)
         # cells tell about the layout only where they are no plain measurements
         tell = pa.schema([f for k, f in enumerate(fields) if k == 0 or not pa.types.is_floating(f.type)])
-        begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_LINES, columns=tell.names), 1), tell)
+        begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_ROWS, columns=tell.names), 1), tell)
         told = dict(zip(tell.names, begun.columns, strict=True))
         first = [told.get(f.name, pa.chunked_array([], f.type)) for f in fields]
         names = tuple(_TWO_LEVELS.sub(r"\1.\2", name) for name in self._names)
