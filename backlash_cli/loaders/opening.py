@@ -42,6 +42,7 @@ _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
 _DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, BadZipFile, pa.ArrowException)
 _MARKS = {"utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}
 _TEXT = bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)})
+_PACKED_BOOK = re.compile(rb"xl/|docProps/|_rels/|\[Content_Types\]")  # the first file in a workbook
 _ANNOTATION = re.compile(rb"^#(?:datatype|group|default)\b", re.MULTILINE)
 _NUMBER = re.compile(
     r"^[+-]?(?:\d{1,3}(?:[ .,'’\u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?$"
@@ -61,13 +62,13 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
             raise InputError(**explained("no_file"), where=str(path))
         if not magic:
             with open_place(path) as file:
-                magic = file.read(16)
+                magic = file.read(64)
     except OSError as error:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
     if not magic:
         raise InputError(**explained("empty_file"), where=str(path))
     if magic.startswith(b"PK\x03\x04"):
-        return "workbook" if path.name.lower().endswith((".xlsx", ".xlsm")) else "archive"
+        return "workbook" if _PACKED_BOOK.search(magic, 30, 64) or path.name.lower().endswith((".xlsx", ".xlsm")) else "archive"
     for mark, (what, remedy) in WORDS["foreign"].items():
         if magic.startswith(mark.encode("latin-1")):
             raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
