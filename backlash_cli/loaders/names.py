@@ -23,7 +23,7 @@ _BRACKET = re.compile(r"^(.+?)\s*[\[(]([^\[\]()]+)[\])]$")
 _JOINED = re.compile(r"^(.*\d)(SP|SV|PV|OP|MV|CO|OUT|MODE|MD)$")  # FIC101PV
 _SERVER = re.compile(r"^\\\\[^\\]+\\")  # \\SERVER\ before a tag
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
-_DESCRIBED = re.compile(r"^([^\s:,;]+)(?:\s+[-–—]\s+|[:,;]\s+)(\S.*)$")  # FIC101.PV - Feed flow
+_DESCRIBED = re.compile(r"^([^\s:,;]+)(?:\s*[\[(][^\])]*[\])])?(?:\s+[-–—]\s+|[:,;]\s+)(\S.*)$")  # FIC1.PV - Feed flow
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,8 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
     if not magic:
         raise InputError(**explained("empty_file"), where=str(path))
     if magic.startswith(b"PK\x03\x04"):
-        return "workbook" if _PACKED_BOOK.search(magic, 30, 64) or path.name.lower().endswith((".xlsx", ".xlsm")) else "archive"
+        book = _PACKED_BOOK.search(magic, 30, 64) or path.name.lower().endswith((".xlsx", ".xlsm"))
+        return "workbook" if book else "archive"
     for mark, (what, remedy) in WORDS["foreign"].items():
         if magic.startswith(mark.encode("latin-1")):
             raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
