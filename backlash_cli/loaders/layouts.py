@@ -25,10 +25,9 @@ _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 
 @dataclass(frozen=True)
 class Head:
-    """The first rows of a file, nothing interpreted yet.
-
-    where: path. stem: file name without endings. kinds: what cells look like ("time", "clock", "number", "text"), or
-    "". partition: names and values of folders like loop=FIC101. first_line: of a text file, else 0."""
+    """The first rows of a file, not yet interpreted. where: path. stem: file name without endings. kinds: what cells
+    look like ("time", "clock", "number", "text"), or "". partition: names and values of folders like loop=FIC101. The
+    rest is of text: first_line and offset, where data begin; end: of what was looked at."""
 
     where: str
     stem: str
@@ -37,7 +36,10 @@ class Head:
     kinds: tuple[str, ...]
     partition: dict[str, str]
     decimal: str = "."
+    delimiter: str = ""
     first_line: int = 0
+    offset: int = 0
+    end: int = 0
 
     @cached_property
     def plain(self) -> list[str]:

@@ -14,7 +14,6 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from itertools import chain, islice
 from pathlib import Path, PurePosixPath
@@ -26,6 +25,7 @@ import pyarrow as pa
 from ..errors import InputError
 from ..record import Note
 from .cells import decimal_sign
+from .layouts import Head
 from .names import COLUMNS, WORDS, explained, is_quality_name, is_time_name, noted, plain, signal_role, split_tag
 from .options import ReadOptions
 from .sources import Remote, is_export, open_place, stem_of
@@ -242,22 +242,9 @@ def sheets(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
     return found
 
 
-@dataclass(frozen=True)
-class Dialect:
-    """names: of columns. offset, line: where data begin. end: of what was looked at. kinds: what columns hold."""
-
-    delimiter: str
-    names: tuple[str, ...]
-    offset: int
-    end: int
-    line: int
-    decimal: str
-    kinds: tuple[str, ...]
-
-
-def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> Dialect:
+def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     """Find how a text is written. Raises InputError without a header, data, or anything that looks like columns."""
-    lines, end = lines_of(text)
+    (lines, end), options, where = lines_of(text.head), text.options, text.where
     declared = re.match(r"^sep=(.)$", lines[0][2].strip()) if lines else None
     lines = [row for row in lines[1 if declared else 0 :] if row[2].strip(" \t,;|")]
     if not lines:
@@ -279,9 +266,10 @@ def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> D
     only_commas = delimiter != "," and any("," in c for c in numbers) and not any("." in c for c in numbers)
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
-    return Dialect(delimiter, column_names(before, width, options, where), lines[first][1], end, lines[first][0],
-                   options.decimal or decimal_sign(numbers, "," if only_commas else "."),
-                   tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True)))
+    kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
+    return Head(where, stem, column_names(before, width, options, where), (), kinds, partition,
+                options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
+                lines[first][1], end)
 
 
 def _delimiter(lines: list[str], first: list[str]) -> str:
@@ -421,8 +409,7 @@ def split_line(line: str, delimiter: str) -> list[str]:
 
 
 def lines_of(text: bytes | bytearray) -> tuple[list[Line], int]:
-    """Return (line number from 1, offset in bytes, text) of the first logical lines, and the offset behind them; quotes
-    may hold line ends."""
+    """Return (number, offset in bytes, text) of the first lines, which quotes may join, and where they end."""
     found: list[Line] = []
     # any kind of line end, and no further line than is needed is decoded
     stream = io.TextIOWrapper(pa.BufferReader(text), "utf-8", newline="")
