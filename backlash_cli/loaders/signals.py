@@ -90,7 +90,6 @@ def _remove(file: IO[bytes]) -> None:
 
 class Store:
     """Columns of equal length that are written once, in pieces, and read often; texts of "v3" by their places in "v3w".
-
     grouped: rows are kept by the numbers in the column "group" of each piece. stays: in memory, also when sent."""
 
     def __init__(self, room: Room, *, grouped: bool = False, stays: bool = False) -> None:
@@ -203,10 +202,9 @@ class Axis:
         return max((int(piece.max()) for piece in self.pieces()), default=NAT)
 
     def part(self, chosen: slice | IntArray) -> Axis:
-        if isinstance(chosen, slice):
-            line = self.first_line and self.first_line + int(chosen.start or 0)
-            return replace(self, which=self.which[chosen], first_line=line)
-        return replace(self, which=np.asarray(self.which)[chosen], first_line=0)
+        in_a_row = isinstance(chosen, slice)
+        return replace(self, which=(self.which if in_a_row else np.asarray(self.which))[chosen],
+                       first_line=self.first_line + (chosen.start or 0) if in_a_row and self.first_line else 0)
 
     def packed(self, columns: Iterable[str]) -> Axis:
         """Return rows that lie in the scratch file of this machine with some columns in memory; others as they are."""
