@@ -59,7 +59,8 @@ class Findings:
     def swinging(self) -> tuple[Note, ...]:
         """A note where the loop oscillates most of the time."""
         share, period = self.oscillation
-        return () if share <= 0.5 else (noted("oscillation", {"period_s": period, "share": share}, percent=100 * share),)
+        note = noted("oscillation", {"period_s": period, "share": share}, percent=100 * share)
+        return (note,) if share > 0.5 else ()
 
 
 @dataclass(frozen=True)
