@@ -90,10 +90,7 @@ class Diagnosis:
 
 
 def diagnose(record: Record) -> Diagnosis:
-    """Say what the oscillation of a loop looks like, from its longest stretch without gaps.
-
-    Of that stretch the end, as much as holds enough periods.
-    """
+    """Say what the oscillation of a loop looks like, from the end of its longest stretch without gaps."""
     signals = _longest_stretch(record)
     found, height, last = _oscillation(signals[0] - signals[1])
     size = max(int(found / FINEST), 1)
@@ -130,10 +127,8 @@ def diagnose(record: Record) -> Diagnosis:
 
 
 def _oscillation(error: FloatArray) -> tuple[float, float, slice]:
-    """Period [samples] and height of the autocorrelation there, and the samples they are from; 0 where nothing repeats.
-
-    Ever longer parts from the end are tried until one holds enough periods.
-    """
+    """Period [samples] and height of the autocorrelation there, 0 where nothing repeats, and the samples they are from:
+    ever longer parts from the end are tried until one holds enough periods."""
     length, n = FIRST_TRY, len(error)
     while n > 3 * LEAST_PERIOD:
         last = slice(max(n - length, 0), n)
@@ -217,17 +212,15 @@ def with_oscillation(report: LoopReport, record: Record) -> LoopReport:
     if whole is None or not (seen or untested):
         return report
     found = diagnose(whole)
-    note, period = found.note, found.period or 0.0
+    note = found.note
     if untested and found.kind == "none":
         return report
     if blind:  # a setpoint that switches to and fro makes cycles that cannot be told from a sticking valve's
         note = replace(note, message=f"{note.message}; or the setpoint, which was not recorded, swings")
-    repeats = () if seen else (noted("oscillation:seen", {"period_s": period}),)
-    if report.verdict in (Verdict.OSCILLATING, *NOTHING_SAID):
-        if found.kind in VALVE and not blind:
-            return replace(report, verdict=Verdict.SUSPECTED, reasons=(note, *repeats, *report.reasons),
-                           confidence=VALVE[found.kind])
-        if untested:
-            return replace(report, verdict=Verdict.OSCILLATING, reasons=(*repeats, note, *report.reasons),
-                           confidence=0.5)
+    repeats = () if seen else (noted("oscillation:seen", {"period_s": found.period or 0.0}),)
+    valve = report.verdict in (Verdict.OSCILLATING, *NOTHING_SAID) and not blind and found.kind in VALVE
+    if valve or untested:
+        return replace(report, verdict=Verdict.SUSPECTED if valve else Verdict.OSCILLATING,
+                       reasons=(note, *repeats, *report.reasons) if valve else (*repeats, note, *report.reasons),
+                       confidence=VALVE[found.kind] if valve else 0.5)
     return replace(report, reasons=(*report.reasons, note))
