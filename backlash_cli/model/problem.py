@@ -39,7 +39,7 @@ class Problem:
     delay: dead time [s], where the settings give one. holes: of OP that matter. floor: standard deviation of the
     measurement noise [span]. driven: share of OP's motion that comes from the setpoint or the operator. ahead: samples
     that a loop driven by its load is predicted ahead. output_step: in which OP was recorded [span], 0 when it hardly
-    matters. seed: of the random trials of a search. start: epoch seconds of the first sample. others: columns of the last
+    matters. seed: of random trials of a search. start: epoch seconds of the first sample. others: columns of the last
     shape beside the moved process, by what they were made of; most trials of a fit leave them as they are.
     """
 
