@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .estimator.diagnosis import WORDS, Diagnosis, diagnose
+from .estimator.diagnosis import Diagnosis, diagnose
 from .estimator.identify import Identification, at_mean, identify, with_constant_setpoint
 from .estimator.quality import Quality, data_quality
 from .estimator.settings_check import check_settings
+from .estimator.words import said
 from .record import LoopSettings, Note, Record
 
 # after these the given Ti is no measure for the sampling
@@ -55,7 +56,7 @@ class LoopCheck:
         for note in self.settings_notes:
             return "none", f"fit for a verdict, but: {note.message}"
         if self.diagnosis is not None:
-            return "none", f"fit for a verdict, but the loop oscillates; it {WORDS[self.diagnosis.kind]}"
+            return "none", f"fit for a verdict, but the loop oscillates; it {said(self.diagnosis.kind)}"
         return "none", "fit for a verdict"
 
     @property

@@ -19,6 +19,7 @@ from .estimator.reading import read_half_periods
 from .estimator.settings_check import check_settings, follows
 from .estimator.survey import MOST, Survey
 from .estimator.verdict import Findings, decide
+from .estimator.words import noted
 from .half_periods import ErrorScanner
 from .record import LoopSettings, Note, Record
 from .results import Confirmation, LoopReport, Verdict
@@ -92,13 +93,10 @@ class LoopScanner:
             missing = " and ".join(name for name in ("K", "Ti") if getattr(self.settings, name) is None)
             found = identify(self._survey.kept)
             if isinstance(found, Note):
-                self._unread = Note(
-                    "missing_settings", f"{missing} not given, and not to be read from the data: {found.message};"
-                    " give K and Ti in the loops file", {"why": found.code})
+                self._unread = noted("missing_settings", {"why": found.code}, missing=missing, message=found.message)
             else:
                 self.settings = used = found.settings(self.settings)
-                message = f"{missing} not given; read from the data: K = {used.K:.3g}, Ti = {used.Ti:.3g} s"
-                self._note(Note("identified_settings", message), *found.notes)
+                self._note(noted("identified_settings", missing=missing, K=used.K, Ti=used.Ti), *found.notes)
         if self.settings.K and self.settings.Ti and self.interval <= COARSEST * self.settings.Ti:
             self._errors = error_scanner(self.settings, self.interval, every=False)
             self._errors.update(self._survey.kept)
@@ -154,7 +152,7 @@ class LoopScanner:
             assert self._errors is not None
             if settings.Kp is None:
                 settings = settings.with_values("default", Kp=DEFAULT_KP)
-                warnings.append(Note("default_kp", f"Kp is not given; the paper's default {DEFAULT_KP} is used"))
+                warnings.append(noted("default_kp", Kp=DEFAULT_KP))
             segments = self._errors.smooth.finish()
             half_periods = estimate(segments, self.interval, settings, self.start)
             oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, settings.Ti or 0.0)
@@ -162,8 +160,7 @@ class LoopScanner:
                                               quality.known_noise)
             report = replace(report, **tally(half_periods, self._errors.smooth.left_out, used * self.interval))
         else:
-            warnings.append(Note("rule_left_out", "the published rule (15) on half periods is left out: "
-                                 + refusal.message, {"why": refusal.code}))
+            warnings.append(noted("rule_left_out", {"why": refusal.code}, message=refusal.message))
             cluster, said, oscillation = None, (), (0.0, 0.0)
         output_noise, rounding = (quality.op.noise, quality.op.step) if quality.op else (0.0, 0.0)
         decision = decide(Findings(cluster, report.detections, report.long_half_periods, oscillation, confirmation,
@@ -185,14 +182,13 @@ class LoopScanner:
         if self._unread is not None:
             return self._unread
         if K is None or Ti is None:
-            return Note("insufficient_data", f"only {used} usable samples, and K or Ti are not known")
+            return noted("insufficient_data:settings", used=used)
         if self.interval > COARSEST * Ti:
-            return Note("sampling_too_coarse", f"sampled every {self.interval:g} s, too coarse for Ti = {Ti:g} s; at "
-                        f"most {COARSEST * Ti:g} s are needed")
+            return noted("sampling_too_coarse:scan", interval=self.interval, Ti=Ti, most=COARSEST * Ti)
         if used < 2:
-            return Note("insufficient_data", f"only {used} usable samples")
+            return noted("insufficient_data", used=used)
         if not self._survey.with_setpoint:
-            return Note("no_setpoint", "no setpoint (SP) in the data: without it there is no control error to judge")
+            return noted("no_setpoint")
         return None
 
 

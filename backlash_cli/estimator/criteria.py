@@ -13,6 +13,7 @@ import numpy as np
 
 from ..record import Note
 from ..results import Confirmation
+from .words import noted, times
 
 CALLED, CALLED_TESTED = 6.5, 9.0  # nats, in automatic and in a test in manual
 SOME = 4.0  # nats: worth a look
@@ -49,11 +50,6 @@ def by_hand(c: Confirmation) -> bool:
     return c.details.get("source") == "manual_test"
 
 
-def times(count: float) -> str:
-    """A count in words: once, twice, 3 times."""
-    return ("never", "once", "twice")[int(count)] if count < 3 else f"{count:.0f} times"
-
-
 def read(c: Confirmation, *, output_step: float = 0.0) -> Reading:
     """Judge the evidence in a confirmation; the notes say which rule does not hold. output_step: rounding [span]."""
     gain, span, crossings = (float(c.details[name]) for name in ("evidence", "output_range", "crossings"))
@@ -61,27 +57,20 @@ def read(c: Confirmation, *, output_step: float = 0.0) -> Reading:
     needed = CALLED_TESTED if by_hand(c) else times_more * CALLED
     against = []
     if gain <= needed:
-        against.append(Note("weak_evidence", f"evidence for it is {gain:.2g} nats, {needed:g} are asked for",
-                            {"evidence": gain, "needed": needed}))
+        against.append(noted("weak_evidence", {"evidence": gain, "needed": needed}))
     if crossings < FEWEST_CROSSINGS:
-        against.append(Note("few_reversals", f"OP went back through that gap {times(crossings)} in this record: one "
-                            "event is no proof", {"crossings": crossings}))
+        against.append(noted("few_reversals", {"crossings": crossings}, times=times(crossings)))
     elif (float(c.details["elsewhere"]) < ELSEWHERE if by_hand(c) else
           float(c.details["share"]) < STEADY * float(c.details["share_deviation"])):
-        against.append(Note("single_event", "the evidence comes from a small part of the record: one event is no "
-                            "proof"))
+        against.append(noted("single_event"))
     if span < (MOTION if gain < 3.0 * CALLED else LEAST_MOTION) * c.d:
-        against.append(Note("little_motion", f"OP moves over {100 * span:.2g} % of its span, hardly more than the dead "
-                            "band itself", {"output_range": span}))
+        against.append(noted("little_motion:gap", {"output_range": span}))
     if c.details["edge"]:
-        against.append(Note("edge_of_widths", "the best width is the last one that was tried, not one of the valve"))
+        against.append(noted("edge_of_widths"))
     if c.d < SMALLEST:
-        against.append(Note("below_smallest", f"a dead band below {100 * SMALLEST:.2g} % of span is not told from "
-                            "an error of the model, and is no reason to act"))
+        against.append(noted("below_smallest", smallest=SMALLEST))
     if c.ci95[1] - c.ci95[0] > 2.0 * KNOWN * c.d:
-        against.append(Note("size_unknown", f"its size is not known: {100 * c.ci95[0]:.2g} to {100 * c.ci95[1]:.2g} %; "
-                            "a record with more motion of OP would narrow it"))
+        against.append(noted("size_unknown", low=100 * c.ci95[0], high=c.ci95[1]))
     if output_step and c.d < OUTPUT_STEPS * output_step:
-        against.append(Note("below_rounding", f"OP is recorded in steps of {100 * output_step:.2g} %: too coarse for a "
-                            f"dead band of {100 * c.d:.2g} %"))
+        against.append(noted("below_rounding", step=output_step, d=c.d))
     return Reading(not against, gain > times_more * SOME and c.d >= SMALLEST, tuple(against))

@@ -31,6 +31,7 @@ from ..results import NOTHING_SAID, LoopReport, Verdict
 from .identify import at_mean
 from .mean_cycle import CycleTest, compare_mean_cycle
 from .wave import crossings, detrended, find_period, mean_half_period, misfits, moving_mean, regularity, sustained
+from .words import noted, said
 
 INTEGRATOR = 1.0  # first lag over period from which no levelling off shows within a cycle
 LEVELS_OFF = 0.4  # and below which it does; between the two nothing can be said
@@ -51,25 +52,12 @@ CLOCKWORK = 0.9  # the same for a cycle that is no sine
 FORGETS = 0.6  # share of the first peak of the autocorrelation that is left five periods on, near a stability limit
 NEARLY_SINE = 0.04  # harmonics over the fundamental; noise through a resonance makes no more in ten cycles
 PROPORTIONAL = 20.0  # degrees of lag by integral action in a cycle that does not need it; stick-slip has above 27
+KINDS = ("none", "stiction", "backlash_integrating", "tight_nonlinear", "aggressive_tuning", "external", "setpoint",
+         "unclear")
 NOT_TESTED = {"missing_settings", "no_setpoint", "sampling_too_coarse", "short_record"}
 # kinds of oscillation that put the valve under suspicion, with the confidence that it is right to do so: simulated
 # cycles called stiction come from a valve in all of 165 loops; of the other only one recording is known
 VALVE = {"stiction": 0.9, "tight_nonlinear": 0.5}
-SUM_OF_BOTH = (
-    "the size given by eq. (15) is backlash plus stiction band: both stop the valve until OP has moved that far, and "
-    "this estimate cannot tell one from the other"
-)
-WORDS = {
-    "none": "the loop does not oscillate regularly",
-    "stiction": "looks like stiction: the valve sticks and slips",
-    "backlash_integrating": "looks like backlash or sticking in an integrating loop, which cycles with integral action",
-    "tight_nonlinear": "looks like a loop that proportional action alone keeps cycling, tuned too hard, with a cycle "
-    "that no linear loop makes: a dead zone or sticking in the valve, or the process itself, bends it",
-    "aggressive_tuning": "looks like a loop close to its stability limit: the controller is tuned too hard",
-    "external": "looks like an oscillation from outside the loop (or a controller exactly at its stability limit)",
-    "setpoint": "follows an oscillating setpoint: the source is the master loop or further up",
-    "unclear": "oscillates, and the tests do not agree why",
-}
 
 
 @dataclass(frozen=True)
@@ -84,7 +72,7 @@ class Vote:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What an oscillation looks like. kind: a key of WORDS. period [s]. d: gap that fits the mean cycle [span], if any.
+    """What an oscillation looks like. kind: as in `KINDS`. period [s]. d: gap that fits the mean cycle [span], if any.
 
     votes: every test that could be made. statement: the finding in words, with what the paper's number then means.
     """
@@ -102,10 +90,7 @@ class Diagnosis:
 
 
 def diagnose(record: Record) -> Diagnosis:
-    """Say what the oscillation of a loop looks like, from its longest stretch without gaps.
-
-    Of that stretch the end, as much as holds enough periods.
-    """
+    """Say what the oscillation of a loop looks like, from the end of its longest stretch without gaps."""
     signals = _longest_stretch(record)
     found, height, last = _oscillation(signals[0] - signals[1])
     size = max(int(found / FINEST), 1)
@@ -114,7 +99,7 @@ def diagnose(record: Record) -> Diagnosis:
     error = setpoint - measurement
     of_error = mean_half_period(error, period) if found else None
     if of_error is None:
-        return Diagnosis("none", None, (), WORDS["none"])
+        return Diagnosis("none", None, (), said("none"))
     of_output = mean_half_period(output, period) if np.ptp(output) > 0 else None
     votes, cycle = [_curve_fit("curve_fit_pv", of_error)], None
     sine, square, _ = misfits(of_error)
@@ -136,16 +121,14 @@ def diagnose(record: Record) -> Diagnosis:
     votes.append(_setpoint(setpoint, measurement, period))
     kind = _decide({vote.test: vote.speaks_for for vote in votes}, height, lasting, cycle)
     of_valve = kind in ("stiction", "backlash_integrating")
-    statement = f"{WORDS[kind]}; {SUM_OF_BOTH}" if of_valve or kind == "unclear" else WORDS[kind]
+    statement = said("sum_of_both", looks=said(kind)) if of_valve or kind == "unclear" else said(kind)
     gap = cycle.d if cycle is not None and of_valve and cycle.left < 1.0 else None
     return Diagnosis(kind, found * record.interval, tuple(votes), statement, gap)
 
 
 def _oscillation(error: FloatArray) -> tuple[float, float, slice]:
-    """Period [samples] and height of the autocorrelation there, and the samples they are from; 0 where nothing repeats.
-
-    Ever longer parts from the end are tried until one holds enough periods.
-    """
+    """Period [samples] and height of the autocorrelation there, 0 where nothing repeats, and the samples they are from:
+    ever longer parts from the end are tried until one holds enough periods."""
     length, n = FIRST_TRY, len(error)
     while n > 3 * LEAST_PERIOD:
         last = slice(max(n - length, 0), n)
@@ -229,18 +212,15 @@ def with_oscillation(report: LoopReport, record: Record) -> LoopReport:
     if whole is None or not (seen or untested):
         return report
     found = diagnose(whole)
-    note, period = found.note, found.period or 0.0
+    note = found.note
     if untested and found.kind == "none":
         return report
     if blind:  # a setpoint that switches to and fro makes cycles that cannot be told from a sticking valve's
         note = replace(note, message=f"{note.message}; or the setpoint, which was not recorded, swings")
-    repeats = () if seen else (
-        Note("oscillation", f"PV oscillates with a period of {period:.3g} s", {"period_s": period}),)
-    if report.verdict in (Verdict.OSCILLATING, *NOTHING_SAID):
-        if found.kind in VALVE and not blind:
-            return replace(report, verdict=Verdict.SUSPECTED, reasons=(note, *repeats, *report.reasons),
-                           confidence=VALVE[found.kind])
-        if untested:
-            return replace(report, verdict=Verdict.OSCILLATING, reasons=(*repeats, note, *report.reasons),
-                           confidence=0.5)
+    repeats = () if seen else (noted("oscillation:seen", {"period_s": found.period or 0.0}),)
+    valve = report.verdict in (Verdict.OSCILLATING, *NOTHING_SAID) and not blind and found.kind in VALVE
+    if valve or untested:
+        return replace(report, verdict=Verdict.SUSPECTED if valve else Verdict.OSCILLATING,
+                       reasons=(note, *repeats, *report.reasons) if valve else (*repeats, note, *report.reasons),
+                       confidence=VALVE[found.kind] if valve else 0.5)
     return replace(report, reasons=(*report.reasons, note))

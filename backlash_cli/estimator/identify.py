@@ -21,6 +21,7 @@ from scipy.special import stdtrit
 from ..record import FloatArray, LoopSettings, Note, Record, SampleState
 from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawFit, LawForm, LawRows, fit_law, search_filter
 from .survey import LEVELS, ROWS, SLOWER, rows, with_all_signals
+from .words import noted
 
 LEAST_ROWS = 60
 MOSTLY_OWN = 0.2  # share of interpolated samples that leaves the P part visible
@@ -43,8 +44,7 @@ WIDE = 2.0  # ratio of the ends of an interval that is worth a note
 COARSEST = 1.0  # rows per Ti below which the P part is not seen any more
 DIGITS = 6  # of identified settings
 PROVEN = 0.98  # share of OP explained by a constant setpoint; with a moving one 0.975 at most in 23 loops
-AT_ONE_FREQUENCY = Note("one_frequency", "the loop moves at one frequency only: K and Ti can only be told apart by "
-                        "assuming the measurement filter (Ti/10)")
+AT_ONE_FREQUENCY = noted("one_frequency")
 
 
 @dataclass(frozen=True)
@@ -97,20 +97,18 @@ def identify(record: Record) -> Identification | Note:
     proportional_part_unseen.
     """
     if record.output is None or not np.isfinite(record.output).any():
-        return Note("no_output", "the record has no controller output, so K and Ti cannot be read from it")
+        return noted("no_output:settings")
     use = with_all_signals(record)
     if use.any() and not np.ptp(record.output[use]):
-        return Note("output_constant", "the controller output never moves, so K and Ti cannot be read from it")
+        return noted("output_constant:settings")
     finest = law_rows(record, 0)
     if finest is None:
-        return Note("too_short", f"fewer than {LEAST_ROWS} usable samples with setpoint, PV and output: K and Ti "
-                    "cannot be read from them")
+        return noted("too_short", rows=LEAST_ROWS)
     found = _found(record, finest)
     share = float(np.mean(record.state[use] == SampleState.FILLED))
     if isinstance(found, Note) or share <= MOSTLY_OWN:
         return found
-    message = f"{100 * share:.0f} % of the samples are interpolated: only K/Ti is known"
-    return replace(found, notes=(*found.notes, Note("interpolated", message, {"share": share})))
+    return replace(found, notes=(*found.notes, noted("interpolated:settings", {"share": share})))
 
 
 def law_rows(record: Record, level: int) -> LawRows | None:
@@ -203,16 +201,8 @@ def derivative_is_real(pid: LawFit, pi: LawFit) -> bool:
 
 
 def _refused(explained: float, *, by_chance: bool = False) -> Note:
-    if explained > LEAST_EXPLAINED and not by_chance:
-        code, message = "proportional_part_unseen", (
-            "the output follows the sum of the control error, but no P part shows: the data are compressed, "
-            "interpolated or too coarse, so K and Ti cannot be read from them")
-    else:
-        code, message = "not_this_controller", (
-            f"a PI or PID controller of these signals explains {100 * max(explained, 0.0):.0f} % of the output's "
-            "motion: other signals, manual operation, limits or feedforward move it, or the columns do not belong "
-            "together")
-    return Note(code, message, {"r2": explained})
+    code = "proportional_part_unseen" if explained > LEAST_EXPLAINED and not by_chance else "not_this_controller"
+    return noted(code, {"r2": explained}, explained=max(explained, 0.0))
 
 
 def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[Note, ...]) -> Identification:
@@ -244,12 +234,10 @@ def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[No
         quantities(best.values).tolist(), np.min(ends, axis=0).tolist(), np.max(ends, axis=0).tolist(), strict=True))
     low, high = sorted(abs(x) for x in K.ci95)
     if K.ci95[0] * K.ci95[1] <= 0 or high > WIDE * low:
-        message = f"K is known to {K.ci95[0]:.3g}..{K.ci95[1]:.3g} only (Ti likewise); K/Ti is known better"
-        notes = (*notes, Note("gain_uncertain", message, {"low": K.ci95[0], "high": K.ci95[1]}))
+        notes = (*notes, noted("gain_uncertain", {"low": K.ci95[0], "high": K.ci95[1]}))
     if coarse > 1.0 / COARSEST:
-        message = (f"the samples are {rows.interval:g} s apart and Ti is about {best.reset_time:.2g} s: too few to "
-                   "tell K and Ti apart; only K/Ti is known")
-        notes = (*notes, Note("sampling_too_coarse", message, {"interval": rows.interval, "Ti": best.reset_time}))
+        values = {"interval": rows.interval, "Ti": best.reset_time}
+        notes = (*notes, noted("sampling_too_coarse:settings", values))
     return Identification(K, Ti, Td, ratio, b if SETPOINT in terms and coarse < NOISE_UNSEEN else None,
                           best.filter_time, 1.0 - best.unexplained, len(rows.index), rows.interval,
                           "ideal PID" if DERIVATIVE in terms else "ideal PI", notes)
@@ -262,11 +250,8 @@ def with_constant_setpoint(record: Record) -> Record:
     if held is None or not isinstance(found, Identification) or found.r2 < PROVEN:
         return record
     level, (low, high) = float(held.setpoint[0]), record.settings.pv_range
-    note = Note(
-        "assumed_setpoint", "no setpoint (SP) in the data; it is taken as constant at the mean of PV, "
-        f"{low + level * (high - low):.4g}: with that a controller of K = {found.K.value:.3g} and Ti = "
-        f"{found.Ti.value:.3g} s explains {100.0 * found.r2:.2f} % of the output's motion",
-        {"setpoint": level, "r2": found.r2})
+    note = noted("assumed_setpoint", {"setpoint": level, "r2": found.r2}, level=low + level * (high - low),
+                 K=found.K.value, Ti=found.Ti.value)
     return replace(held, notes=(*(n for n in record.notes if n.code != "no_setpoint"), note))
 
 

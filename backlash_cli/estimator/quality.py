@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from ..record import FloatArray, IntArray, Note, Record, SampleState, duration
 from .criteria import MOTION, OUTPUT_STEPS
 from .survey import Survey, measured
+from .words import noted
 
 FEWEST_PER_TI = 2.0  # below, half periods are invisible (h > Ti/2)
 FEWEST_STORED = 1.0  # stored values per Ti, the same for a compressed signal, on average
@@ -108,6 +108,8 @@ def data_quality(record: Record, Ti: float | None = None, survey: Survey | None 
     if survey is None:
         survey = Survey()
         survey.update(record)
+    from ..kernels import gap_crossings
+
     Ti, interval = record.settings.Ti if Ti is None else Ti, record.interval
     points = survey.last - survey.first + 1 if survey.samples else 0
     share = (survey.states / max(points, 1)).tolist()
@@ -119,7 +121,7 @@ def data_quality(record: Record, Ti: float | None = None, survey: Survey | None 
         starts = np.flatnonzero(np.diff(group, prepend=-1))
         means = np.add.reduceat(outputs, starts) / np.diff(starts, append=len(group))
         smallest = max(3.0 * fast_noise(group[starts], means), 1.5 * op.step, 1e-4)
-        turns = reversals(means, smallest) / (len(output_index) * interval / 3600.0)
+        turns = gap_crossings(means, smallest) / (len(output_index) * interval / 3600.0)
     return Quality(
         survey.samples, interval, duration=points * interval, samples_per_Ti=Ti / interval if Ti else None,
         missing_share=1.0 - survey.samples / max(points, 1) + share[SampleState.MISSING] if points else 1.0,
@@ -135,78 +137,45 @@ def quality_notes(q: Quality) -> tuple[Note, ...]:
     """Return the findings that matter, the heaviest first."""
     notes: list[Note] = []
 
-    def say(there: bool, code: str, message: str, effect: str = "info", **values: float) -> None:
+    def say(there: bool, name: str, effect: str = "info", /, **values: float) -> None:
         if there:
-            notes.append(Note(code, message, {"effect": effect, **values}))
+            notes.append(noted(name, {"effect": effect, **values}, longest=duration(q.longest_gap),
+                               s="s" * (q.gaps > 1)))
 
-    say(q.usable_share <= 0.0, "no_usable_data", "no sample of this loop can be used (manual, missing, saturated or "
-        "frozen throughout)", "blocks")
-    say(not notes and q.measurement_range == 0.0, "measurement_constant",
-        "PV is the same number throughout: the signal is dead", "blocks")
+    say(q.usable_share <= 0.0, "no_usable_data", "blocks")
+    say(not notes and q.measurement_range == 0.0, "measurement_constant", "blocks")
     if notes:
         return tuple(notes)
     per_Ti = np.inf if q.samples_per_Ti is None else q.samples_per_Ti
-    say(per_Ti < FEWEST_PER_TI, "sampling_too_coarse", f"only {per_Ti:.2g} samples per Ti, too few for half periods: "
-        "export this loop at a shorter interval", samples_per_Ti=per_Ti)
-    say(FEWEST_PER_TI <= per_Ti < FEW_PER_TI, "sampling_coarse", f"only {per_Ti:.2g} samples per Ti: dead bands read "
-        "low, healthy loops are called more often", samples_per_Ti=per_Ti)
+    say(per_Ti < FEWEST_PER_TI, "sampling_too_coarse", samples_per_Ti=per_Ti)
+    say(FEWEST_PER_TI <= per_Ti < FEW_PER_TI, "sampling_coarse", samples_per_Ti=per_Ti)
 
     pv, op = q.pv, q.op
-    by_exception = pv.kind == "held" and pv.deviation > 0.0
     scanned = pv.kind == "held" and pv.deviation == 0.0
     # Compression stores more where the signal moves, so its average may be rarer than a fixed scan.
     effect = "blocks" if pv.run * (FEWEST_PER_TI if scanned else FEWEST_STORED) > per_Ti else "limits"
-    remedy = "switch compression off for this tag, or export raw values"
-    say(by_exception, "compressed_held", f"PV is stored by exception: {_percent(pv.share)} of the samples repeat the "
-        f"last value until it has changed by about {_percent(pv.deviation)} of span; {remedy}", effect,
-        share=pv.share, deviation=pv.deviation)
-    say(scanned, "scanned_slowly", f"PV is recorded every {pv.run * q.interval:.3g} s only and repeated in between; "
-        f"{remedy}", effect, share=pv.share, every_s=pv.run * q.interval)
-    say(pv.kind == "linear", "compressed_linear", f"PV is interpolated: {_percent(pv.share)} of the samples lie on "
-        f"straight lines of {pv.run:.3g} samples between stored values; {remedy}", effect, share=pv.share, run=pv.run)
-    say(pv.kind == "samples" and pv.step > 2.0 * pv.noise, "measurement_rounded",
-        f"PV is rounded to steps of {_percent(pv.step)} of span, more than its noise", step=pv.step)
+    say(pv.kind == "held" and not scanned, "compressed_held", effect, share=pv.share, deviation=pv.deviation)
+    say(scanned, "scanned_slowly", effect, share=pv.share, every_s=pv.run * q.interval)
+    say(pv.kind == "linear", "compressed_linear", effect, share=pv.share, run=pv.run)
+    say(pv.kind == "samples" and pv.step > 2.0 * pv.noise, "measurement_rounded", step=pv.step)
     if op is not None:
-        how = "held between changes" if op.kind == "held" else "interpolated between stored values"
-        say(op.kind != "samples", "output_compressed", f"OP is {how} ({_percent(op.share)} of the samples); it can be "
-            "rebuilt from SP, PV, K and Ti", share=op.share, deviation=op.deviation)
-        smallest = OUTPUT_STEPS * op.step
-        say(op.step > 1e-4, "output_rounded", f"OP is rounded to {_percent(op.step)}: dead bands below "
-            f"{_percent(smallest)} cannot be seen in it", step=op.step, limit=smallest)
+        say(op.kind != "samples", f"output_compressed:{op.kind}", share=op.share, deviation=op.deviation)
+        say(op.step > 1e-4, "output_rounded", step=op.step, limit=OUTPUT_STEPS * op.step)
 
-    say(q.usable_share < HALF, "little_usable", f"only {_percent(q.usable_share)} of the record can be used",
-        share=q.usable_share)
-    for code, share, words in (
-        ("manual", q.manual_share, "of the time not in automatic; left out, a test of the valve apart"),
-        ("saturated", q.saturated_share, "of the time OP was at its limit; left out"),
-        ("missing_samples", q.missing_share, "of the samples are missing or bad"),
-        ("frozen", q.frozen_share, "of the time PV stood still at one number; left out"),
-        ("spikes", q.implausible_share, "of the samples are far outside the span; left out"),
-    ):
-        say(share >= NOTABLE, code, f"{_percent(share)} {words}", share=share)
-    filled = f"{_percent(q.filled_share)} of the samples were"
-    say(q.filled_share > MOSTLY_OWN, "interpolated", f"{filled} not recorded but interpolated", "limits",
-        share=q.filled_share)
-    say(NOTABLE <= q.filled_share <= MOSTLY_OWN, "filled", f"{filled} interpolated over short holes",
-        share=q.filled_share)
-    say(q.gaps > 0, "gaps", f"{'1 gap' if q.gaps == 1 else f'{q.gaps} gaps'} in time, the longest "
-        f"{duration(q.longest_gap)}; no half period crosses one", gaps=q.gaps, longest_s=q.longest_gap)
+    say(q.usable_share < HALF, "little_usable", share=q.usable_share)
+    for name, share in {"manual": q.manual_share, "saturated": q.saturated_share, "missing_samples": q.missing_share,
+                        "frozen": q.frozen_share, "spikes": q.implausible_share}.items():
+        say(share >= NOTABLE, name, share=share)
+    say(q.filled_share > MOSTLY_OWN, "interpolated", "limits", share=q.filled_share)
+    say(NOTABLE <= q.filled_share <= MOSTLY_OWN, "filled", share=q.filled_share)
+    say(q.gaps > 0, "gaps", gaps=q.gaps, longest_s=q.longest_gap)
 
     moved = np.inf if q.output_range is None else q.output_range
-    say(q.output_range is None, "no_output", "no OP column: OP is rebuilt from SP, PV, K and Ti, which then must be "
-        "right")
-    say(moved == 0.0, "output_constant", "OP is the same number throughout: the controller does not act", "blocks")
-    limit = moved / MOTION
-    say(0.0 < moved < LITTLE_MOTION, "little_motion", f"OP moves over {_percent(moved)} only: a dead band above "
-        f"{_percent(limit)} stays unseen; a longer record or a setpoint bump of twice the suspected dead band would "
-        "show it", range=moved, limit=limit)
-    say(q.setpoint_moves > HALF, "setpoint_moves", "the setpoint moves all the time (cascade or ramp): half periods "
-        "follow it as well as the valve", share=q.setpoint_moves)
+    say(q.output_range is None, "no_output")
+    say(moved == 0.0, "output_constant", "blocks")
+    say(0.0 < moved < LITTLE_MOTION, "little_motion", range=moved, limit=moved / MOTION)
+    say(q.setpoint_moves > HALF, "setpoint_moves", share=q.setpoint_moves)
     return tuple(sorted(notes, key=lambda note: ("blocks", "limits", "info").index(str(note.values["effect"]))))
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.3g} %"
 
 
 def rounding_step(values: FloatArray) -> float:
@@ -235,12 +204,6 @@ def fast_noise(index: IntArray, values: FloatArray) -> float:
     """Return the standard deviation of white noise on a slow signal: 1.4826 MAD of second differences / sqrt 6."""
     bent = np.abs(np.diff(values, 2))[index[2:] - index[:-2] == 2]
     return 1.4826 * float(np.median(bent)) / 6.0**0.5 if len(bent) else 0.0
-
-
-def reversals(values: FloatArray, threshold: float) -> int:
-    """Return how often the signal turned round by `threshold` or more."""
-    apart = np.linspace(0.0, EXACT, len(values))  # two summits of the same height would count as two
-    return sum(len(find_peaks(side + apart, prominence=threshold)[0]) for side in (values, -values))
 
 
 def stored_as(index: IntArray, values: FloatArray) -> Storage:

@@ -19,6 +19,7 @@ from ..record import FloatArray, LoopSettings, Note
 from ..results import Cluster, Estimates
 from .haegglund import DEFAULT_KP
 from .rule import OK, SLOW_ENOUGH
+from .words import noted, said
 
 FLOOR = 3.0  # smallest mean error of a half period, in standard deviations of the filtered error
 AFTER_MOVE = 2.0  # integral times: a half period shorter than this passes a setpoint move on to the next
@@ -27,7 +28,6 @@ MATTERS = 0.1  # of the estimate: smaller corrections are made and not told
 LEAST_GAP = 5.0  # smallest dead band in standard deviations of the output's noise: below, the valve never rests
 CLOSE = 0.35  # estimates within +-35 % of the centre belong together
 FEWEST, A_QUARTER = 4, 0.25  # estimates of a group beside another, of one direction beside the other; share of all
-REFUSED = {"setpoint_move": "the setpoint moved", "below_noise": "the error is no larger than noise"}
 
 
 def filtered_noise(noise: float, interval: float, Ti: float) -> float:
@@ -67,9 +67,9 @@ def read_half_periods(h: Estimates, moved: FloatArray, settings: LoopSettings, i
     notes = []
     if moving.any() or quiet.any():
         counts = {"setpoint_move": np.count_nonzero(moving), "below_noise": np.count_nonzero(quiet)}
-        told = " and ".join(f"{REFUSED[code]} in {n}" for code, n in counts.items() if n)
-        notes.append(Note("half_periods_set_aside", f"of {np.count_nonzero(accepted)} half periods that pass the "
-                          f"published gates some do not count: {told}", {code: float(n) for code, n in counts.items()}))
+        told = " and ".join(said(code, n=n) for code, n in counts.items() if n)
+        notes.append(noted("half_periods_set_aside", {code: float(n) for code, n in counts.items()},
+                           n=np.count_nonzero(accepted), told=told))
     sd = output_noise(noise, interval, settings)
     d = h.d[used] + DITHER * sd
     cluster = densest(d)
@@ -77,10 +77,7 @@ def read_half_periods(h: Estimates, moved: FloatArray, settings: LoopSettings, i
         return None, tuple(notes)
     notes += _differing(d, h.direction[used])
     if DITHER * sd > MATTERS * cluster.d:
-        notes.append(Note(
-            "dither", f"noise of about {100 * sd:.2g} % on OP walks the valve across its gap; the estimates (15) read "
-            f"low by about three times that, and {100 * DITHER * sd:.2g} % was added to their centre",
-            {"output_noise": sd, "added": DITHER * sd}))
+        notes.append(noted("dither", {"output_noise": sd, "added": DITHER * sd}))
     # the smallest dead band that half periods of just 5 Ti could show above the noise
     shown = (abs(settings.K or 0.0) * SLOW_ENOUGH - 1.0 / abs(settings.Kp or DEFAULT_KP)) * floor
     return replace(cluster, limit_of_detection=max(shown, LEAST_GAP * sd)), tuple(notes)
@@ -99,13 +96,10 @@ def _differing(d: FloatArray, direction: NDArray[np.int8]) -> list[Note]:
     notes, found, up, down = [], gathered(d), densest(d[direction == 1]), densest(d[direction != 1])
     if len(found) > 1:
         told = " and ".join(f"{100 * c.d:.2g} % ({c.n})" for c in found)
-        notes.append(Note("several_groups", f"the estimates (15) form {len(found)} groups, {told}: the dead band "
-                          "differs between operating points, or changed, or some of them come from load",
-                          {f"d{i + 1}": c.d for i, c in enumerate(found)}))
+        notes.append(noted("several_groups", {f"d{i + 1}": c.d for i, c in enumerate(found)}, groups=len(found),
+                           told=told))
     if up and down and min(up.n, down.n) >= FEWEST and _apart(up, down):
-        notes.append(Note("directions_differ", f"the estimates (15) are {100 * up.d:.2g} % with the error above zero "
-                          f"and {100 * down.d:.2g} % below: the gap is not the same both ways, or a load leans on one "
-                          "side", {"above": up.d, "below": down.d}))
+        notes.append(noted("directions_differ", {"above": up.d, "below": down.d}))
     return notes
 
 

@@ -15,6 +15,7 @@ from ..record import LoopSettings, Note, Record
 from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawForm, fit_law
 from .identify import SLOWEST, WINDOW, Identification, Identified, derivative_is_real, law_rows, window_of
 from .survey import LEVELS, SLOWER
+from .words import noted, said
 
 AGREES = log(1.15)  # findings: K/Ti is identified to 4-8 % in nine loops of ten
 SURE = log(1.05)  # by so much at least the interval must lie away from the value given
@@ -51,19 +52,17 @@ def check_settings(settings: LoopSettings, found: Identification | Note) -> tupl
     if K is None and Ti is None:
         return ()
     if isinstance(found, Note):
-        message = f"the settings could not be checked against the data: {found.message}"
-        return (Note("settings_unchecked", message, {"why": found.code}),)
+        return (noted("settings_unchecked", {"why": found.code}, message=found.message),)
     notes = []
     if K is not None and K * found.K.value < 0 and all(x.ci95[0] * x.ci95[1] > 0 for x in (found.K, found.ratio)):
         action = "reverse (K positive)" if found.K.value > 0 else "direct (K negative)"
-        message = f"K = {K:g} has the wrong sign: the output moves like that of a controller with {action} action"
-        notes.append(_note("settings_action_sign", message, found, -1.0, "warn"))
+        notes.append(noted("settings_action_sign", _values(found, -1.0, "warn"), given=K, action=action))
     notes += _compared(K, Ti, settings, found)
     low, high = found.Td.ci95
     # only where the data show a D part: its absence cannot be told from a filter
     if found.Td.value > 0 and not low / 1.5 <= settings.Td <= high * 1.5:
-        message = f"Td = {settings.Td:g} s, but the data show {found.Td.value:.3g} s ({low:.3g}..{high:.3g})"
-        notes.append(Note("settings_derivative", message, {"Td": found.Td.value, "severity": "warn"}))
+        notes.append(noted("settings_derivative", {"Td": found.Td.value, "severity": "warn"}, given=settings.Td,
+                           low=low, high=high))
     return tuple(notes)
 
 
@@ -106,8 +105,8 @@ def _distance(given: float, x: Identified) -> tuple[float, float]:
     return log(given / x.value), abs(nearest)
 
 
-def _note(code: str, message: str, found: Identification, factor: float, severity: str) -> Note:
-    return Note(code, message, {"factor": factor, "K": found.K.value, "Ti": found.Ti.value, "severity": severity})
+def _values(found: Identification, factor: float, severity: str) -> dict[str, float | str]:
+    return {"factor": factor, "K": found.K.value, "Ti": found.Ti.value, "severity": severity}
 
 
 def _times(offset: float) -> str:
@@ -136,18 +135,18 @@ def _compared(K: float | None, Ti: float | None, settings: LoopSettings, found: 
     if abs(offset) <= AGREES or sure <= (SURE if clear else gross):
         if not (found.separate and abs(apart) > GAIN_APART and sure_apart > AGREES):
             return []
-        return [_note("settings_gain", f"K = {K:g} and Ti = {Ti:g} s are both {_times(apart)} what the data show "
-                      f"({shown}); their quotient agrees", found, factor, "warn")]
+        return [noted("settings_gain", _values(found, factor, "warn"), given_K=K, given_Ti=Ti, times=_times(apart),
+                      shown=shown)]
     if mix_up is not None:
-        return [_note(mix_up.code, f"{mix_up.words} (the data show {shown})", found, mix_up.gain / mix_up.reset,
-                      "contradict" if abs(offset) > CONTRADICTS else "warn")]
+        severity = "contradict" if abs(offset) > CONTRADICTS else "warn"
+        return [Note(mix_up.code, f"{mix_up.words} (the data show {shown})",
+                     _values(found, mix_up.gain / mix_up.reset, severity))]
     if coarse:
-        message = f"Ti = {Ti:g} s and samples {found.interval:g} s apart: too coarse to check the settings"
-        return [Note("settings_unchecked", message, {"why": "sampling_too_coarse"})]
+        return [noted("settings_unchecked:coarse", {"why": "sampling_too_coarse"}, Ti=Ti, interval=found.interval)]
     code, severity = ("settings_contradicted", "contradict") if abs(offset) > CONTRADICTS and sure > AGREES else (
         "settings_disagree", "warn")
-    return [_note(code, f"K/Ti of the metadata is {_times(offset)} what the data show ({shown}, K/Ti {ratio.value:.3g} "
-                  f"+- {100 * width:.0f} %): check the settings", found, factor, severity)]
+    message = said("settings_disagree", times=_times(offset), shown=shown, ratio=ratio.value, width=width)
+    return [Note(code, message, _values(found, factor, severity))]
 
 
 def _best(K: float, Ti: float, settings: LoopSettings, gain: Identified, ratio: Identified,

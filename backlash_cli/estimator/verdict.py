@@ -12,7 +12,8 @@ import numpy as np
 
 from ..record import Note
 from ..results import NOTHING_SAID, Cluster, Confirmation, Verdict
-from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, read, times
+from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, read
+from .words import noted, said, times
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
 AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share
@@ -58,9 +59,8 @@ class Findings:
     def swinging(self) -> tuple[Note, ...]:
         """A note where the loop oscillates most of the time."""
         share, period = self.oscillation
-        return () if share <= 0.5 else (
-            Note("oscillation", f"the control error oscillates with a period of {period:.3g} s during {share:.0%} of "
-                 "the record", {"period_s": period, "share": share}),)
+        note = noted("oscillation", {"period_s": period, "share": share}, percent=100 * share)
+        return (note,) if share > 0.5 else ()
 
 
 @dataclass(frozen=True)
@@ -98,29 +98,26 @@ def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
     tested = replace(_from_confirmation(replace(f, oscillation=(0.0, 0.0), quality=storage), c), confirmation=c)
     span, tests, evidence = (float(c.details[name]) for name in ("output_range", "recordings", "evidence"))
 
-    def note(says: str) -> Note:
-        return Note("manual_test", f"test of the valve in manual: OP was moved over {100 * span:.2g} % of its span, "
-                    f"{times(tests)}; {says}", {"output_range": span, "tests": tests, "evidence": evidence})
+    def note(says: str, **shown: str) -> Note:
+        return noted("manual_test", {"output_range": span, "tests": tests, "evidence": evidence}, times=times(tests),
+                     says=said(f"manual_test:{says}", shown))
 
     if tested.verdict is automatic.verdict is Verdict.SUSPECTED and _joined(f, c):
         assert isinstance(f.confirmation, Confirmation)
-        says = note("neither this nor normal operation is proof alone, but both see the same dead band")
-        return replace(min(automatic, tested, key=_width), verdict=Verdict.BACKLASH,
-                       reasons=(says, _explained(c), _explained(f.confirmation), LOOK_ALIKE), confidence=JOINT)
+        return replace(min(automatic, tested, key=_width), verdict=Verdict.BACKLASH, confidence=JOINT, reasons=(
+            note("joined"), _explained(c), _explained(f.confirmation), noted("play_or_stiction")))
     at_least = (*DECIDED, Verdict.SUSPECTED) if automatic.verdict in NOTHING_SAID else DECIDED
     if tested.verdict not in at_least:
-        says = note("it does not decide: " + _missing(c, tested, f.output_step))
-        return replace(automatic, reasons=(*automatic.reasons, says))
+        lacking = note("undecided", missing=_missing(c, tested, f.output_step))
+        return replace(automatic, reasons=(*automatic.reasons, lacking))
     keeps = (_width(automatic) < _width(tested) if automatic.verdict is tested.verdict else
              automatic.verdict in SEEN and tested.verdict is Verdict.NO_BACKLASH and not _contradict(automatic, tested))
     first, other = (automatic, tested) if keeps else (tested, automatic)
-    reasons = [note("it does not contradict normal operation, which tells more" if keeps else
-                    "PV against OP in manual is the cleanest evidence there is, and the verdict rests on it"),
-               *first.reasons]
+    reasons = [note("keeps" if keeps else "decides"), *first.reasons]
     sure = max(d.confidence for d in (first, other) if d.verdict is first.verdict)
     if _contradict(automatic, tested):
         sure = min(sure, DISPUTED)
-        reasons.insert(1, Note("tests_differ", "normal operation speaks against the test: " + other.reasons[0].message))
+        reasons.insert(1, noted("tests_differ", other=other.reasons[0].message))
     if automatic.verdict is Verdict.OSCILLATING:
         reasons.append(automatic.reasons[0])
     return replace(first, reasons=tuple(reasons), confidence=sure)
@@ -130,10 +127,7 @@ def _missing(c: Confirmation, tested: Decision, output_step: float) -> str:
     """What a test in manual would have needed to decide."""
     if tested.verdict is Verdict.SUSPECTED:
         return "; ".join(note.message for note in read(c, output_step=output_step).against) or tested.reasons[1].message
-    if c.details["trace"]:
-        return f"there is no more than a trace of a dead band of {100 * c.d:.2g} %"
-    return ("noise and load hide what PV answers, or OP did not go back far enough twice; larger steps, up, up, down, "
-            "down and again, each held until PV stands, would tell")
+    return said("manual_test:trace" if c.details["trace"] else "manual_test:blind", d=c.d)
 
 
 def _joined(f: Findings, c: Confirmation) -> bool:
@@ -171,27 +165,21 @@ def _in_automatic(f: Findings) -> Decision:
         return Decision(verdict, (f.confirmation,), 0.0, f.cluster)
     # without a test of PV against OP: what the half periods alone allow, by the paper's idea
     if f.long_half_periods == 0:
-        note = Note("no_long_half_periods", "the control error never stays on one side for 5 Ti or longer")
-        return Decision(Verdict.NO_BACKLASH, (note,), 0.5, f.cluster)
+        return Decision(Verdict.NO_BACKLASH, (noted("no_long_half_periods"),), 0.5, f.cluster)
     if f.tight is not None:
-        note = Note("estimates_agree", f"{f.tight.n} of {f.detections} estimates gather at "
-                    f"{100 * f.tight.d:.2g} % of span; PV was not tested against OP")
-        return Decision(Verdict.SUSPECTED, (note, *f.reading), 0.5, f.cluster)
-    note = Note("estimates_scatter", f"{f.detections} detections, not enough of them alike")
-    return Decision(Verdict.CANNOT_TELL, (note,), 0.0, f.cluster)
+        agree = noted("estimates_agree", n=f.tight.n, detections=f.detections, d=f.tight.d)
+        return Decision(Verdict.SUSPECTED, (agree, *f.reading), 0.5, f.cluster)
+    return Decision(Verdict.CANNOT_TELL, (noted("estimates_scatter", detections=f.detections),), 0.0, f.cluster)
 
 
 def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     reading, limits, of = read(c, output_step=f.output_step), f.limits, f.cluster
     sure = confidence(float(c.details["evidence"]), by_hand(c))
     agree = f.tight is not None and abs(f.tight.d - c.d) <= AGREE * c.d
-    reasons = [_explained(c), LOOK_ALIKE]
+    reasons = [_explained(c), noted("play_or_stiction")]
     if of is not None and of.n >= ENOUGH:
-        reasons.append(Note("methods_agree" if agree else "methods_differ", (
-            f"{of.n} half periods of the error give {100 * of.d:.2g} % by the published rule, in agreement"
-            if agree else f"the published rule on half periods of the error gives {100 * of.d:.2g} % ({of.n} similar "
-            "estimates); it reads low with noise on OP and high with setpoint moves and changing load, so the number "
-            "from PV against OP is reported"), {"published": of.d, "confirmed": c.d, "n": float(of.n)}))
+        reasons.append(noted("methods_agree" if agree else "methods_differ",
+                             {"published": of.d, "confirmed": c.d, "n": float(of.n)}))
     reasons += f.reading
     # the number to report; what was found was seen: a limit above it would say that it cannot have been
     size = Cluster(c.d, c.ci95, (c.ci95[1] - c.ci95[0]) / (2.0 * c.d) if c.d > 0 else 0.0, of.n if of else 0,
@@ -211,22 +199,15 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
 def _nothing_found(f: Findings, c: Confirmation, limits: tuple[Note, ...]) -> Decision:
     span, limit = float(c.details["output_range"]), c.limit_of_detection
     if c.details["trace"]:
-        trace = Note("not_separable", f"there is a trace of something like a dead band of {100 * c.d:.2g} %, which a "
-                     "load or a curved valve would leave as well: a longer record, or a test of the valve, would tell",
-                     {"d": c.d, "evidence": float(c.details["evidence"])})
+        trace = noted("not_separable", {"d": c.d, "evidence": float(c.details["evidence"])})
         return Decision(Verdict.CANNOT_TELL, (trace, *limits), 0.0, None)
     if limit is None or limit > (CLEARED_TESTED if by_hand(c) else CLEARED):
         size = "no size" if limit is None else f"only {100 * limit:.2g} % and more"
-        few = Note("little_information", f"no sign of a dead band, but {size} can be excluded by this record: "
-                   f"OP moves over {100 * span:.2g} % of its span, and PV answers with little against its noise and "
-                   "load; a longer record, or a setpoint bump of twice the suspected dead band, would tell",
-                   {"output_range": span, **({} if limit is None else {"limit": limit})})
+        few = noted("little_information", {"output_range": span, **({} if limit is None else {"limit": limit})},
+                    size=size)
         return Decision(Verdict.CANNOT_TELL, (few, *limits), 0.0, None)
-    seen = Note("limit_of_detection", f"a dead band of {100 * limit:.2g} % of span or more would have been seen",
-                {"limit": limit})
-    others = () if f.tight is None else (
-        Note("half_periods_only", f"{f.tight.n} half periods of the error alone would give {100 * f.tight.d:.2g} %, "
-             "but PV follows OP without it: they come from load or setpoint", {"published": f.tight.d}),)
+    seen = noted("limit_of_detection", {"limit": limit})
+    others = () if f.tight is None else (noted("half_periods_only", {"published": f.tight.d}, n=f.tight.n),)
     return Decision(Verdict.NO_BACKLASH, (_not_explained(c), seen, *others, *limits), 0.6 if limits else HEALTHY,
                     Cluster(0.0, (0.0, limit), 0.0, 0, 0.0, limit))
 
@@ -236,15 +217,9 @@ def _explained(c: Confirmation) -> Note:
     rebuilt = " (OP rebuilt from SP, PV, K and Ti)" if c.details.get("output") == "rebuilt" else ""
     # three and six times what is asked for at least are clear and strong
     strength = "strong" if evidence > 6 * CALLED else "clear" if evidence > 3 * CALLED else "some"
-    return Note("play_fits", f"PV follows OP through a dead band of {100 * c.d:.2g} % of span ({100 * c.ci95[0]:.2g} "
-                f"to {100 * c.ci95[1]:.2g} %) better than OP itself ({strength} evidence, OP went back through it "
-                f"{times(crossings)}){rebuilt}", {"d": c.d, "evidence": evidence, "crossings": crossings})
-
-
-LOOK_ALIKE = Note("play_or_stiction", "play or stiction: a sticking valve that lags behind OP in the same way looks "
-                  "alike in normal operation; a slow ramp of OP in manual tells them apart (stiction moves in jumps)")
+    return noted("play_fits", {"d": c.d, "evidence": evidence, "crossings": crossings}, low=100 * c.ci95[0],
+                 high=c.ci95[1], strength=strength, times=times(crossings), rebuilt=rebuilt)
 
 
 def _not_explained(c: Confirmation) -> Note:
-    return Note("play_does_not_fit", "PV follows OP without a dead band as well as with one",
-                {"evidence": float(c.details["evidence"])})
+    return noted("play_does_not_fit", {"evidence": float(c.details["evidence"])})

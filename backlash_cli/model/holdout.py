@@ -76,17 +76,13 @@ def tested(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, r
 def better(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> Tested:
     """Return the likeliest fit, or that of the smallest error where it predicts unseen samples better by 3 %; not in a
     loop driven by its load, where a wrong model has the smallest error."""
-
-    def make() -> Tested:
-        likely = tested(problem, fitted, recorders)
-        if problem.by_load:
-            return likely
-        seen, noise = fitted_problem(problem, recorders), Noise(1e-3, fitted.noise.slow, fitted.noise.fast)
-        shape = descend(Solver(seen, noise), fitted.shape, rounds=6)
-        plain = tested(problem, finished(seen, shape, noise), recorders)
-        return plain if plain.rmse_holdout < 0.97 * likely.rmse_holdout else likely
-
-    return problem.memory.of((problem, fitted, *(part.key for part in recorders)), make)
+    likely = tested(problem, fitted, recorders)
+    if problem.by_load:
+        return likely
+    seen, noise = fitted_problem(problem, recorders), Noise(1e-3, fitted.noise.slow, fitted.noise.fast)
+    shape = descend(Solver(seen, noise), fitted.shape, rounds=6)
+    plain = tested(problem, finished(seen, shape, noise), recorders)
+    return plain if plain.rmse_holdout < 0.97 * likely.rmse_holdout else likely
 
 
 def limits(problem: Problem, parts: Sequence[Part]) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], float]:

@@ -31,15 +31,15 @@ def regions(problem: Problem, error: FloatArray, shape: Shape) -> tuple[Region, 
     if total <= 0.0:
         return ()
     out = []
-    for kind, name, sentence, mask in _masks(problem, error, felt, lag):
+    for kind, name, mask in _masks(problem, error, felt, lag):
         inside = error[mask & used]
         if not max(SMALLEST_SHARE_OF_SAMPLES * count, 5) <= inside.size < count:
             continue
         squares, mean = float(np.sum(inside**2)), float(np.mean(inside))
         share, expected, rmse = squares / total, inside.size / count, float(np.sqrt(squares / inside.size))
         worse = f"{share / expected:.1f} times what its" if share >= 1.15 * expected else "no more than its"
-        said = (f"{sentence}: {100 * share:.0f} % of the squared error in {100 * expected:.0f} % of the samples, "
-                f"{worse} length would give.")
+        said = (f"{name[0].upper()}{name[1:]}: {100 * share:.0f} % of the squared error in {100 * expected:.0f} % of "
+                f"the samples, {worse} length would give.")
         if abs(mean) >= ONE_WAY * rmse:
             side = "above" if mean > 0.0 else "below"
             said += f" PV lies {100 * abs(mean):.2g} % of span {side} the prediction on average."
@@ -75,44 +75,40 @@ def turning_points(values: FloatArray, reach: float) -> tuple[list[int], list[in
     return found[1.0], found[-1.0]
 
 
-def _masks(problem: Problem, error: FloatArray, felt: int, lag: float) -> Iterator[tuple[str, str, str, Mask]]:
-    """Give each part of the record as its kind, its name, the start of a sentence and its samples."""
+def _masks(problem: Problem, error: FloatArray, felt: int, lag: float) -> Iterator[tuple[str, str, Mask]]:
+    """Give each part of the record as its kind, its name and its samples."""
     u, n = problem.output, problem.samples
     up, down = turning_points(u, max(0.05 * float(np.ptp(u)), 0.005))
     # the time right after a turn, not all the time until the next one
     between = np.diff(np.sort(np.array([*up, *down])))
     turned = min(felt, max(int(np.median(between)) // 2, 2)) if between.size else felt
     for way, turns in (("upwards", up), ("downwards", down)):
-        yield "reversal", f"after output reversals, {way}", f"After the output turned {way}", _after(turns, n, turned)
+        yield "reversal", f"after output reversals, {way}", _after(turns, n, turned)
 
     moved = np.abs(np.diff(problem.setpoint, prepend=problem.setpoint[0]))
     during = _after(np.flatnonzero(moved > max(0.1 * float(np.ptp(problem.setpoint)), 1e-4)).tolist(), n, felt)
-    yield "setpoint", "during setpoint moves", "While the loop follows a setpoint move", during
-    yield "setpoint", "at constant setpoint", "While the setpoint stands still", ~during
+    yield "setpoint", "during setpoint moves", during
+    yield "setpoint", "at constant setpoint", ~during
 
     ends = np.quantile(u[problem.used], [0.0, END_SHARE, 1 / 3, 2 / 3, 1.0 - END_SHARE, 1.0])
     _, first, low, high, last, _ = (f"{100 * x:.0f}" for x in ends)
-    for where, mask in ((f"below {low} %", u < ends[2]), (f"above {high} %", u > ends[3])):
-        yield "output level", f"output {where}", f"With the output {where}", mask
-    middle = (u >= ends[2]) & (u <= ends[3])
-    yield "output level", f"output {low} to {high} %", f"With the output between {low} and {high} %", middle
-    yield "limit", "near the lowest output", f"Near the lowest output (below {first} %)", u <= ends[1]
-    yield "limit", "near the highest output", f"Near the highest output (above {last} %)", u >= ends[4]
+    yield "output level", f"output below {low} %", u < ends[2]
+    yield "output level", f"output above {high} %", u > ends[3]
+    yield "output level", f"output {low} to {high} %", (u >= ends[2]) & (u <= ends[3])
+    yield "limit", f"near the lowest output (below {first} %)", u <= ends[1]
+    yield "limit", f"near the highest output (above {last} %)", u >= ends[4]
 
     steps = max(int(lag / problem.interval), 1)
     move = u - np.concatenate([np.full(steps, u[0]), u[:-steps]])
     still = max(0.02 * float(np.ptp(u)), 1e-4)
-    yield "direction", "output rising", "While the output rises", move > still
-    yield "direction", "output falling", "While the output falls", move < -still
-    yield "direction", "output resting", "While the output rests", np.abs(move) <= still
-
+    yield "direction", "output rising", move > still
+    yield "direction", "output falling", move < -still
+    yield "direction", "output resting", np.abs(move) <= still
     for b in range(TIME_BLOCKS):
-        name = f"part {b + 1} of {TIME_BLOCKS} of the record"
-        yield "time", name, f"In {name}", np.arange(n) * TIME_BLOCKS // n == b
+        yield "time", f"part {b + 1} of {TIME_BLOCKS} of the record", np.arange(n) * TIME_BLOCKS // n == b
 
-    said = "Where the error stays on one side for long, as an unmeasured load makes it"
     # stretches in which the mean error keeps its sign much longer than the process remembers
     width, at, sums = max(felt // 3, 1), np.arange(n), np.append(0.0, np.cumsum(error))
     side = np.sign(sums[np.minimum(at + width + 1, n)] - sums[np.maximum(at - width, 0)])
     lengths = np.diff(np.concatenate([[0], np.flatnonzero(np.diff(side)) + 1, [n]]))
-    yield "load", "on one side for long", said, np.repeat(lengths >= felt, lengths)
+    yield "load", "error on one side for long, as under a load", np.repeat(lengths >= felt, lengths)

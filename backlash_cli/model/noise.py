@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from .. import kernels
 from ..record import FloatArray
@@ -136,17 +137,12 @@ def fit_noise(error: FloatArray, used: NDArray[np.bool_], h: float, first: Noise
 def known_load(error: FloatArray, used: NDArray[np.bool_], h: float, noise: Noise, ahead: int) -> FloatArray:
     """Return the load in PV (samples,) as known `ahead` samples before, from what a model missed until then; error:
     (samples,) measured minus predicted PV, any number where not `used`. Harvey (1989), section 3.5."""
-
-    def behind(pushes: FloatArray, keep: float) -> FloatArray:
-        """Return x (samples,) with x[0] = 0 and x[k+1] = keep x[k] + pushes[k]."""
-        return np.asarray(kernels.lag(np.append(0.0, pushes), keep, 0.0, 1.0, 0))[1:]
-
     white = whitener(noise, used, h)
     a1, a2, b = white.a1, white.a2, 1.0 - white.a2
     innovation = white.one(np.where(used, error, 0.0)) / np.where(used, white.weight, 1.0)
     to_w, to_l = (white.gain * innovation[:, None]).T
-    w = behind(a1 * to_w, a1)
-    lagged = behind(a2 * to_l + b * (w + to_w), a2)
+    w = lfilter([0.0, a1], [1.0, -a1], to_w)
+    lagged = lfilter([0.0, 1.0], [1.0, -a2], a2 * to_l + b * (w + to_w))
     # so many samples later the lagged load is l a2^more + w b (a1^(more-1) + a1^(more-2) a2 + ... + a2^(more-1))
     more, powers = ahead - 1, np.arange(ahead - 1)
     later = a2**more * lagged + b * float(np.sum(a1**powers * a2 ** powers[::-1])) * w

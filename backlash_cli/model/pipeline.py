@@ -88,11 +88,7 @@ def in_order(parts: Sequence[Part]) -> tuple[Part, ...]:
 
 def moved_output(problem: Problem, parts: Sequence[Part]) -> FloatArray:
     """Return the output (samples,) after all effects between the controller and the process that are not linear."""
-    movers = acting(parts, Stage.COMMAND, Stage.VALVE, Stage.PROCESS)
-    if not movers:
-        return problem.output
-    # most trials of a fit change the process or the loads only
-    return problem.memory.of(tuple(part.key for part in movers), lambda: through(problem, movers, problem.output))
+    return through(problem, acting(parts, Stage.COMMAND, Stage.VALVE, Stage.PROCESS), problem.output)
 
 
 def through(problem: Problem, parts: Sequence[Part], signal: FloatArray) -> FloatArray:
@@ -114,17 +110,12 @@ def load_columns(problem: Problem, part: Part) -> list[FloatArray]:
     a swing whose phase is not known: in phase, and a quarter of a period before."""
     effect, fitting = part.effect, part.effect.fitting
     none = {name: tuple(0.0 for _ in as_tuple(part.values[name])) for name in fitting.linear}
-
-    def make() -> list[FloatArray]:
-        units: list[Values] = [{**none, name: (*zeros[:i], 1.0, *zeros[i + 1 :])} for name, zeros in none.items()
-                 for i in range(len(zeros))]
-        if fitting.phase:
-            units = [{**unit, fitting.phase: turn} for unit in units for turn in (0.0, 0.5 * np.pi)]
-        return [effect.apply(np.zeros(problem.samples), effect.pack({**part.values, **unit}), problem.interval,
-                             series=problem.columns.get(part.column, ())) for unit in units]
-
-    key = (effect.name, part.column, *((k, v if k not in none else len(none[k])) for k, v in part.values.items()))
-    return problem.memory.of(key, make)
+    units: list[Values] = [{**none, name: (*zeros[:i], 1.0, *zeros[i + 1 :])} for name, zeros in none.items()
+                           for i in range(len(zeros))]
+    if fitting.phase:
+        units = [{**unit, fitting.phase: turn} for unit in units for turn in (0.0, 0.5 * np.pi)]
+    return [effect.apply(np.zeros(problem.samples), effect.pack({**part.values, **unit}), problem.interval,
+                         series=problem.columns.get(part.column, ())) for unit in units]
 
 
 def as_tuple(value: object) -> tuple[float, ...]:
@@ -163,18 +154,17 @@ def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
     parts, and for each further lag of the process what it has to forget of its start."""
     lags = [part for part in shape.parts if part.effect.fitting.on_loads]
     loads = [part for part in shape.parts if part.is_linear]
-
-    def make() -> FloatArray:
-        h, n, tau = problem.interval, problem.samples, shape.lag
+    h, n, tau, key = problem.interval, problem.samples, shape.lag, (shape.lag, *(p.key for p in (*lags, *loads)))
+    if key not in problem.others:
         # what a further lag has to forget is a push of about one time constant at the start
         kick = np.zeros(n)
         kick[1 : 1 + max(int(tau / h), 1)] = 1.0
         pushes = [through(problem, lags, column) for part in loads for column in load_columns(problem, part)]
         pushes += [through(problem, [lag], kick) for lag in lags]
-        lagged = [delayed_lag(push, h, tau, 0.0) for push in pushes]
-        return np.column_stack([np.ones(n), forgotten(n, h, tau), *lagged])
-
-    return problem.others.of((shape.lag, *(part.key for part in (*lags, *loads))), make)
+        problem.others.clear()
+        problem.others[key] = np.column_stack([np.ones(n), forgotten(n, h, tau),
+                                               *(delayed_lag(push, h, tau, 0.0) for push in pushes)])
+    return problem.others[key]
 
 
 def regressors(problem: Problem, shape: Shape) -> FloatArray:

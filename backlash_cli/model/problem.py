@@ -9,9 +9,8 @@ Whether the valve got OP as the historian rounded it or as it was before is not 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,31 +21,13 @@ from ..errors import LoopError
 from ..record import FloatArray, LoopSettings, Record, SampleState
 
 FEWEST_SAMPLES = 100  # fewer samples than this cannot carry a model with three parameters, a hold-out and a search
-T = TypeVar("T")
 SHORT, FORGOTTEN = 0.25, 4.0  # integral times: holes of OP that do no harm, and after which one is forgotten
 LAGS = 7  # shapes of the answer of OP to a setpoint move: lags from one sample to a quarter of the record
 MOSTLY = 0.5  # share from which the error of a prediction from OP alone is the measure
 AHEAD = 0.5  # a load-driven loop is predicted this share of Ti ahead: well before OP can answer to what came meanwhile
 VISIBLE, PART = 2.0, 50.0  # without Ti: until PV has moved by so many times its noise, a part of the record at most
 FEWEST_MOVES = 50  # fewer moves than this tell nothing about a step
-ROOM = 2_000_000  # samples of moved outputs and load columns that are kept: a search comes back to them
 JUMP = 1.5  # moves of this many steps at once are jumps of OP, no crossings
-
-
-class Memory(dict[object, Any]):
-    """The latest `most` results, by what they were made of."""
-
-    def __init__(self, most: int) -> None:
-        self.most = most
-
-    def of(self, key: object, make: Callable[[], T]) -> T:
-        """Return the result known by that key, made where it is not known."""
-        if key not in self:
-            if len(self) >= self.most:
-                del self[next(iter(self))]
-            self[key] = make()
-        found: T = self[key]
-        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +39,8 @@ class Problem:
     delay: dead time [s], where the settings give one. holes: of OP that matter. floor: standard deviation of the
     measurement noise [span]. driven: share of OP's motion that comes from the setpoint or the operator. ahead: samples
     that a loop driven by its load is predicted ahead. output_step: in which OP was recorded [span], 0 when it hardly
-    matters. seed: of the random trials of a search. start: epoch seconds of the first sample. memory, others: moved
-    outputs and load columns, and the columns of the last shape, shared by problems that differ in their mask only.
+    matters. seed: of random trials of a search. start: epoch seconds of the first sample. others: columns of the last
+    shape beside the moved process, by what they were made of; most trials of a fit leave them as they are.
     """
 
     loop: str
@@ -79,8 +60,7 @@ class Problem:
     output_step: float = 0.0
     seed: int = 0
     start: float = 0.0
-    memory: Memory = field(default_factory=lambda: Memory(16), repr=False)
-    others: Memory = field(default_factory=lambda: Memory(1), repr=False)
+    others: dict[object, FloatArray] = field(default_factory=dict, repr=False)
 
     @property
     def samples(self) -> int:
@@ -158,16 +138,14 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
         record.loop, h, moved, np.where(used, measurement, 0.0), recorded, setpoint, used, columns,
         record.settings.theta or None, record.settings, holes, floor,
         moved_from_outside(moved, setpoint, state == SampleState.MANUAL, used, h),
-        horizon(recorded, floor, h, record.settings.Ti), step_of(moved), seed, float(record.time[0]),
-        Memory(max(16, ROOM // samples)))
+        horizon(recorded, floor, h, record.settings.Ti), step_of(moved), seed, float(record.time[0]))
 
 
 def readings(problem: Problem) -> list[Problem]:
     """Return the problem, and with OP as it may have been before it was rounded, where it was rounded coarsely."""
     if not problem.output_step:
         return [problem]
-    return [problem, replace(problem, output=between_steps(problem.output, problem.output_step),
-                             memory=Memory(problem.memory.most), others=Memory(1))]
+    return [problem, replace(problem, output=between_steps(problem.output, problem.output_step))]
 
 
 def usual_output(problem: Problem) -> tuple[float, float] | None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import LoopError
 from ..estimator.compensator import HYSTERESIS, gain_share
-from ..estimator.quality import reversals
+from ..kernels import gap_crossings
 from ..model.problem import noise_floor
 from ..record import FloatArray, Note, Record, SampleState
 from ..results import LoopReport, Verdict
@@ -232,7 +232,7 @@ def judge(run: Trace, s: Study, gain: float) -> Trial:
     error = np.abs(run.setpoint - run.process_output)
     travel, output_travel = (float(np.sum(np.abs(np.diff(way)))) / hours for way in (run.valve, run.output))
     return Trial(gain, float(np.mean(error)), float(np.max(error)), goes_on_oscillating(s, gain), travel, output_travel,
-                 reversals(run.valve, STILL) / hours)
+                 gap_crossings(run.valve, STILL) / hours)
 
 
 def goes_on_oscillating(s: Study, gain: float) -> bool:
@@ -240,7 +240,7 @@ def goes_on_oscillating(s: Study, gain: float) -> bool:
     duration = 120.0 * s.slowest
     run = s.run(duration, gain, use("load_step", times=[0.0], sizes=[2.0 * s.d]))
     valve = run.valve[run.time > 0.7 * duration]
-    return bool(reversals(valve, STILL) >= 4 and np.ptp(valve) > SWING * s.d)
+    return bool(gap_crossings(valve, STILL) >= 4 and np.ptp(valve) > SWING * s.d)
 
 
 def choose(s: Study, trials: dict[float, Trial]) -> tuple[float | None, str, tuple[Note, ...]]:

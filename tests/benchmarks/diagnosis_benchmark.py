@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 
-from backlash_cli.estimator.diagnosis import WORDS, diagnose
+from backlash_cli.estimator.diagnosis import KINDS, diagnose
 
 from .cycling_loops import CAUSES, draw
 
@@ -29,13 +29,13 @@ def judged(cause: str, kind: str) -> str:
 
 def main(loops: int = 60, first: int = 0) -> None:
     """Diagnose `loops` loops of each cause and print the table."""
-    print(f"{'cause':16s}" + "".join(f"{kind[:14]:>15s}" for kind in WORDS) + f"{'right':>8s}{'open':>7s}{'wrong':>7s}")
+    print(f"{'cause':16s}" + "".join(f"{kind[:14]:>15s}" for kind in KINDS) + f"{'right':>8s}{'open':>7s}{'wrong':>7s}")
     total: Counter[str] = Counter()
     for cause in CAUSES:
         kinds = Counter(diagnose(draw(seed, cause).record).kind for seed in range(first, first + loops))
         result = Counter({say: sum(n for k, n in kinds.items() if judged(cause, k) == say) for say in RESULTS})
         total += result
-        print(f"{cause:16s}" + "".join(f"{kinds[kind]:15d}" for kind in WORDS)
+        print(f"{cause:16s}" + "".join(f"{kinds[kind]:15d}" for kind in KINDS)
               + f"{result['right']:8d}{result['open']:7d}{result['wrong']:7d}", flush=True)
     said = total["right"] + total["wrong"]
     print(f"right {total['right']}, open {total['open']}, wrong {total['wrong']} of {loops * len(CAUSES)}; "

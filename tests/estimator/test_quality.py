@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.estimator.quality import data_quality, fast_noise, reversals, rounding_step, stored_as
+from backlash_cli.estimator.quality import data_quality, fast_noise, rounding_step, stored_as
 from backlash_cli.estimator.survey import Survey
 from backlash_cli.record import Record, SampleState, record_from_arrays
 
@@ -75,29 +75,6 @@ def test_noise_of_a_slow_signal() -> None:
     rng = np.random.default_rng(0)
     values = np.sin(INDEX / 300.0) + 0.01 * rng.normal(size=len(INDEX))
     assert fast_noise(INDEX, values) == pytest.approx(0.01, rel=0.05)
-
-
-def turns_by_hand(values: list[float], threshold: float) -> int:
-    count, direction, extreme = 0, 0, values[0]
-    low = high = values[0]
-    for v in values:
-        if direction == 0:
-            low, high = min(low, v), max(high, v)
-            if high - v > threshold:
-                direction, extreme = -1, v
-            elif v - low > threshold:
-                direction, extreme = 1, v
-        elif (v - extreme) * direction > 0:
-            extreme = v
-        elif (extreme - v) * direction > threshold:
-            direction, extreme, count = -direction, v, count + 1
-    return count
-
-
-@given(st.lists(st.integers(-20, 20), min_size=1, max_size=60), st.integers(1, 10))
-def test_reversals_are_those_counted_by_hand(values: list[int], threshold: int) -> None:
-    numbers = [float(v) for v in values]
-    assert reversals(np.array(numbers), threshold + 0.5) == turns_by_hand(numbers, threshold + 0.5)
 
 
 def codes(record: Record, Ti: float | None = 20.0) -> dict[str, str]:

@@ -11,7 +11,7 @@ from backlash_cli.model.adequacy import left_by
 from backlash_cli.model.candidates import Judge, candidate, recorders
 from backlash_cli.model.holdout import only_reports, recorded_floor
 from backlash_cli.model.intervals import unseen_travel
-from backlash_cli.model.problem import Memory, problem_from_record
+from backlash_cli.model.problem import problem_from_record
 from backlash_cli.model.search import baseline
 from backlash_cli.record import FloatArray, LoopSettings, Record, record_from_arrays
 
@@ -89,7 +89,7 @@ def test_a_gap_may_be_wider_where_op_turned_between_the_stored_samples() -> None
 def problem_with(problem, output):  # type: ignore[no-untyped-def]
     from dataclasses import replace
 
-    return replace(problem, output=output, memory=Memory(16))
+    return replace(problem, output=output)
 
 
 def test_repeated_values_are_an_exception_test_or_rounding_with_their_own_floor() -> None:
