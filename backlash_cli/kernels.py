@@ -40,13 +40,17 @@ def gap_means(u: NDArray[Any], widths: NDArray[Any], size: int, count: int) -> N
     """Means over `count` blocks of `size` samples of what the stem lags behind OP, for each dead band in `widths`.
 
     u: (samples,) controller output; widths: (widths,) dead bands in its units; returns (widths, blocks) of
-    play(u) - u. The stem begins in the middle of its gap.
+    play(u) - u. Until u has covered a whole gap, the stem is taken to stand in the middle of where it may stand.
     """
     out = np.zeros((len(widths), count))
     half, x = 0.5 * widths, np.full(len(widths), u[0])
+    low = high = u[0]
     for i in range(count * size):
         v = u[i]
+        low, high = min(low, v), max(high, v)
         for j in range(len(widths)):
+            if high - low < widths[j]:
+                x[j] = 0.5 * (low + high)
             x[j] = min(max(x[j], v - half[j]), v + half[j])
             out[j, i // size] += x[j] - v
     return out / size

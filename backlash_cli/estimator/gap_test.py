@@ -11,8 +11,8 @@ already (the J test of nested and non-nested models, Davidson and MacKinnon, Eco
     tied       the gain of the tied fit over the prediction without a gap: below zero where the gap alone does worse
                than OP itself, which no valve does
 
-Until OP has covered a whole gap since a recording began, nobody knows where the stem stands in it: what lies before
-does not count, neither for the gap nor against it. In many short recordings of one loop that is much.
+Until OP has covered the gap since a recording began, nobody knows where the stem stands in it: what lies before does
+not count, neither for the gap nor against it. In many short recordings of one loop that is much.
 
 Gaps that forget are offered as imitations: shaped alike, but rate dependent, as no valve is. What they gain is what
 the imperfection of the prediction is worth.
@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from ..record import FloatArray, IntArray
 from .predictor import LEAST_ROWS, Predictor
 
+COVERED = 0.9  # of a gap by OP: from there on it is known well enough where the stem stands
 STRETCHES = 24  # of the record, for the deviation of the share
 LEAST_SHARE, MOST_SHARE = 0.6, 1.6  # a share outside is no gap, whatever it gains
 LEAST_ANSWER, MOST_ANSWER = 0.02, 20.0  # of PV to OP within 6 Ti, times K: a loop so far off would not have been tuned
@@ -77,9 +78,9 @@ def gaps_in(output: FloatArray, widths: FloatArray, size: int) -> FloatArray:
 
 
 def stem_known(output: FloatArray, widths: FloatArray) -> IntArray:
-    """Samples (widths,) by which OP has covered a whole gap: from there on the stem stands where the gap says."""
+    """Samples (widths,) by which OP has covered the gap: from there on the stem stands where the gap says."""
     covered = np.maximum.accumulate(output) - np.minimum.accumulate(output)
-    return np.searchsorted(covered, widths)
+    return np.searchsorted(covered, COVERED * widths)
 
 
 def forgetting_gaps_in(output: FloatArray, widths: FloatArray, size: int, memory: float) -> FloatArray:
