@@ -120,7 +120,7 @@ def points_of(nights: Sequence[Night]) -> tuple[list[Night], list[tuple[str, str
             points.append(replace(night, d=float(other["d"]), ci95=None))
         else:
             code = "no_size" if night.d is not None else night.reasons[0].code if night.reasons else str(night.verdict)
-            gaps.append((night.date.isoformat(), code))
+            gaps.append((day_of(night.time), code))
     return points, gaps
 
 
@@ -213,5 +213,5 @@ def held_out(nights: Nights) -> HeldOut | None:
         scores.append(float(-0.5 * ((size - mean) ** 2 / variance + np.log(variance)).sum()))
         off.append(size - mean)
     line, local = (float(np.median(np.abs(x))) for x in off)
-    return HeldOut(len(hidden), day_of(days[0] * DAY).isoformat(), line, local, float(np.median(off[0])),
+    return HeldOut(len(hidden), day_of(days[0] * DAY), line, local, float(np.median(off[0])),
                    scores[0] >= scores[1] - CLEAR)
