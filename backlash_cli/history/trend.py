@@ -10,13 +10,12 @@ The time of a night is the middle of its data; the clock is never asked.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import generic_filter
+import pandas as pd
 from scipy.stats import binom
 
 from ..results import Verdict
@@ -132,8 +131,8 @@ def measurements(sized: Sequence[Night]) -> Nights:
     """
     time, size = np.array([[p.time / DAY, p.d] for p in sized], float).T
     half = np.array([0.5 * (p.ci95[1] - p.ci95[0]) if p.ci95 else np.nan for p in sized])
-    with warnings.catch_warnings(action="ignore"):  # nights without an interval have none about them
-        usual, level = (generic_filter(x, np.nanmedian, WINDOW, mode="constant", cval=np.nan) for x in (half, size))
+    about = pd.DataFrame({"usual": half, "level": size}).rolling(WINDOW, center=True, min_periods=1).median()
+    usual, level = about.to_numpy().T
     scatter = float(np.median(np.abs(np.diff(size)))) / 0.6745 / 2**0.5 if len(size) > 1 else 0.0
     error = np.where(half > 2.0 * usual, half, usual) / 1.96
     error = np.where(np.isfinite(error), error, np.nanmedian(error) if np.isfinite(error).any() else scatter)
