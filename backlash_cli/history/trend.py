@@ -161,7 +161,7 @@ def _found(loop: str, parts: Sequence[Part]) -> list[Repair]:
                                           np.flatnonzero(trend.nights.steps)]
         # the sizes have to fall as well: a trend may fall back where it rose too early
         falls = [(sized[k], before, after) for k, before, after, size in steps if _fell(before, after) and
-                 np.median(size[max(k - WINDOW, 0) : k]) - np.median(size[k : k + WINDOW]) > 0.5 * (before - after)]
+                 np.median(size[max(k - WINDOW, 0) : k]) - np.median(size[k : k + LEAST]) > 0.3 * (before - after)]
         falls += [fall for fall in _falls_silent(nights) if all(abs(fall[0] - k) > WINDOW for k, _, _ in falls)]
         for k, before, after in sorted(falls):
             if (number and k <= SAME_REPAIR) or (number + 1 < len(parts) and len(nights) - k <= SAME_REPAIR):
