@@ -65,6 +65,7 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
     """List what a history holds, export it, or enter repairs."""
     from ..history.plant import chosen, moment_of, rows_of
     from ..history.store import History
+    from ..results.history import day_of
 
     path = db or named
     if path is None:
@@ -81,7 +82,7 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
         if remove_repair:
             name, date = remove_repair
             if not store.remove_repair(name, moment_of(date)):
-                days = ", ".join(str(r.date) for r in store.repairs(name)) or "none"
+                days = ", ".join(day_of(r.time) for r in store.repairs(name)) or "none"
                 raise UsageError(f"no repair of {name} is entered on {date}", where=str(path),
                                  remedy=f"entered are: {days}")
             say(f"repair of {name} on {date} taken back")

@@ -121,7 +121,7 @@ def _exports(config: NightlyConfig) -> tuple[list[DatedExport], list[str]]:
     if not found:
         raise InputError("no export fits the patterns", where=f"{config.path}, inputs",
                          remedy=f"check them: {', '.join(config.inputs)}")
-    return found, missing_days(e.date for e in found if e.date)
+    return found, missing_days(e.name for e in found if e.date)
 
 
 def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: History, log: Log, done: Done

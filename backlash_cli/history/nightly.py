@@ -178,7 +178,8 @@ def lock(path: Path) -> Iterator[str]:
         raise BacklashError(f"cannot make the lock file: {error.strerror}", where=str(path), code="lock",
                             remedy="check the folder, or set `lock` in the configuration") from None
     with file:
-        try:
+        taken = False
+        with contextlib.suppress(OSError):
             if sys.platform == "win32":
                 import msvcrt
 
@@ -189,8 +190,6 @@ def lock(path: Path) -> Iterator[str]:
 
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             taken = True
-        except OSError:
-            taken = False
         file.seek(0)
         before = file.read(200).decode("utf-8", "replace").strip()
         if not taken:

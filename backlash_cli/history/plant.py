@@ -23,7 +23,7 @@ import numpy as np
 
 from ..errors import UsageError, nearest
 from ..results import Verdict
-from ..results.history import DAY, Night, Place, Wear
+from ..results.history import DAY, Night, Place, Wear, day_of
 from .limits import Limits
 from .store import History
 from .trend import wear
@@ -111,7 +111,7 @@ def rows_of(history: History, table: str, loops: list[str]) -> list[dict[str, An
     if table == "half_periods":
         return [{"loop": loop, **vars(p)} for loop in loops for p in history.half_periods(loop)]
     if table == "repairs":
-        return [{"loop": loop, "time": r.time, "date": r.date.isoformat(), "note": r.note}
+        return [{"loop": loop, "time": r.time, "date": day_of(r.time), "note": r.note}
                 for loop in loops for r in history.repairs(loop)]
     if table == "runs":
         return [{"start": r["first"], "end": r["last"], "loops": r["loops"], "nights": r["nights"],
@@ -123,7 +123,7 @@ def rows_of(history: History, table: str, loops: list[str]) -> list[dict[str, An
 def _night_values(night: Night) -> dict[str, Any]:
     low, high = night.ci95 or (None, None)
     return {
-        "loop": night.loop, "date": night.date.isoformat(), "start": night.start, "end": night.end,
+        "loop": night.loop, "date": day_of(night.time), "start": night.start, "end": night.end,
         "verdict": str(night.verdict), "confidence": night.confidence, "d": night.d, "d_low": low, "d_high": high,
         **{name: getattr(night, name) for name in ("source", "limit_of_detection", "samples", "interval_s",
                                                    "half_periods", "detections")},

@@ -109,7 +109,7 @@ class History:
                     rows.append(row)
                     known = self.rows("SELECT digest FROM nights WHERE (loop, start, end) = (:loop, :start, :end)", row)
                     what = "new" if not known else "revised" if known[0]["digest"] != row["digest"] else "unchanged"
-                    done[what].append((row["loop"], day_of(0.5 * (row["start"] + row["end"])).isoformat()))
+                    done[what].append((row["loop"], day_of(0.5 * (row["start"] + row["end"]))))
                     if what != "unchanged":
                         self.rows(f"DELETE FROM half_periods {OF_NIGHT}", row)
                         self.insert("nights", [{**row, "carry": report.carry}])

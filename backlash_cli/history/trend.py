@@ -10,13 +10,12 @@ The time of a night is the middle of its data; the clock is never asked.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import generic_filter
+import pandas as pd
 from scipy.stats import binom
 
 from ..results import Verdict
@@ -120,7 +119,7 @@ def points_of(nights: Sequence[Night]) -> tuple[list[Night], list[tuple[str, str
             points.append(replace(night, d=float(other["d"]), ci95=None))
         else:
             code = "no_size" if night.d is not None else night.reasons[0].code if night.reasons else str(night.verdict)
-            gaps.append((night.date.isoformat(), code))
+            gaps.append((day_of(night.time), code))
     return points, gaps
 
 
@@ -132,8 +131,8 @@ def measurements(sized: Sequence[Night]) -> Nights:
     """
     time, size = np.array([[p.time / DAY, p.d] for p in sized], float).T
     half = np.array([0.5 * (p.ci95[1] - p.ci95[0]) if p.ci95 else np.nan for p in sized])
-    with warnings.catch_warnings(action="ignore"):  # nights without an interval have none about them
-        usual, level = (generic_filter(x, np.nanmedian, WINDOW, mode="constant", cval=np.nan) for x in (half, size))
+    about = pd.DataFrame({"usual": half, "level": size}).rolling(WINDOW, center=True, min_periods=1).median()
+    usual, level = about.to_numpy().T
     scatter = float(np.median(np.abs(np.diff(size)))) / 0.6745 / 2**0.5 if len(size) > 1 else 0.0
     error = np.where(half > 2.0 * usual, half, usual) / 1.96
     error = np.where(np.isfinite(error), error, np.nanmedian(error) if np.isfinite(error).any() else scatter)
@@ -162,7 +161,7 @@ def _found(loop: str, parts: Sequence[Part]) -> list[Repair]:
                                           np.flatnonzero(trend.nights.steps)]
         # the sizes have to fall as well: a trend may fall back where it rose too early
         falls = [(sized[k], before, after) for k, before, after, size in steps if _fell(before, after) and
-                 np.median(size[max(k - WINDOW, 0) : k]) - np.median(size[k : k + WINDOW]) > 0.5 * (before - after)]
+                 np.median(size[max(k - WINDOW, 0) : k]) - np.median(size[k : k + LEAST]) > 0.3 * (before - after)]
         falls += [fall for fall in _falls_silent(nights) if all(abs(fall[0] - k) > WINDOW for k, _, _ in falls)]
         for k, before, after in sorted(falls):
             if (number and k <= SAME_REPAIR) or (number + 1 < len(parts) and len(nights) - k <= SAME_REPAIR):
@@ -213,5 +212,5 @@ def held_out(nights: Nights) -> HeldOut | None:
         scores.append(float(-0.5 * ((size - mean) ** 2 / variance + np.log(variance)).sum()))
         off.append(size - mean)
     line, local = (float(np.median(np.abs(x))) for x in off)
-    return HeldOut(len(hidden), day_of(days[0] * DAY).isoformat(), line, local, float(np.median(off[0])),
+    return HeldOut(len(hidden), day_of(days[0] * DAY), line, local, float(np.median(off[0])),
                    scores[0] >= scores[1] - CLEAR)

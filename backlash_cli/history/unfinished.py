@@ -2,8 +2,8 @@
 
 One file per scan (the same inputs and options), `HISTORY.unfinished-...`, gone when the scan has ended well. Every
 process adds a line to its end as soon as it has finished a loop, in one write: what it finished before it was killed is
-there, and a line that was cut short is told by its checksum and left out. A report is taken over only where its key
-fits, which stands for all that the report is made from.
+there, and a line that was cut short is left out, for it cannot be read. A report is taken over only where its key fits,
+which stands for all that the report is made from.
 """
 
 from __future__ import annotations
@@ -46,11 +46,8 @@ class Unfinished:
             with open(self.path, "a+b" if resume else "w+b") as file:
                 file.seek(0)
                 for line in file:
-                    checksum, _, text = line.rstrip(b"\n").partition(b" ")
-                    key, _, report = text.partition(b" ")
                     with contextlib.suppress(ValueError):
-                        if text and checksum == _checksum(text):
-                            self.known[key.decode()] = from_text(report)
+                        self.known.update([from_text(line)])
         except OSError as error:
             raise BacklashError(f"the history may not be written: {error.strerror}", where=str(history),
                                 code="history_unusable", remedy="check the rights of its folder") from None
@@ -68,8 +65,7 @@ class Unfinished:
         if not key or isinstance(report, Note) or report.verdict is Verdict.ERROR:
             return
         with contextlib.suppress(OSError, TypeError, ValueError, OverflowError):
-            text = key.encode() + b" " + to_text(report)
-            line = b"\n" + _checksum(text) + b" " + text + b"\n"
+            line = b"\n" + to_text(key, report) + b"\n"
             with open(self.path, "ab", buffering=0) as file:
                 while line:
                     line = line[file.write(line) :]
@@ -84,17 +80,17 @@ class Unfinished:
         return {**vars(self), "known": {}}
 
 
-def to_text(report: LoopReport) -> bytes:
-    """Return a finished loop as text without a line end: numbers with all their digits, arrays as such.
+def to_text(key: str, report: LoopReport) -> bytes:
+    """Return a finished loop and its key as text without a line end: numbers with all their digits, arrays as such.
 
     Raises TypeError, ValueError or OverflowError for what cannot be brought back as it was.
     """
-    return base64.b64encode(msgspec.msgpack.encode(report, enc_hook=_plain))
+    return base64.b64encode(msgspec.msgpack.encode((key, report), enc_hook=_plain))
 
 
-def from_text(text: bytes) -> LoopReport:
+def from_text(text: bytes) -> tuple[str, LoopReport]:
     """Return what `to_text` was given. Raises ValueError for any other text."""
-    return msgspec.msgpack.decode(base64.b64decode(text), type=LoopReport, dec_hook=_array)
+    return msgspec.msgpack.decode(base64.b64decode(text), type=tuple[str, LoopReport], dec_hook=_array)
 
 
 def _plain(value: Any) -> Any:
@@ -108,7 +104,3 @@ def _plain(value: Any) -> Any:
 def _array(kind: type, value: Any) -> Any:
     """An array from its type and bytes; what may be anything stays as it is."""
     return value if kind is object else np.frombuffer(value[1], value[0])
-
-
-def _checksum(text: bytes) -> bytes:
-    return hashlib.sha256(text).hexdigest()[:16].encode()

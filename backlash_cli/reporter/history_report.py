@@ -61,7 +61,7 @@ def _told(place: Place) -> dict[str, Any]:
         "limit": wear.limit.value, "limit_class": wear.limit.name, "limit_source": wear.limit.source,
         "limit_date": date and {"value": date[0], "ci95": date[1:]}, "model": wear.model or None,
         "held_out": wear.held_out,
-        "repairs": [{"date": r.date.isoformat(), **fields_of(r, "loop")} for r in wear.repairs],
+        "repairs": [{"date": day(r.time), **fields_of(r, "loop")} for r in wear.repairs],
         "segments": [{"start": day(s.first), "end": day(s.last), "nights": s.nights,
                       "below_detection": s.below, "slope_per_day": _slope(s), "level_start": s.level_first,
                       "level_end": s.level} for s in wear.segments],

@@ -48,13 +48,12 @@ def _plot(figure: PaperFigure) -> Figure:
                 mode="markers" if len(line.x) == 1 else "lines", width=1.2 if line.quiet else 1.6, dash=line.dash,
                 size=10, symbol="diamond", hover="", showlegend=line.name not in known, legendgroup=line.name,
                 xaxis=f"x{mark}", yaxis=f"y{mark}"))
-        for letter, label, limits, more in (
-                ("x", panel.x_label, panel.x_limits, {"anchor": f"y{mark}"}),
-                ("y", panel.y_label, panel.y_limits, {"anchor": f"x{mark}", "domain": [max(top - height, 0.0), top]})):
-            layout[f"{letter}axis{mark}"] = axis(label, **({"range": list(limits)} if limits else {}), **more)
+        shown: Figure = {"range": list(panel.square)} if panel.square else {}
+        layout[f"xaxis{mark}"] = axis(panel.x_label, anchor=f"y{mark}", **shown)
+        layout[f"yaxis{mark}"] = axis(panel.y_label, anchor=f"x{mark}", domain=[max(top - height, 0.0), top], **shown)
         if k > 0 and not figure.panels[0].x_label and panel.x_label.startswith("time"):
             layout[f"xaxis{mark}"]["matches"] = "x"
-        if panel.equal_scales:
+        if panel.square:
             layout[f"yaxis{mark}"]["scaleanchor"] = f"x{mark}"
             layout["height"] = 620
         layout["annotations"] += [written(text, x, y, xref=f"x{mark}", yref=f"y{mark}", yshift=12)

@@ -5,13 +5,13 @@ Signals are normalised, dead bands and gains of the compensator in spans of the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..record import Note
 
 if TYPE_CHECKING:
+    from ..simulator.controller import Controller
     from ..simulator.process import Process
 
 ENOUGH, WRONG = 0.8, 0.05  # chance from which on an option is said to decide; the most of wrong answers
@@ -91,23 +91,25 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class CompensationStudy:
-    """Before and after for one loop, and the advice."""
+    """One loop: what is known of it before a compensator is simulated, then before and after, and the advice."""
 
     loop: str
-    settings: Mapping[str, float]
+    controller: Controller
+    process: Process
     d: float  # dead band
     interval: tuple[float, float]  # its ends
     d_source: str  # "scan" or "given"
-    process: Process
+    density: float  # of the white measurement noise [span^2 s]
     output_noise: float  # standard deviation of the fast motion of the output
     hysteresis: float  # of the error's sign, simulated with every gain
-    load: float  # typical load step
-    trials: tuple[Trial, ...]  # by gain, the first without compensator
-    rule_gain: float  # what the rule allows before any simulation
-    recommended: float | None  # gain, None when refused
-    reason: str  # why this gain, or why none
-    refusals: tuple[Note, ...] = ()  # what speaks against
+    load: float  # typical load step at the process input
+    rule_gain: float  # what the rule allows before any simulation, 0 for none
+    reason: str  # why this gain, or why none; the rule's, before any simulation
     warnings: tuple[Note, ...] = ()
+    seed: int = 0
+    trials: tuple[Trial, ...] = ()  # by gain, the first without compensator
+    recommended: float | None = None  # gain, None when refused
+    refusals: tuple[Note, ...] = ()  # what speaks against
     before: Course | None = None
     after: Course | None = None  # with the recommended gain
 

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, date, datetime
+
+import numpy as np
 
 from ..record import Note
 from .scan import Verdict
@@ -15,16 +16,15 @@ from .scan import Verdict
 DAY = 86400.0
 
 
-def day_of(time: float) -> date:
-    """Return the UTC calendar day of a time in epoch seconds."""
-    return datetime.fromtimestamp(time, UTC).date()
+def day_of(time: float) -> str:
+    """Return the UTC calendar day of a time in epoch seconds, as ISO 8601."""
+    return str(np.datetime64(int(time // DAY), "D"))
 
 
-def missing_days(covered: Iterable[date]) -> list[str]:
+def missing_days(covered: Iterable[str]) -> list[str]:
     """Return the days between the first and the last covered one that are not covered."""
-    known = {day.toordinal() for day in covered}
-    return [date.fromordinal(k).isoformat() for k in range(min(known, default=0), max(known, default=0))
-            if k not in known]
+    days = np.array([*covered], "datetime64[D]")
+    return list(map(str, np.setdiff1d(np.arange(days.min(), days.max()), days))) if len(days) else []
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,6 @@ class Night:
         return 0.5 * (self.start + self.end)
 
     @property
-    def date(self) -> date:
-        """UTC calendar day of the middle of the export."""
-        return day_of(self.time)
-
-    @property
     def below_detection(self) -> bool:
         """Whether the night says only that the dead band is below its limit of detection."""
         return self.d is None and self.verdict is Verdict.NO_BACKLASH and self.limit_of_detection is not None
@@ -77,11 +72,6 @@ class Repair:
     found: bool = False  # seen in the data instead of entered by a person
     before: float | None = None
     after: float | None = None
-
-    @property
-    def date(self) -> date:
-        """UTC calendar day."""
-        return day_of(self.time)
 
 
 @dataclass(frozen=True)

@@ -55,9 +55,7 @@ class Panel:
     x_label: str
     y_label: str
     marks: tuple[tuple[float, float, str], ...] = ()  # x, y and a short text there
-    x_limits: tuple[float, float] | None = None  # visible range, None: all
-    y_limits: tuple[float, float] | None = None
-    equal_scales: bool = False
+    square: tuple[float, float] | None = None  # visible range of both axes, which then have one scale; None: all
 
 
 @dataclass(frozen=True)

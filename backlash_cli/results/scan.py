@@ -69,19 +69,17 @@ class Estimates(Sequence[Estimate]):
 
     def select(self, wanted: NDArray[np.bool_]) -> Estimates:
         """Return some of them; wanted: (half_periods,)."""
-        return replace(self, **{name: column[wanted] for name, column in self._columns().items()})
+        columns: dict[str, Any] = {n: x[wanted] for n, x in vars(self).items() if isinstance(x, np.ndarray)}
+        return replace(self, **columns)
 
     def __getitem__(self, at: int | slice) -> Any:
         return tuple(self)[at]
 
     def __iter__(self) -> Iterator[Estimate]:
-        rows = zip(*(column.tolist() for column in self._columns().values()), strict=True)
-        for begin, dt_s, dy, e_max, d, direction, why in rows:
+        columns = self.begin, self.dt_s, self.dy, self.e_max, self.d, self.direction, self.why
+        for begin, dt_s, dy, e_max, d, direction, why in zip(*(x.tolist() for x in columns), strict=True):
             yield Estimate(self.origin + begin, self.origin + (begin + dt_s), dt_s, dy, e_max, d, direction,
                            self.codes[why] == "ok", self.codes[why])
-
-    def _columns(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
 
     def __eq__(self, other: object) -> bool:
         return tuple(self) == tuple(other) if isinstance(other, Sequence) else NotImplemented

@@ -5,7 +5,7 @@ Noise and loads are those of the record. Advice to a person: nothing here reache
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -74,9 +74,9 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
     density = density_of(record, controller)
     filtered, arrived = (gain * float(np.sqrt(density)) for gain in noise_gains(controller))
     share, why = gain_share(interval[0], derivative=controller.Td > 0.0, output_noise=arrived)
-    loop = Study(controller, simulated, d, interval, density, typical_load(record, d), HYSTERESIS * filtered,
-                 share * interval[0], why)
-    return study(loop, record.loop, d_source, warnings)
+    return study(CompensationStudy(
+        record.loop, controller, simulated, d, interval, d_source, density, arrived, HYSTERESIS * filtered,
+        typical_load(record, d), share * interval[0], why, warnings))
 
 
 def size_of(report: LoopReport, given: float | None) -> tuple[float, tuple[float, float], str]:
@@ -118,8 +118,7 @@ def contradiction(model: Process) -> tuple[float, float] | None:
 
 def gain_margin(controller: Controller, process: Process) -> float:
     """Return by which factor the gain may grow until the loop is unstable, infinite if it never is."""
-    slowest = max(controller.Ti, process.dead_time + sum(process.lags))
-    omega = np.logspace(-2.0, 4.0, 20_000) / slowest
+    omega = np.logspace(-2.0, 4.0, 20_000) / slowest(controller, process)
     loop = controller.response(omega) * process.response(omega)
     down = (loop.imag[:-1] < 0.0) & (loop.imag[1:] >= 0.0) & (loop.real[1:] < 0.0)
     return float(np.min(-1.0 / loop.real[1:][down], initial=np.inf))
@@ -167,66 +166,41 @@ def typical_load(record: Record, d: float) -> float:
     return float(max(min(0.5 * (high - low), LARGEST_LOAD), smallest))
 
 
-@dataclass(frozen=True)
-class Study:
-    """What is known about the loop before the simulation.
-
-    d, interval: dead band and the ends of its interval [span]. density: of the white measurement noise [span^2 s].
-    load: size of a typical load step at the process input [span of output]. hysteresis: of the error's sign [span].
-    rule_gain: gain that the rule allows, 0 for none, rule_reason: why.
-    """
-
-    controller: Controller
-    process: Process
-    d: float
-    interval: tuple[float, float]
-    density: float
-    load: float
-    hysteresis: float
-    rule_gain: float
-    rule_reason: str
-    seed: int = 0
-
-    @property
-    def slowest(self) -> float:
-        """Time scale of the loop [s]: integral time, or the process's lags and dead time."""
-        return max(self.controller.Ti, self.process.dead_time + sum(self.process.lags))
-
-    def run(self, duration: float, gain: float, *effects: Applied) -> Trace:
-        """Simulate the loop, at rest at first, with compensator (9) of this gain, met by these effects."""
-        # fine enough for the filter, whose noise would be lost otherwise
-        step = max(self.controller.filter_time / 4.0, duration / MOST_SAMPLES)
-        compensator = Compensator(gain, Scheme.ERROR, hysteresis=self.hysteresis)
-        return trace(Scenario(self.controller, self.process, duration, step, (use("backlash", d=self.d), *effects),
-                              compensator=compensator, seed=self.seed))
+def slowest(controller: Controller, process: Process) -> float:
+    """Return the time scale of the loop [s]: integral time, or the process's lags and dead time."""
+    return max(controller.Ti, process.dead_time + sum(process.lags))
 
 
-def study(s: Study, loop: str, d_source: str, warnings: tuple[Note, ...] = ()) -> CompensationStudy:
+def run_with(s: CompensationStudy, duration: float, gain: float, *effects: Applied) -> Trace:
+    """Simulate the loop, at rest at first, with compensator (9) of this gain, met by these effects."""
+    # fine enough for the filter, whose noise would be lost otherwise
+    step = max(s.controller.filter_time / 4.0, duration / MOST_SAMPLES)
+    compensator = Compensator(gain, Scheme.ERROR, hysteresis=s.hysteresis)
+    return trace(Scenario(s.controller, s.process, duration, step, (use("backlash", d=s.d), *effects),
+                          compensator=compensator, seed=s.seed))
+
+
+def study(s: CompensationStudy) -> CompensationStudy:
     """Simulate all gains and choose one. Raises LoopError when the loop is unstable even without compensator."""
     allowed = [back * s.rule_gain for back in STEPS_BACK]
     shares = {0.0, *(share * s.d for share in SHARES)}
-    spacing = SPACING * s.slowest
+    spacing = SPACING * slowest(s.controller, s.process)
     random = np.random.default_rng(s.seed)
     sizes = s.load * random.uniform(0.5, 1.5, LOAD_STEPS) * np.where(np.arange(LOAD_STEPS) % 2, -1.0, 1.0)
     times = spacing * (0.5 + np.arange(LOAD_STEPS) + random.uniform(-0.2, 0.2, LOAD_STEPS))
     loads = (use("load_step", times=times.tolist(), sizes=sizes.tolist()), use("measurement_noise", density=s.density))
-    runs = {gain: s.run(spacing * (LOAD_STEPS + 0.5), gain, *loads)
+    runs = {gain: run_with(s, spacing * (LOAD_STEPS + 0.5), gain, *loads)
             for gain in sorted({*shares, *allowed, *(gain * MARGIN for gain in allowed)})}
     trials = {gain: judge(run, s, gain) for gain, run in runs.items()}
     recommended, reason, refusals = choose(s, trials)
     listed = sorted({*shares, *([recommended, MARGIN * recommended] if recommended else [])})
     before, after = (None if gain is None else glimpse(runs[gain], 4.0 * spacing, 6.0 * spacing)
                      for gain in (0.0, recommended))
-    return CompensationStudy(
-        loop=loop,
-        settings={"K": s.controller.K, "Ti": s.controller.Ti, "Td": s.controller.Td, "Tf": s.controller.filter_time},
-        d=s.d, interval=s.interval, d_source=d_source, process=s.process,
-        output_noise=noise_gains(s.controller)[1] * float(np.sqrt(s.density)), hysteresis=s.hysteresis, load=s.load,
-        trials=tuple(trials[gain] for gain in listed), rule_gain=s.rule_gain, recommended=recommended, reason=reason,
-        refusals=refusals, warnings=warnings, before=before, after=after)
+    return replace(s, trials=tuple(trials[gain] for gain in listed), recommended=recommended, reason=reason,
+                   refusals=refusals, before=before, after=after)
 
 
-def judge(run: Trace, s: Study, gain: float) -> Trial:
+def judge(run: Trace, s: CompensationStudy, gain: float) -> Trial:
     """Return the numbers of one run."""
     hours = run.scenario.duration / 3600.0
     error = np.abs(run.setpoint - run.process_output)
@@ -235,15 +209,15 @@ def judge(run: Trace, s: Study, gain: float) -> Trial:
                  gap_crossings(run.valve, STILL) / hours)
 
 
-def goes_on_oscillating(s: Study, gain: float) -> bool:
+def goes_on_oscillating(s: CompensationStudy, gain: float) -> bool:
     """True when the loop, pushed once and then left alone without noise, still turns its valve over and over."""
-    duration = 120.0 * s.slowest
-    run = s.run(duration, gain, use("load_step", times=[0.0], sizes=[2.0 * s.d]))
+    duration = 120.0 * slowest(s.controller, s.process)
+    run = run_with(s, duration, gain, use("load_step", times=[0.0], sizes=[2.0 * s.d]))
     valve = run.valve[run.time > 0.7 * duration]
     return bool(gap_crossings(valve, STILL) >= 4 and np.ptp(valve) > SWING * s.d)
 
 
-def choose(s: Study, trials: dict[float, Trial]) -> tuple[float | None, str, tuple[Note, ...]]:
+def choose(s: CompensationStudy, trials: dict[float, Trial]) -> tuple[float | None, str, tuple[Note, ...]]:
     """Return the recommended gain or None, the reason, and what spoke against (larger) gains."""
     against: list[Note] = []
     if s.process.integrating:
@@ -253,7 +227,7 @@ def choose(s: Study, trials: dict[float, Trial]) -> tuple[float | None, str, tup
         against.append(Note("limit_cycle", "the loop oscillates by itself with this dead band and tuning: repair the "
                             "valve, or retune first (a lower K or a longer Ti)"))
     if s.rule_gain <= 0.0:
-        against.append(Note("noisy_output", s.rule_reason))
+        against.append(Note("noisy_output", s.reason))
     if against:
         return None, against[0].message, tuple(against)
     for back in STEPS_BACK:
@@ -261,7 +235,7 @@ def choose(s: Study, trials: dict[float, Trial]) -> tuple[float | None, str, tup
         notes = objections(trials[0.0], trials[gain], trials[gain * MARGIN])
         if not notes:
             at_more = f"{back:g} of what the rule allows, because at more: {against[-1].message}" if against else ""
-            return gain, at_more or s.rule_reason, tuple(against)
+            return gain, at_more or s.reason, tuple(against)
         against += notes
     return None, against[-1].message, tuple(against)
 

@@ -154,8 +154,7 @@ def nyquist(integrating: Scenario, stable: Scenario) -> PaperFigure:
         loop = s.controller.response(omega) * s.process.response(omega)
         near = loop[np.abs(loop) < 8.0]
         lines.append(Line(name, near.real, near.imag, dash))
-    return figure("fig3", Panel(tuple(lines), "real part", "imaginary part", x_limits=(-3.0, 1.0),
-                                y_limits=(-3.0, 1.0), equal_scales=True))
+    return figure("fig3", Panel(tuple(lines), "real part", "imaginary part", square=(-3.0, 1.0)))
 
 
 def scaling(runs: Sequence[Trace]) -> PaperFigure:

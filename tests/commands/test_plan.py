@@ -46,6 +46,7 @@ def test_text_json_csv_and_sheets_say_the_same(capfd, tmp_path, kept):
     done = run(capfd, *few, "-o", tmp_path / "sheets.html")
     page = (tmp_path / "sheets.html").read_text("utf-8")
     assert done.status == 0 and 'id="sheet-0"' in page and "Nothing is written to the control system" in page
+    assert "<th scope=\"col\">Round</th>" in page  # a line for each round, with room for what is read
     assert len(list(kept.rglob("*.json"))) == 1
 
 

@@ -20,7 +20,7 @@ def test_files_of_one_date_are_one_night(tmp_path):
     touch(tmp_path, "a_2026-03-01.csv", "b_2026-03-01.csv", "a_2026-03-03.csv", "a_2026-13-01.csv", "notes.txt")
     found = find_exports([str(tmp_path / "a_{date}.csv"), str(tmp_path / "b_{date}.csv")])
     assert [(e.name, len(e.files)) for e in found] == [("2026-03-01", 2), ("2026-03-03", 1)]
-    assert missing_days(e.date for e in found) == ["2026-03-02"]
+    assert missing_days(e.name for e in found) == ["2026-03-02"]
 
 
 @pytest.mark.parametrize(("pattern", "name"), [

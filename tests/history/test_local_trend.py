@@ -138,6 +138,12 @@ def test_sixty_nights_are_followed_however_they_bend(kind):
         assert abs(score.level) < 0.05 and abs(score.slope) < 0.15
 
 
+def test_the_interval_of_wear_that_sets_in_late_holds_the_truth():
+    scores = [scored(*sixty_nights(kind, seed)) for kind in ("kinked", "begun half way", "begun late")
+              for seed in range(4)]
+    assert sum(s.level_hit for s in scores) >= 11 and not sum(s.repairs for s in scores)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_wear_of_every_kind_is_followed(kind):
     """A few of the 200 histories of the benchmark; its whole table is in docs/reading-the-report.md."""

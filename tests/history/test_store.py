@@ -18,6 +18,7 @@ from backlash_cli.history.joins import active
 from backlash_cli.history.store import APPLICATION, STEPS, History
 from backlash_cli.reporter.templates import sentence
 from backlash_cli.results import Verdict
+from backlash_cli.results.history import day_of
 from tests.history.nights import DAY, MARCH, cut, growing, made, result
 from tests.test_scan import RECORD
 
@@ -119,7 +120,7 @@ def test_a_night_keeps_what_the_report_said(tmp_path):
         assert history.loops() == ["FIC101"]
         assert [len(r["inputs"]) for r in history.runs()] == [1, 1, 1]
     assert (a.d, a.source, a.ci95) == (0.02, "confirmation", (0.018, 0.022))
-    assert a.date.isoformat() == "2026-03-01" and a.settings["Ti"] == 28.0 and a.reasons[0].code == "made"
+    assert day_of(a.time) == "2026-03-01" and a.settings["Ti"] == 28.0 and a.reasons[0].code == "made"
     assert b.below_detection and b.limit_of_detection == 0.005 and not c.below_detection and c.d is None
 
 

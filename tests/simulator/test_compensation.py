@@ -11,10 +11,10 @@ from backlash_cli.errors import LoopError, MetadataError, UsageError
 from backlash_cli.model.problem import noise_floor
 from backlash_cli.record import record_from_arrays
 from backlash_cli.reporter.advice import ADVICE, compensation
+from backlash_cli.results.advice import CompensationStudy
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, trace, use
 from backlash_cli.simulator.compensation import (
     MARGIN,
-    Study,
     choose,
     compensate,
     contradiction,
@@ -48,8 +48,9 @@ def recording(d=D, *, process=FLOW, controller=PI, noise=4e-7, hours=2.0, seed=3
 
 def known(**changes):
     values = {"controller": PI, "process": FLOW, "d": D, "interval": (0.025, 0.035), "density": 4e-7, "load": 0.05,
-              "hysteresis": 0.0003, "rule_gain": 0.02, "rule_reason": "the rule"}
-    return Study(**{**values, **changes})
+              "hysteresis": 0.0003, "rule_gain": 0.02, "reason": "the rule", "loop": "FIC1", "d_source": "given",
+              "output_noise": 0.001}
+    return CompensationStudy(**{**values, **changes})
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +166,7 @@ def test_limit_cycles_of_the_papers_examples():
 
 
 def test_a_good_gain_lowers_the_error_and_spares_the_valve():
-    found = study(known(), "FIC1", "given")
+    found = study(known())
     best = found.trial(found.recommended)
     assert found.recommended == 0.02
     assert best.iae < 0.85 * found.base.iae
@@ -176,7 +177,7 @@ def test_a_good_gain_lowers_the_error_and_spares_the_valve():
 
 
 def test_too_large_a_gain_is_stepped_back():
-    found = study(known(rule_gain=0.034), "FIC1", "given")
+    found = study(known(rule_gain=0.034))
     assert found.recommended == pytest.approx(0.75 * 0.034) or found.recommended == pytest.approx(0.5 * 0.034)
     assert found.refusals
     assert "because at more" in found.reason
@@ -188,12 +189,12 @@ def test_too_large_a_gain_is_stepped_back():
         ({"process": Process(gain=0.02, lags=(5.0,), integrating=True), "controller": Controller(K=2.0, Ti=30.0)},
          "integrating"),
         ({"process": Process(lags=(50.0,), dead_time=1.0), "controller": Controller(K=4.0, Ti=5.0)}, "limit_cycle"),
-        ({"rule_gain": 0.0, "rule_reason": "noise"}, "noisy_output"),
+        ({"rule_gain": 0.0, "reason": "noise"}, "noisy_output"),
     ],
 )
 def test_refusals(changes, code):
     case = known(**changes)
-    found = study(case, "FIC1", "given")
+    found = study(case)
     assert found.recommended is None
     assert found.after is None
     assert found.refusals[0].code == code
@@ -202,7 +203,7 @@ def test_refusals(changes, code):
 
 def test_objections_name_travel_and_lack_of_improvement():
     s = known()
-    base = study(s, "FIC1", "given").base
+    base = study(s).base
     far = 2 * base.valve_travel_per_hour
     worn = {g: replace(base, gain=g, valve_travel_per_hour=far, iae=0.5 * base.iae) for g in gains_of(s)}
     dull = {g: replace(base, gain=g) for g in gains_of(s)}
@@ -217,7 +218,7 @@ def gains_of(s):
 
 
 def test_same_seed_same_study():
-    first, second = (study(known(), "FIC1", "given") for _ in range(2))
+    first, second = (study(known()) for _ in range(2))
     assert first.trials == second.trials
 
 
