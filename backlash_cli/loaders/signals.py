@@ -202,9 +202,10 @@ class Axis:
         return max((int(piece.max()) for piece in self.pieces()), default=NAT)
 
     def part(self, chosen: slice | IntArray) -> Axis:
-        in_a_row = isinstance(chosen, slice)
-        return replace(self, which=(self.which if in_a_row else np.asarray(self.which))[chosen],
-                       first_line=self.first_line + (chosen.start or 0) if in_a_row and self.first_line else 0)
+        if isinstance(chosen, slice):
+            line = self.first_line and self.first_line + int(chosen.start or 0)
+            return replace(self, which=self.which[chosen], first_line=line)
+        return replace(self, which=np.asarray(self.which)[chosen], first_line=0)
 
     def packed(self, columns: Iterable[str]) -> Axis:
         """Return rows that lie in the scratch file of this machine with some columns in memory; others as they are."""
