@@ -43,8 +43,8 @@ class DoubleLag:
 
     def run(self, values: FloatArray, state: FloatArray, firsts: Sequence[int] | IntArray = ()
             ) -> tuple[FloatArray, FloatArray]:
-        """Filter `values` (samples,) from `state` (2,); return the output and the new state. firsts: places behind a hole,
-        at which the filter has rested for ever."""
+        """Filter `values` (samples,) from `state` (2,); return output and new state. firsts: places behind a hole, at
+        which the filter has rested for ever."""
         out = np.empty(len(values))
         for first, last in pairwise([0, *firsts, len(values)]):
             state = self.settled(values[first]) if first else state
