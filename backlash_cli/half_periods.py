@@ -173,11 +173,6 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray,
     return done if done.direction.all() else done.select(done.direction != 0), left
 
 
-def close(open_: OpenHalfPeriod | None) -> Segments:
-    """Return the half period left open at the end of the record, as incomplete."""
-    return Segments.join([]) if open_ is None else open_.ended(float(open_.last_index), False)
-
-
 class ErrorTrack:
     """Half periods of one error signal: those that have ended, and the open one. Complete ones below `least_area`
     [span samples] and `least_length` [samples] are counted and not kept."""
@@ -204,7 +199,8 @@ class ErrorTrack:
 
     def finish(self) -> Segments:
         """All half periods, the open one as incomplete."""
-        return Segments.join([*self._parts, close(self.open)])
+        left = [] if self.open is None else [self.open.ended(float(self.open.last_index), False)]
+        return Segments.join([*self._parts, *left])
 
 
 class ErrorScanner:
