@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,35 +34,22 @@ class DoubleLag:
     numerator: FloatArray
     denominator: FloatArray
 
-    def settled(self, value: float | FloatArray) -> FloatArray:
-        """Return the filter state (..., 2) that has rested at `value` for ever."""
+    def settled(self, value: float) -> FloatArray:
+        """Return the filter state (2,) that has rested at `value` for ever."""
         b, a = self.numerator, self.denominator
         # direct form II transposed at rest: z2 = (b2 - a2) v, z1 = (b1 - a1) v + z2 with unit static gain
         z2 = (b[2] - a[2]) * value
-        return np.stack([(b[1] - a[1]) * value + z2, z2], axis=-1)
+        return np.array([(b[1] - a[1]) * value + z2, z2])
 
     def run(self, values: FloatArray, state: FloatArray, firsts: Sequence[int] | IntArray = ()
             ) -> tuple[FloatArray, FloatArray]:
-        """Filter `values` (..., samples) from `state` (..., 2); return the output and the new state.
-
-        firsts: of (samples,) those behind a hole, at which the filter has rested for ever. Stretches of about the same
-        length are filtered side by side, because there may be thousands.
-        """
-        if not len(firsts):
-            out, state = lfilter(self.numerator, self.denominator, values, zi=state)
-            return out, state
-        firsts, out = np.asarray(firsts), np.empty(len(values))
-        out[: firsts[0]], _ = self.run(values[: firsts[0]], state)
-        lengths = np.diff(firsts, append=len(values))
-        powers = np.frexp(lengths - 1)[1]
-        for power in np.unique(powers).tolist():
-            begins = firsts[powers == power, None]
-            inside = np.arange(1 << power) < lengths[powers == power, None]
-            places = begins + np.where(inside, np.arange(1 << power), 0)
-            rows, _ = self.run(values[places], self.settled(values[begins[:, 0]]))
-            out[places[inside]] = rows[inside]
-        last = values[firsts[-1] :]
-        return out, self.run(last, self.settled(last[0]))[1]
+        """Filter `values` (samples,) from `state` (2,); return output and new state. firsts: places behind a hole, at
+        which the filter has rested for ever."""
+        out = np.empty(len(values))
+        for first, last in pairwise([0, *firsts, len(values)]):
+            state = self.settled(values[first]) if first else state
+            out[first:last], state = lfilter(self.numerator, self.denominator, values[first:last], zi=state)
+        return out, state
 
 
 def double_lag(time_constant: float, interval: float) -> DoubleLag:
@@ -185,11 +173,6 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray,
     return done if done.direction.all() else done.select(done.direction != 0), left
 
 
-def close(open_: OpenHalfPeriod | None) -> Segments:
-    """Return the half period left open at the end of the record, as incomplete."""
-    return Segments.join([]) if open_ is None else open_.ended(float(open_.last_index), False)
-
-
 class ErrorTrack:
     """Half periods of one error signal: those that have ended, and the open one. Complete ones below `least_area`
     [span samples] and `least_length` [samples] are counted and not kept."""
@@ -216,7 +199,8 @@ class ErrorTrack:
 
     def finish(self) -> Segments:
         """All half periods, the open one as incomplete."""
-        return Segments.join([*self._parts, close(self.open)])
+        left = [] if self.open is None else [self.open.ended(float(self.open.last_index), False)]
+        return Segments.join([*self._parts, *left])
 
 
 class ErrorScanner:

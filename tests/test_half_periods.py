@@ -12,7 +12,7 @@ from scipy import signal
 
 from backlash_cli.estimator.haegglund import detect_oscillation, error_scanner, estimate
 from backlash_cli.estimator.rule import TOO_SHORT
-from backlash_cli.half_periods import Segments, close, double_lag, segment
+from backlash_cli.half_periods import Segments, double_lag, segment
 from backlash_cli.record import LoopSettings, Record, SampleState
 
 HIDDEN = (SampleState.MISSING, SampleState.IMPLAUSIBLE)
@@ -92,7 +92,7 @@ def run(e, sp, index, cuts):
     for a, b in zip([0, *cuts], [*cuts, len(e)], strict=True):
         done, left = segment(e[a:b], sp[a:b], index[a:b], left)
         parts.append(done)
-    return Segments.join([*parts, close(left)])
+    return Segments.join([*parts, *([] if left is None else [left.ended(float(left.last_index), False)])])
 
 
 @st.composite

@@ -87,7 +87,7 @@ def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), li
         conflicts = int(differ.sum())
         more = f", {conflicts} of them with another value" if conflicts else ""
         notes.append(noted("duplicate_times", {"rows": float(len(repeats)), "conflicts": float(conflicts)}, more=more))
-        if conflicts > 0.5 * (len(stamps) - len(repeats)):
+        if conflicts > 0.5 * (len(stamps) - files_differ * len(repeats)):
             raise LoopError(**explained("files_differ" if files_differ else "coarse_times", rows=conflicts))
         # of rows with one stamp the first, or the first that holds a value
         kept = np.lexsort((~np.isfinite(values), stamps))[np.diff(stamps, prepend=stamps[0] - 1) != 0]

@@ -21,7 +21,7 @@ NESTED_LIMIT = 500  # longer names are taken apart once only
 _PART = re.compile(r"(?:^|[.,\-_/:\\|# ]+)([^.,\-_/:\\|# ]+)")
 _BRACKET = re.compile(r"^(.+?)\s*[\[(]([^\[\]()]+)[\])]$")
 _JOINED = re.compile(r"^(.*\d)(SP|SV|PV|OP|MV|CO|OUT|MODE|MD)$")  # FIC101PV
-_SERVER = re.compile(r"^\\\\[^\\]+\\")  # \\SERVER\ before a tag
+_SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=)")  # \\SERVER\ or ns=2;s= before a tag
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
 _DESCRIBED = re.compile(r"^([^\s:,;]+)(?:\s*[\[(][^\])]*[\])])?(?:\s+[-–—]\s+|[:,;]\s+)(\S.*)$")  # FIC1.PV - Feed flow
 
@@ -95,11 +95,12 @@ def split_tag(text: str) -> Tag:
     if len(parts) < 2:
         glued = None if signal_role(name) else _JOINED.match(name)
         return Tag(glued[1], signal_role(glued[2]), glued[2]) if glued else Tag("", signal_role(name), name)
-    last = plain(parts[-1][1])
+    last, cut = plain(parts[-1][1]), parts[-1].start()
+    if plain(name[parts[-2].start() :]) in COLUMNS["quality"]:  # FIC101.PV_is_good
+        last, cut = "quality", parts[-2].start()
     marks = is_quality_name(last)
     if (marks or last in COLUMNS["time"]) and len(name) <= NESTED_LIMIT:
-        base = name[: parts[-1].start()]
-        return Tag(split_tag(base).loop, "quality" if marks else "time", parts[-1][1], of=base)
+        return Tag(split_tag(name[:cut]).loop, "quality" if marks else "time", parts[-1][1], of=name[:cut])
     # FIC101.PV; "FIC101 Set Point" of two words; PLANT.FIC101_PV.F_CV before what the data base calls the value
     for drop, words in product((0, 1, 2), (1, 2)):
         kept = parts[: len(parts) - drop]

@@ -42,8 +42,6 @@ _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
 _DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, BadZipFile, pa.ArrowException)
 _MARKS = {"utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}
 _TEXT = bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)})
-_PACKED_BOOK = re.compile(rb"xl/|docProps/|_rels/|\[Content_Types\]")  # the first file in a workbook
-_ANNOTATION = re.compile(rb"^#(?:datatype|group|default)\b", re.MULTILINE)
 _NUMBER = re.compile(
     r"^[+-]?(?:\d{1,3}(?:[ .,'’\u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?$"
     r"|^[+-]?(?:inf(?:inity)?|nan|1\.#\w+)$", re.IGNORECASE)
@@ -68,8 +66,9 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
     if not magic:
         raise InputError(**explained("empty_file"), where=str(path))
     if magic.startswith(b"PK\x03\x04"):
-        book = _PACKED_BOOK.search(magic, 30, 64) or path.name.lower().endswith((".xlsx", ".xlsm"))
-        return "workbook" if book else "archive"
+        named = path.name.lower().endswith((".xlsx", ".xlsm"))  # or the first file in it tells
+        packed = re.match(rb"xl/|docProps/|_rels/|\[Content_Types\]", magic[30:])
+        return "workbook" if named or packed else "archive"
     for mark, (what, remedy) in WORDS["foreign"].items():
         if magic.startswith(mark.encode("latin-1")):
             raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
@@ -87,7 +86,7 @@ class Text:
         self.notes: list[Note] = []
         self.rest = lines_together(self._decoded(self._pieces(opened)))
         self.head = next(self.rest, bytearray())
-        if _ANNOTATION.search(self.head, 0, SAMPLE):
+        if re.search(rb"(?m)^#(?:datatype|group|default)\b", self.head[:SAMPLE]):
             self.rest = _without_annotations(chain([self.head], self.rest))
             self.head = next(self.rest, bytearray())
 

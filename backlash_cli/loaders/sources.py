@@ -25,7 +25,6 @@ from .names import COLUMNS, WORDS, explained, plain, some
 _FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|parquet|pq|xlsx|xlsm|zip))?"
                    r"(?:\.(?:gz|zstd?|bz2|xz))?", re.IGNORECASE | re.DOTALL)
 _PART = re.compile(r"(?:part|data|chunk)[-_.]\d", re.IGNORECASE)  # pieces of a dataset as Arrow, Spark, Dask call them
-_DATE = re.compile(r"[\d._-]+")
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+(?:://|::)")  # one letter before the colon is a drive of Windows
 _VERSIONS = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "created")  # as the stores call it
 BLOCK = 8 << 20  # bytes fetched at a time from an object
@@ -203,7 +202,7 @@ def _below(folder: Path | Remote) -> list[Source]:
         way = (folder.name, *way_down)
         partition = {key: unquote(value) for key, equals, value in (part.partition("=") for part in way) if equals}
         # the nearest folder that is called after something: no key=value, no date
-        home = next((part for part in reversed(way) if "=" not in part and not _DATE.fullmatch(part)), "")
+        home = next((part for part in reversed(way) if "=" not in part and not re.fullmatch(r"[\d._-]+", part)), "")
         named = any(plain(key) in COLUMNS["loop"] | COLUMNS["tag"] for key in partition)
         here, beside = reduce(truediv, way_down, folder), frozenset(names)
         for name in sorted(filter(is_export, names)):

@@ -25,7 +25,6 @@ LONE = 3  # samples in a row that may be lone zeros
 FAR = 8.0  # usual moves from one sample to the next that a zero must lie outside of all others
 _GOOD, _BAD, _DOUBT, _AUTO, _MANUAL = (re.compile("|".join(WORDS["words"][kind].split()), re.IGNORECASE)
                                        for kind in ("good", "bad", "doubt", "automatic", "manual"))
-_HEX = re.compile(r"\s*0x[0-9a-f]{1,8}\s*", re.IGNORECASE)
 _ONE_IS_GOOD = re.compile(r"^(?!.*(?:inv|bad|not|un)).*(?:valid|good|gültig|gueltig)", re.IGNORECASE)
 
 
@@ -56,7 +55,7 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
     0/1. further: words or numbers that mean good. name: Validity is 1 where good. known: by earlier chunks."""
     numbers, codes, words = _numbers_or_words(cells, all_texts=True)
     extra, wanted = _named(further)
-    if words and not extra and all(_HEX.fullmatch(word) for word in words):
+    if words and not extra and all(re.fullmatch(r"\s*0[xX][0-9a-fA-F]{1,8}\s*", word) for word in words):
         numbers = np.append([float(int(word, 16)) for word in words], np.nan)[codes]
     if numbers is not None:
         if wanted or not np.isfinite(numbers).any():

@@ -33,7 +33,6 @@ TOGETHER = 16 << 20  # bytes of samples that go to the scratch file as one piece
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS, HEAD_ROWS = 1 << 22, 1 << 19, 4000  # of Parquet that are read at once, and looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
-_TWO_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # a name of two levels as pandas writes it
 _WORDS = pa.dictionary(pa.int32(), pa.string())
 Batch = dict[int, pa.ChunkedArray]
 
@@ -137,7 +136,8 @@ class ParquetTable:
         begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_ROWS, columns=tell.names), 1), tell)
         told = dict(zip(tell.names, begun.columns, strict=True))
         first = [told.get(f.name, pa.chunked_array([], f.type)) for f in fields]
-        names = tuple(_TWO_LEVELS.sub(r"\1.\2", name) for name in self._names)
+        # pandas writes names of two levels so
+        names = tuple(re.sub(r"^\('([^']*)', '([^']*)'\)$", r"\1.\2", name) for name in self._names)
         self.head = Head(self.where, stem, names, tuple(first), ("",) * len(names), partition)
         self.notes: list[Note] = []
 

@@ -303,3 +303,15 @@ def test_two_files_that_contradict_each_other_are_refused(tmp_path):
 def test_a_pointer_of_git_lfs_is_called_so(tmp_path):
     with pytest.raises(InputError, match=r"pointer to a large file in Git LFS.*git lfs pull"):
         read(save(tmp_path, "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n", "p.parquet"))
+
+
+@pytest.mark.parametrize("called", [
+    "FIC101.PV_is_good", "FIC101.PV Quality Code", "FIC101.PV.StatusCode", "FIC101.PV.Q"])
+def test_a_quality_may_be_called_by_two_words(tmp_path, called):
+    lines = [line.split(",") for line in wide().splitlines()]
+    lines[0].append(called)
+    for k, cells in enumerate(lines[1:]):
+        cells[2] = "500.00" if k in SPOILT else cells[2]
+        cells.append("0" if k in SPOILT else "192")
+    record = read(save(tmp_path, "\n".join(map(",".join, lines)) + "\n"))["FIC101"]
+    assert set(np.flatnonzero(record.state)) == set(SPOILT) and "bad_quality" in codes(record.notes)
