@@ -23,13 +23,10 @@ SUPERVISION = 50.0  # supervision time in integral times
 
 
 def estimate(segments: Segments, interval: float, settings: LoopSettings, start: float = 0.0) -> Estimates:
-    """Return the estimates (15) of all half periods of a record that begins at `start` (UTC epoch seconds).
-
-    The settings must hold K and Ti (Kp defaults to 1.5).
-    """
-    K, Ti, Kp = settings.K, settings.Ti, settings.Kp or DEFAULT_KP
+    """Return the estimates (15) of all half periods of a record that begins at `start` (UTC epoch seconds); K and Ti
+    must be known."""
+    s, K, Ti, Kp = segments, settings.K, settings.Ti, settings.Kp or DEFAULT_KP
     assert K is not None and Ti is not None
-    s = segments
     duration = (s.end - s.begin) * interval
     dy = mean_error(s.area * interval, duration)
     d = dead_band(dy, duration, K, Ti, Kp)
@@ -38,10 +35,8 @@ def estimate(segments: Segments, interval: float, settings: LoopSettings, start:
 
 
 def error_scanner(settings: LoopSettings, interval: float, *, every: bool = True) -> ErrorScanner:
-    """Return a scanner with the measurement filter (3) and the estimator's filter of Ti/2.
-
-    every: keep all half periods; False: only those that an estimate or the oscillation detector can use.
-    """
+    """Return a scanner with the measurement filter (3) and the estimator's filter of Ti/2. every: keep all half
+    periods; False: only those that an estimate or the oscillation detector can use."""
     Ti = settings.Ti
     assert Ti is not None
     least = (0.0, 0.0)
@@ -63,10 +58,8 @@ def published_estimates(record: Record) -> tuple[Estimate, ...]:
 
 
 def tally(h: Estimates, left_out: int, seconds: float) -> dict[str, Any]:
-    """Return counts and estimates by their names in a LoopReport.
-
-    left_out: half periods too short to be kept. seconds: of the record that were used.
-    """
+    """Return counts and estimates by their names in a LoopReport. left_out: half periods too short to be kept. seconds:
+    of the record that were used."""
     counts = np.bincount(h.why, minlength=len(WHY)).tolist()
     everything, accepted = len(h) + left_out, counts[OK]
     long = len(h) - counts[TOO_SHORT] - counts[INCOMPLETE]
@@ -90,8 +83,8 @@ def least_area(Ti: float) -> float:
 def detect_oscillation(segments: Segments, interval: float, Ti: float) -> tuple[float, float]:
     """Return the share of the record in which the error oscillates, and the period [s]; (0, 0) where it does not.
 
-    Half periods with IAE > 2 a / w, w = 2 pi / Ti, are counted, forgetting over 50 Ti: x <- lambda x + 1.
-    segments: half periods of the error after the measurement filter alone.
+    Half periods with IAE > 2 a / w, w = 2 pi / Ti, are counted, forgetting over 50 Ti: x <- lambda x + 1. segments: of
+    the error after the measurement filter alone. Source: Haegglund (1995).
     """
     large = np.flatnonzero(segments.complete & (segments.area * interval > least_area(Ti)))
     ages = segments.end[large] * interval / (SUPERVISION * Ti)

@@ -94,10 +94,7 @@ def moved_output(problem: Problem, parts: Sequence[Part]) -> FloatArray:
 def through(problem: Problem, parts: Sequence[Part], signal: FloatArray) -> FloatArray:
     """Return the signal (samples,) after some effects."""
     for part in parts:
-        effect, values = part.effect, part.values
-        # without the checks of `Effect.pack`, as a fit stays within the bounds
-        p = effect.pack(values) if any(q.many for q in effect.parameters) else np.array(
-            [values.get(q.name, q.neutral) for q in effect.parameters], dtype=np.float64)
+        effect, p = part.effect, part.effect.pack(part.values)
         if effect.fitting.whole is not None:
             signal = effect.fitting.whole(signal, p, problem.interval)
         else:
