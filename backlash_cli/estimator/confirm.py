@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..record import FloatArray, LoopSettings, Note, Record, duration
 from ..results import Confirmation
 from .exclusion import excluded
-from .gap_test import IMITATED, GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested
+from .gap_test import IMITATED, GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested, stem_known
 from .predictor import Predictor, Recording, in_blocks, paired, predictor, recording_of
 from .rebuild import rebuilt_output
 from .width_profile import NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
@@ -145,9 +145,10 @@ def _asked(recordings: Sequence[Recording], span: float, K: float | None, Ti: fl
     widths = np.geomspace(NARROWEST, max(min(WIDEST, TURN * span), 1.5 * NARROWEST), WIDTHS)
     sizes = _block_lengths(recordings, Ti / interval)
     predictions = _predictions(recordings, sizes, span, MOST_ROWS)
+    known = [stem_known(r.output, widths) for r in recordings]
     # made where they are handed over: of a long record they are as large as it is, and nobody else may keep them
     tests = _at_each_length(predictions, [gaps_in(r.output, widths, sizes[0]) for r in recordings],
-                            lambda p, gaps: gaps_tested(p, gaps, widths, K, Ti, interval))
+                            lambda p, gaps: gaps_tested(p, gaps, known, widths, K, Ti, interval))
     gains = _at_each_length(predictions, [forgetting_gaps_in(r.output, widths[::3], sizes[0], Ti / interval)
                                           for r in recordings], free_gains)
     return tuple(Asked(p, test, float(gain.max())) for p, test, gain in zip(predictions, tests, gains, strict=True)
@@ -191,8 +192,10 @@ def _confirmation(s: Study) -> Confirmation:
     best = sorted(s.asked, key=lambda a: float(a.net.max()), reverse=True)[:SIZED]
     grid, tests = best[0].test.widths, [a.test for a in best]
     if evidence >= TRACE:
-        grid = np.sort(np.append(grid, about(grid, int(_explained(tests).argmax()), FINE)))
-        tests = _again([a.prediction for a in best], grid, s)
+        fine = about(grid, int(_explained(tests).argmax()), FINE)
+        grid = np.sort(np.append(grid, fine))
+        # the widths among which the size is sought are compared on the same rows
+        tests = _again([a.prediction for a in best], grid, max(fine), s)
     answer, of = _explained(tests), tests[0]
     d, at = peak_of(grid, answer), int(answer.argmax())
     imitation = float(np.mean([a.imitation for a in best]))
@@ -229,14 +232,15 @@ def _explained(tests: Sequence[GapTest]) -> FloatArray:
     return np.asarray(np.mean([test.gain for test in tests], axis=0))
 
 
-def _again(predictions: Sequence[Predictor], widths: FloatArray, s: Study) -> list[GapTest]:
+def _again(predictions: Sequence[Predictor], widths: FloatArray, widest: float, s: Study) -> list[GapTest]:
     """The same block lengths asked with more rows: the size is worth more of them than whether there is a dead band."""
     closer = {p.size: p if p.every == 1 else _predictions(s.recordings, [p.size], s.span, ROWS_OF_SIZE)[0] or p
               for p in predictions}
+    known = [stem_known(r.output, np.maximum(widths, widest)) for r in s.recordings]
     sizes = [size for k in range(8) if (size := min(closer) << k) <= max(closer)]
     tests = _at_each_length([closer.get(size) for size in sizes], [gaps_in(r.output, widths, sizes[0])
                                                                    for r in s.recordings],
-                            lambda p, gaps: gaps_tested(p, gaps, widths, s.settings.K, s.Ti, s.interval))
+                            lambda p, gaps: gaps_tested(p, gaps, known, widths, s.settings.K, s.Ti, s.interval))
     found = dict(zip(sizes, tests, strict=True))
     return [test for p in predictions if (test := found[p.size]) is not None]
 

@@ -11,6 +11,9 @@ already (the J test of nested and non-nested models, Davidson and MacKinnon, Eco
     tied       the gain of the tied fit over the prediction without a gap: below zero where the gap alone does worse
                than OP itself, which no valve does
 
+Until OP has covered a whole gap since a recording began, nobody knows where the stem stands in it: what lies before
+does not count, neither for the gap nor against it. In many short recordings of one loop that is much.
+
 Gaps that forget are offered as imitations: shaped alike, but rate dependent, as no valve is. What they gain is what
 the imperfection of the prediction is worth.
 """
@@ -23,8 +26,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray
-from .predictor import Predictor
+from ..record import FloatArray, IntArray
+from .predictor import LEAST_ROWS, Predictor
 
 STRETCHES = 24  # of the record, for the deviation of the share
 LEAST_SHARE, MOST_SHARE = 0.6, 1.6  # a share outside is no gap, whatever it gains
@@ -73,6 +76,12 @@ def gaps_in(output: FloatArray, widths: FloatArray, size: int) -> FloatArray:
     return np.asarray(gap_means(output, widths, size, len(output) // size))
 
 
+def stem_known(output: FloatArray, widths: FloatArray) -> IntArray:
+    """Samples (widths,) by which OP has covered a whole gap: from there on the stem stands where the gap says."""
+    covered = np.maximum.accumulate(output) - np.minimum.accumulate(output)
+    return np.searchsorted(covered, widths)
+
+
 def forgetting_gaps_in(output: FloatArray, widths: FloatArray, size: int, memory: float) -> FloatArray:
     """The same of gaps that forget within SCALES of `memory` [samples], (widths times scales, blocks)."""
     from ..kernels import forgetting_gap_means
@@ -82,60 +91,67 @@ def forgetting_gaps_in(output: FloatArray, widths: FloatArray, size: int, memory
     return np.asarray(means.reshape(-1, means.shape[-1]))
 
 
-def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], widths: FloatArray, K: float | None, Ti: float,
-                interval: float) -> GapTest:
+def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArray], widths: FloatArray,
+                K: float | None, Ti: float, interval: float) -> GapTest:
     """Test gaps of `widths` (in the units of OP). gaps: `gaps_in` each recording, in the blocks of the prediction.
 
-    K: controller gain [OP units / PV units], None when not known. Ti, interval: integral time, sampling interval [s].
+    known: `stem_known` in each recording. K: controller gain [OP units / PV units], None when not known. Ti, interval:
+    integral time, sampling interval [s]. The prediction is fitted anew to the rows that count for each gap.
     """
+    H, y, at, counts = p.columns, p.target, p.past_output, p.since(known)
     G = p.lagged(gaps)
-    H, n, at = p.columns, p.rows, p.past_output
-    floor = p.loss - float(p.error @ p.error)
-    cross, own, solved = _beside(p, G)
-    gram = np.repeat(p.gram[None], len(widths), axis=0)
+    G *= counts[:, None]
+    free = counts.sum(axis=1) - len(H)  # degrees of freedom
+    base = np.array([p.gram - (before := H[:, ~c]) @ before.T for c in counts])
+    to_columns = (counts * y) @ H.T
+    cross, own = _beside(p, G)
+    solved = np.linalg.solve(base, np.concatenate([cross, to_columns[..., None]], axis=2))
+    error, solved = counts * (y - solved[..., -1] @ H), solved[..., :-1]
+    floor = (p.loss - float(p.error @ p.error)) * (counts @ p.weights) / np.sum(p.weights)
+    loss = np.maximum(np.sum(error**2, axis=1) + floor, NO_ANSWER * p.loss)  # no row may count
+    gram, right = base, to_columns  # they become those of the tied fit
     gram[:, at] += np.swapaxes(cross, 1, 2)
     gram[:, :, at] += cross
     gram[:, at, at] += own
-    right = np.repeat((H @ p.target)[None], len(widths), axis=0)
-    right[:, at] += G @ p.target
+    right[:, at] += G @ y
     b: FloatArray = np.asarray(np.linalg.solve(gram, right[..., None])[..., 0], dtype=np.float64)
-    left = float(p.target @ p.target) - np.sum(b * right, axis=1) + floor
+    left = counts @ y**2 - np.sum(b * right, axis=1) + floor
     to_output = b[:, at]
     unexplained = own - np.swapaxes(cross, 1, 2) @ solved
     size = np.sum(to_output * (unexplained @ to_output[..., None])[..., 0], axis=1)
-    answered = size > NO_ANSWER * p.loss
+    answered = (size > NO_ANSWER * loss) & (free >= LEAST_ROWS)
     size = np.where(answered, size, 1.0)
-    found = np.where(answered, np.sum(to_output * (G @ p.error), axis=1), 0.0)
+    found = np.where(answered, np.einsum("gl,glr,gr->g", to_output, G, error), 0.0)
     share = found / size
-    column = (to_output[:, None] @ G)[:, 0] - (solved @ to_output[..., None])[..., 0] @ H
-    begins = -(-np.arange(STRETCHES) * n // STRETCHES)
-    sums = np.add.reduceat(column * (p.error - share[:, None] * column), begins, axis=1)
-    gain = -0.5 * n * np.log(np.maximum(1.0 - share * found / p.loss, 1e-9))
+    column = (to_output[:, None] @ G)[:, 0] - counts * ((solved @ to_output[..., None])[..., 0] @ H)
+    begins = -(-np.arange(STRETCHES) * len(y) // STRETCHES)
+    sums = np.add.reduceat(column * (error - share[:, None] * column), begins, axis=1)
+    gain = -0.5 * free * np.log(np.maximum(1.0 - share * found / loss, 1e-9))
     deviation = np.where(answered, np.sqrt(np.sum(sums**2, axis=1)) / size, UNKNOWN)
-    tied = 0.5 * n * np.log(p.loss / np.maximum(left, 1e-300))
+    tied = np.where(answered, 0.5 * free * np.log(loss / np.maximum(left, NO_ANSWER * p.loss)), 0.0)
     possible = full(share) & _possible(p, b, K, Ti, interval)
-    return GapTest(widths, gain, share, deviation, tied, possible, share * found / p.loss)
+    return GapTest(widths, gain, share, deviation, tied, possible, share * found / loss)
 
 
 def free_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:
     """Gain [nats] (signals,) of each of the signals (signals, blocks) of each recording with FREE_LAGS free lags."""
     G = p.lagged(signals, min(FREE_LAGS, p.lags.count))
-    cross, own, solved = _beside(p, G)
-    left = own - np.swapaxes(cross, 1, 2) @ solved
+    cross, own = _beside(p, G)
+    left = own - np.swapaxes(cross, 1, 2) @ (p.inverse @ cross)
     diagonal = np.einsum("gii->gi", left)  # a view
     diagonal *= 1.0 + 1e-6
     diagonal += 1e-9
     right = G @ p.error
     gained = np.sum(right * np.linalg.solve(left, right[..., None])[..., 0], axis=1)
-    return np.asarray(-0.5 * p.rows * np.log(np.maximum(1.0 - gained / p.loss, 1e-9)))
+    return np.asarray(-0.5 * (p.rows - len(p.columns)) * np.log(np.maximum(1.0 - gained / p.loss, 1e-9)))
 
 
-def _beside(p: Predictor, G: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _beside(p: Predictor, G: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Products of signals G (signals, lags, rows) with the columns, (signals, columns, lags), and with
-    themselves (signals, lags, lags); and the columns' coefficients of each lag, (signals, columns, lags)."""
+    themselves (signals, lags, lags)."""
     signals, lags, rows = G.shape
     cross = np.moveaxis((p.columns @ G.reshape(-1, rows).T).reshape(-1, signals, lags), 1, 0)
-    return cross, G @ np.swapaxes(G, 1, 2), p.inverse @ cross
+    return cross, G @ np.swapaxes(G, 1, 2)
 
 
 def _possible(p: Predictor, b: FloatArray, K: float | None, Ti: float, interval: float) -> NDArray[np.bool_]:

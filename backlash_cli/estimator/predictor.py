@@ -32,6 +32,7 @@ SURPRISE_LAGS, SURPRISE_SPAN = 6, 8  # blocks: single ones, and the mean over th
 FREEDOM = 4.0  # of Student's t
 ROUNDS = 4  # of the weights
 RIDGE = 1e-8  # of the diagonal: columns that repeat each other do no harm
+LEVELS = 50  # at most: of more recordings, neighbours share one
 MODEL_ERROR = 0.002  # of the deviation of PV: no model of a process is better than that, however little noise there is
 
 
@@ -92,8 +93,8 @@ def lags_for(blocks: int) -> Lags:
 class Predictor:
     """A fitted prediction and all that is needed to ask whether something more explains PV.
 
-    columns: (columns, rows): ones, past PV, past OP, the rest. target, error: (rows,). All three times the root of the
-    weights (rows,), so that sums over rows are weighted ones. inverse: of the Gram matrix. past_measurement,
+    columns: (columns, rows): levels, past PV, past OP, the rest. target, error: (rows,). All three times the root of
+    the weights (rows,), so that sums over rows are weighted ones. inverse: of the Gram matrix. past_measurement,
     past_output: where their lags stand among the columns; last_measurement: where means of PV's last few samples do.
     loss: sum of squared errors, that of an imperfect model included. every: 1 where all rows are there, 2 where every
     second one is ..
@@ -124,11 +125,16 @@ class Predictor:
 
         signals: (signals, blocks) of each of the recordings that the prediction was made of.
         """
-        parts = [_level(_lags_of(signals[i], self.lags, rows, count), len(self._used) > 1)
-                 for i, rows in zip(self._used, self._rows, strict=True)]
+        parts = [_lags_of(signals[i], self.lags, rows, count) for i, rows in zip(self._used, self._rows, strict=True)]
         together = np.concatenate(parts, axis=2) if len(parts) > 1 else parts[0]
         together *= np.sqrt(self.weights)
         return together
+
+    def since(self, samples: Sequence[IntArray]) -> NDArray[np.bool_]:
+        """Rows (questions, rows) that look back, in single blocks, on nothing before samples (questions,) of each of
+        the recordings that the prediction was made of."""
+        firsts = [-(-samples[i][:, None] // self.size) + self.lags.fine for i in self._used]
+        return np.concatenate([rows >= first for rows, first in zip(self._rows, firsts, strict=True)], axis=1)
 
 
 @dataclass(frozen=True)
@@ -182,24 +188,23 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int) -> Pred
     # of each recording the rows that are taken; a short one may have none among them
     taken = {i: slice(-first % every, None, every) for i, first in zip(used, firsts, strict=False)
              if -first % every < len(whole[i])}
-    several, linear = len(taken) > 1, []
+    levels, linear = min(len(taken), LEVELS), []
+    level_of = {i: number * levels // len(taken) for number, i in enumerate(taken)}
     for i, t in taken.items():
         means, rows = recordings[i].means, whole[i][t]
-        past = _lags_of(means[:2], lags, rows).reshape(2 * lags.count, -1)
-        linear.append(_level(np.vstack([np.ones((1, len(rows))), past, means[:1, rows]]), several))
+        own = np.repeat(np.eye(levels)[:, level_of[i], None], len(rows), axis=1)
+        linear.append(np.vstack([own, _lags_of(means[:2], lags, rows).reshape(2 * lags.count, -1), means[:1, rows]]))
     H = np.concatenate(linear, axis=1)
     first = _fitted(H[:-1], H[-1])[0]
-    answers = lags.spread(first[1:].reshape(2, -1))  # of every block, also those that are not taken
-    missed = [_level(recordings[i].means[0, whole[i]] - first[0] - sum(
-        np.convolve(x, c)[whole[i] - 1] for x, c in zip(recordings[i].means[:2], answers, strict=True)), several)
-        for i in taken]
+    answers = lags.spread(first[levels:].reshape(2, -1))  # of every block, also those that are not taken
+    missed = [recordings[i].means[0, whole[i]] - first[level_of[i]] - sum(
+        np.convolve(x, c)[whole[i] - 1] for x, c in zip(recordings[i].means[:2], answers, strict=True)) for i in taken]
     limit = SURPRISE * 1.4826 * float(np.median(np.abs(np.concatenate(missed))))
     more = []
     for (i, t), error in zip(taken.items(), missed, strict=True):
         rows = whole[i][t]
         surprises = _surprises(error - np.clip(error, -limit, limit), whole[i], rows)
-        more.append(_level(np.vstack([_just_before(recordings[i], rows), _products(recordings[i], lags, rows),
-                                      surprises]), several))
+        more.append(np.vstack([_just_before(recordings[i], rows), _products(recordings[i], lags, rows), surprises]))
     y, H = H[-1], np.vstack([H[:-1], np.concatenate(more, axis=1)])
     H = H[np.any(H != 0.0, axis=1)]
     if len(y) < max(len(H) + LEAST_ROWS, FEWEST_ROWS):
@@ -208,11 +213,10 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int) -> Pred
     y = y * np.sqrt(w)
     error = y - b @ H
     floor = float(np.sum(w)) * (MODEL_ERROR * deviation) ** 2
-    first_lag = 0 if several else 1  # levels of their own leave no column of ones
-    output, latest, recent = first_lag + lags.count, first_lag + 2 * lags.count, len(_last_lengths(recordings[0].size))
+    output, latest, recent = levels + lags.count, levels + 2 * lags.count, len(_last_lengths(recordings[0].size))
     inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
     return Predictor(recordings[0].size, lags, H, y, w, error, gram, inverse, float(error @ error) + floor,
-                     slice(first_lag, output), slice(output, latest), slice(latest, latest + recent),
+                     slice(levels, output), slice(output, latest), slice(latest, latest + recent),
                      every, tuple(taken),
                      tuple(whole[i][t] for i, t in taken.items()))
 
@@ -260,11 +264,6 @@ def _surprises(beyond: FloatArray, of: NDArray[np.int64], rows: NDArray[np.int64
     single = [line[rows - i] for i in range(1, SURPRISE_LAGS + 1)]
     end = rows - SURPRISE_LAGS
     return np.array([*single, (total[end] - total[np.maximum(end - SURPRISE_SPAN, 0)]) / SURPRISE_SPAN])
-
-
-def _level(values: FloatArray, several: bool) -> FloatArray:
-    """Each recording less its own mean, where there are several of them."""
-    return values - values.mean(axis=-1, keepdims=True) if several else values
 
 
 def _fitted(H: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -185,7 +185,7 @@ def rounding_step(values: FloatArray) -> float:
         numbers = gaps / step
         allowed = np.minimum(LATTICE * np.sqrt(np.maximum(numbers, 1.0)), LARGEST)
         if np.all(np.abs(numbers - np.rint(numbers)) <= allowed):
-            return step if levels <= RECUR * len(values) or np.median(gaps) <= 2.0 * step else 0.0
+            return step if levels <= RECUR * len(values) or np.mean(gaps <= 2.0 * step) >= 0.5 else 0.0
     return 0.0
 
 

@@ -37,6 +37,8 @@ MAYBE = 2.0  # standard errors of a step that may have come; OPEN of these are k
 OPEN = 4
 REFUSED = 6  # shocks that a bend explains as well, after which no more are looked for
 PIECE = 240  # nights that are searched for shocks at a time
+SAID = 0.75  # of the evidence counts between ways to bend, since none is the true one: P. Grünwald, T. van Ommen,
+# Inconsistency of Bayesian inference for misspecified linear models, Bayesian Analysis 12 (2017) 1069-1103
 WIDER = 1.5  # of all intervals, because real wear follows none of these trends; from tests/benchmarks/wear.py
 FAR = 3.0  # the same for the level, and its growth, before the first night
 LATER = np.concatenate([np.arange(0.0, 61.0), np.geomspace(64.0, 1e6, 100)])  # days after the last night
@@ -46,7 +48,8 @@ class Way(NamedTuple):
     """How a trend may bend. A walk: level (0), slope (1) or the change of the slope (2) wanders within so many nights.
 
     rate: of the growth, times by which it multiplies from the first night to the last (e-folds; negative where it
-    slows down). at: where an S-shaped growth is fastest, in parts of the same time.
+    slows down; inf: a straight growth that becomes another one at once). at: where an S-shaped growth is fastest, or
+    where that is, in parts of the same time.
     """
 
     order: int = 1
@@ -61,6 +64,8 @@ class Way(NamedTuple):
         beside = []
         if self.order == 2:
             beside = [2.0 * u**2]
+        elif r == inf:
+            beside = [u, _growth(u, r, c + 0.075) - _growth(u, r, c - 0.075)]
         elif r and c == inf:
             beside = [_growth(u, r + 0.75, c) - _growth(u, r - 0.75, c)]
         elif r:
@@ -69,9 +74,11 @@ class Way(NamedTuple):
 
 
 def _growth(u: FloatArray, rate: float, at: float) -> FloatArray:
-    """Return a growth from 0 at u = 0 to 1 at u = 1: straight, exponential or S-shaped (logistic)."""
+    """Return a growth from 0 at u = 0 to 1 at u = 1: straight, exponential, S-shaped (logistic), or begun late."""
     if rate == 0.0:
         return u
+    if rate == inf:
+        return np.maximum(u - at, 0.0) / (1.0 - at)
     if at == inf:
         return np.asarray(np.expm1(np.minimum(rate * u, 200.0)) / np.expm1(rate))
     first, last, now = (expit(rate * (x - at)) for x in (0.0, 1.0, u))
@@ -80,7 +87,8 @@ def _growth(u: FloatArray, rate: float, at: float) -> FloatArray:
 
 LINE = Way()
 CURVES = (*(Way(1, 32.0, r) for r in (-4.5, -3.0, -1.5, 1.5, 3.0)),
-          *(Way(1, 32.0, r, c) for c in (0.2, 0.5, 0.8) for r in (6.0, 12.0)))
+          *(Way(1, 32.0, r, c) for c in (0.2, 0.5, 0.8) for r in (6.0, 12.0)),
+          *(Way(1, 32.0, inf, c) for c in (0.2, 0.35, 0.5, 0.65, 0.8)))
 BELIEF = {LINE: 0.1, **dict.fromkeys(CURVES, 0.03), **dict.fromkeys((Way(0, b) for b in (16.0, 8.0, 4.0, 2.0)), 0.07),
           **dict.fromkeys((Way(1, b) for b in (64.0, 32.0, 16.0, 8.0, 4.0, 2.5)), 0.025),
           **dict.fromkeys((Way(2, b) for b in (inf, 16.0, 8.0, 5.0, 3.2)), 0.05)}  # before a look at the nights
@@ -133,7 +141,7 @@ class Fit:
     """One way to bend through the nights.
 
     evidence: log likelihood with the scale of the noise integrated out (inverse gamma about 1); scale: mean of that.
-    score: evidence, and belief in the way and its shocks.
+    prior: belief in the way and its shocks; score: both.
     """
 
     def __init__(self, nights: Nights, way: Way) -> None:
@@ -146,7 +154,8 @@ class Fit:
         logdet = 2.0 * float(np.log(np.diag(self.root[0])).sum())
         self.evidence, self.scale = -0.5 * logdet - 0.5 * n * float(np.log(total / TRUST)), total / n
         rare = nights.apart.sum() * np.log(APART) + nights.steps.sum() * np.log(STEPS)
-        self.score = self.evidence + float(np.log(BELIEF[way]) + rare)
+        self.prior = float(np.log(BELIEF[way]) + rare)
+        self.score = self.evidence + self.prior
 
     def foreseen(self, days: FloatArray, month: float) -> tuple[FloatArray, FloatArray]:
         """Return mean and standard error of the level at `days`, the nights' and later ones, and, last, of the slope
@@ -209,7 +218,7 @@ def fit(nights: Nights, ways: Iterable[Way] = tuple(BELIEF)) -> Trend:
     """Return the trend through the nights: all ways to bend, and steps that may just have come, by their evidence."""
     ways, data = tuple(ways), _thinned(nights)
     tried = [Fit(data, way) for way in ways]
-    score = [f.score for f in tried]
+    score = [SAID * f.evidence + f.prior for f in tried]
     # steps that may be: the likeliest, and those of the last nights where these lie apart
     size = max(tried, key=lambda f: f.evidence).shocks()[0] * ~data.steps
     likely = [k for k in np.argsort(-size)[:OPEN] if size[k] > MAYBE]
@@ -217,7 +226,7 @@ def fit(nights: Nights, ways: Iterable[Way] = tuple(BELIEF)) -> Trend:
         after = np.arange(len(data)) - k
         other = replace(data, apart=data.apart & ((after < 0) | (after >= LEAST)), steps=data.steps | (after == 0))
         tried += (doubtful := [Fit(other, way) for way in ways])
-        score += [f.score + float(np.log(DOUBT)) for f in doubtful]
+        score += [SAID * f.evidence + f.prior + float(np.log(DOUBT)) for f in doubtful]
     weight = softmax(score)
     straight = float(sum(w for w, f in zip(weight, tried, strict=True) if f.way == LINE))
     days, last = np.append(nights.days, nights.days[-1] + LATER[1:]), nights.days[-1:]

@@ -158,9 +158,11 @@ def _found(loop: str, parts: Sequence[Part]) -> list[Repair]:
     out = []
     for number, (nights, _, trend) in enumerate(parts):
         sized = [k for k, p in enumerate(nights) if p.d is not None]
-        steps = [] if trend is None else [(k, *trend.level[k - 1 : k + 1].tolist()) for k in
+        steps = [] if trend is None else [(k, *trend.level[k - 1 : k + 1].tolist(), trend.nights.size) for k in
                                           np.flatnonzero(trend.nights.steps)]
-        falls = [(sized[k], before, after) for k, before, after in steps if _fell(before, after)]
+        # the sizes have to fall as well: a trend may fall back where it rose too early
+        falls = [(sized[k], before, after) for k, before, after, size in steps if _fell(before, after) and
+                 np.median(size[max(k - WINDOW, 0) : k]) - np.median(size[k : k + WINDOW]) > 0.5 * (before - after)]
         falls += [fall for fall in _falls_silent(nights) if all(abs(fall[0] - k) > WINDOW for k, _, _ in falls)]
         for k, before, after in sorted(falls):
             if (number and k <= SAME_REPAIR) or (number + 1 < len(parts) and len(nights) - k <= SAME_REPAIR):

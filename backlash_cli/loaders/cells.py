@@ -108,7 +108,8 @@ def is_number(kind: pa.DataType) -> bool:
 
 
 def is_text(kind: pa.DataType) -> bool:
-    return pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind)
+    return any(is_kind(kind) for is_kind in (
+        pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view, pa.types.is_dictionary))
 
 
 def to_array(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:

@@ -86,7 +86,6 @@ class Recipe:
 @dataclass
 class _Making:
     """Makes the record of a loop, or chunk after chunk of it, on the grid and with the spans of the first one.
-
     known, until: stamps of the last chunk with their grid numbers, and the number of its last sample. carried: setpoint
     and mode that still hold. times, order, bridge: of PV in this chunk, and the longest hole that is filled."""
 
@@ -108,7 +107,11 @@ class _Making:
 
     def record(self, loop: LoopSeries, begin: int = NAT, end: int | None = None) -> Record:
         """Make the record of a loop, or of its chunk between two stamps from rows around it. Raises LoopError."""
-        refuse_missing(loop)
+        for role, tag in loop.missing_tags.items():
+            raise LoopError(**explained("tag_not_found", role=role, tag=tag))
+        if "pv" not in loop.roles:
+            there = ", ".join(role.upper() for role in loop.roles)
+            raise LoopError(**explained("no_pv", there=there, loop=loop.name[:40]))
         settings, first_chunk = settings_of(self.recipe.values), self.grid is None
         if end is not None:
             self.joiner.only = begin, end
@@ -291,18 +294,8 @@ def _window(loop: LoopSeries, begin: int, end: int) -> LoopSeries:
     return replace(cut, roles=nothing | cut.roles)
 
 
-def refuse_missing(loop: LoopSeries) -> None:
-    for role, tag in loop.missing_tags.items():
-        raise LoopError(**explained("tag_not_found", role=role, tag=tag))
-    if "pv" not in loop.roles:
-        there = ", ".join(role.upper() for role in loop.roles)
-        raise LoopError(**explained("no_pv", there=there, loop=loop.name[:40]))
-
-
 def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:
     """Map a range to 0..1; always a new array."""
     low, high = span
     with np.errstate(over="ignore", invalid="ignore"):
-        found = values - low
-        found *= 1.0 / (high - low)
-    return found
+        return (values - low) * (1.0 / (high - low))

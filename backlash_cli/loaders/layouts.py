@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -24,10 +25,9 @@ _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 
 @dataclass(frozen=True)
 class Head:
-    """The first rows of a file, nothing interpreted yet.
-
-    where: path. stem: file name without endings. kinds: what cells look like ("time", "clock", "number", "text"), or
-    "". partition: names and values of folders like loop=FIC101. first_line: of a text file, else 0."""
+    """The first rows of a file, not yet interpreted. where: path. stem: file name without endings. kinds: what cells
+    look like ("time", "clock", "number", "text"), or "". partition: names and values of folders like loop=FIC101. The
+    rest is of text: first_line and offset, where data begin; end: of what was looked at."""
 
     where: str
     stem: str
@@ -36,7 +36,10 @@ class Head:
     kinds: tuple[str, ...]
     partition: dict[str, str]
     decimal: str = "."
+    delimiter: str = ""
     first_line: int = 0
+    offset: int = 0
+    end: int = 0
 
     @cached_property
     def plain(self) -> list[str]:
@@ -167,17 +170,19 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
 
 
 def _pairs(head: Head) -> Layout:
-    """Every tag has a time column of its own, shorter ones padded with empty cells."""
+    """Every tag, or some of them, has a time column of its own, shorter ones padded with empty cells."""
     stamps: list[tuple[int]] = []
     quality: dict[int, int] = {}
     values: list[int] = []
     for column, end in zip(head.times, [*head.times[1:], len(head.names)], strict=True):
         block = [i for i in range(column + 1, end) if head.names[i] or not pa.types.is_null(head.columns[i].type)]
         marks = [i for i in block if is_quality_name(head.plain[i]) or head.tags[i].role == "quality"]
-        if signals := [i for i in block if i not in marks]:
+        first, *others = [i for i in block if i not in marks] or [-1]
+        others = [i for i in others if head.tags[i].loop and head.tags[i].role in SIGNALS]
+        if first >= 0:
             stamps.append((column,))
-            values.append(signals[0])
-            quality |= dict(zip(signals[:1], marks, strict=False))
+            values += [first, *others]
+            quality |= _quality_beside(head, block) if others else dict(zip([first], marks, strict=False))
     return Layout("pairs", tuple(stamps), tuple(values), quality=quality)
 
 
@@ -208,7 +213,8 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
     if (role := next((v for v in rest if signal_role(v)), "")) and (loop or len(rest) > 1):
         home = f"{loop or next(v for v in rest if v != role)}.{role}"
     found = []
-    for place, i in enumerate(signals):
+    for i in signals:
+        place = bisect([column for column, *_ in layout.stamps], i) - 1 if pairs else 0
         name = header = head.names[i]
         if pairs and (not name or not VALUE.isdisjoint((head.plain[i], plain(name.rpartition(".")[2])))):
             time = layout.stamps[place][0]
@@ -217,7 +223,7 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
             name = home or head.stem
         elif only and not tags[i].loop and split_tag(head.stem).role in SIGNALS:
             name = head.stem
-        one = of_tag(head, layout, name, i, place if pairs else 0)
+        one = of_tag(head, layout, name, i, place)
         if alone and (home or not one.loop or not one.role):
             one = replace(one, loop=home or head.stem, signal=one.signal if one.role or not one.loop else header)
         found.append(one)

@@ -18,12 +18,12 @@ SIGNALS: dict[str, str] = WORDS["signals"]
 COLUMNS = {kind: frozenset(words.split()) for kind, words in WORDS["columns"].items()}
 _LOOKUP = {word: role for role, words in SIGNALS.items() for word in words.split()}
 NESTED_LIMIT = 500  # longer names are taken apart once only
-_PART = re.compile(r"(?:^|[.\-_/:\\|# ]+)([^.\-_/:\\|# ]+)")
+_PART = re.compile(r"(?:^|[.,\-_/:\\|# ]+)([^.,\-_/:\\|# ]+)")
 _BRACKET = re.compile(r"^(.+?)\s*[\[(]([^\[\]()]+)[\])]$")
 _JOINED = re.compile(r"^(.*\d)(SP|SV|PV|OP|MV|CO|OUT|MODE|MD)$")  # FIC101PV
 _SERVER = re.compile(r"^\\\\[^\\]+\\")  # \\SERVER\ before a tag
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
-_DESCRIBED = re.compile(r"^([^\s:,;]+)(?:\s+[-–—]\s+|[:,;]\s+)(\S.*)$")  # FIC101.PV - Feed flow
+_DESCRIBED = re.compile(r"^([^\s:,;]+)(?:\s*[\[(][^\])]*[\])])?(?:\s+[-–—]\s+|[:,;]\s+)(\S.*)$")  # FIC1.PV - Feed flow
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Tag:
 @lru_cache(1 << 16)
 def plain(text: str) -> str:
     """Return the text in lower case without blanks, dots, dashes, underscores and a unit in brackets at the end."""
-    return re.sub(r"[\s._\-/:\\#*'\"|]+", "", _UNIT.sub("", text)).lower()
+    return re.sub(r"[\s.,_\-/:\\#*'\"|]+", "", _UNIT.sub("", text)).lower()
 
 
 def explained(name: str, **values: object) -> dict[str, str]:

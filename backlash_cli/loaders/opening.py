@@ -14,7 +14,6 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from itertools import chain, islice
 from pathlib import Path, PurePosixPath
@@ -26,6 +25,7 @@ import pyarrow as pa
 from ..errors import InputError
 from ..record import Note
 from .cells import decimal_sign
+from .layouts import Head
 from .names import COLUMNS, WORDS, explained, is_quality_name, is_time_name, noted, plain, signal_role, split_tag
 from .options import ReadOptions
 from .sources import Remote, is_export, open_place, stem_of
@@ -42,6 +42,7 @@ _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
 _DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, BadZipFile, pa.ArrowException)
 _MARKS = {"utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}
 _TEXT = bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)})
+_PACKED_BOOK = re.compile(rb"xl/|docProps/|_rels/|\[Content_Types\]")  # the first file in a workbook
 _ANNOTATION = re.compile(rb"^#(?:datatype|group|default)\b", re.MULTILINE)
 _NUMBER = re.compile(
     r"^[+-]?(?:\d{1,3}(?:[ .,'’\u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?$"
@@ -49,7 +50,8 @@ _NUMBER = re.compile(
 _WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
 COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 DELIMITERS = (",", ";", "\t", "|")
-HEAD_LINES = 4000
+HEAD_LINES, HEAD_SIZE = 100, 160_000  # lines that are looked at first, and characters in further ones
+JOINED = 8  # lines at most of one cell in quotes
 Line = tuple[int, int, str]
 
 
@@ -60,13 +62,14 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
             raise InputError(**explained("no_file"), where=str(path))
         if not magic:
             with open_place(path) as file:
-                magic = file.read(16)
+                magic = file.read(64)
     except OSError as error:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
     if not magic:
         raise InputError(**explained("empty_file"), where=str(path))
     if magic.startswith(b"PK\x03\x04"):
-        return "workbook" if path.name.lower().endswith((".xlsx", ".xlsm")) else "archive"
+        book = _PACKED_BOOK.search(magic, 30, 64) or path.name.lower().endswith((".xlsx", ".xlsm"))
+        return "workbook" if book else "archive"
     for mark, (what, remedy) in WORDS["foreign"].items():
         if magic.startswith(mark.encode("latin-1")):
             raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
@@ -239,25 +242,11 @@ def sheets(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
     return found
 
 
-@dataclass(frozen=True)
-class Dialect:
-    """names: of columns. offset, line: where data begin. end: of what was looked at. kinds: what columns hold."""
-
-    delimiter: str
-    names: tuple[str, ...]
-    offset: int
-    end: int
-    line: int
-    decimal: str
-    kinds: tuple[str, ...]
-
-
-def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> Dialect:
+def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     """Find how a text is written. Raises InputError without a header, data, or anything that looks like columns."""
-    lines = lines_of(text)
-    end = lines[HEAD_LINES][1] if len(lines) > HEAD_LINES else len(text)
+    (lines, end), options, where = lines_of(text.head), text.options, text.where
     declared = re.match(r"^sep=(.)$", lines[0][2].strip()) if lines else None
-    lines = [row for row in lines[1 if declared else 0 : HEAD_LINES] if row[2].strip(" \t,;|")]
+    lines = [row for row in lines[1 if declared else 0 :] if row[2].strip(" \t,;|")]
     if not lines:
         raise InputError(**explained("no_data"), where=where)
     last = range(len(lines) - min(24, max(1, len(lines) // 2)), len(lines))
@@ -271,15 +260,16 @@ def find_dialect(text: bytes | bytearray, options: ReadOptions, where: str) -> D
     first = _first_row(lines, cells, kinds, options.header_row or 0)
     if first is None or all(k == "text" for k in kinds if k != "empty"):
         raise _without_data([cells(i) for i in range(min(10, len(lines)))], width, options, where)
-    before = {lines[i][0]: cells(i) for i in range(max(first - HEAD_LINES // 10, 0), first)}
+    before = {lines[i][0]: cells(i) for i in range(first)}
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
     numbers = [c for row in (*data, *tail) for c in row if kind(c) == "number" and (delimiter != "," or "," in c)]
     only_commas = delimiter != "," and any("," in c for c in numbers) and not any("." in c for c in numbers)
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
-    return Dialect(delimiter, column_names(before, width, options, where), lines[first][1], end, lines[first][0],
-                   options.decimal or decimal_sign(numbers, "," if only_commas else "."),
-                   tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True)))
+    kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
+    return Head(where, stem, column_names(before, width, options, where), (), kinds, partition,
+                options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
+                lines[first][1], end)
 
 
 def _delimiter(lines: list[str], first: list[str]) -> str:
@@ -418,17 +408,19 @@ def split_line(line: str, delimiter: str) -> list[str]:
     return line.split(delimiter)
 
 
-def lines_of(text: bytes | bytearray) -> list[Line]:
-    """Return (line number from 1, offset in bytes, text) of the first logical lines; quotes may hold line ends."""
+def lines_of(text: bytes | bytearray) -> tuple[list[Line], int]:
+    """Return (number, offset in bytes, text) of the first lines, which quotes may join, and where they end."""
     found: list[Line] = []
     # any kind of line end, and no further line than is needed is decoded
-    lines, at, offset = [*islice(io.TextIOWrapper(io.BytesIO(text), "utf-8", newline=""), HEAD_LINES + 1)], 0, 0
-    while at < len(lines) and len(found) <= HEAD_LINES:
+    stream = io.TextIOWrapper(pa.BufferReader(text), "utf-8", newline="")
+    lines, at, offset = [*islice(stream, HEAD_LINES), *stream.readlines(HEAD_SIZE)], 0, 0
+    last = len(lines) - (JOINED if stream.read(1) else 0)
+    while at < last:
         line, count = lines[at], 1
         if line.count('"') % 2:  # an open quote: go on to the line that closes it, if one comes soon
-            count = next((k for k in range(2, 9) if "".join(lines[at : at + k]).count('"') % 2 == 0), 1)
+            count = next((k for k in range(2, JOINED + 1) if "".join(lines[at : at + k]).count('"') % 2 == 0), 1)
             line = "".join(lines[at : at + count])
         found.append((at + 1, offset, line.rstrip("\r\n")))
         offset += len(line.encode())
         at += count
-    return found
+    return found, offset

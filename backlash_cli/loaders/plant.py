@@ -228,7 +228,11 @@ def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[st
     if matching and not fitting:
         raise UsageError(f"none of {len(named)} loops matches {words}", where="--loops-matching",
                          remedy=nearest(matching[0], everything))
-    drawn = fitting if sample is None else draw(fitting, sample_size(sample, len(fitting)), seed)
+    drawn = fitting
+    if sample is not None:  # those of the smallest hash with the seed, so that a growing plant keeps them
+        by_hash = sorted(fitting, key=lambda name: hashlib.sha256(
+            f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest())
+        drawn = sorted(by_hash[: sample_size(sample, len(fitting))])
     notes: list[Note] = []
     if left := len(named) - len(fitting):
         notes.append(noted("not_matching", {"loops": float(left)}, of=len(named), words=words))
@@ -236,12 +240,6 @@ def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[st
         notes.append(noted("sampled", {"loops": float(left), "seed": float(seed), "drawn": ", ".join(drawn)},
                            count=len(drawn), of=len(fitting), sample=sample, names=some(drawn)))
     return drawn, notes
-
-
-def draw(names: Sequence[str], count: int, seed: int = 0) -> list[str]:
-    """Return `count` of the names: those of the smallest hash with the seed, so that a growing plant keeps them."""
-    return sorted(sorted(names, key=lambda name: hashlib.sha256(
-        f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest())[:count])
 
 
 def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None

@@ -90,7 +90,6 @@ def _remove(file: IO[bytes]) -> None:
 
 class Store:
     """Columns of equal length that are written once, in pieces, and read often; texts of "v3" by their places in "v3w".
-
     grouped: rows are kept by the numbers in the column "group" of each piece. stays: in memory, also when sent."""
 
     def __init__(self, room: Room, *, grouped: bool = False, stays: bool = False) -> None:

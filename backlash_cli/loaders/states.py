@@ -25,6 +25,7 @@ LONE = 3  # samples in a row that may be lone zeros
 FAR = 8.0  # usual moves from one sample to the next that a zero must lie outside of all others
 _GOOD, _BAD, _DOUBT, _AUTO, _MANUAL = (re.compile("|".join(WORDS["words"][kind].split()), re.IGNORECASE)
                                        for kind in ("good", "bad", "doubt", "automatic", "manual"))
+_HEX = re.compile(r"\s*0x[0-9a-f]{1,8}\s*", re.IGNORECASE)
 _ONE_IS_GOOD = re.compile(r"^(?!.*(?:inv|bad|not|un)).*(?:valid|good|gültig|gueltig)", re.IGNORECASE)
 
 
@@ -55,6 +56,8 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
     0/1. further: words or numbers that mean good. name: Validity is 1 where good. known: by earlier chunks."""
     numbers, codes, words = _numbers_or_words(cells, all_texts=True)
     extra, wanted = _named(further)
+    if words and not extra and all(_HEX.fullmatch(word) for word in words):
+        numbers = np.append([float(int(word, 16)) for word in words], np.nan)[codes]
     if numbers is not None:
         if wanted or not np.isfinite(numbers).any():
             return np.isin(numbers, wanted) if wanted else np.ones(len(numbers), bool), []
@@ -76,7 +79,8 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, float]) -> tupl
     if high >= 1 << 30:  # OPC UA status codes: the two highest bits are the severity
         return values < 1 << 30, []
     if high >= 128:
-        return (values >= 128) & (values < 256), []
+        low_bits = values % (1 << 16)  # those above are of OPC HDA
+        return (low_bits >= 128) & (low_bits < 256), []
     if high == 100 or (_ONE_IS_GOOD.search(name) and low >= 0.0 and high <= 1.0):
         return values == (100.0 if high == 100 else 1.0), []
     if low == high:

@@ -23,7 +23,7 @@ from .cells import BLANK, Cells, Lexicon, codes_and_words, is_number, is_text, s
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
 from .names import explained, noted, signal_role
-from .opening import HEAD_LINES, Text, find_dialect, kind_of, members, sheets
+from .opening import Text, head_of, kind_of, members, sheets
 from .options import ReadOptions
 from .signals import ENDLESS, Axis, Piece, Room, Series, Store
 from .sources import Remote, Source, open_place, stem_of
@@ -31,7 +31,7 @@ from .times import StampReader, micros_of
 
 TOGETHER = 16 << 20  # bytes of samples that go to the scratch file as one piece, so that there are few to read
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
-BATCH_CELLS, BATCH_ROWS = 1 << 22, 1 << 19  # cells and rows of Parquet that are read at once
+BATCH_CELLS, BATCH_ROWS, HEAD_ROWS = 1 << 22, 1 << 19, 4000  # of Parquet that are read at once, and looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
 _TWO_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # a name of two levels as pandas writes it
 _WORDS = pa.dictionary(pa.int32(), pa.string())
@@ -43,13 +43,12 @@ class TextTable:
 
     def __init__(self, text: Text, stem: str, partition: dict[str, str]) -> None:
         self.text, self.where = text, text.where
-        self.dialect = dialect = find_dialect(text.head, text.options, self.where)
+        self.head = head_of(text, stem, partition)
         self._bad: list[tuple[int | None, int, int]] = []
-        first = self._parsed(text.head[dialect.offset : dialect.end], None, threads=False)
+        first = self._parsed(text.head[self.head.offset : self.head.end], None, threads=False)
         if first.num_rows == 0:
             raise InputError(**explained("no_rows", below=" below the header"), where=self.where)
-        self.head = Head(self.where, stem, dialect.names, tuple(first.columns), dialect.kinds, partition,
-                         dialect.decimal, dialect.line)
+        self.head = replace(self.head, columns=tuple(first.columns))
         self.notes = text.notes
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
@@ -62,7 +61,7 @@ class TextTable:
                 plain if i not in stamps else None if pa.types.is_null(kind) else kind)
         # rows are numbered where one thread reads them
         first_bad, self._bad = self._bad[0][0] if self._bad else None, []
-        del self.text.head[: self.dialect.offset]
+        del self.text.head[: self.head.offset]
         for block in chain([self.text.head], self.text.rest):
             if block.isspace():
                 continue
@@ -74,14 +73,14 @@ class TextTable:
                 table = self._parsed(block, dict.fromkeys(types))
             yield {i: table.column(f"c{i}") for i in types}
         if self._bad:
-            line = "" if first_bad is None else f", the first is line {self.dialect.line + first_bad - 1}"
+            line = "" if first_bad is None else f", the first is line {self.head.first_line + first_bad - 1}"
             _, expected, found = self._bad[0]
             self.notes.append(noted("ragged_rows", {"rows": float(len(self._bad)), "file": self.where}, line=line,
                                     found=found, expected=expected))
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:
-        names = [f"c{i}" for i in range(len(self.dialect.names))]  # two columns of the file may be called the same
+        names = [f"c{i}" for i in range(len(self.head.names))]  # two columns of the file may be called the same
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
             self._bad.append((row.number, row.expected_columns, row.actual_columns))
@@ -90,10 +89,10 @@ class TextTable:
         chosen = {} if types is None else {"include_columns": [names[i] for i in types], "column_types": {
             names[i]: kind for i, kind in types.items() if kind is not None}}
         reading = pa_csv.ReadOptions(column_names=names, use_threads=threads and pa.cpu_count() > 1, block_size=1 << 20)
-        parsing = pa_csv.ParseOptions(delimiter=self.dialect.delimiter, newlines_in_values=b'"' in block,
+        parsing = pa_csv.ParseOptions(delimiter=self.head.delimiter, newlines_in_values=b'"' in block,
                                       invalid_row_handler=on_bad_row)
         converting = pa_csv.ConvertOptions(
-            decimal_point=self.dialect.decimal, null_values=["", " ", *BLANK], quoted_strings_can_be_null=True,
+            decimal_point=self.head.decimal, null_values=["", " ", *BLANK], quoted_strings_can_be_null=True,
             strings_can_be_null=True, auto_dict_encode=True, auto_dict_max_cardinality=4096, true_values=["\x00"],
             false_values=["\x00"], **chosen)
         return pa_csv.read_csv(pa.BufferReader(block), reading, parsing, converting)
@@ -135,7 +134,7 @@ class ParquetTable:
             raise InputError(**explained("same_names"), where=self.where)
         # cells tell about the layout only where they are no plain measurements
         tell = pa.schema([f for k, f in enumerate(fields) if k == 0 or not pa.types.is_floating(f.type)])
-        begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_LINES, columns=tell.names), 1), tell)
+        begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_ROWS, columns=tell.names), 1), tell)
         told = dict(zip(tell.names, begun.columns, strict=True))
         first = [told.get(f.name, pa.chunked_array([], f.type)) for f in fields]
         names = tuple(_TWO_LEVELS.sub(r"\1.\2", name) for name in self._names)
@@ -178,7 +177,6 @@ class ParquetTable:
 def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Series], bool], room: Room,
                     taken: Callable[[int], None]) -> tuple[list[Series], list[Note]]:
     """Return the signals of a file, and what was noticed; a sheet of remarks is passed over. Raises InputError.
-
     needed: says whether samples of a signal are. taken: called with the bytes that were read."""
     path, stem = source.path, stem_of(source.path)
     kind = kind_of(path)

@@ -333,8 +333,8 @@ class StampReader:
         self._zones.add(None if self._unit.startswith("epoch") or not absolute else False)
         with np.errstate(over="ignore", invalid="ignore"):
             scaled = (values - zero) * factor
-            if self._unit == "excel":
-                # a day number carries about 2 microseconds of rounding; stamps are written to the millisecond at best
+            if self._unit in ("excel", "matlab", "ticks"):
+                # such numbers carry some microseconds of rounding; stamps are written to the millisecond at best
                 scaled = np.rint(scaled / 1000.0) * 1000.0
             return np.where(np.abs(scaled) < LIMIT, np.rint(scaled).astype(np.int64), NAT)
 
@@ -350,13 +350,11 @@ def _unit_of(known: FloatArray, name: str) -> str:
     """What numeric stamps count: told from their size, their steps and the name of the column."""
     if any(known.min() >= size and known.max() < 1.16 * size for size in (1.9e13, 1.9e11)) and not np.any(known % 1):
         return "digits"  # 20260317080000 or 202603170800
-    middle = float(np.median(np.abs(known)))
-    if of_size := [unit for low, high, unit in WORDS["stamps"]["size"] if low <= middle < high]:
+    middle, steps = float(np.median(np.abs(known))), np.abs(np.diff(known[:1000]))
+    short = np.any(known % 1 != 0) and np.any(steps != 0) and float(np.median(steps[steps != 0])) < 0.5
+    sizes = WORDS["stamps"]["size"] + WORDS["stamps"]["days"] * int(short)
+    if of_size := [unit for low, high, unit in sizes if low <= middle < high]:
         return str(of_size[0])
-    steps = np.diff(known[:1000])
-    step = float(np.median(np.abs(steps[steps != 0]))) if np.any(steps != 0) else 1.0
-    if 20_000 < middle < 80_000 and step < 0.5 and np.any(known % 1 != 0):
-        return "excel"
     bracket = name.lower().rstrip(")] ").replace("[", "(").rpartition("(")[2].strip()
     return next((unit for unit, ends, words in WORDS["stamps"]["name"]
                  if plain(name).endswith(tuple(ends)) or bracket in words), "seconds")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -26,7 +25,6 @@ from .reasons import marked, too_little, with_reasons
 from .saved_model import in_ranges_of, kept_model, shape_of
 from .search import WEAK, Found, baseline, families, search
 
-LITTLE_LOWER = 1.03  # the error on unseen samples without an effect that is clear is at least this many times larger
 Looked = tuple[Problem, Fit, Found, tuple[Part, ...], Sequence[str]]
 
 
@@ -102,8 +100,7 @@ def assemble(record: Record, best: Looked, model: Model | None) -> Explanation:
     fitted = {e.effect: e for e in fitted_effects(seen, last.fit, held)}
     names = [*(p.effect.name for p in held), *order]
     alikes = (*((p.effect.name, other) for p in held for other in p.effect.fitting.siblings), *found.alike())
-    sure = {p.effect.name: "clear" for p in held} | confidence(found, by_user, steps, alikes,
-                                                                holdout.only_reports(problem, held))
+    sure = confidence(found, held, by_user, alikes, holdout.only_reports(problem, held))
     siblings = {part.effect.name: part.effect.fitting.siblings for part in found.final.shape.parts}
     candidates = with_reasons(problem, gain, tried(seen, found, plain, names), names, alikes, siblings, reason, ENOUGH)
     before = holdout.distance(problem, (), predicted_by(problem, plain.fit))
@@ -157,26 +154,24 @@ def tried(seen: Problem, found: Found, plain: Tested, accepted: Sequence[str]) -
     return tuple(sorted(out, key=lambda c: (c.effect not in accepted, c.rmse_holdout)))
 
 
-def confidence(found: Found, by_user: Sequence[str], steps: Sequence[Step], alikes: Sequence[tuple[str, str]],
+def confidence(found: Found, held: Sequence[Part], by_user: Sequence[str], alikes: Sequence[tuple[str, str]],
                reports: bool) -> dict[str, str]:
-    """Return for each accepted effect how sure it is: clear, likely or stand_in.
+    """Return for each accepted effect how sure it is: clear, likely or stand_in; `held` by the recorder are clear.
 
     A stand-in lowers the error, but what is left matters beside it, or an effect of another kind does as well in its
-    place. An effect that lowers the error little is likely. A look-alike of its own kind leaves open which of the two
-    it is, not that one of them is there: both are named.
+    place. An effect of little evidence is likely. A look-alike of its own kind leaves open which of the two it is, not
+    that one of them is there: both are named.
     reports: PV is known only where an exception test let it through, which looks like a valve that moves in jumps.
     """
-    out = {}
-    errors = {step.added: (before.rmse_holdout, step.rmse_holdout) for before, step in pairwise(steps)}
+    out = {part.effect.name: "clear" for part in held}
     for part in found.final.shape.parts:
         name, fitting = part.effect.name, part.effect.fitting
         others = [other for taken, other in alikes if taken == name]
-        before, after = errors.get(name, (1.0, 1.0))
         gain = found.gain(name)
         jumps = reports and not part.is_linear and part.effect.stage == Stage.VALVE
         if fitting.seldom or jumps or not found.left.adequate([gain]) or any(o not in fitting.siblings for o in others):
             out[name] = "stand_in"
-        elif not found.adequate or name in by_user or before < LITTLE_LOWER * after or gain < WEAK:
+        elif not found.adequate or name in by_user or gain < WEAK:
             out[name] = "likely"
         else:
             out[name] = "clear"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..effects.process import DEAD_TIME
 from ..record import FloatArray
 from .noise import Noise, downhill, fit_noise, known_load, whitener
 from .pipeline import Shape, as_tuple, load_regressors, moved_process, predict, regressors, sensed_slopes, through
@@ -32,7 +33,7 @@ def free_numbers(problem: Problem, shape: Shape) -> list[Free]:
     """Return the searched numbers of a shape; lists stay as proposed, and a parameter at infinity takes no part."""
     h = problem.interval
     out = [Free(-1, "lag", 0.2 * h, 0.5 * problem.duration, 0.01 * shape.lag)]
-    if problem.delay is not None:
+    if problem.delay is not None and not further_delay(shape):
         out.append(Free(-1, "delay", (1 - DELAY_TRUST) * problem.delay, (1 + DELAY_TRUST) * problem.delay, 0.2 * h))
     for place, part in enumerate(shape.parts):
         fitting = part.effect.fitting
@@ -44,10 +45,18 @@ def free_numbers(problem: Problem, shape: Shape) -> list[Free]:
             high, step = q.high, 0.02 if q.nuisance or not value else 0.02 * abs(value)
             if q.unit == "s":
                 high, step = min(high, 0.5 * problem.duration), max(1e-4 * abs(value), 0.05 * h)
+                if fitting.phase:
+                    # over the record another period turns the swing: by a few degrees, no more
+                    step = 0.01 * value**2 / problem.duration
             elif q.unit in ("span", "OP span"):
                 step = 2e-4
             out.append(Free(place, q.name, q.low, high, step, q.nuisance))
     return out
+
+
+def further_delay(shape: Shape) -> bool:
+    """True where the model has a dead time beside that of the settings, which then stands: only their sum shows."""
+    return any(part.effect is DEAD_TIME for part in shape.parts)
 
 
 def get(shape: Shape, free: list[Free]) -> FloatArray:
@@ -179,6 +188,8 @@ def ridges(problem: Problem, columns: FloatArray) -> FloatArray:
 
 def descend(solver: Solver, shape: Shape, *, rounds: int = 8) -> Shape:
     """Refine the searched numbers until the deviance gains next to nothing."""
+    if further_delay(shape):
+        shape = replace(shape, delay=solver.problem.delay or 0.0)
     free = free_numbers(solver.problem, shape)
     low, high = np.array([(f.low, f.high) for f in free]).T
     x = downhill(get(shape, free), lambda x: solver.rss(put(shape, free, x)),

@@ -120,10 +120,12 @@ def search(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
     found = settled(Found(start, first, longest_first(judge, now), {}, judge, Left()), effects, known)
     final, names = found.final, {effect.name for effect in seldom}
     others = [there for (_, other), there in found.instead.items() if other in names]
-    if not found.adequate:
-        process = replace(final.shape, parts=tuple(p for p in final.shape.parts if p.is_linear or p.effect.name in
-                                                   start.shape.names or p.effect.stage == Stage.PROCESS))
-        grounds = {ground.shape.names: ground for ground in (start, final)}
+    # steps and bends of a load follow what they are not, and leave nothing that would show it
+    loads = [p.effect.name for p in final.shape.parts if p.effect.fitting.fixed and p.effect.name in found.without]
+    if loads or not found.adequate:
+        process = replace(final.shape, parts=tuple(p for p in final.shape.parts if p.effect.name not in loads and (
+            p.is_linear or p.effect.name in start.shape.names or p.effect.stage == Stage.PROCESS)))
+        grounds = {ground.shape.names: ground for ground in (() if found.adequate else (start, final))}
         if process.names not in grounds:
             grounds[process.names] = fit(problem, process, final.noise)
         for ground in grounds.values():

@@ -24,7 +24,7 @@ SIZES = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # per cent, labelled o
 SETPOINT, MEASUREMENT, OUTPUT, EVIDENCE, QUIET = "#7a8793", "#2878c8", "#c77700", "#d1345b", "#8d99a5"
 STEM = "#0b8a9e"
 GREEN = "#2a9d5c"
-COLOURS = {"bad": EVIDENCE, "warn": OUTPUT, "good": GREEN, "quiet": QUIET}  # by mark
+COLOURS = {"bad": EVIDENCE, "warn": OUTPUT, "watch": MEASUREMENT, "good": GREEN, "quiet": QUIET}  # by mark
 Figure = dict[str, Any]
 DATES: Figure = {"type": "date"}
 

@@ -21,7 +21,7 @@ from .templates import lines, screen, sentence
 from .words import TITLES, day
 
 WIDTH = 160  # lines of names, dates and numbers are not wrapped
-MARKS = {"pull": "bad", "room": "warn", "watch": "warn", "leave": "good", "check": "quiet"}
+MARKS = {"pull": "bad", "room": "warn", "watch": "watch", "leave": "good", "check": "quiet"}
 DRAWN = 60  # loops with figures in a single file
 RANKED = 40  # loops in the picture of the plant
 LATEST = 30  # nights in a loop's table

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.gap_test import GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested
+from backlash_cli.estimator.gap_test import GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested, stem_known
 from backlash_cli.estimator.predictor import (
     Lags,
     Predictor,
@@ -41,7 +41,9 @@ def prediction(recordings: list[Recording], size: int = SIZE, span: float = 10.0
 
 
 def gaps_of(p: Predictor, recordings: list[Recording], widths: np.ndarray) -> GapTest:
-    return gaps_tested(p, [gaps_in(r.output, widths, p.size) for r in recordings], widths, 0.5, 20.0, 1.0)
+    gaps, known = zip(*[(gaps_in(r.output, widths, p.size), stem_known(r.output, widths)) for r in recordings],
+                      strict=True)
+    return gaps_tested(p, gaps, known, widths, 0.5, 20.0, 1.0)
 
 
 def test_gap_means_are_those_of_play_at_full_rate():
@@ -132,32 +134,70 @@ def test_the_gain_of_free_lags_is_that_of_a_plain_regression():
         columns = np.vstack([p.columns, p.lagged([gaps], 4)[j]])
         b, *_ = np.linalg.lstsq(columns.T, p.target, rcond=None)
         left = float(np.sum((p.target - b @ columns) ** 2)) + floor
-        assert found == pytest.approx(0.5 * p.rows * np.log(p.loss / left), rel=1e-3, abs=0.02)
+        free = p.rows - len(p.columns)
+        assert found == pytest.approx(0.5 * free * np.log(p.loss / left), rel=1e-3, abs=0.02)
 
 
-def test_the_gain_of_a_gap_is_that_of_two_plain_regressions():
+@pytest.mark.parametrize("parts", [1, 3])
+def test_the_gain_of_a_gap_is_that_of_two_plain_regressions_on_the_rows_where_the_stem_is_known(parts):
     """Weighted least squares by NumPy's own solver, with and without the column that the tied fit predicts."""
-    r = recording()
-    p = prediction([r])
+    several = [recording(4000 // parts, seed=k) for k in range(parts)]
+    p = prediction(several)
     assert p is not None
-    widths = np.array([1.0, 3.0])
-    found = gaps_of(p, [r], widths)
+    widths = np.array([3.0, 8.0])
+    found = gaps_of(p, several, widths)
     floor = p.loss - float(p.error @ p.error)
+    G = p.lagged([gap_means(r.output, widths, SIZE, len(r.output) // SIZE) for r in several])
+    reach, fine = p.lags.reach, p.lags.fine
+    for j, width in enumerate(widths):
+        counts = []
+        for r in several:
+            first = next(k for k in range(len(r.output)) if np.ptp(r.output[: k + 1]) >= width)
+            counts += [(b - fine) * SIZE >= first for b in range(reach, len(r.output) // SIZE)]
+        rows = np.array(counts)
+        assert np.count_nonzero(~rows) < 0.5 * len(rows)
+        assert width == 3.0 or np.count_nonzero(~rows) > 20
+        y, before, share = p.target[rows], p.columns[:, rows], p.weights[rows].sum() / p.weights.sum()
+        free = len(y) - len(before)
 
-    def loss(columns: np.ndarray) -> tuple[float, np.ndarray]:
-        b, *_ = np.linalg.lstsq(columns.T, p.target, rcond=None)
-        return float(np.sum((p.target - b @ columns) ** 2)) + floor, b
+        def loss(columns: np.ndarray, y: np.ndarray = y, share: float = share) -> tuple[float, np.ndarray]:
+            b, *_ = np.linalg.lstsq(columns.T, y, rcond=None)
+            return float(np.sum((y - b @ columns) ** 2)) + floor * share, b
 
-    G = p.lagged([gap_means(r.output, widths, SIZE, len(r.output) // SIZE)])
-    for j in range(2):
-        tied = p.columns.copy()
-        tied[p.past_output] += G[j]
+        without, _ = loss(before)
+        tied = before.copy()
+        tied[p.past_output] += G[j][:, rows]
         with_gap, b = loss(tied)
-        assert found.tied[j] == pytest.approx(0.5 * p.rows * np.log(p.loss / with_gap), rel=1e-3, abs=0.02)
-        column = b[p.past_output] @ G[j]
-        left, both = loss(np.vstack([p.columns, column]))
-        assert found.gain[j] == pytest.approx(0.5 * p.rows * np.log(p.loss / left), rel=1e-3)
+        assert found.tied[j] == pytest.approx(0.5 * free * np.log(without / with_gap), rel=1e-3, abs=0.02)
+        left, both = loss(np.vstack([before, b[p.past_output] @ G[j][:, rows]]))
+        assert found.gain[j] == pytest.approx(0.5 * free * np.log(without / left), rel=1e-3)
         assert found.share[j] == pytest.approx(both[-1], rel=1e-3)
+
+
+def test_the_stem_is_known_once_op_has_covered_the_gap_wherever_it_stood():
+    u = recording(400).output
+    widths = np.array([0.5, 2.0, 3.0, 500.0])
+    known = stem_known(u, widths)
+    assert known[-1] == len(u)
+    for width, first in zip(widths[:-1], known, strict=False):
+        low, high = (play(u, width, u[0] + side * width / 2) for side in (-1, 1))
+        np.testing.assert_allclose(low[first:], high[first:], atol=1e-12)
+        assert abs(low[first - 1] - high[first - 1]) > 1e-9
+
+
+def test_many_short_recordings_tell_a_gap_that_stood_anywhere_when_they_began():
+    """Of each recording of 100 blocks OP needs a quarter and more to cover the gap."""
+    long = recording(12000, d=5.0, seed=3)
+    pieces = [Recording(*(x[k : k + 400] for x in (long.output, long.measurement, long.usable)))
+              for k in range(0, 12000, 400)]
+    p = prediction(pieces)
+    assert p is not None
+    widths = np.array([2.5, 3.5, 5.0, 7.0])
+    waits = [stem_known(r.output, widths[2:3])[0] for r in pieces]
+    assert np.mean(waits) > 80
+    found = gaps_of(p, pieces, widths)
+    assert int(found.answer.argmax()) == 2
+    assert found.share[2] == pytest.approx(1.0, abs=0.1)
 
 
 def test_a_gap_is_answered_in_full_at_its_width_and_imitations_gain_less():

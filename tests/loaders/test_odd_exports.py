@@ -167,7 +167,7 @@ def pair_rows():
 def test_a_workbook_is_read_in_any_layout(tmp_path, rows):
     pytest.importorskip("python_calamine", reason="python-calamine is not installed: pip install 'backlash[excel]'")
     path = book(tmp_path, {"Notes": [["Exported by", "J. Doe"], ["at", "night"]], "Data": rows()})
-    for source in (path, tmp_path):
+    for source in (path, tmp_path, save(tmp_path, path.read_bytes())):  # under another name, too
         plant = read(source)
         assert [r.loop for r in plant] == ["FIC101", "PIC303"] and not plant.failures
         equals_the_recording(plant["FIC101"])
@@ -289,3 +289,17 @@ def test_where_no_sample_is_good_the_quality_is_named(tmp_path):
     text = long(lambda n, t, v: f"{n},{iso(t)},{v},Bad", "tag,time,value,quality")
     with pytest.raises(BacklashError, match=r"600 samples of FIC101\.PV have bad quality.*--good-quality"):
         read(save(tmp_path, text))
+
+
+def test_two_files_that_contradict_each_other_are_refused(tmp_path):
+    first = save(tmp_path, wide(), "a.csv")
+    second = save(tmp_path, wide(value=lambda tag, value: cell(tag, value * 1.2)), "b.csv")
+    with pytest.raises(BacklashError, match="two files give different values for the same times, 600 rows"):
+        read([first, second])
+    again = save(tmp_path, wide(), "c.csv")
+    equals_the_recording(read([first, again])["FIC101"])
+
+
+def test_a_pointer_of_git_lfs_is_called_so(tmp_path):
+    with pytest.raises(InputError, match=r"pointer to a large file in Git LFS.*git lfs pull"):
+        read(save(tmp_path, "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n", "p.parquet"))

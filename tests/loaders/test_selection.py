@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from backlash_cli.errors import BacklashError, InputError, UsageError
 from backlash_cli.loaders import ReadOptions, read
 from backlash_cli.loaders.options import parse_since
-from backlash_cli.loaders.plant import choose, draw, sample_size
+from backlash_cli.loaders.plant import choose, sample_size
 from tests.small_plant import write_plant
 
 NAMES = [f"FIC{k}" for k in range(100, 140)] + [f"TIC{k}" for k in range(200, 210)]
@@ -31,7 +31,7 @@ def test_a_sample_is_the_same_for_the_same_names_in_any_order_and_differs_with_t
 
 @given(st.sets(st.text(min_size=1, max_size=6), min_size=1, max_size=30), st.integers(1, 40), st.text(min_size=1))
 def test_one_more_loop_changes_a_sample_by_one_loop_at_most(names, count, new):
-    before, after = set(draw(sorted(names), count)), set(draw(sorted({*names, new}), count))
+    before, after = (set(choose(all_names, sample=str(count))[0]) for all_names in (names, {*names, new}))
     assert len(before) == min(count, len(names)) and len(before - after) <= 1 and after - before <= {new}
 
 
@@ -39,7 +39,7 @@ def test_samples_are_drawn_evenly():
     """Each of 50 loops in about a tenth of 2,000 samples of 5: within 5 standard deviations of 200."""
     counts = dict.fromkeys(NAMES, 0)
     for seed in range(2000):
-        for name in draw(NAMES, 5, seed):
+        for name in choose(NAMES, sample="5", seed=seed)[0]:
             counts[name] += 1
     assert max(abs(n - 200) for n in counts.values()) < 5 * np.sqrt(2000 * 0.1 * 0.9)
 

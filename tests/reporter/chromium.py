@@ -104,7 +104,7 @@ class Browser:
                 self.requests.append(details["request"]["url"][:200])
 
     def open(self, path: Path, *, width: int = 1200, dark: bool = False, fragment: str = "") -> float:
-        """Open a file and return the seconds until it was loaded and laid out."""
+        """Open a file, until its figures are there, and return the seconds until its text was."""
         size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
         self.call("Emulation.setDeviceMetricsOverride", **size)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
@@ -112,8 +112,10 @@ class Browser:
         self.call("Page.navigate", url="about:blank")  # else a page that is there already stays, drawn for its window
         began = time.perf_counter()
         self.call("Page.navigate", url=path.as_uri() + fragment)
-        self.wait("document.readyState === 'complete' && location.protocol === 'file:'")
-        return time.perf_counter() - began
+        self.wait("document.readyState !== 'loading' && location.protocol === 'file:'")
+        shown = time.perf_counter() - began
+        self.wait("document.readyState === 'complete'")
+        return shown
 
     def evaluate(self, expression: str) -> Any:
         """Value of a JavaScript expression in the page."""

@@ -142,6 +142,13 @@ def test_a_folder_of_a_thousand_loops_opens_at_once_and_loads_a_loop_when_asked(
     browser.wait("location.pathname.endsWith('FIC0007.html') && document.querySelectorAll('.main-svg').length > 0")
 
 
+def test_printed_at_the_moment_of_loading_it_has_its_figures(browser, page):
+    browser.open(page, width=1280)
+    browser.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert browser.evaluate("document.querySelectorAll('.plot').length") > 2
+    assert browser.evaluate("document.querySelectorAll('.plot:not(.js-plotly-plot)').length") == 0
+
+
 def test_printing_opens_every_loop_and_figures_fit_the_paper(browser, page):
     browser.open(page, width=1280)
     browser.wait("document.querySelectorAll('.main-svg').length > 0")

@@ -81,6 +81,7 @@
     for (const axis of axes) {
       out[axis] = Object.assign({}, layout[axis], {
         gridcolor: colour("--grid"), zerolinecolor: colour("--line"), linecolor: colour("--line"), automargin: true,
+        title: Object.assign({ font: { size: 13 } }, (layout[axis] || {}).title),
       });
     }
     return out;
@@ -122,8 +123,14 @@
     JSON.parse(await unpack(document.getElementById("figures"))).forEach((figure, i) => waiting.set(plots[i], figure));
     plots.forEach((plot) => seen.observe(plot));
   };
-  // Where it cannot be done, the page's style says so in the place of each figure.
-  if (plots.length && window.DecompressionStream) prepare();
+  // Where it cannot be done, the page's style says so in the place of each figure. The page counts as loaded when they
+  // are there, or a program that prints it then would find none: an open document holds it up.
+  if (plots.length && window.DecompressionStream) {
+    const hold = document.body.appendChild(document.createElement("iframe"));
+    hold.hidden = true;
+    hold.contentDocument.open();
+    prepare().finally(() => { hold.contentDocument.close(); hold.remove(); });
+  }
   const recolour = () => figures.forEach((figure, plot) => {
     const view = themed(Object.assign({}, plot.layout));
     window.Plotly.relayout(plot, view);
