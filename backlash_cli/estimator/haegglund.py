@@ -42,7 +42,7 @@ def error_scanner(settings: LoopSettings, interval: float, *, every: bool = True
     least = (0.0, 0.0)
     if not every:
         # a little less than the limits, so that rounding leaves nothing out that would pass them
-        least = (0.999 * least_area(Ti) / interval, 0.999 * SLOW_ENOUGH * Ti / interval)
+        least = (0.999 * AMPLITUDE * Ti / np.pi / interval, 0.999 * SLOW_ENOUGH * Ti / interval)
     return ErrorScanner((double_lag(settings.filter_time or 0.0, interval), double_lag(Ti / 2.0, interval)), least)
 
 
@@ -75,18 +75,13 @@ def tally(h: Estimates, left_out: int, seconds: float) -> dict[str, Any]:
     }
 
 
-def least_area(Ti: float) -> float:
-    """Return the integral of |e| over a half period [span s] above which it counts: that of a sine of period Ti."""
-    return 2.0 * AMPLITUDE / (2.0 * np.pi / Ti)
-
-
 def detect_oscillation(segments: Segments, interval: float, Ti: float) -> tuple[float, float]:
     """Return the share of the record in which the error oscillates, and the period [s]; (0, 0) where it does not.
 
-    Half periods with IAE > 2 a / w, w = 2 pi / Ti, are counted, forgetting over 50 Ti: x <- lambda x + 1. segments: of
-    the error after the measurement filter alone. Source: Haegglund (1995).
+    Half periods with IAE > 2 a / w, w = 2 pi / Ti (as a sine of period Ti has), are counted, forgetting over 50 Ti:
+    x <- lambda x + 1. segments: of the error after the measurement filter alone. Source: Haegglund (1995).
     """
-    large = np.flatnonzero(segments.complete & (segments.area * interval > least_area(Ti)))
+    large = np.flatnonzero(segments.complete & (segments.area * interval > AMPLITUDE * Ti / np.pi))
     ages = segments.end[large] * interval / (SUPERVISION * Ti)
     counts = np.exp(np.logaddexp.accumulate(ages) - ages)  # one counts 1/e after the supervision time
     inside = counts >= ENOUGH
