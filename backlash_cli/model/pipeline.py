@@ -88,7 +88,10 @@ def moved_output(problem: Problem, parts: Sequence[Part]) -> FloatArray:
 def through(problem: Problem, parts: Sequence[Part], signal: FloatArray) -> FloatArray:
     """Return the signal (samples,) after some effects."""
     for part in parts:
-        effect, p = part.effect, part.effect.pack(part.values)
+        effect, values = part.effect, part.values
+        # without the checks of `Effect.pack`: start values may lie beyond the bounds, to which a fit then holds them
+        p = effect.pack(values) if any(q.many for q in effect.parameters) else np.array(
+            [values.get(q.name, q.neutral) for q in effect.parameters], dtype=np.float64)
         if effect.fitting.whole is not None:
             signal = effect.fitting.whole(signal, p, problem.interval)
         else:
