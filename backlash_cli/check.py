@@ -10,8 +10,8 @@ from .estimator.diagnosis import Diagnosis, diagnose
 from .estimator.identify import Identification, at_mean, identify, with_constant_setpoint
 from .estimator.quality import Quality, data_quality
 from .estimator.settings_check import check_settings
-from .estimator.words import said
 from .record import LoopSettings, Note, Record
+from .words import said
 
 # after these the given Ti is no measure for the sampling
 _OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settings_contradicted")
@@ -43,15 +43,15 @@ class LoopCheck:
         if self.failure is not None:
             return "failed", f"not checked: {self.failure.message}"
         quality = () if self.quality is None else self.quality.notes
-        for note in quality:
-            if note.values.get("effect") == "blocks":
-                return "blocks", f"no verdict possible: {note.message}"
+        heaviest = quality[0].values["effect"] if quality else "info"
+        if heaviest == "blocks":
+            return "blocks", f"no verdict possible: {quality[0].message}"
         if self.unidentified is not None and not (self.settings.K and self.settings.Ti):
             return "blocks", f"no verdict possible: K and Ti are not given, and {self.unidentified.message}"
         for note in self.settings_notes:
             if note.values.get("severity") == "contradict":
                 return "limits", f"the size of a dead band would be wrong: {note.message}"
-        if self.quality is not None and self.quality.effect == "limits":
+        if heaviest == "limits":
             return "limits", f"a dead band can be suspected at most: {quality[0].message}"
         for note in self.settings_notes:
             return "none", f"fit for a verdict, but: {note.message}"

@@ -19,10 +19,10 @@ from .estimator.reading import read_half_periods
 from .estimator.settings_check import check_settings, follows
 from .estimator.survey import MOST, Survey
 from .estimator.verdict import Findings, decide
-from .estimator.words import noted
 from .half_periods import ErrorScanner
 from .record import LoopSettings, Note, Record
 from .results import Confirmation, LoopReport, Verdict
+from .words import noted
 
 DIAGNOSED = 1 << 20  # samples of an oscillation that are looked at, the last ones
 OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals

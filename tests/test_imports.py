@@ -13,7 +13,7 @@ import pytest
 import backlash_cli
 
 PACKAGE = Path(backlash_cli.__file__).parent
-BASE = {"errors", "record", "results", "kernels", "toml_text", "_version"}
+BASE = {"errors", "record", "results", "kernels", "toml_text", "words", "_version"}
 # room -> rooms it may use besides itself and BASE
 ALLOWED = {
     "errors": set(),
@@ -22,6 +22,7 @@ ALLOWED = {
     "results": {"errors", "record"},
     "kernels": set(),
     "toml_text": {"errors"},
+    "words": {"record"},
     "half_periods": set(),
     "estimator": {"half_periods"},
     "scanning": {"estimator", "half_periods", "model"},

@@ -9,13 +9,13 @@ a few hundred samples). `python -m tests.benchmarks.compensation_benchmark` prin
 from __future__ import annotations
 
 from ..results import Cluster, Compensator, Confirmation
+from ..words import said
 
 SHARE_PI = 0.8  # below 1 because valve travel, not the error, grows first when the gain comes near the dead band
 SHARE_NOISY = 0.5  # with derivative action, which carries more noise to the output than a scan can see
 NOISE_SPREAD = 5.0  # peak to peak of the fast motion of the output, in standard deviations
 SMALLEST_SHARE = 0.2  # a gain below this fifth of the dead band changes nothing that anyone would notice
 HYSTERESIS = 1.0  # standard deviations of the filtered measurement before the sign of the error counts as changed
-SCHEME_ERROR = "error-sign (9)"
 
 
 def gain_share(d: float, *, derivative: bool, output_noise: float) -> tuple[float, str]:
@@ -31,28 +31,20 @@ def gain_share(d: float, *, derivative: bool, output_noise: float) -> tuple[floa
     (0.0, 'noise on the output is 20 % of the dead band: every change of its sign would move the valve')
     """
     if d <= 0.0:
-        return 0.0, "the dead band may be zero"
+        return 0.0, said("gain:zero")
     noise = output_noise / d
     free = 1.0 - NOISE_SPREAD * noise
     if free < SMALLEST_SHARE:
-        return 0.0, (f"noise on the output is {100 * noise:.0f} % of the dead band: every change of its sign would "
-                     "move the valve")
-    cap = SHARE_NOISY if derivative else SHARE_PI
-    if free < cap:
-        return free, (f"noise on the output is {100 * noise:.0f} % of the dead band and must stay inside the gap "
-                      "together with the gain")
-    if derivative:
-        return cap, "derivative action carries noise to the output, and a larger gain would wear the valve"
-    return cap, "the gain must stay below the true dead band, else the loop oscillates"
+        return 0.0, said("gain:none", noise=noise)
+    cap, why = (SHARE_NOISY, "gain:derivative") if derivative else (SHARE_PI, "gain:usual")
+    return (free, said("gain:noisy", noise=noise)) if free < cap else (cap, said(why))
 
 
 def recommend(cluster: Cluster | None, confirmation: Confirmation | None, *, derivative: bool,
               output_noise: float, oscillating: bool = False) -> Compensator | None:
-    """Return the gain delta [span of output] for scheme (9), None where compensation would do harm.
-
-    derivative, output_noise: see `gain_share`, which is taken of the lower end of the interval of d. oscillating: the
-    loop oscillates most of the time: an integrating process, tuning or a load, which no gain heals.
-    """
+    """Return the gain delta [span of output] for scheme (9), `gain_share` of the lower end of the interval of d, None
+    where compensation would do harm. oscillating: most of the time: an integrating process, tuning or a load, which no
+    gain heals."""
     best = confirmation or cluster
     if best is None or oscillating:
         return None
@@ -60,4 +52,4 @@ def recommend(cluster: Cluster | None, confirmation: Confirmation | None, *, der
     share, why = gain_share(low, derivative=derivative, output_noise=output_noise)
     if share == 0.0:
         return None
-    return Compensator(share * low, SCHEME_ERROR, f"{share:.2g} of the lower end of the interval: {why}")
+    return Compensator(share * low, "error-sign (9)", f"{share:.2g} of the lower end of the interval: {why}")

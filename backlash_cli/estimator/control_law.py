@@ -25,7 +25,9 @@ ROUNDING = 1e-6  # of residuals: smaller differences are none
 
 @dataclass(frozen=True)
 class LawForm:
-    """What a fit assumes: its terms, and of the rows (see `window_sums`) window, settling time, shift and phase."""
+    """What a fit assumes: its terms; rows per window; rows left out after a gap, in which the filter settles (about
+    5 Tf); shift [rows] by which the output answers late; phase, the share of the newest error that the integral has not
+    yet taken in (0 for a controller that runs at the logged rate, 1/2 for one much faster)."""
 
     terms: tuple[int, ...]
     window: int
@@ -90,22 +92,17 @@ class LawFit:
         return float(self.values[0])
 
     @property
-    def ratio(self) -> float:
-        """K / Ti [1/s]."""
-        return float(self.values[1])
-
-    @property
     def reset_time(self) -> float:
         """Ti [s]; infinite where gain and reset have different signs."""
-        return self.gain / self.ratio if self.gain * self.ratio > 0 else np.inf
+        return self.gain / float(self.values[1]) if self.gain * self.values[1] > 0 else np.inf
 
     def better_than(self, other: LawFit) -> float:
         """How many standard errors this fit's residuals lie below the other's, in logarithms, window by window."""
         by = np.log(other.residuals / self.residuals)
-        mean, error = float(by.mean()), float(by.std()) / max(len(by) - 1, 1) ** 0.5
+        mean, error = by.mean(), by.std() / max(len(by) - 1, 1) ** 0.5
         if abs(mean) < ROUNDING:  # forms that differ in phase only may explain exactly the same
             return 0.0
-        return mean / error if error > 0.0 else np.inf * mean
+        return float(mean / error) if error > 0.0 else np.inf * float(mean)
 
 
 @dataclass(frozen=True)
@@ -124,11 +121,8 @@ class LawRows:
 def window_sums(rows: LawRows, form: LawForm, filter_time: float) -> FloatArray:
     """Return the sums (windows, 5, 5) of products of output and terms, each less its mean over the window.
 
-    filter_time: Tf [s] of the measurement filter (3). Of `form`: shift [rows] by which the output answers late; phase,
-    the share of the newest error that the integral has not yet taken in (0 for a controller that runs at the logged
-    rate, 1/2 for one much faster); rows per window; rows left out after a gap, in which the filter settles (about
-    5 Tf). Windows never span a gap, the filter starts anew after one, and windows in which the output stood still are
-    left out, as are those that are less than half full.
+    filter_time: Tf [s] of the measurement filter (3). Windows never span a gap, the filter starts anew after one, and
+    windows in which the output stood still are left out, as are those that are less than half full.
     """
     window, settle, h = form.window, form.settle, rows.interval
     setpoint, measured, output = rows.signals
@@ -160,11 +154,8 @@ def window_sums(rows: LawRows, form: LawForm, filter_time: float) -> FloatArray:
 
 
 def fit_law(rows: LawRows, form: LawForm, filter_time: float = 0.0) -> LawFit | None:
-    """Fit the control law by least squares with robust window weights; None where the data do not determine it.
-
-    A window in which something else moved the output leaves much more than the others and loses its weight (Cauchy
-    weights on the window residuals).
-    """
+    """Fit the control law by least squares; None where the data do not determine it. A window in which something else
+    moved the output leaves much more than the others and loses its weight (Cauchy weights)."""
     of = (filter_time, form.shift, form.phase, form.window, form.settle)
     if of not in rows.known:
         rows.known[of] = window_sums(rows, form, filter_time)

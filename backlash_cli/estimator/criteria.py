@@ -13,7 +13,7 @@ import numpy as np
 
 from ..record import Note
 from ..results import Confirmation
-from .words import noted, times
+from ..words import noted, times
 
 CALLED, CALLED_TESTED = 6.5, 9.0  # nats, in automatic and in a test in manual
 SOME = 4.0  # nats: worth a look

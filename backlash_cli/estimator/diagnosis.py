@@ -7,7 +7,7 @@ Each test is a vote, with its number and the limits of its source (docs/settings
     curve_fit    triangle against sine in OP and in PV between zero crossings. He, Wang, Pottmann, Qin, Ind. Eng. Chem.
                  Res. 46 (2007) 4549. OP of a sticking self-regulating loop is triangular, PV of an integrating one.
     shape        square against sine in the error. Haegglund, Control Eng. Practice 19 (2011) 1046.
-    mean_cycle   is PV's mean cycle that of OP through a gap, of OP itself, or of neither? (see mean_cycle)
+    mean_cycle   is PV's mean cycle that of OP through a gap, of OP itself, or of neither? (see wave)
     symmetry     does the second half of a cycle repeat the first upside down? A gap or a sticking valve makes it so.
     persistence  autocorrelation five periods on: noise in a badly damped loop forgets its phase, a source does not.
     correlation  zero crossings of the cross-correlation of OP and PV, in self-regulating loops. Horch, Control Eng.
@@ -28,10 +28,9 @@ from scipy.signal import correlate
 
 from ..record import FloatArray, Note, Record
 from ..results import NOTHING_SAID, LoopReport, Verdict
+from ..words import noted, said
+from . import wave
 from .identify import at_mean
-from .mean_cycle import CycleTest, compare_mean_cycle
-from .wave import crossings, detrended, find_period, mean_half_period, misfits, moving_mean, regularity, sustained
-from .words import noted, said
 
 INTEGRATOR = 1.0  # first lag over period from which no levelling off shows within a cycle
 LEVELS_OFF = 0.4  # and below which it does; between the two nothing can be said
@@ -97,25 +96,21 @@ def diagnose(record: Record) -> Diagnosis:
     period, part = found / size, signals[:, last]
     setpoint, measurement, output = part[:, : part.shape[1] // size * size].reshape(3, -1, size).mean(2)
     error = setpoint - measurement
-    of_error = mean_half_period(error, period) if found else None
+    of_error = wave.mean_half_period(error, period) if found else None
     if of_error is None:
         return Diagnosis("none", None, (), said("none"))
-    of_output = mean_half_period(output, period) if np.ptp(output) > 0 else None
+    of_output = wave.mean_half_period(output, period) if np.ptp(output) > 0 else None
     votes, cycle = [_curve_fit("curve_fit_pv", of_error)], None
-    sine, square, _ = misfits(of_error)
-    index, lasting = (sine - square) / (sine + square), sustained(error, period, height)
+    sine, square, _ = wave.misfits(of_error)
+    index, lasting = (sine - square) / (sine + square), wave.sustained(error, period, height)
     if of_output is not None:
         votes.append(_curve_fit("curve_fit_op", of_output))
-        cycle = compare_mean_cycle(measurement, output, period, record.settings.K or 0.0)
-    votes.append(Vote("shape", index, "stiction" if index > 0 else "not stiction", "stiction above 0"))
+        cycle = wave.compare_mean_cycle(measurement, output, period, record.settings.K or 0.0)
+    votes.append(_vote("shape", index, "stiction" if index > 0 else "not stiction"))
     if cycle is not None:
-        limits = (f"share of the misfit a gap leaves: gap below {GONE} ({GONE_LEVEL} in a process that levels off) "
-                  "where it explains the cycle, neither where it does not")
-        votes += [Vote("mean_cycle", cycle.left, _cycle_speaks(cycle, votes[1].speaks_for == "stiction"), limits),
-                  Vote("symmetry", float(cycle.symmetric), "" if cycle.symmetric else "not stiction",
-                       "0: lopsided beyond chance, 1: not")]
-    votes.append(Vote("persistence", lasting, "external" if lasting > LASTING else "",
-                      f"from outside above {LASTING}"))
+        votes += [_vote("mean_cycle", cycle.left, _cycle_speaks(cycle, votes[1].speaks_for == "stiction")),
+                  _vote("symmetry", float(cycle.symmetric), "" if cycle.symmetric else "not stiction")]
+    votes.append(_vote("persistence", lasting, "external" if lasting > LASTING else ""))
     if of_output is not None and np.ptp(setpoint) == 0.0:
         votes.append(_correlation(measurement, output, period))
     votes.append(_setpoint(setpoint, measurement, period))
@@ -133,15 +128,16 @@ def _oscillation(error: FloatArray) -> tuple[float, float, slice]:
     while n > 3 * LEAST_PERIOD:
         last = slice(max(n - length, 0), n)
         part = error[last]
-        period, height = find_period(moving_mean(part - part.mean(), 3))
-        repeats = height >= LEAST_HEIGHT or (height >= REGULAR_HEIGHT and regularity(detrended(part, period)) > 1.0)
+        period, height = wave.find_period(wave.moving_mean(part - part.mean(), 3))
+        repeats = height >= LEAST_HEIGHT or (height >= REGULAR_HEIGHT
+                                             and wave.regularity(wave.detrended(part, period)) > 1.0)
         if length >= n or (repeats and LEAST_PERIOD <= period <= length / ENOUGH_PERIODS):
             return (period, height, last) if repeats and period >= LEAST_PERIOD else (0.0, 0.0, last)
         length *= 8
     return 0.0, 0.0, slice(0, n)
 
 
-def _decide(says: dict[str, str], height: float, lasting: float, cycle: CycleTest | None) -> str:
+def _decide(says: dict[str, str], height: float, lasting: float, cycle: wave.CycleTest | None) -> str:
     """From votes to one word: a source that is seen first, then the valve, then the shape of what is left."""
     if says["setpoint"] == "setpoint":
         return "setpoint"
@@ -161,7 +157,7 @@ def _decide(says: dict[str, str], height: float, lasting: float, cycle: CycleTes
     return "unclear"
 
 
-def _cycle_speaks(cycle: CycleTest, triangular: bool) -> str:
+def _cycle_speaks(cycle: wave.CycleTest, triangular: bool) -> str:
     gone = GONE_LEVEL if cycle.first_lag < LEVELS_OFF else GONE
     enough = ROUGHLY if triangular or cycle.left < NEARLY_GONE else EXPLAINED
     if cycle.evidence > EVIDENCE and cycle.left < gone and cycle.unexplained < enough:
@@ -172,27 +168,32 @@ def _cycle_speaks(cycle: CycleTest, triangular: bool) -> str:
 
 
 def _curve_fit(test: str, half_period: FloatArray) -> Vote:
-    sine, _, triangle = misfits(half_period)
+    sine, _, triangle = wave.misfits(half_period)
     index = sine / (sine + triangle) if sine + triangle > 0 else 0.5
     speaks = "stiction" if index > 0.6 else "not stiction" if index < 0.4 else ""
-    return Vote(test, index, speaks, "stiction above 0.6, none below 0.4")
+    return Vote(test, index, speaks, said("vote:curve_fit"))
+
+
+def _vote(test: str, value: float, speaks_for: str) -> Vote:
+    return Vote(test, value, speaks_for, said(f"vote:{test}", gone=GONE, level=GONE_LEVEL, lasting=LASTING))
 
 
 def _correlation(measurement: FloatArray, output: FloatArray, period: float) -> Vote:
-    both, now = correlate(detrended(measurement, period), detrended(output, period), method="fft"), len(output) - 1
+    pv, op, now = wave.detrended(measurement, period), wave.detrended(output, period), len(output) - 1
+    both = correlate(pv, op, method="fft")
     sides = (side[: round(period) + 1] for side in (both[now:], both[now::-1]))
-    right, left = (float((*crossings(side, 0.0)[0], len(side))[0]) for side in sides)
+    right, left = (float((*wave.crossings(side, 0.0)[0], len(side))[0]) for side in sides)
     asymmetry = abs(left - right) / (left + right)
     speaks = "stiction" if asymmetry > 2 / 3 else "not stiction" if asymmetry < 1 / 3 else ""
-    return Vote("correlation", asymmetry, speaks, "odd above 2/3, even below 1/3")
+    return _vote("correlation", asymmetry, speaks)
 
 
 def _setpoint(setpoint: FloatArray, measurement: FloatArray, period: float) -> Vote:
     """Swing of the setpoint at the period, over that of PV."""
     turn = np.exp(-2j * np.pi * np.arange(len(setpoint)) / period)
-    swing, of_measurement = (float(abs(np.sum(detrended(x, period) * turn))) for x in (setpoint, measurement))
+    swing, of_measurement = (float(abs(np.sum(wave.detrended(x, period) * turn))) for x in (setpoint, measurement))
     share = swing / of_measurement if of_measurement > 0 and np.ptp(setpoint) > 0.0 else 0.0
-    return Vote("setpoint", share, "setpoint" if share > 0.5 else "", "setpoint above 0.5 of the swing of PV")
+    return _vote("setpoint", share, "setpoint" if share > 0.5 else "")
 
 
 def _longest_stretch(record: Record) -> FloatArray:

@@ -23,13 +23,10 @@ SUPERVISION = 50.0  # supervision time in integral times
 
 
 def estimate(segments: Segments, interval: float, settings: LoopSettings, start: float = 0.0) -> Estimates:
-    """Return the estimates (15) of all half periods of a record that begins at `start` (UTC epoch seconds).
-
-    The settings must hold K and Ti (Kp defaults to 1.5).
-    """
-    K, Ti, Kp = settings.K, settings.Ti, settings.Kp or DEFAULT_KP
+    """Return the estimates (15) of all half periods of a record that begins at `start` (UTC epoch seconds); K and Ti
+    must be known."""
+    s, K, Ti, Kp = segments, settings.K, settings.Ti, settings.Kp or DEFAULT_KP
     assert K is not None and Ti is not None
-    s = segments
     duration = (s.end - s.begin) * interval
     dy = mean_error(s.area * interval, duration)
     d = dead_band(dy, duration, K, Ti, Kp)
@@ -38,16 +35,14 @@ def estimate(segments: Segments, interval: float, settings: LoopSettings, start:
 
 
 def error_scanner(settings: LoopSettings, interval: float, *, every: bool = True) -> ErrorScanner:
-    """Return a scanner with the measurement filter (3) and the estimator's filter of Ti/2.
-
-    every: keep all half periods; False: only those that an estimate or the oscillation detector can use.
-    """
+    """Return a scanner with the measurement filter (3) and the estimator's filter of Ti/2. every: keep all half
+    periods; False: only those that an estimate or the oscillation detector can use."""
     Ti = settings.Ti
     assert Ti is not None
     least = (0.0, 0.0)
     if not every:
         # a little less than the limits, so that rounding leaves nothing out that would pass them
-        least = (0.999 * least_area(Ti) / interval, 0.999 * SLOW_ENOUGH * Ti / interval)
+        least = (0.999 * AMPLITUDE * Ti / np.pi / interval, 0.999 * SLOW_ENOUGH * Ti / interval)
     return ErrorScanner((double_lag(settings.filter_time or 0.0, interval), double_lag(Ti / 2.0, interval)), least)
 
 
@@ -63,10 +58,8 @@ def published_estimates(record: Record) -> tuple[Estimate, ...]:
 
 
 def tally(h: Estimates, left_out: int, seconds: float) -> dict[str, Any]:
-    """Return counts and estimates by their names in a LoopReport.
-
-    left_out: half periods too short to be kept. seconds: of the record that were used.
-    """
+    """Return counts and estimates by their names in a LoopReport. left_out: half periods too short to be kept. seconds:
+    of the record that were used."""
     counts = np.bincount(h.why, minlength=len(WHY)).tolist()
     everything, accepted = len(h) + left_out, counts[OK]
     long = len(h) - counts[TOO_SHORT] - counts[INCOMPLETE]
@@ -82,18 +75,13 @@ def tally(h: Estimates, left_out: int, seconds: float) -> dict[str, Any]:
     }
 
 
-def least_area(Ti: float) -> float:
-    """Return the integral of |e| over a half period [span s] above which it counts: that of a sine of period Ti."""
-    return 2.0 * AMPLITUDE / (2.0 * np.pi / Ti)
-
-
 def detect_oscillation(segments: Segments, interval: float, Ti: float) -> tuple[float, float]:
     """Return the share of the record in which the error oscillates, and the period [s]; (0, 0) where it does not.
 
-    Half periods with IAE > 2 a / w, w = 2 pi / Ti, are counted, forgetting over 50 Ti: x <- lambda x + 1.
-    segments: half periods of the error after the measurement filter alone.
+    Half periods with IAE > 2 a / w, w = 2 pi / Ti (as a sine of period Ti has), are counted, forgetting over 50 Ti:
+    x <- lambda x + 1. segments: of the error after the measurement filter alone. Source: Haegglund (1995).
     """
-    large = np.flatnonzero(segments.complete & (segments.area * interval > least_area(Ti)))
+    large = np.flatnonzero(segments.complete & (segments.area * interval > AMPLITUDE * Ti / np.pi))
     ages = segments.end[large] * interval / (SUPERVISION * Ti)
     counts = np.exp(np.logaddexp.accumulate(ages) - ages)  # one counts 1/e after the supervision time
     inside = counts >= ENOUGH

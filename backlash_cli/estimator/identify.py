@@ -19,9 +19,9 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ..record import FloatArray, LoopSettings, Note, Record, SampleState
+from ..words import noted
 from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawFit, LawForm, LawRows, fit_law, search_filter
 from .survey import LEVELS, ROWS, SLOWER, rows, with_all_signals
-from .words import noted
 
 LEAST_ROWS = 60
 MOSTLY_OWN = 0.2  # share of interpolated samples that leaves the P part visible

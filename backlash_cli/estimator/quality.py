@@ -1,8 +1,7 @@
 """How good the record of one loop is for the verdict: sampling, gaps, repeats, rounding, compression, manual, motion.
 
-`Quality.notes` says what each finding means for the verdict; a note's `values["effect"]` is "info", "limits" (the
-verdict is at most "suspected" on this evidence alone) or "blocks" ("cannot tell" for this reason). Shares are of all
-grid points between the first and the last sample.
+The `values["effect"]` of a note is what it means for the verdict: "info", "limits" (at most "suspected" on this
+evidence alone) or "blocks" ("cannot tell" for this reason).
 """
 
 from __future__ import annotations
@@ -13,9 +12,9 @@ from functools import cached_property
 import numpy as np
 
 from ..record import FloatArray, IntArray, Note, Record, SampleState, duration
+from ..words import noted
 from .criteria import MOTION, OUTPUT_STEPS
 from .survey import Survey, measured
-from .words import noted
 
 FEWEST_PER_TI = 2.0  # below, half periods are invisible (h > Ti/2)
 FEWEST_STORED = 1.0  # stored values per Ti, the same for a compressed signal, on average
@@ -54,12 +53,12 @@ class Storage:
 
 @dataclass(frozen=True)
 class Quality:
-    """Numbers about one record; signals normalised like the record, times in seconds, shares 0..1.
+    """Numbers about one record; signals normalised like the record, times in seconds, shares (0..1) of all grid points
+    between the first and the last sample.
 
-    samples_per_Ti: None when Ti is not known. gaps: holes in time of more than one sample, longest_gap [s].
-    pv, op: how the recorder stored the signals (op None without output). setpoint_moves: share of samples at which
-    the setpoint differs from the one before. measurement_range, output_range: largest less smallest usable value.
-    output_reversals_per_hour: turns by more than noise and rounding.
+    samples_per_Ti: None when Ti is not known. gaps: holes in time of more than one sample. op: None without output.
+    setpoint_moves: share of samples at which the setpoint differs from the one before. measurement_range, output_range:
+    largest less smallest usable value. output_reversals_per_hour: turns by more than noise and rounding.
     """
 
     samples: int
@@ -85,25 +84,60 @@ class Quality:
     @cached_property
     def notes(self) -> tuple[Note, ...]:
         """What the numbers mean for the verdict, the heaviest first."""
-        return quality_notes(self)
+        q, notes = self, list[Note]()
+
+        def say(there: bool, name: str, effect: str = "info", /, **values: float) -> None:
+            if there:
+                notes.append(noted(name, {"effect": effect, **values}, longest=duration(q.longest_gap),
+                                   s="s" * (q.gaps > 1)))
+
+        say(q.usable_share <= 0.0, "no_usable_data", "blocks")
+        say(not notes and q.measurement_range == 0.0, "measurement_constant", "blocks")
+        if notes:
+            return tuple(notes)
+        per_Ti = np.inf if q.samples_per_Ti is None else q.samples_per_Ti
+        say(per_Ti < FEWEST_PER_TI, "sampling_too_coarse", samples_per_Ti=per_Ti)
+        say(FEWEST_PER_TI <= per_Ti < FEW_PER_TI, "sampling_coarse", samples_per_Ti=per_Ti)
+
+        pv, op = q.pv, q.op
+        scanned = pv.kind == "held" and pv.deviation == 0.0
+        # Compression stores more where the signal moves, so its average may be rarer than a fixed scan.
+        effect = "blocks" if pv.run * (FEWEST_PER_TI if scanned else FEWEST_STORED) > per_Ti else "limits"
+        say(pv.kind == "held" and not scanned, "compressed_held", effect, share=pv.share, deviation=pv.deviation)
+        say(scanned, "scanned_slowly", effect, share=pv.share, every_s=pv.run * q.interval)
+        say(pv.kind == "linear", "compressed_linear", effect, share=pv.share, run=pv.run)
+        say(pv.kind == "samples" and pv.step > 2.0 * pv.noise, "measurement_rounded", step=pv.step)
+        if op is not None:
+            say(op.kind != "samples", f"output_compressed:{op.kind}", share=op.share, deviation=op.deviation)
+            say(op.step > 1e-4, "output_rounded", step=op.step, limit=OUTPUT_STEPS * op.step)
+
+        say(q.usable_share < HALF, "little_usable", share=q.usable_share)
+        for name, share in {"manual": q.manual_share, "saturated": q.saturated_share,
+                            "missing_samples": q.missing_share, "frozen": q.frozen_share,
+                            "spikes": q.implausible_share}.items():
+            say(share >= NOTABLE, name, share=share)
+        say(q.filled_share > MOSTLY_OWN, "interpolated", "limits", share=q.filled_share)
+        say(NOTABLE <= q.filled_share <= MOSTLY_OWN, "filled", share=q.filled_share)
+        say(q.gaps > 0, "gaps", gaps=q.gaps, longest_s=q.longest_gap)
+
+        moved = np.inf if q.output_range is None else q.output_range
+        say(q.output_range is None, "no_output")
+        say(moved == 0.0, "output_constant", "blocks")
+        say(0.0 < moved < LITTLE_MOTION, "little_motion", range=moved, limit=moved / MOTION)
+        say(q.setpoint_moves > HALF, "setpoint_moves", share=q.setpoint_moves)
+        return tuple(sorted(notes, key=lambda note: ("blocks", "limits", "info").index(str(note.values["effect"]))))
 
     @property
     def known_noise(self) -> float:
         """Standard deviation of the fast noise on PV [span], 0 where a recorder's kinks would pass for it."""
         return self.pv.noise if self.pv.kind == "samples" and self.filled_share < MOSTLY_OWN else 0.0
 
-    @property
-    def effect(self) -> str:
-        """The strongest effect of all notes: "info", "limits" or "blocks"."""
-        return str(self.notes[0].values["effect"]) if self.notes else "info"
-
 
 def data_quality(record: Record, Ti: float | None = None, survey: Survey | None = None) -> Quality:
-    """Judge the record of one loop; `Ti` [s] is the controller's integral time, when known.
+    """Judge the record of one loop. Ti: the controller's integral time [s], where it is not that of the settings.
 
     survey: of all samples, where the record holds the last ones only. Shares, ranges and gaps count every sample;
-    storage and noise come from an even sample of stretches. Values that the reader put in are not the recorder's, and
-    say nothing about it.
+    storage and noise come from an even sample of stretches, values that the reader put in left out.
     """
     if survey is None:
         survey = Survey()
@@ -131,51 +165,6 @@ def data_quality(record: Record, Ti: float | None = None, survey: Survey | None 
         implausible_share=share[SampleState.IMPLAUSIBLE], pv=stored_as(index, values), op=op,
         setpoint_moves=survey.moves / max(survey.used, 1), measurement_range=of_measurement,
         output_range=of_output if op is not None else None, output_reversals_per_hour=turns)
-
-
-def quality_notes(q: Quality) -> tuple[Note, ...]:
-    """Return the findings that matter, the heaviest first."""
-    notes: list[Note] = []
-
-    def say(there: bool, name: str, effect: str = "info", /, **values: float) -> None:
-        if there:
-            notes.append(noted(name, {"effect": effect, **values}, longest=duration(q.longest_gap),
-                               s="s" * (q.gaps > 1)))
-
-    say(q.usable_share <= 0.0, "no_usable_data", "blocks")
-    say(not notes and q.measurement_range == 0.0, "measurement_constant", "blocks")
-    if notes:
-        return tuple(notes)
-    per_Ti = np.inf if q.samples_per_Ti is None else q.samples_per_Ti
-    say(per_Ti < FEWEST_PER_TI, "sampling_too_coarse", samples_per_Ti=per_Ti)
-    say(FEWEST_PER_TI <= per_Ti < FEW_PER_TI, "sampling_coarse", samples_per_Ti=per_Ti)
-
-    pv, op = q.pv, q.op
-    scanned = pv.kind == "held" and pv.deviation == 0.0
-    # Compression stores more where the signal moves, so its average may be rarer than a fixed scan.
-    effect = "blocks" if pv.run * (FEWEST_PER_TI if scanned else FEWEST_STORED) > per_Ti else "limits"
-    say(pv.kind == "held" and not scanned, "compressed_held", effect, share=pv.share, deviation=pv.deviation)
-    say(scanned, "scanned_slowly", effect, share=pv.share, every_s=pv.run * q.interval)
-    say(pv.kind == "linear", "compressed_linear", effect, share=pv.share, run=pv.run)
-    say(pv.kind == "samples" and pv.step > 2.0 * pv.noise, "measurement_rounded", step=pv.step)
-    if op is not None:
-        say(op.kind != "samples", f"output_compressed:{op.kind}", share=op.share, deviation=op.deviation)
-        say(op.step > 1e-4, "output_rounded", step=op.step, limit=OUTPUT_STEPS * op.step)
-
-    say(q.usable_share < HALF, "little_usable", share=q.usable_share)
-    for name, share in {"manual": q.manual_share, "saturated": q.saturated_share, "missing_samples": q.missing_share,
-                        "frozen": q.frozen_share, "spikes": q.implausible_share}.items():
-        say(share >= NOTABLE, name, share=share)
-    say(q.filled_share > MOSTLY_OWN, "interpolated", "limits", share=q.filled_share)
-    say(NOTABLE <= q.filled_share <= MOSTLY_OWN, "filled", share=q.filled_share)
-    say(q.gaps > 0, "gaps", gaps=q.gaps, longest_s=q.longest_gap)
-
-    moved = np.inf if q.output_range is None else q.output_range
-    say(q.output_range is None, "no_output")
-    say(moved == 0.0, "output_constant", "blocks")
-    say(0.0 < moved < LITTLE_MOTION, "little_motion", range=moved, limit=moved / MOTION)
-    say(q.setpoint_moves > HALF, "setpoint_moves", share=q.setpoint_moves)
-    return tuple(sorted(notes, key=lambda note: ("blocks", "limits", "info").index(str(note.values["effect"]))))
 
 
 def rounding_step(values: FloatArray) -> float:
@@ -207,10 +196,8 @@ def fast_noise(index: IntArray, values: FloatArray) -> float:
 
 
 def stored_as(index: IntArray, values: FloatArray) -> Storage:
-    """Tell measurements from values that a historian held or interpolated between stored ones.
-
-    index: (rows,) grid numbers of the values; only neighbours on the grid are compared.
-    """
+    """Tell measurements (rows,) from values that a historian held or interpolated between stored ones; index: (rows,)
+    their grid numbers, as only neighbours on the grid are compared."""
     if not len(values):
         return Storage()
     span, step, noise = float(np.ptp(values)), rounding_step(values), fast_noise(index, values)
@@ -233,9 +220,7 @@ def stored_as(index: IntArray, values: FloatArray) -> Storage:
 
 def _straight_runs(index: IntArray, values: FloatArray, step: float, span: float) -> tuple[float, float, float]:
     """Share of samples inside exact straight lines that rise or fall, their mean length, and the usual change on one.
-
-    A rounded ramp is straight to a step as well; interpolation shows by kinks far larger than that between the lines.
-    """
+    A rounded ramp is straight to a step as well; interpolation shows by kinks far larger than that."""
     tolerance = max(1.05 * step, EXACT * span)
     joined, bends = index[2:] - index[:-2] == 2, np.abs(np.diff(values, 2))
     straight = joined & (bends <= tolerance) & (values[2:] != values[:-2])

@@ -17,9 +17,9 @@ from scipy.special import bdtr
 
 from ..record import FloatArray, LoopSettings, Note
 from ..results import Cluster, Estimates
+from ..words import noted, said
 from .haegglund import DEFAULT_KP
 from .rule import OK, SLOW_ENOUGH
-from .words import noted, said
 
 FLOOR = 3.0  # smallest mean error of a half period, in standard deviations of the filtered error
 AFTER_MOVE = 2.0  # integral times: a half period shorter than this passes a setpoint move on to the next
@@ -31,10 +31,8 @@ FEWEST, A_QUARTER = 4, 0.25  # estimates of a group beside another, of one direc
 
 
 def filtered_noise(noise: float, interval: float, Ti: float) -> float:
-    """Standard deviation of the error behind the estimator's filter (1 + s Ti/2)^-2, for white noise on PV [span].
-
-    White noise of standard deviation s every h seconds leaves 1/(1 + s T)^2 with the variance s^2 h / (4 T).
-    """
+    """Standard deviation of the error behind the estimator's filter (1 + s Ti/2)^-2, for white noise on PV [span]: of
+    standard deviation s every h seconds it leaves 1/(1 + s T)^2 with the variance s^2 h / (4 T)."""
     return noise * float(np.sqrt(min(1.0, interval / (2.0 * Ti))))
 
 
@@ -53,15 +51,17 @@ def output_noise(noise: float, interval: float, settings: LoopSettings) -> float
 
 def read_half_periods(h: Estimates, moved: FloatArray, settings: LoopSettings, interval: float,
                       noise: float) -> tuple[Cluster | None, tuple[Note, ...]]:
-    """Return the densest group of estimates, the effect of noise on OP added, None without any; and notes on groups,
-    directions and noise worth telling.
+    """Return the densest group of estimates, the effect of noise on OP added, None without any; and what is worth a
+    note.
 
     moved: (half_periods,) how far the setpoint moved [span]. noise: standard deviation of the fast noise on PV [span].
     """
     assert settings.Ti is not None
-    floor = FLOOR * filtered_noise(noise, interval, settings.Ti)
-    accepted = h.why == OK
-    moving = accepted & _setpoint_moved(h, moved, settings)
+    Ti, floor, accepted = settings.Ti, FLOOR * filtered_noise(noise, interval, settings.Ti), h.why == OK
+    # the setpoint moved inside the half period, or just before it, by too much for the estimate
+    near = (np.abs(np.diff(h.begin) - h.dt_s[:-1]) < 1e-6 * Ti) & (h.dt_s[:-1] < AFTER_MOVE * Ti)
+    before = np.append(0.0, np.where(near, moved[:-1], 0.0))[: len(moved)]
+    moving = accepted & ((moved + before) / abs(settings.Kp or DEFAULT_KP) > CLOSE * h.d)
     quiet = accepted & ~moving & (h.dy <= floor)
     used = accepted & ~moving & ~quiet
     notes = []
@@ -83,14 +83,6 @@ def read_half_periods(h: Estimates, moved: FloatArray, settings: LoopSettings, i
     return replace(cluster, limit_of_detection=max(shown, LEAST_GAP * sd)), tuple(notes)
 
 
-def _setpoint_moved(h: Estimates, moved: FloatArray, settings: LoopSettings) -> NDArray[np.bool_]:
-    """Where the setpoint moved inside the half period, or just before it, by too much for the estimate."""
-    Ti = settings.Ti or 0.0
-    near = np.abs(np.diff(h.begin) - h.dt_s[:-1]) < 1e-6 * Ti
-    before = np.append(0.0, np.where(near & (h.dt_s[:-1] < AFTER_MOVE * Ti), moved[:-1], 0.0))[: len(moved)]
-    return np.asarray((moved + before) / abs(settings.Kp or DEFAULT_KP) > CLOSE * h.d)
-
-
 def _differing(d: FloatArray, direction: NDArray[np.int8]) -> list[Note]:
     """Notes where estimates gather in several places, and where one direction's lie clear of the other's."""
     notes, found, up, down = [], gathered(d), densest(d[direction == 1]), densest(d[direction != 1])
@@ -108,11 +100,8 @@ def _apart(one: Cluster, other: Cluster) -> bool:
 
 
 def densest(d: FloatArray) -> Cluster | None:
-    """Return the largest group of similar positive estimates d (estimates,), None when there are none.
-
-    Similar means within +-35 % of the group's median. The interval is that of the median from order statistics
-    (binomial, distribution free), widened to the extremes for small groups.
-    """
+    """Return the largest group of similar positive estimates d (estimates,), within +-35 % of its median, None when
+    there are none; with the interval of the median from order statistics."""
     values = np.sort(d[d > 0])
     if not len(values):
         return None
@@ -125,10 +114,8 @@ def densest(d: FloatArray) -> Cluster | None:
 
 
 def gathered(d: FloatArray) -> list[Cluster]:
-    """Return all groups of at least FEWEST estimates and a quarter of them each, the largest first.
-
-    Each is the densest of what the groups before it left. Neighbours whose intervals touch are one group.
-    """
+    """Return all groups of at least FEWEST estimates and a quarter of them each, the largest first: each the densest of
+    what the groups before it left. Neighbours whose intervals touch are one group."""
     found: list[Cluster] = []
     left = d[d > 0]
     total = len(left)

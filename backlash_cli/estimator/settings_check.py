@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from math import ceil, exp, log
 
 from ..record import LoopSettings, Note, Record
+from ..words import noted, said
 from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawForm, fit_law
 from .identify import SLOWEST, WINDOW, Identification, Identified, derivative_is_real, law_rows, window_of
 from .survey import LEVELS, SLOWER
-from .words import noted, said
 
 AGREES = log(1.15)  # findings: K/Ti is identified to 4-8 % in nine loops of ten
 SURE = log(1.05)  # by so much at least the interval must lie away from the value given
@@ -67,10 +67,8 @@ def check_settings(settings: LoopSettings, found: Identification | Note) -> tupl
 
 
 def follows(record: Record, settings: LoopSettings) -> bool:
-    """Whether the recorded output is what a controller with these settings makes, within noise and rounding.
-
-    One fit instead of a search: where it says so, `check_settings` has nothing to complain about.
-    """
+    """Whether the recorded output is what a controller with these settings makes, within noise and rounding: one fit
+    instead of a search, and where it says so, `check_settings` has nothing to complain about."""
     K, Ti, Td, Tf = settings.K, settings.Ti, settings.Td, settings.filter_time or 0.0
     if not K or not Ti or Ti < LEAST_PER_TI * record.interval:
         return False
@@ -85,9 +83,8 @@ def follows(record: Record, settings: LoopSettings) -> bool:
     fit = fit or fit_law(rows, replace(form, terms=tuple(term for term in terms if term != SETPOINT)), Tf)
     if fit is None or len(fit.sums) < FEWEST_WINDOWS or fit.unexplained > 1.0 - WELL_EXPLAINED:
         return False
-    found = [(fit.ratio * Ti / K, SAME_RATIO), (fit.gain / K, SAME_GAIN)]
-    if Td:
-        found.append((fit.values[-1] / fit.gain / Td, SAME_GAIN))
+    found = [(fit.values[1] * Ti / K, SAME_RATIO), (fit.gain / K, SAME_GAIN)]
+    found += [(fit.values[-1] / fit.gain / Td, SAME_GAIN)] if Td else []
     if not all(1.0 / most <= times <= most for times, most in found):
         return False
     with_D = None if Td else fit_law(rows, replace(fit.form, terms=(*fit.form.terms, DERIVATIVE)), Tf)
@@ -110,8 +107,7 @@ def _values(found: Identification, factor: float, severity: str) -> dict[str, fl
 
 
 def _times(offset: float) -> str:
-    factor = exp(offset)
-    return f"{factor:.3g} times" if factor > 1 else f"1/{1 / factor:.3g} of"
+    return f"{exp(offset):.3g} times" if offset > 0 else f"1/{exp(-offset):.3g} of"
 
 
 def _compared(K: float | None, Ti: float | None, settings: LoopSettings, found: Identification) -> list[Note]:
@@ -154,21 +150,18 @@ def _best(K: float, Ti: float, settings: LoopSettings, gain: Identified, ratio: 
     """The mix-up that explains both K/Ti and K best; the simpler one when two do alike."""
     doubt = max(log(max(gain.ci95[1], gain.value) / gain.value), log(gain.value / max(gain.ci95[0], gain.value / 5)))
     best, best_misfit = None, 1.0
-    for mix_up in _mix_ups(K, Ti, settings, gain.value):
-        if (coarse or not mix_up.known) and abs(log(mix_up.gain / mix_up.reset)) < LARGE:
-            continue
-        off_ratio = log(K / Ti / ratio.value * mix_up.reset / mix_up.gain)
-        off_gain = log(K / gain.value / mix_up.gain)
+    for m in _mix_ups(K, Ti, settings, gain.value):
+        off_ratio, off_gain = log(K / Ti / ratio.value * m.reset / m.gain), log(K / gain.value / m.gain)
         misfit = max(abs(off_ratio) / EXPLAINED, abs(off_gain) / (EXPLAINED + doubt))
-        if misfit < best_misfit - 0.05:
-            best, best_misfit = mix_up, misfit
+        believed = (m.known and not coarse) or abs(log(m.gain / m.reset)) >= LARGE
+        if believed and misfit < best_misfit - 0.05:
+            best, best_misfit = m, misfit
     return best
 
 
 def _mix_ups(K: float, Ti: float, settings: LoopSettings, true_gain: float) -> list[MixUp]:
     """Single mistakes first, then one of K together with one of Ti."""
-    pv_span = abs(settings.pv_range[1] - settings.pv_range[0])
-    op_span = abs(settings.op_range[1] - settings.op_range[0])
+    pv_span, op_span = (abs(high - low) for low, high in (settings.pv_range, settings.op_range))
     of_gain = [MixUp("settings_proportional_band", K * K / 100.0, 1.0,
                      f"K = {K:g} looks like a proportional band of {K:g} % (gain {100 / K:.3g})")]
     of_gain += [

@@ -26,9 +26,9 @@ STATES = len(SampleState)
 class Survey:
     """Takes the blocks of one loop's record; where they are cut does not matter.
 
-    most: samples that are kept, the last ones. states: (states,) how many of each SampleState. first, last: grid
-    numbers. gaps: holes of more than one sample; longest: step of the grid. moves: changes of the setpoint between
-    usable samples. with_setpoint: samples with one. lowest, highest: (2,) usable values of measurement and output.
+    most: samples that are kept, the last ones. states: (states,) how many of each SampleState. gaps: holes of more than
+    one sample; longest: step of the grid. moves: changes of the setpoint between usable samples. with_setpoint: samples
+    with one. lowest, highest: (2,) usable values of measurement and output.
     """
 
     def __init__(self, most: int = MOST) -> None:
@@ -42,7 +42,6 @@ class Survey:
 
     @property
     def samples(self) -> int:
-        """Number of samples taken."""
         return int(self.states.sum())
 
     @property

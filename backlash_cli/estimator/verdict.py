@@ -12,13 +12,13 @@ import numpy as np
 
 from ..record import Note
 from ..results import NOTHING_SAID, Cluster, Confirmation, Verdict
+from ..words import noted, said, times
 from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, read
-from .words import noted, said, times
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
 AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share
 HEALTHY = 0.92  # of the strange loops that were cleared
-BLOCKED, LIMITED = "blocks", "limits"
+LIMITED = "limits"
 STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # hold for tests in manual as well
 DECIDED, SEEN = (Verdict.BACKLASH, Verdict.NO_BACKLASH), (Verdict.BACKLASH, Verdict.SUSPECTED)
 TOO_FEW = {"weak_evidence", "few_reversals", "single_event", "size_unknown"}  # what a second test makes good
@@ -108,8 +108,11 @@ def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
             note("joined"), _explained(c), _explained(f.confirmation), noted("play_or_stiction")))
     at_least = (*DECIDED, Verdict.SUSPECTED) if automatic.verdict in NOTHING_SAID else DECIDED
     if tested.verdict not in at_least:
-        lacking = note("undecided", missing=_missing(c, tested, f.output_step))
-        return replace(automatic, reasons=(*automatic.reasons, lacking))
+        missing = said("manual_test:trace" if c.details["trace"] else "manual_test:blind", d=c.d)
+        if tested.verdict is Verdict.SUSPECTED:
+            against = "; ".join(note.message for note in read(c, output_step=f.output_step).against)
+            missing = against or tested.reasons[1].message
+        return replace(automatic, reasons=(*automatic.reasons, note("undecided", missing=missing)))
     keeps = (_width(automatic) < _width(tested) if automatic.verdict is tested.verdict else
              automatic.verdict in SEEN and tested.verdict is Verdict.NO_BACKLASH and not _contradict(automatic, tested))
     first, other = (automatic, tested) if keeps else (tested, automatic)
@@ -121,13 +124,6 @@ def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
     if automatic.verdict is Verdict.OSCILLATING:
         reasons.append(automatic.reasons[0])
     return replace(first, reasons=tuple(reasons), confidence=sure)
-
-
-def _missing(c: Confirmation, tested: Decision, output_step: float) -> str:
-    """What a test in manual would have needed to decide."""
-    if tested.verdict is Verdict.SUSPECTED:
-        return "; ".join(note.message for note in read(c, output_step=output_step).against) or tested.reasons[1].message
-    return said("manual_test:trace" if c.details["trace"] else "manual_test:blind", d=c.d)
 
 
 def _joined(f: Findings, c: Confirmation) -> bool:
@@ -153,7 +149,7 @@ def _width(one: Decision) -> float:
 
 
 def _in_automatic(f: Findings) -> Decision:
-    blocking = tuple(note for note in f.quality if note.values.get("effect") == BLOCKED)
+    blocking = tuple(note for note in f.quality if note.values.get("effect") == "blocks")
     if blocking:
         return Decision(Verdict.CANNOT_TELL, blocking, 0.0, f.cluster)
     if isinstance(f.confirmation, Confirmation):
@@ -188,27 +184,23 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
         if limits and not agree:
             return Decision(Verdict.SUSPECTED, (reasons[0], *limits, *reasons[1:]), 0.5, size)
         return Decision(Verdict.BACKLASH, (*reasons, *f.swinging, *limits), sure, size)
+    none = noted("play_does_not_fit", {"evidence": float(c.details["evidence"])})
     if f.swinging:
-        found = reasons[0] if reading.some else _not_explained(c)
+        found = reasons[0] if reading.some else none
         return Decision(Verdict.OSCILLATING, (*f.swinging, found, *reading.against, *limits), 0.7, None)
     if reading.some:
         return Decision(Verdict.SUSPECTED, (*reasons, *reading.against, *limits), min(sure, 0.75), size)
-    return _nothing_found(f, c, limits)
-
-
-def _nothing_found(f: Findings, c: Confirmation, limits: tuple[Note, ...]) -> Decision:
     span, limit = float(c.details["output_range"]), c.limit_of_detection
     if c.details["trace"]:
         trace = noted("not_separable", {"d": c.d, "evidence": float(c.details["evidence"])})
         return Decision(Verdict.CANNOT_TELL, (trace, *limits), 0.0, None)
     if limit is None or limit > (CLEARED_TESTED if by_hand(c) else CLEARED):
-        size = "no size" if limit is None else f"only {100 * limit:.2g} % and more"
-        few = noted("little_information", {"output_range": span, **({} if limit is None else {"limit": limit})},
-                    size=size)
+        values, what = ({}, "no size") if limit is None else ({"limit": limit}, f"only {100 * limit:.2g} % and more")
+        few = noted("little_information", {"output_range": span, **values}, what=what)
         return Decision(Verdict.CANNOT_TELL, (few, *limits), 0.0, None)
     seen = noted("limit_of_detection", {"limit": limit})
     others = () if f.tight is None else (noted("half_periods_only", {"published": f.tight.d}, n=f.tight.n),)
-    return Decision(Verdict.NO_BACKLASH, (_not_explained(c), seen, *others, *limits), 0.6 if limits else HEALTHY,
+    return Decision(Verdict.NO_BACKLASH, (none, seen, *others, *limits), 0.6 if limits else HEALTHY,
                     Cluster(0.0, (0.0, limit), 0.0, 0, 0.0, limit))
 
 
@@ -219,7 +211,3 @@ def _explained(c: Confirmation) -> Note:
     strength = "strong" if evidence > 6 * CALLED else "clear" if evidence > 3 * CALLED else "some"
     return noted("play_fits", {"d": c.d, "evidence": evidence, "crossings": crossings}, low=100 * c.ci95[0],
                  high=c.ci95[1], strength=strength, times=times(crossings), rebuilt=rebuilt)
-
-
-def _not_explained(c: Confirmation) -> Note:
-    return noted("play_does_not_fit", {"evidence": float(c.details["evidence"])})

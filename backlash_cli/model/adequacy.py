@@ -22,10 +22,8 @@ from .problem import Problem
 # score from which a rest is called more than noise and load: chi-squared of four, the most columns of a group, exceeds
 # it once in 100,000; right models of the strangers (tests/benchmarks/hidden_strangers.py) stay below it in 19 of 20
 SURE = 28.5
-# what is left matters from this share of the rest, and from this share of what the least accepted effect gained
-VISIBLE, MATTERS = 0.01, 0.15
-# share of the rest that other linear answers to OP explain, from which it is worth a word
-LINEAR = 0.1
+VISIBLE, MATTERS = 0.01, 0.15  # of the rest, of the gain of the least accepted effect: what is left matters from there
+LINEAR = 0.1  # of the rest: what other linear answers to OP explain is worth a word from there
 LAGS_TRIED = (0.3, 0.6, 1.7, 3.0)
 WIDTHS = (0.03, 0.1)
 

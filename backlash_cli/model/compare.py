@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..effects.process import delayed_lag
 from ..record import FloatArray, Note, Record
 from ..results import Comparison, Fitness, FittedParameter, Model, Series
+from ..words import noted
 from .fit import BENT_ROUNDS, predicted_by, rms, with_load
 from .holdout import better, distance, folds
 from .intervals import described, process_parameters
@@ -134,16 +135,11 @@ def notes(problem: Problem, record: Record, model: Model | None = None) -> tuple
     out += () if model is None else loads_left_out(model, problem)
     missing = float(np.mean(np.isnan(problem.recorded)))
     if missing > 0.1:
-        out.append(Note("many_gaps", f"{100 * missing:.0f} % of the record is missing or bad", {"share": missing}))
+        out.append(noted("many_gaps", {"share": missing}))
     if problem.by_load:
-        seconds = problem.ahead * problem.interval
         steady = float(np.ptp(problem.setpoint[problem.used])) < STEADY
-        why = (f"OP answers mostly to the load: setpoint and operator move {100 * problem.driven:.0f} % of it" if steady
-               else f"only {100 * problem.driven:.0f} % of what OP does is a plain answer to the setpoint")
-        out.append(Note("load_driven" if steady else "predicted_ahead", f"{why}. PV is predicted {seconds:g} s ahead, "
-                        "from OP and from what PV did until then; most of that error is load that no model can know",
-                        {"driven": problem.driven, "ahead_s": seconds}))
+        out.append(noted("load_driven" if steady else "predicted_ahead",
+                         {"driven": problem.driven, "ahead_s": problem.ahead * problem.interval}))
     if problem.holes:
-        out.append(Note("output_holes", f"OP is missing in {problem.holes} places: PV does not count until it has "
-                        "forgotten what OP did there", {"holes": problem.holes}))
+        out.append(noted("output_holes", {"holes": problem.holes}))
     return tuple(out)

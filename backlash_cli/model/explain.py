@@ -25,8 +25,6 @@ from .reasons import marked, too_little, with_reasons
 from .saved_model import in_ranges_of, kept_model, shape_of
 from .search import WEAK, Found, baseline, families, search
 
-STILL = ("PV follows OP by only {:.1f} times its noise: too little motion to tell what is missing. Choose a period "
-         "with setpoint moves.")
 Looked = tuple[Problem, Fit, Found, tuple[Part, ...], Sequence[str]]
 
 
@@ -91,7 +89,7 @@ def assemble(record: Record, best: Looked, model: Model | None) -> Explanation:
     problem, base, found, held, by_user = best
     seen, gain = found.judge.problem, found.final.gain
     # a valve that sticks hides how PV follows OP, so motion is asked for only when nothing was found
-    reasons = () if found.final.shape.parts else tuple(too_little(seen, base.shape, base.gain, STILL))
+    reasons = () if found.final.shape.parts else tuple(too_little(seen, base.shape, base.gain))
     reason = reasons[0] if reasons else None
     order = [n for n in by_user if n in found.final.shape.names]
     order += sorted((n for n in found.final.shape.names if n not in order), key=lambda n: -found.gain(n))

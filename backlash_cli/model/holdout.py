@@ -1,8 +1,7 @@
 """The error of a fit: on samples it did not see, and less what the recorder may have rounded away.
 
 Blocks are left out in turn, everything refitted on the others. Where OP answers to the load (`Problem.by_load`), PV is
-predicted a short time ahead: from OP, and from the load that the model's error had shown until then. Elsewhere it is
-predicted from OP alone, however long the record.
+predicted a short time ahead, from OP and from the load as the model's error had shown it; elsewhere from OP alone.
 
 Effects of the recorder say how far a recorded value may be off. A fit through rounded values guesses by the model what
 PV was before, and fits again: expectation and maximisation (Dempster, Laird and Rubin, J. Royal Statistical Society B
@@ -32,10 +31,8 @@ SURE = 2.2  # quantile of Student's t with 11 degrees of freedom that chance exc
 
 @dataclass(frozen=True, eq=False)
 class Tested:
-    """A fit with its errors: in the fit (rmse) and on samples it did not see (rmse_holdout), recorder allowed for.
-
-    unseen: (samples,) the latter, nan where nothing was left out.
-    """
+    """A fit with its errors: in the fit (rmse) and on samples it did not see (rmse_holdout; of each sample: unseen
+    (samples,), nan where nothing was left out), recorder allowed for."""
 
     fit: Fit
     rmse: float
@@ -125,11 +122,9 @@ def distance(problem: Problem, parts: Sequence[Part], predicted: FloatArray) -> 
 
 
 def expected(mean: FloatArray, sd: float, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return the mean of a normal quantity (samples,) that lies between low and high; far out the nearer limit.
-
-    mean + sd (p(a) - p(b)) / (P(b) - P(a)) with a, b = the limits less the mean, over sd (Johnson, Kotz and
-    Balakrishnan, Continuous Univariate Distributions 1, section 13.10.1).
-    """
+    """Return the mean of a normal quantity (samples,) that lies between low and high, far out the nearer limit: mean +
+    sd (p(a) - p(b)) / (P(b) - P(a)) with a, b = the limits less the mean, over sd (Johnson, Kotz and Balakrishnan,
+    Continuous Univariate Distributions 1, section 13.10.1)."""
     from scipy.special import ndtr  # few recordings were rounded
 
     a, b = (low - mean) / sd, (high - mean) / sd

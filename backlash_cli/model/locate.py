@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..kernels import play
 from ..record import FloatArray, duration
 from ..results import Region
+from ..words import said
 from .pipeline import Shape
 from .problem import Problem
 
@@ -38,14 +39,12 @@ def regions(problem: Problem, error: FloatArray, shape: Shape) -> tuple[Region, 
         squares, mean = float(np.sum(inside**2)), float(np.mean(inside))
         share, expected, rmse = squares / total, inside.size / count, float(np.sqrt(squares / inside.size))
         worse = f"{share / expected:.1f} times what its" if share >= 1.15 * expected else "no more than its"
-        said = (f"{name[0].upper()}{name[1:]}: {100 * share:.0f} % of the squared error in {100 * expected:.0f} % of "
-                f"the samples, {worse} length would give.")
+        told = said("region", name=name[0].upper() + name[1:], share=share, expected=expected, worse=worse)
         if abs(mean) >= ONE_WAY * rmse:
-            side = "above" if mean > 0.0 else "below"
-            said += f" PV lies {100 * abs(mean):.2g} % of span {side} the prediction on average."
+            told += said("region:side", mean=abs(mean), side="above" if mean > 0.0 else "below")
         ends = np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2) - [0, 1]
         stretches = tuple((a, b) for a, b in (problem.start + h * ends).tolist())
-        out.append(Region(name, rmse, share, inside.size, kind, expected, said, stretches))
+        out.append(Region(name, rmse, share, inside.size, kind, expected, told, stretches))
     power = np.abs(np.fft.fft(error)) ** 2 / problem.samples
     band = np.digitize(np.abs(np.fft.fftfreq(problem.samples, h)), [1.0 / (20.0 * lag), 1.0 / (2.0 * lag)])
     fast, slow = duration(2.0 * lag), duration(20.0 * lag)
@@ -53,9 +52,8 @@ def regions(problem: Problem, error: FloatArray, shape: Shape) -> tuple[Region, 
             "changes at the speed of the loop", f"of {fast} to {slow}"), ("fast changes", f"faster than {fast}"))):
         share, expected = float(np.sum(power[band == number])) / total, float(np.mean(band == number))
         if expected:
-            said = (f"In changes {speed}: {100 * share:.0f} % of the squared error; white noise would have "
-                    f"{100 * expected:.0f} % there.")
-            out.append(Region(name, float(np.sqrt(share * total / count)), share, count, "frequency", expected, said))
+            told = said("region:band", speed=speed, share=share, expected=expected)
+            out.append(Region(name, float(np.sqrt(share * total / count)), share, count, "frequency", expected, told))
     return tuple(sorted(out, key=lambda r: (-(r.share - (r.expected or 0.0)), r.region)))
 
 

@@ -35,7 +35,7 @@ class Noise:
 
     def at_rest(self, h: float) -> tuple[float, float, float, float, float]:
         """Return both decays over an interval h [s], and the covariance (p11, p12, p22) of (w, l) at rest."""
-        a1, a2 = float(np.exp(-h / self.slow)), float(np.exp(-h / self.fast))
+        a1, a2 = np.exp([-h / self.slow, -h / self.fast]).tolist()
         b = 1.0 - a2
         p12 = a1 * b / (1.0 - a1 * a2)
         p22 = (2.0 * a2 * b * p12 + b * b) / (1.0 - a2 * a2)

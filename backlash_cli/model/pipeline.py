@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -25,11 +24,6 @@ class Part:
     effect: Effect
     values: Values
     column: str = ""
-
-    @property
-    def key(self) -> tuple[Any, ...]:
-        """What tells the part from another."""
-        return (self.effect.name, self.column, *self.values.items())
 
     @property
     def is_linear(self) -> bool:
@@ -95,7 +89,7 @@ def through(problem: Problem, parts: Sequence[Part], signal: FloatArray) -> Floa
     """Return the signal (samples,) after some effects."""
     for part in parts:
         effect, values = part.effect, part.values
-        # without the checks of `Effect.pack`, as a fit stays within the bounds
+        # without the checks of `Effect.pack`: start values may lie beyond the bounds, to which a fit then holds them
         p = effect.pack(values) if any(q.many for q in effect.parameters) else np.array(
             [values.get(q.name, q.neutral) for q in effect.parameters], dtype=np.float64)
         if effect.fitting.whole is not None:
@@ -154,7 +148,8 @@ def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
     parts, and for each further lag of the process what it has to forget of its start."""
     lags = [part for part in shape.parts if part.effect.fitting.on_loads]
     loads = [part for part in shape.parts if part.is_linear]
-    h, n, tau, key = problem.interval, problem.samples, shape.lag, (shape.lag, *(p.key for p in (*lags, *loads)))
+    h, n, tau = problem.interval, problem.samples, shape.lag
+    key = (tau, *((p.effect.name, p.column, *p.values.items()) for p in (*lags, *loads)))
     if key not in problem.others:
         # what a further lag has to forget is a push of about one time constant at the start
         kick = np.zeros(n)

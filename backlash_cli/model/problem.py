@@ -118,14 +118,17 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
                             remedy="export a period with setpoint changes or load upsets")
     if count < FEWEST_SAMPLES:
         raise LoopError(f"only {count} usable samples; a model needs {FEWEST_SAMPLES}", where=where,
-                        remedy="export a longer period, or check the quality column and the span (pv_range)",
-                        code="insufficient_data")
+                        code="insufficient_data",
+                        remedy="export a longer period, or check the quality column and the span (pv_range)")
     recorded = np.where(used, measurement, np.nan)
-    holes, felt = _holes(output, (record.settings.Ti or record.interval * samples / 60.0) / record.interval)
-    if np.count_nonzero(used & ~felt) > max(0.5 * count, FEWEST_SAMPLES):
-        used &= ~felt
-    else:
-        holes = 0
+    # PV does not count where it answers to a hole of OP, unless it does so most of the time
+    memory, felt = (record.settings.Ti or record.interval * samples / 60.0) / record.interval, np.zeros(samples, bool)
+    edges = np.flatnonzero(np.diff(np.isfinite(output), prepend=True, append=True)).reshape(-1, 2)
+    holes = [(a, b) for a, b in edges.tolist() if b - a > max(SHORT * memory, 1)]
+    for a, b in holes:
+        felt[a : b + int(FORGOTTEN * memory)] = True
+    heard = bool(np.count_nonzero(used & ~felt) > max(0.5 * count, FEWEST_SAMPLES))
+    used &= ~felt | (not heard)
     columns = {}
     for name, values in record.disturbances.items():
         grid = on_grid(values)
@@ -136,7 +139,7 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
     moved, setpoint, floor, h = _interpolate(output), hold(setpoint), noise_floor(recorded), record.interval
     return Problem(
         record.loop, h, moved, np.where(used, measurement, 0.0), recorded, setpoint, used, columns,
-        record.settings.theta or None, record.settings, holes, floor,
+        record.settings.theta or None, record.settings, len(holes) * heard, floor,
         moved_from_outside(moved, setpoint, state == SampleState.MANUAL, used, h),
         horizon(recorded, floor, h, record.settings.Ti), step_of(moved), seed, float(record.time[0]))
 
@@ -156,25 +159,14 @@ def usual_output(problem: Problem) -> tuple[float, float] | None:
 
 def noise_floor(recorded: FloatArray) -> float:
     """Return the standard deviation of white measurement noise in PV (samples,), nan in holes, by third differences."""
-    third = np.diff(recorded, 3)
-    third = third[np.isfinite(third)]
-    if third.size == 0:
+    squares = np.sort(np.diff(recorded, 3) ** 2)
+    squares = squares[np.isfinite(squares)]
+    if squares.size == 0:
         return 1e-4
-    squares = np.sort(third**2)
     # a kink of the process, such as the start of an answer to a step, is no noise: the largest 5 % are left out, and
     # what a normal distribution has there is put back (mean square within 1.96 deviations: 0.759)
     inner = float(np.mean(squares[: max(int(0.95 * squares.size), 1)])) / 0.759
     return max(float(np.sqrt(min(inner, float(np.mean(squares))) / 20.0)), 1e-7)
-
-
-def _holes(output: FloatArray, memory: float) -> tuple[int, NDArray[np.bool_]]:
-    """Return how many holes OP (samples,) has, and where PV answers to them; memory: of the process in samples."""
-    felt = np.zeros(len(output), dtype=bool)
-    edges = np.flatnonzero(np.diff(np.isfinite(output), prepend=True, append=True)).reshape(-1, 2)
-    holes = [(a, b) for a, b in edges.tolist() if b - a > max(SHORT * memory, 1)]
-    for a, b in holes:
-        felt[a : b + int(FORGOTTEN * memory)] = True
-    return len(holes), felt
 
 
 def hold(values: FloatArray) -> FloatArray:

@@ -13,26 +13,22 @@ import numpy as np
 
 from ..record import Note
 from ..results import Candidate, FittedEffect, Model
+from ..words import noted
 from .fit import Solver, finished, fit
 from .holdout import Tested, better, fitted_problem, tested
 from .locate import turning_points
 from .pipeline import Part, Shape, moved_output, moved_process
 from .problem import Problem, usual_output
 
-# a gap below this part of the span is what a good valve has: the usual rule is 1 % of travel with a positioner
-HEALTHY = 0.01
-# OP must take this many samples to cross a gap, and PV must move by this many times its noise, to call it well seen
-FEW_SAMPLES, TIMES_NOISE = 5.0, 2.0
-# share of the squared hold-out error that goes where the error is 1.08 times larger without the effect
-LOWER = 1.0 - 1.0 / 1.08**2
+HEALTHY = 0.01  # of span: a smaller gap is what a good valve has, by the usual rule of 1 % of travel with a positioner
+FEW_SAMPLES, TIMES_NOISE = 5.0, 2.0  # in which OP crosses a gap, by which that moves PV, to call the gap well seen
+LOWER = 1.0 - 1.0 / 1.08**2  # of the squared hold-out error, that goes where it is 1.08 times larger without the effect
 ABOUT = 0.1  # errors closer than this share say the same
 LEAST_MOTION = 3.0  # PV must move by this many times its noise before anything can be said about how it follows OP
 SAME_PLACE = 0.5  # share of this record's OP that must lie where OP was when the model was fitted
-# less than this share of OP's travel at the stem: next to nothing reaches the process
-LITTLE = 0.3
+LITTLE = 0.3  # of OP's travel: where less reaches the stem, next to nothing reaches the process
 UNITS = {"span": (100.0, " %"), "OP span": (100.0, " %"), "1/s": (100.0, " % per second")}
-# time constants tried beside the kept one, as shares of it; then finer around the best
-SHARES = np.geomspace(0.2, 5.0, 13)
+SHARES = np.geomspace(0.2, 5.0, 13)  # of the kept time constant, tried beside it; then finer around the best
 
 
 def usual_move(problem: Problem) -> float:
@@ -49,21 +45,16 @@ def marked(problem: Problem, gain: float, effect: FittedEffect) -> FittedEffect:
         return effect
     move, times = usual_move(problem), abs(gain) * d / problem.floor
     samples = d / move if move > 0.0 else np.inf
-    notes = [
-        (d < HEALTHY, Note("small_gap", f"{100 * d:.2g} % of span is less than the {100 * HEALTHY:.0f} % that a good "
-                           "valve may have", {"size": d, "limit": HEALTHY})),
-        (samples < FEW_SAMPLES, Note("coarse_samples", f"OP crosses the gap within {samples:.1f} samples: recorded too "
-                                     "coarsely to be sure of it", {"samples": samples})),
-        (times < TIMES_NOISE, Note("small_against_noise", f"the gap moves PV by only {times:.1f} times its noise",
-                                   {"times": times})),
-    ]
+    notes = [(d < HEALTHY, noted("small_gap", {"size": d, "limit": HEALTHY})),
+             (samples < FEW_SAMPLES, noted("coarse_samples", {"samples": samples})),
+             (times < TIMES_NOISE, noted("small_against_noise", {"times": times}))]
     return replace(effect, notes=tuple(note for holds, note in notes if holds))
 
 
-def too_little(problem: Problem, shape: Shape, gain: float, words: str) -> list[Note]:
-    """Say so where PV, with that gain, follows OP by too little beside its noise; words: with a place for how much."""
+def too_little(problem: Problem, shape: Shape, gain: float, name: str = "too_little_motion") -> list[Note]:
+    """Say so where PV, with that gain, follows OP by too little beside its noise."""
     motion = abs(gain) * float(np.std(moved_process(problem, shape)[problem.used])) / problem.floor
-    return [] if motion >= LEAST_MOTION else [Note("too_little_motion", words.format(motion), {"motion": motion})]
+    return [] if motion >= LEAST_MOTION else [noted(name, {"motion": motion})]
 
 
 def with_reasons(problem: Problem, gain: float, candidates: Sequence[Candidate], accepted: Sequence[str],
@@ -83,23 +74,21 @@ def with_reasons(problem: Problem, gain: float, candidates: Sequence[Candidate],
             return None
         d, by = c.gap, " and ".join(name.replace("_", " ") for name in accepted)
         if taken := [a for a, other in alike if other == c.effect]:
-            return Note("look_alike", f"{taken[0].replace('_', ' ')} was taken; this record cannot tell the two apart")
+            return noted("look_alike", taken=taken[0].replace("_", " "))
         if taken := [a for a in accepted if c.effect in siblings.get(a, ())]:
-            return Note("look_alike_better", f"{taken[0].replace('_', ' ')}, which looks much like it, fits better")
+            return noted("look_alike_better", taken=taken[0].replace("_", " "))
         if reason is not None:
             return reason
         if d is not None and turns < 2:
-            return Note("op_never_turns", "OP never turns back, so that a gap cannot show")
+            return noted("op_never_turns")
         if _does_nothing(c):
-            return Note("fits_nothing", "it fits best where it does nothing")
+            return noted("fits_nothing")
         if d is not None and d < finest:
-            message = f"the gap that fits best is {100 * d:.2g} % of span, less than the recording shows"
-            return Note("below_resolution", f"{message} ({100 * finest:.2g} %)", {"size": d, "resolution": finest})
+            return noted("below_resolution", {"size": d, "resolution": finest})
         if (c.evidence or 0.0) >= enough and accepted:
-            return Note("other_explains", f"{by} explain{'s' * (len(accepted) == 1)} the same error better")
-        if (c.evidence or 0.0) < enough and c.error_reduction > LOWER:
-            return Note("little_evidence", "unseen samples are predicted better, but no more than chance may give")
-        return Note("no_better_prediction", "unseen samples are predicted no better with it")
+            return noted("other_explains", by=by, s="s" * (len(accepted) == 1))
+        little = (c.evidence or 0.0) < enough and c.error_reduction > LOWER
+        return noted("little_evidence" if little else "no_better_prediction")
 
     return tuple(replace(c, why=why(c)) for c in candidates)
 
@@ -119,8 +108,7 @@ def why_not(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part,
     """
     if holdout < (1.0 - ABOUT) * plain.rmse_holdout:
         return ()
-    still = ("after this model PV follows OP here by only {:.1f} times its noise: too little motion to judge it")
-    return (*too_little(problem, shape, model.Kp, still), *_place(problem, model),
+    return (*too_little(problem, shape, model.Kp, "too_little_motion:kept"), *_place(problem, model),
             *_gone(model, shape, holdout, error_of), *_process(problem, model, shape, recorders, plain))
 
 
@@ -132,16 +120,14 @@ def _place(problem: Problem, model: Model) -> list[Note]:
     inside = float(np.mean(np.abs(u - 0.5 * (low + high)) <= 0.6 * (high - low)))
     if inside >= SAME_PLACE:
         return []
-    return [Note("other_operating_point", f"another operating point: OP was {100 * low:.3g} to {100 * high:.3g} % of "
-                 f"its span when the model was fitted, here it is {100 * here[0]:.3g} to {100 * here[1]:.3g} %",
-                 {"share_inside": inside})]
+    return [noted("other_operating_point", {"share_inside": inside}, low=100 * low, high=high, first=100 * here[0],
+                  last=here[1])]
 
 
 def _gone(model: Model, shape: Shape, holdout: float, error_of: Callable[[Model, Shape], float | None]) -> list[Note]:
     """Effects without which the kept model does better here."""
     without = {name: error_of(model.without(name), shape.without(name)) for name in shape.names}
-    return [Note("effect_not_here", f"{name.replace('_', ' ')} does not fit this record: without it the model's error "
-                 f"is {100 * less:.3g} % instead of {100 * holdout:.3g} %", {"effect": name, "rmse_holdout": less})
+    return [noted("effect_not_here", {"effect": name, "rmse_holdout": less}, name=name.replace("_", " "), now=holdout)
             for name, less in without.items() if less is not None and less < (1.0 - ABOUT) * holdout]
 
 
@@ -163,23 +149,18 @@ def _process(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part
     # more numbers fit better, always: they must do so clearly to be the reason
     if moved and whole.rmse_holdout < (1.0 - ABOUT) * min(process.rmse_holdout, plain.rmse_holdout):
         numbers = ", ".join([*moved, *_of_process(model, whole)])
-        message = (f"the same effects fit this record with other numbers: {numbers}; then the error is "
-                   f"{100 * whole.rmse_holdout:.3g} %")
         travel, stem = (float(np.ptp(np.quantile(x[problem.used], [0.01, 0.99])))
                         for x in (problem.output, moved_output(problem, whole.fit.shape.parts)))
-        if stem < LITTLE * travel:
-            message += (f". Of {100 * travel:.2g} % that OP travels, only {100 * stem:.2g} % reach the stem: gain and "
-                        "time constant are not well known from such a record")
         values = {"rmse_holdout": whole.rmse_holdout, "travel": travel, "stem": stem}
-        return [Note("numbers_changed", message, values)]
+        told = "numbers_changed:still" if stem < LITTLE * travel else "numbers_changed"
+        return [noted(told, values, numbers=numbers)]
     changed = _of_process(model, process)
     if not changed or process.rmse_holdout >= (1.0 - ABOUT) * plain.rmse_holdout:
         return []
     names = " and ".join(part.effect.name.replace("_", " ") for part in shape.parts)
     held = f", and {names} as kept" if names else ""
-    return [Note("process_changed", f"the process answers differently here: with {' and '.join(changed)}{held}, the "
-                 f"error is {100 * process.rmse_holdout:.3g} %",
-                 {"Kp": process.fit.gain, "tau": near.lag, "rmse_holdout": process.rmse_holdout})]
+    values = {"Kp": process.fit.gain, "tau": near.lag, "rmse_holdout": process.rmse_holdout}
+    return [noted("process_changed", values, changed=" and ".join(changed), held=held)]
 
 
 def _of_process(model: Model, now: Tested) -> list[str]:

@@ -20,6 +20,7 @@ from ..errors import LoopError, MetadataError, nearest
 from ..record import FloatArray, Note, Record
 from ..results import Model, ModelEffect
 from ..toml_text import Page, checked, line_of, parsed
+from ..words import noted
 from .fit import Fit, linear_values
 from .pipeline import Part, Shape, as_tuple, in_order
 from .problem import Problem, usual_output
@@ -199,11 +200,9 @@ def loads_left_out(model: Model, problem: Problem) -> tuple[Note, ...]:
     out = []
     if gone := [e.name for e in effects if of_its_day(e)]:
         names = " and ".join(name.replace("_", " ") for name in gone)
-        out.append(Note("loads_of_another_day", f"{names} of the model belong{'s' * (len(gone) == 1)} to the time it "
-                        "was fitted to and cannot be foretold: left out here", {"effects": ", ".join(gone)}))
+        out.append(noted("loads_of_another_day", {"effects": ", ".join(gone)}, names=names, s="s" * (len(gone) == 1)))
     if swings := [e.name for e in effects if e.fitting.phase]:
-        out.append(Note("swing_matched", "the swing from outside keeps its period and size; where it stood when this "
-                        "record began was matched to this record", {"effects": ", ".join(swings)}))
+        out.append(noted("swing_matched", {"effects": ", ".join(swings)}))
     return tuple(out)
 
 

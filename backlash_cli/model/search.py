@@ -16,27 +16,21 @@ from .noise import Noise
 from .pipeline import Part, Shape, load_regressors, predict
 from .problem import Problem
 
-# another effect that scores worse by less than this cannot be told apart
-ALIKE = 20.0
-# an effect that gains less than this needs a closer look
-WEAK = 100.0
+ALIKE = 20.0  # another effect that scores worse by less cannot be told apart
+WEAK = 100.0  # an effect that gains less needs a closer look
 # nor one of the same kind that gains less by this share only: OP between the stored samples is not known, and physical
 # friction (LuGre, Karnopp; tests/benchmarks/hidden_strangers.py) jumps less than the model of a sticking valve, so that
 # play gained up to 0.16 more in 60 of them
 SHARE_ALIKE = 0.2
 MOST_EFFECTS = 4
-# gain in score for which an effect changes places with another
-WORTH_A_SWAP = 3.0
-# lags this close (natural logarithm) are the same
-SAME_LAG = 0.02
+WORTH_A_SWAP = 3.0  # gain in score for which an effect changes places with another
+SAME_LAG = 0.02  # lags this close (natural logarithm) are the same
 # without an effect that is worth telling, the error on unseen samples is at least this many times larger
 WORTH_TELLING = 1.08
 # a short way ahead most of the error is load that nobody can know and noise: there it must be larger at all
 WORTH_AHEAD = 1.002
-# random trials of an effect with many valleys after another was taken out
-LOOK_AROUND = 150
-# an effect that moves PV by less than this share of its noise does nothing
-NOTHING = 0.05
+LOOK_AROUND = 150  # random trials of an effect with many valleys after another was taken out
+NOTHING = 0.05  # of the noise of PV: an effect that moves PV by less does nothing
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from backlash_cli.estimator.diagnosis import Diagnosis, diagnose
-from backlash_cli.estimator.mean_cycle import compare_mean_cycle
-from backlash_cli.estimator.wave import find_period, misfits, moving_mean, regularity, sustained
+from backlash_cli.estimator.wave import compare_mean_cycle, find_period, misfits, moving_mean, regularity, sustained
 from backlash_cli.record import Record, record_from_arrays
 from tests.benchmarks.cycling_loops import draw
 from tests.benchmarks.diagnosis_benchmark import judged

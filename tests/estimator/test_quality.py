@@ -147,9 +147,9 @@ def test_gaps_are_counted_with_the_longest() -> None:
 def test_nothing_usable_blocks() -> None:
     dead = replace(RECORD, state=np.full(len(PV), SampleState.MANUAL, dtype=np.uint8))
     assert codes(dead) == {"no_usable_data": "blocks"}
-    assert data_quality(dead, 20.0).effect == "blocks"
+    assert data_quality(dead, 20.0).notes[0].values["effect"] == "blocks"
     empty = data_quality(record_from_arrays([], [], interval=1.0))
-    assert empty.samples == 0 and empty.effect == "blocks"
+    assert empty.samples == 0 and empty.notes[0].values["effect"] == "blocks"
 
 
 LONG = run(Loop(), 30_000, load=load_steps(30_000, 0.1))

@@ -1,4 +1,4 @@
-"""What a verdict says to people: the sentences of words.toml with their numbers put in."""
+"""What is said of a loop to people: the sentences of words.toml with their numbers put in."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from importlib.resources import files
 from string import Formatter
 
-from ..record import Note
+from .record import Note
 
 WORDS: dict[str, dict[str, str]] = tomllib.loads((files(__package__) / "words.toml").read_text("utf-8"))
 
@@ -19,14 +19,14 @@ class _Shares(Formatter):
         return f"{100.0 * value:{spec[:-1]}} %" if spec.endswith("%") else format(value, spec)  # type: ignore[operator]
 
 
-def said(name: str, values: Mapping[str, object] = {}, /, **shown: object) -> str:
+def said(code: str, values: Mapping[str, object] = {}, /, **shown: object) -> str:
     """Return a sentence of words.toml."""
-    return _Shares().vformat(WORDS["notes"][name], (), {**values, **shown})
+    return _Shares().vformat(WORDS["notes"][code], (), {**values, **shown})
 
 
-def noted(name: str, values: Mapping[str, float | str] = {}, /, **shown: object) -> Note:
-    """Return a note of words.toml; its code is the name up to a colon. values: kept in it; shown: only said."""
-    return Note(name.partition(":")[0], said(name, values, **shown), values)
+def noted(code: str, values: Mapping[str, float | str] = {}, /, **shown: object) -> Note:
+    """Return a note of words.toml; its code is what stands before a colon. values: kept in it; shown: only said."""
+    return Note(code.partition(":")[0], said(code, values, **shown), values)
 
 
 def times(count: float) -> str:
