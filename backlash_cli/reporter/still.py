@@ -71,7 +71,8 @@ def still(title: str, rows: Sequence[Sequence[tuple[str, Figure]]], heights: Seq
 
     with rc_context(STYLE):
         whole = Picture(figsize=size, layout="constrained")
-        whole.suptitle(fill(terminal(title, 240), int(PER_INCH * size[0])), x=0.01, ha="left", fontsize=12, fontweight="bold")
+        whole.suptitle(fill(terminal(title, 240), int(PER_INCH * size[0])), x=0.01, ha="left", fontsize=12,
+                       fontweight="bold")
         stripes = whole.subfigures(len(rows), 1, height_ratios=heights, squeeze=False)[:, 0]
         for row, stripe in zip(rows, stripes, strict=True):
             for (words, figure), part in zip(row, stripe.subfigures(1, len(row), squeeze=False)[0], strict=True):
