@@ -17,12 +17,11 @@ with a pipe the flow becomes q / sqrt(a + (1 - a) q^2), a the share of the press
 >>> VALVE_CHARACTERISTIC.apply([0.0, 0.5, 1.0], p, interval=1.0).round(3).tolist()
 [0.0, 0.818, 1.0]
 
-Curved sensor: PV is not proportional to what is measured, for example a flow whose root was never taken. Shown is
-x + c x (1 - x) for a true x within its span: c > 0 is steep at the low end, as a root is (sqrt(x) is about c = 0.9
-above a tenth of the span), c < 0 at the high end, as a square is.
+Curved sensor: PV is not proportional to what is measured, for example a flow whose root was never taken. It is the
+same curve as a valve's, over the span of PV: c < 0 is steep at the low end, as a root is, c > 0 at the high end.
 
->>> SENSOR_CURVE.apply([0.0, 0.25, 0.5, 1.0], SENSOR_CURVE.pack(curvature=0.8), interval=1.0).round(3).tolist()
-[0.0, 0.4, 0.7, 1.0]
+>>> SENSOR_CURVE.apply([0.0, 0.25, 0.5, 1.0], SENSOR_CURVE.pack(curvature=-2.0), interval=1.0).round(3).tolist()
+[0.0, 0.455, 0.731, 1.0]
 """
 
 from __future__ import annotations
@@ -89,14 +88,14 @@ VALVE_CHARACTERISTIC = Effect(
 
 
 def shown_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    return value + p[0] * value * (1.0 - value)
+    return value if p[0] == 0.0 else np.expm1(p[0] * value) / np.expm1(p[0])
 
 
 SENSOR_CURVE = Effect(
     "sensor_curve", Stage.SENSOR,
     "Curved sensor: PV is not proportional to what is measured, as where a root was not taken.",
     "Differential pressure over an orifice goes with the square of the flow, ISO 5167-1",
-    (Parameter("curvature", "1", "bend of the scale, 0 is straight", 0.0, -0.95, 0.95, (-0.7, -0.3, 0.3, 0.7)),),
+    (Parameter("curvature", "1", "ln of slope at full over slope at nothing", 0.0, -6.0, 6.0, (-2.0, -0.7, 0.7, 2.0)),),
     no_memory, shown_step,
     fitting=Fitting(
         whole=at_once(shown_step), seldom=True, rivals=("valve_characteristic",),

@@ -145,7 +145,7 @@ def tried(seen: Problem, found: Found, plain: Tested, accepted: Sequence[str]) -
     before = found.judge.score(found.baseline)
     for name, trial in found.first.items():
         best = tested(seen, trial, rounds=1)
-        effect = next(e for e in fitted_effects(seen, trial) if e.effect == name)
+        effect = next(e for e in fitted_effects(seen, trial, closely=False) if e.effect == name)
         gain = before - found.judge.score(trial)
         gone = float(np.clip(1.0 - (best.rmse_holdout / plain.rmse_holdout) ** 2, 0.0, 1.0))
         verdict = "accepted" if name in accepted else "not needed"

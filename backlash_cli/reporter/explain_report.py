@@ -70,7 +70,9 @@ def write_picture(found: Comparison | Explanation, path: Path) -> None:
     if found.series is None:
         raise UsageError("the result keeps no samples to draw", where=str(path))
     title, words, drawn = judged(found).title, "", _drawn(found)
-    if isinstance(found, Comparison):
+    if isinstance(found, Explanation):
+        title = f"{found.loop}: {sentence('verdict', found).partition('. ')[0].rstrip('.')}"
+    else:
         title, words = f"{title}, hold-out error {error_size(found.fitness.rmse_holdout)}", "PV against OP"
     # mean residual against the time since OP turned, the mark of play and stiction
     turns = [(cause, figure) for cause, _, figure in drawn["causes"][:1]]

@@ -6,6 +6,7 @@ import html
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 SIZE = (13.0, 8.8)  # inches
 DPI = 110
+PER_INCH = 9.0  # letters of the title
 POINTS = 2400  # per line: what a picture of this width can show
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
 MARKERS = {"circle": "o", "circle-open": "o", "x-thin-open": "x", "line-ns-open": "|", "diamond": "D"}
@@ -69,7 +71,8 @@ def still(title: str, rows: Sequence[Sequence[tuple[str, Figure]]], heights: Seq
 
     with rc_context(STYLE):
         whole = Picture(figsize=size, layout="constrained")
-        whole.suptitle(terminal(title, 120), x=0.01, ha="left", fontsize=12, fontweight="bold")
+        whole.suptitle(fill(terminal(title, 240), int(PER_INCH * size[0])), x=0.01, ha="left", fontsize=12,
+                       fontweight="bold")
         stripes = whole.subfigures(len(rows), 1, height_ratios=heights, squeeze=False)[:, 0]
         for row, stripe in zip(rows, stripes, strict=True):
             for (words, figure), part in zip(row, stripe.subfigures(1, len(row), squeeze=False)[0], strict=True):

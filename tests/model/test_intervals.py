@@ -14,7 +14,7 @@ from backlash_cli.model.intervals import MODEL_ERROR, fitted_effects, half_width
 from backlash_cli.model.noise import Noise
 from backlash_cli.model.pipeline import Part, Shape
 from backlash_cli.model.problem import Problem, problem_from_record
-from backlash_cli.record import Record
+from backlash_cli.record import LoopSettings, Record
 
 from .loops import loop
 
@@ -106,3 +106,27 @@ def test_a_measured_column_moves_on_between_its_samples() -> None:
     (effect,) = fitted_effects(problem, found)
     assert effect.parameters["gain"].value == pytest.approx(0.02, rel=0.005)
     assert found.shape.lag == pytest.approx(tau, rel=0.005)
+
+
+def test_the_period_of_a_swing_is_found_from_the_neighbouring_line_of_the_spectrum() -> None:
+    record = loop(noise=0.001, samples=6000, h=0.5)
+    wave = 0.02 * np.sin(2.0 * np.pi * record.time / 10.53)
+    problem = problem_from_record(replace(record, measurement=record.measurement + wave))
+    for start in (10.526, 10.534):
+        part = Part(BY_NAME["external_oscillation"], {"period": start, "amplitude": 0.0, "phase": 0.0})
+        found = fit(problem, Shape(20.0, 0.0, (part,)), Noise(1.0, 60.0, 20.0))
+        (effect,) = fitted_effects(problem, found)
+        low, high = effect.parameters["period"].ci95  # type: ignore[misc]
+        assert low < 10.53 < high and high - low < 0.002  # type: ignore[operator]
+
+
+def test_a_dead_time_beside_that_of_the_settings_leaves_it_and_is_known_to_a_fifth_of_it() -> None:
+    problem = problem_from_record(loop(noise=0.001, delay=6, settings=LoopSettings(Ti=20.0, theta=4.0)))
+    part = Part(BY_NAME["dead_time"], {"theta": 5.0})
+    found = fit(problem, Shape(18.0, 4.5, (part,)), Noise(1.0, 60.0, 20.0))
+    theta = fitted_effects(problem, found)[0].parameters["theta"]
+    assert found.shape.delay == 4.0 and theta.value == pytest.approx(8.0, abs=0.2)
+    low, high = theta.ci95  # type: ignore[misc]
+    assert 0.8 <= 0.5 * (high - low) < 1.6  # type: ignore[operator]
+    given = process_parameters(problem, found)["theta"]
+    assert given.value == 4.0 and given.ci95[0] <= 3.2 and given.ci95[1] >= 4.8  # type: ignore[index, operator]

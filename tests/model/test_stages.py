@@ -90,6 +90,14 @@ def test_hysteresis_of_the_sensor_is_found_and_told_from_play_of_the_valve() -> 
     assert [e.effect for e in worn.effects] == ["backlash"] and worn.effects[0].confidence == "clear"
 
 
+def test_a_root_that_was_never_taken_is_told_from_the_curve_of_a_valve() -> None:
+    u = steps(SAMPLES, low=0.12, high=0.5)
+    found = explain(record(np.sqrt(process(u, H, 1.2, LAG, -0.1)), u))
+    assert [(e.effect, e.confidence) for e in found.effects] == [("sensor_curve", "stand_in")]
+    curved = explain(record(process(np.sqrt(u), H, GAIN, LAG, -0.1), u))
+    assert [(e.effect, e.confidence) for e in curved.effects] == [("valve_characteristic", "clear")]
+
+
 def test_a_gain_that_grows_with_time_is_found() -> None:
     u = steps(SAMPLES)
     grown = u + 0.5 * np.arange(SAMPLES) / SAMPLES * (u - 0.5)

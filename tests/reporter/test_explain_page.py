@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib import rc_context
 
 from backlash_cli.errors import UsageError
 from backlash_cli.record import Note
@@ -152,6 +153,9 @@ def test_a_still_picture_is_written_whole_as_png_or_svg(tmp_path):
         for suffix in (".png", ".svg"):
             write_picture(found, tmp_path / f"x{suffix}")
             assert 5_000 < (tmp_path / f"x{suffix}").stat().st_size < 500_000
+    with rc_context({"svg.fonttype": "none"}):
+        write_picture(explanation(), tmp_path / "x.svg")
+    assert "Missing in the plain model: " in (tmp_path / "x.svg").read_text()
     with pytest.raises(UsageError, match=r"a picture is \.png or \.svg"):
         write_picture(comparison(), tmp_path / "x.jpg")
     with pytest.raises(UsageError, match="no samples"):
