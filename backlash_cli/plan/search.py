@@ -36,7 +36,7 @@ AROUND = 5.0  # integral times of ordinary operation before and after a test
 # OP in manual goes up and down in steps of the target's size, of which the first one back does nothing and the second
 # all, then in larger ones: they shrink the delay of play, not that of a process; more rounds average the load
 LARGER, ALIKE, ROUNDS = 2.5, 1.2, (2, 4, 8, 16)
-HOLDS, FEWEST_HELD = (1.0, 2.5), 10.0  # lags of the process beyond its dead time that a step is held; samples, at least
+HOLDS, FEWEST_HELD = (1.0, 2.5), 10.0  # integral times beyond the dead time that a step is held; samples, at least
 ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
 OVER = 1.1  # what a move may go beyond a limit before it counts as beyond it: repeats differ
 OVERSHOOT = 1.3  # of PV beyond a step of the setpoint, that limits must allow for
