@@ -16,13 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, combinations_with_replacement, compress
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
-from ..effects.process import delayed_lag
 from ..estimator.criteria import FEWEST_CROSSINGS, MOTION
 from ..estimator.predictor import COMPLETE, FREEDOM, Recording, block_means
 from ..estimator.width_profile import DROP, NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
@@ -40,13 +40,14 @@ WANDERS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # move of the load in a
 SMOOTH = (0.1, 2.0, 6.0, 20.0, 100.0)  # blocks over which its moves are smoothed; long where a tank adds up its load
 FOREVER = 30.0  # times the test: what the load forgets
 SCOUTS, KEPT = (0.25, 0.5, 0.75), 4  # dead bands of the first round as shares of the motion; models kept of each
+FIRST = 4  # every so many of the answers tell which noises are worth trying with all
 NEARER = (1.35, 1.16, 1.08)  # then about the best of them, by these factors
 STARTS = (-1.0, 0.0, 1.0)  # place of the stem at the start, in half gaps
-WIDTHS, FINE = 14, 7  # dead bands tried, and between the neighbours of the best
+WIDTHS, APART, FINE = 14, 3, 7  # dead bands tried, every so many with answers of its own, and near the best
 LEAST_INTERVAL = 0.15  # of d, each way: the process is never exactly one of the answers
 SURE = 1.28  # deviations: 90 %
 TURNED = 0.2  # of d: OP going back by more begins a new event
-ROUNDS = 3  # of the weights
+ROUNDS, FAR = 3, 10.0  # of the weights; nats below the best of every dead band, where a model is not worth them
 ANSWERED = 6.0  # deviations from no answer: one that is too slow to be seen whole is still one
 NO_ANSWER = 0.1  # gain of the loop, that of the controller included: no process that is controlled is weaker
 LONG_ENOUGH = 2.0  # integral times of a test after which any would have answered
@@ -62,10 +63,16 @@ class Answer:
     integrating: bool = False
 
     def of(self, stems: FloatArray, interval: float) -> FloatArray:
-        """Answers (.., blocks) to stems (.., blocks) that are at rest before, gain 1."""
-        x = np.apply_along_axis(delayed_lag, -1, stems, interval, self.lag, self.delay)
-        if self.second:
-            x = np.apply_along_axis(delayed_lag, -1, x, interval, self.second, 0.0)
+        """Answers (.., blocks) to stems (.., blocks) that are at rest before, gain 1: as `effects.process.delayed_lag`
+        for many at once."""
+        rest, n = stems[..., :1], stems.shape[-1]
+        x = stems - rest
+        for lag, delay in ((self.lag, self.delay), (self.second, 0.0))[: 1 + (self.second > 0.0)]:
+            whole, a = int(delay / interval), float(np.exp(-interval / lag))
+            e = float(np.exp(-(whole + 1.0 - delay / interval) * interval / lag))
+            late = lfilter([1.0 - e, e - a], [1.0, -a], x)[..., : max(n - whole - 1, 0)]
+            x = np.concatenate([np.zeros((*x.shape[:-1], n - late.shape[-1])), late], axis=-1)
+        x += rest
         return (np.cumsum(x, axis=-1) - x) * interval / self.lag if self.integrating else x
 
     def near(self, factor: float, interval: float) -> list[Answer]:
@@ -110,28 +117,27 @@ class _Blocks:
         return np.concatenate(found)
 
     def columns(self, stems: Sequence[Sequence[FloatArray]], answers: Sequence[Answer]) -> list[FloatArray]:
-        """Of each recording (1 + models * (2 + recordings), blocks): PV, and of each stem and answer what PV would be,
+        """Of each recording (blocks, 1 + (2 + recordings) * models): PV, and of each stem and answer what PV would be,
         the same for the square of the stem, and beside an integrator a drift of each recording's own."""
         found = []
         for i, y in enumerate(self.measurement):
             stem = np.array([several[i] for several in stems])
-            both = np.stack([stem, stem * stem / self.span], axis=1)
-            rows = np.zeros((len(stems), len(answers), 2 + len(self.used), len(y)))
+            both = np.stack([stem, stem * stem / self.span])
+            rows = np.zeros((2 + len(self.used), len(stems), len(answers), len(y)))
             for k, a in enumerate(answers):
-                rows[:, k, :2] = a.of(both, self.interval)
-                rows[:, k, 2 + i] = np.arange(len(y)) / len(y) * a.integrating
+                rows[:2, :, k] = a.of(both, self.interval)
+                rows[2 + i, :, k] = np.arange(len(y)) / len(y) * a.integrating
             if self.size > 1:  # a block mean lies half a block after the block's first sample
-                rows[:, :, :2, :-1] = 0.5 * (rows[:, :, :2, :-1] + rows[:, :, :2, 1:])
-            found.append(np.vstack([y, rows.reshape(-1, len(y))]))
+                rows[:2, ..., :-1] = 0.5 * (rows[:2, ..., :-1] + rows[:2, ..., 1:])
+            found.append(np.vstack([y, rows.reshape(-1, len(y))]).T)
         return found
 
     def whitened(self, noise: Noise, columns: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """PV (rows,) and columns (models, columns, rows) of all models, whitened, used blocks only; weights (rows,)."""
+        """PV (rows,) and columns (rows, columns, models) of all models, whitened, used blocks only; weights (rows,)."""
         white = [whitener(noise, used, self.interval) for used in self.used]
-        both = np.concatenate([w.columns(rows.T)[used] for w, rows, used in
-                               zip(white, columns, self.used, strict=True)]).T
-        X = np.ascontiguousarray(both[1:]).reshape(-1, 2 + len(self.used), both.shape[1])
-        return both[0], X, np.concatenate([w.weight[used] for w, used in zip(white, self.used, strict=True)])
+        both = np.concatenate([w.columns(c)[used] for w, c, used in zip(white, columns, self.used, strict=True)])
+        weights = np.concatenate([w.weight[used] for w, used in zip(white, self.used, strict=True)])
+        return both[:, 0], both[:, 1:].reshape(len(both), 2 + len(self.used), -1), weights
 
 
 class _Fits(NamedTuple):
@@ -166,14 +172,16 @@ def manual_test(recordings: Sequence[Recording], interval: float, K: float | Non
     noises = [Noise(w * float(np.sqrt(0.5 * slow / data.interval)), slow, s * data.interval)
               for w in WANDERS for s in SMOOTH]
     scouts = [data.stems(d, 0.0) for d in (0.0, *(data.span * np.array(SCOUTS)))]
-    models = list(dict.fromkeys(chain(*_most_likely(data, scouts, noises, answers))))
-    none = _fitted(data, [0.0], models, None)
-    if (silent := _silent(data, models, none, answers, longest, K, Ti)) is not None:
+    for some in (answers[::FIRST], answers):  # the noise hangs little on the answer
+        models = list(dict.fromkeys(chain(*_most_likely(data, scouts, noises, some))))
+        noises = list(dict.fromkeys(noise for noise, _ in models))
+    if (silent := _silent(data, models, answers, longest, K, Ti)) is not None:
         return silent
     widths = np.geomspace(NARROWEST, max(TURN * data.span, LEAST_MOTION), WIDTHS)
-    models += _refined(data, 0.0, models, K)  # the best answers without a dead band, then with the best so far
-    d = float(widths[_best(_fitted(data, widths, models, K, rounds=0).normal).argmax()])
-    models = list(dict.fromkeys([*models, *_refined(data, d, models, K)]))
+    # answers about the best one of many dead bands: what only fits none better, for want of trying, tells nothing
+    models = list(dict.fromkeys(chain(models, *(_refined(data, d, models, K) for d in (0.0, *widths[::APART])))))
+    rough = _fitted(data, [0.0, *widths], models, K, rounds=0).normal
+    models = list(compress(models, (rough > rough.max(0) - FAR).any(1)))
     none = _fitted(data, [0.0], models, None)
     gains = _gains(none, _fitted(data, widths, models, K))
     fine = about(widths, int(gains.argmax()), FINE)
@@ -210,8 +218,10 @@ def _refined(data: _Blocks, d: float, models: Sequence[tuple[Noise, Answer]], K:
     stems, found = [data.stems(d, STARTS[start] if d else 0.0)], [models[int(k)]]
     for factor in NEARER:
         noise, answer = found[0]
+        answers = answer.near(factor, data.interval)
+        noise, answer = _most_likely(data, stems, [noise], answers)[0][0]
         noises = [Noise(noise.ratio * f, noise.slow, noise.fast) for f in (factor**-2.0, 1.0, factor**2)]
-        found = _most_likely(data, stems, noises, answer.near(factor, data.interval))[0]
+        found = _most_likely(data, stems, noises, [answer])[0]
     return found
 
 
@@ -239,30 +249,37 @@ def _fitted(data: _Blocks, widths: Sequence[float] | FloatArray, models: Sequenc
 
 
 def _likelihoods(X: FloatArray, y: FloatArray, weights: FloatArray, rounds: int = ROUNDS) -> tuple[_Fits, FloatArray]:
-    """Fits of y (rows,) on each of X (models, columns, rows), and the logarithm of each row's likelihood if errors are
+    """Fits of y (rows,) on each of X (rows, columns, models), and the logarithm of each row's likelihood if errors are
     Student's t (models, rows); weights: of the whitening (rows,)."""
     n, at = len(y), np.arange(X.shape[1])
+    gram = np.empty((X.shape[2], len(at), len(at)))
 
-    def solved(weighted: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        gram, cross = weighted @ X.transpose(0, 2, 1), weighted @ y
+    def solved(weighted: FloatArray) -> tuple[FloatArray, FloatArray]:
+        for i, j in combinations_with_replacement(at, 2):
+            gram[:, i, j] = gram[:, j, i] = np.einsum("rm,rm->m", weighted[:, i], X[:, j])
+        cross = np.einsum("rcm,r->mc", weighted, y)
         ridge = gram[:, at, at] * 1e-6 + 1e-9
         gram[:, at, at] += ridge
         b = np.asarray(np.linalg.solve(gram, cross[..., None])[..., 0], dtype=np.float64)
-        return b, gram, np.sum(b * (cross + ridge * b), axis=1)
+        return b, np.sum(b * (cross + ridge * b), axis=1)
 
-    first, gram, explained = solved(X)
+    first, explained = solved(X)
     variance = np.maximum(y @ y - explained, 1e-12 * n) / n
     normal = float(np.log(weights).sum()) - 0.5 * n * np.log(variance)
     deviation: FloatArray = np.sqrt(variance * np.linalg.inv(gram)[:, 0, 0])
     if not rounds:
         return _Fits(normal, normal, first, variance, deviation), np.empty((0, n))
-    error = y - np.einsum("mc,mcr->mr", first, X)
-    square = np.minimum(variance, (1.4 * np.median(np.abs(error), axis=1)) ** 2 + 1e-12)
+
+    def errors(b: FloatArray) -> FloatArray:
+        return y[:, None] - np.einsum("rcm,mc->rm", X, b)
+
+    error = errors(first)
+    square = np.minimum(variance, (1.4 * np.median(np.abs(error), axis=0)) ** 2 + 1e-12)
     for _ in range(rounds):
-        weight = (FREEDOM + 1.0) / (FREEDOM + error**2 / square[:, None])
-        error = y - np.einsum("mc,mcr->mr", solved(X * weight[:, None])[0], X)
-        square = np.maximum(np.mean(weight * error**2, axis=1), 1e-12)
-    by_row = -0.5 * ((FREEDOM + 1.0) * np.log1p(error**2 / (FREEDOM * square[:, None])) + np.log(square)[:, None])
+        weight = (FREEDOM + 1.0) / (FREEDOM + error**2 / square)
+        error = errors(solved(X * weight[:, None])[0])
+        square = np.maximum(np.mean(weight * error**2, axis=0), 1e-12)
+    by_row = -0.5 * ((FREEDOM + 1.0) * np.log1p(error**2 / (FREEDOM * square)) + np.log(square)).T
     by_row += np.log(weights)
     return _Fits(normal, by_row.sum(1), first, variance, deviation), by_row
 
@@ -277,12 +294,14 @@ def _best(likely: FloatArray) -> FloatArray:
     return np.asarray(likely.reshape(len(likely), -1, len(STARTS)).max(axis=(0, 2)), dtype=np.float64)
 
 
-def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, answers: Sequence[Answer],
-            longest: float, K: float | None, Ti: float | None) -> Note | None:
+def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], answers: Sequence[Answer], longest: float,
+            K: float | None, Ti: float | None) -> Note | None:
     """Say so where PV does not answer at all, although the process that this controller controls would have."""
+    if not K or not Ti or longest < LONG_ENOUGH * Ti:
+        return None
+    none = _fitted(data, [0.0], models, None, rounds=0)
     k = int(none.normal[:, 0].argmax())
-    if not K or not Ti or longest < LONG_ENOUGH * Ti or (
-            abs(none.coefficients[k, 0, 0]) > ANSWERED * none.deviation[k, 0]):
+    if abs(none.coefficients[k, 0, 0]) > ANSWERED * none.deviation[k, 0]:
         return None
     stems = data.stems(0.0, 0.0)
     quick = [a for a in answers if not a.integrating and any(
@@ -336,7 +355,8 @@ def _limit(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, w
     limit = None
     for d in LIMITS[data.span > MOTION * LIMITS][::-1]:
         _, X, _ = data.whitened(noise, data.columns([data.stems(float(d), s) for s in STARTS], [answer]))
-        left = n * min(float(_likelihoods(straight, b @ x, even, rounds=0)[0].variance.min()) for x in X)
+        said = np.einsum("c,rcm->mr", b, X)
+        left = n * min(float(_likelihoods(straight, y, even, rounds=0)[0].variance.min()) for y in said)
         expected = 0.5 * n * np.log1p(left / (n * none.variance[k, 0]))
         if expected - SURE * np.sqrt(2.0 * expected) < TRACE or float(np.interp(d, widths, gains)) > -DROP:
             break

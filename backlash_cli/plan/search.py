@@ -36,10 +36,11 @@ AROUND = 5.0  # integral times of ordinary operation before and after a test
 # OP in manual goes up and down in steps of the target's size, of which the first one back does nothing and the second
 # all, then in larger ones: they shrink the delay of play, not that of a process; more rounds average the load
 LARGER, ALIKE, ROUNDS = 2.5, 1.2, (2, 4, 8, 16)
-HOLDS, FEWEST_HELD = (1.0, 2.5), 10.0  # lags of the process beyond its dead time that a step is held; samples, at least
+HOLDS, FEWEST_HELD = (1.0, 2.5), 10.0  # integral times beyond the dead time that a step is held; samples, at least
 ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
 OVER = 1.1  # what a move may go beyond a limit before it counts as beyond it: repeats differ
 OVERSHOOT = 1.3  # of PV beyond a step of the setpoint, that limits must allow for
+HARSHER = 1.25  # times the load of the record, that a test in manual must stand: a twin is kinder than its loop
 FEW = 20  # repeats that tell how far a test moves PV
 POINTS = 400  # of a drawn course
 
@@ -156,48 +157,44 @@ class Subject:
                 *(Test("setpoint_steps", hold, large, once * n) for n in TURNS)]
 
     def _manual_tests(self) -> list[Test]:
-        """Up, up, down, down; where PV ramps for as long as OP is off its balance, up, down, down, up."""
+        """Up, down, down, up about where OP stood, so that a level comes back whatever the record says of it."""
         w, (pv_most, op_most) = self.healthy, self.limits
-        p = w.process
-        # a lag far above Ti is one that the record does not tell from an integrator
-        slow = min(sum(p.lags), w.controller.Ti) if p.lags and not p.integrating else w.controller.Ti
-        once = np.array([1.0, 0.0, -1.0, 0.0] if p.integrating else [1.0, 2.0, 1.0, 0.0])
+        once = np.array([1.0, 0.0, -1.0, 0.0])
         rungs: list[Test] = []
         for k in HOLDS:
-            hold = max(p.dead_time + k * slow, FEWEST_HELD * self.record.interval)
-            allowed = min(op_most, pv_most / w.settled(hold)) / (self.target * once.max())
-            for larger in {1.0, float(np.clip(allowed, 1.0, LARGER)), LARGER}:
+            # of lags a record in automatic tells less than the tuning: a controller's Ti is made for them
+            hold = max(w.process.dead_time + k * w.controller.Ti, FEWEST_HELD * self.record.interval)
+            allowed = min(op_most, pv_most / w.settled(hold)) / self.target
+            for larger in {float(np.clip(allowed, 1.0, LARGER)), LARGER}:
                 both = [once, larger * once] if larger > ALIKE else [once]
-                levels = tuple((np.concatenate(both) * (-1.0 if w.output > 0.5 else 1.0)).tolist())
+                levels = tuple(np.concatenate(both).tolist())
                 rungs += [Test("manual_test", hold, self.target, levels * n) for n in ROUNDS]
-        rungs = sorted(set(rungs), key=lambda test: (test.duration, max(map(abs, test.levels))))
-        least = min(LEAST_TEST, rungs[-1].duration)  # a shorter one saves no time, and hangs on the twin being right
-        return [test for test in rungs if least <= test.duration <= LONGEST_TEST] or rungs[:1]
+
+        def trouble(test: Test) -> tuple[bool, float]:
+            allowed = OVER * min(op_most, pv_most / w.settled(test.hold))
+            return test.move * max(map(abs, test.levels)) > allowed, test.duration
+
+        least = min(LEAST_TEST, max(test.duration for test in rungs))  # a shorter one saves no time
+        rungs = sorted((test for test in rungs if test.duration >= least), key=trouble)
+        return [test for test in rungs if test.duration <= LONGEST_TEST] or rungs[:1]
 
     def _least(self, rungs: list[Test]) -> PlanOption:
-        """Return the first rung within the limits that decides surely; else of those that decide the one within them or
-        least beyond; else the most promising one."""
-        deciding: list[Played] = []
-        looks: list[Played] = []
+        """Return the first rung that decides surely; else of those that decide the one least beyond the limits; else
+        the most promising one."""
+        looks = [Played(test) for test in rungs]
         if rungs[-1].kind != "manual_test":  # where more of the same has no hope, less has none
-            self._repeat(longest := Played(rungs[-1]), LOOKS[0][0])
-            if longest.chance < LOOKS[0][1]:
-                return self._option(longest)
-        for test in rungs:
-            looks.append(played := Played(test))
-            for upto, least in (*LOOKS, (self.options.repeats, ENOUGH)):
+            self._repeat(looks[-1], LOOKS[0][0])
+            if looks[-1].chance < LOOKS[0][1]:
+                return self._option(looks[-1])
+        for played in looks:
+            for upto, least in (*LOOKS, (self.options.repeats, SURE)):
                 self._repeat(played, min(upto, self.options.repeats))
-                beyond = self._excess(played)
-                if played.chance < least or (deciding and beyond > 1.0 and beyond >= self._excess(deciding[-1])):
+                if played.chance < least:
                     break
             else:
-                if self._option(played).decides:
-                    deciding.append(played)
-                    if beyond == 1.0 and played.chance >= SURE:
-                        return self._option(played)
-        if deciding:
-            return self._option(min(deciding, key=lambda played: (self._excess(played), -played.chance)))
-        return self._option(max(reversed(looks), key=lambda played: played.chance))
+                if (option := self._option(played)).decides:
+                    return option
+        return self._option(max(reversed(looks), key=lambda p: (min(p.chance, ENOUGH), -self._excess(p), p.chance)))
 
     def _excess(self, played: Played) -> float:
         """How far a test goes beyond the limits: 1 for within."""
@@ -213,7 +210,8 @@ class Subject:
                 seed = 2 * (k + self.options.repeats * self.options.seed) + (twin is self.worn)
                 around = 0.0 if test.kind == "wait" else AROUND * twin.controller.Ti
                 try:
-                    later, run, _ = twin.play(test, seed, around=around)
+                    later, _, _ = twin.play(test, seed, around=around,
+                                            load=HARSHER if test.kind == "manual_test" else 1.0)
                 except LoopError:  # a limit cycle that leaves the span: this test says nothing
                     said[Verdict.ERROR] += 1
                     continue
@@ -223,7 +221,8 @@ class Subject:
                     verdict = Verdict.CANNOT_TELL  # cleared, but of a larger dead band than the one that matters
                 said[verdict] += 1
                 if test.move and len(played.moves) < FEW:
-                    still = twin.play(replace(test, kind="setpoint_steps", move=0.0), seed, around=around)[1]
+                    run, still = (twin.play(one, seed, around=around)[1]
+                                  for one in (test, replace(test, kind="setpoint_steps", move=0.0)))
                     size = min(len(run.output), len(still.output))
                     pv, op = (float(np.abs(one[:size] - other[:size]).max()) for one, other in (
                         (run.process_output, still.process_output), (run.output, still.output)))

@@ -21,6 +21,7 @@ from . import strangers
 
 TARGET = 2.0  # % of the output span
 LATER = 48.0  # hours that every loop goes on for at most
+PROMISING = 0.5  # chance from which on a test is followed that is not sure to decide, where none is
 FAMILIES = ("flow", "temperature", "pressure", "generic", "level")
 
 
@@ -60,7 +61,8 @@ def followed(seed: int, repeats: int, kind: str) -> dict[str, Any] | None:
             return None
         row = {"loop": before.name, "truth": truth, "before": str(report.verdict), "kind": "-", "hours": np.nan,
                "power": np.nan, "clears": np.nan, "decides": False, "after": "-"}
-        chosen = [o for o in found.options if (o.kind == kind if kind else o.decides)]
+        chosen = [o for o in found.options if (o.kind == kind if kind else o.decides)] or [
+            o for o in found.options if not kind and min(o.power or 0.0, o.clears or 0.0) >= PROMISING]
         if not chosen or chosen[0].duration_s is None or chosen[0].duration_s > 3500 * LATER:
             return row
         option, around = chosen[0], 5 * before.Ti_ideal
@@ -108,8 +110,9 @@ def main() -> None:
     right = table.after == table.truth.map({"worn": "backlash", "healthy": "no_backlash"})
     decided = table.after.isin(["backlash", "no_backlash"])
     print(table.to_string(index=False))
-    print(f"proposed for {(table.kind != '-').sum()} of {len(table)}; decided {decided.sum()}, of these right "
-          f"{(right & decided).sum()}")
+    for name, some in (("sure to decide", table.decides == True), ("proposed", table.kind != "-")):  # noqa: E712
+        print(f"{name}: {some.sum()} of {len(table)}; decided {(decided & some).sum()}, of these right "
+              f"{(right & decided & some).sum()}")
     groups = table.assign(decided=decided, right=right).groupby(["kind", "truth"])
     print(groups[["decided", "right"]].agg(["sum", "count"]))
 

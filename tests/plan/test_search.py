@@ -73,7 +73,8 @@ def test_moves_stay_within_the_limits(planned):
 def test_a_test_in_manual_moves_op_by_its_steps_and_nothing_else(planned):
     (option,) = [o for o in planned.options if o.kind == "manual_test"]
     small, large = option.levels[:4], option.levels[4:8]
-    assert max(map(abs, small)) == 2.0 < max(map(abs, large)) <= 5.0
+    assert max(map(abs, small)) == 1.0 < max(map(abs, large)) <= 2.5
+    assert sum(option.levels) == 0.0, "a level comes back"
     assert option.op_move == pytest.approx(option.move * max(map(abs, large)))
     assert "by 2 %, then" in option.text
 
