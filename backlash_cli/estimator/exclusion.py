@@ -19,35 +19,36 @@ LIMITS = (0.8, 1.1, 1.5, 2.0, 2.8, 4.0, 5.6)  # % of span: the limits of detecti
 SMALLER, BEYOND = 0.85, 1.2  # widths from this share of L on, up to the range of OP over this
 FULL, SHORT_OF = 0.8, 1.0  # share of a gap that is there, less what the test loses; deviations it is short of
 BEST = 2  # block lengths that count for the gain
-WEIGHTS, CONSTANT = (0.522, -0.248, -0.32, 0.778, -0.305, -0.507), -3.107  # of the signs, by regression
+WEIGHTS, CONSTANT = (0.367, -0.667, 0.049, -0.298, 0.732, -0.461, -1.343), -4.189  # of the signs, by regression
 HIDDEN = 0.02  # chance that is left when a dead band is said to be excluded
 
 
 def signs(tests: Sequence[tuple[GapTest, float]], length: float, span: float) -> FloatArray:
-    """What speaks for a dead band of L or more, for each L of LIMITS, (limits, 7): in the order of `WEIGHTS`, and how
+    """What speaks for a dead band of L or more, for each L of LIMITS, (limits, 8): in the order of `WEIGHTS`, and how
     far PV's answer falls short.
 
     tests: of each block length, with what its best imitation gained. length: of the record in integral times. span (of
-    OP): % of span. The signs are the net gain of the two best block lengths and by how many deviations PV's share in
-    the gap is short of full (median over block lengths), both as sign times log1p; and the logs of length, of span over
-    L, of L, and of the share's deviation. The last number is the shortfall as it is.
+    OP): % of span. The signs are the net gain of the two best block lengths, by how many deviations PV's share in the
+    gap is short of full and the tied gain (medians over block lengths), these three as sign times log1p; and the logs
+    of length, of span over L, of L, and of the share's deviation. The last number is the shortfall as it is.
     """
     widths, limits = tests[0][0].widths, np.array(LIMITS)
     there = (widths >= SMALLER * limits[:, None]) & (widths <= span / BEYOND)
     there[~there.any(axis=1), -1] = True
     kept = np.where(there, 0.0, np.nan)[:, None]  # (limits, 1, widths)
-    gain, share, deviation = (np.array([getattr(t, name) for t, _ in tests]) + kept
-                              for name in ("gain", "share", "deviation"))
+    gain, tied, share, deviation = (np.array([getattr(t, name) for t, _ in tests]) + kept
+                                    for name in ("gain", "tied", "share", "deviation"))
     net = np.sort(np.nanmax(gain, axis=2) - IMITATED * np.array([imitated for _, imitated in tests]), axis=1)
     short = np.median(np.nanmin((FULL - share) / np.maximum(deviation, 0.02), axis=2), axis=1)
     known = np.maximum(np.median(np.nanmedian(deviation, axis=2), axis=1), 1e-3)
-    told = [np.sign(x) * np.log1p(np.abs(x)) for x in (net[:, -BEST:].sum(axis=1) / BEST, short)]
+    told = [np.sign(x) * np.log1p(np.abs(x)) for x in (net[:, -BEST:].sum(axis=1) / BEST, short,
+                                                       np.median(np.nanmax(tied, axis=2), axis=1))]
     return np.column_stack([*told, np.full(len(limits), np.log(max(length, 1.0))), np.log(span / limits),
                             np.log(limits), np.log(known), short])
 
 
 def chance_hidden(signs: FloatArray) -> FloatArray:
-    """Chance (rows,) that a dead band hides behind such signs (rows, 6)."""
+    """Chance (rows,) that a dead band hides behind such signs (rows, 7)."""
     chance: FloatArray = 1.0 / (1.0 + np.exp(-(signs @ np.array(WEIGHTS) + CONSTANT)))
     return chance
 

@@ -33,7 +33,7 @@ def table(folder: str | Path) -> pd.DataFrame:
             assert isinstance(asked, Study)
             seen = signs(asked.tests, asked.length, asked.span)[:, :-1]
             rows += [[true.d >= L, *of] for L, of in zip(LIMITS, seen, strict=True)]
-    columns = ["there", "gain", "short", "length", "span over limit", "limit", "deviation"]
+    columns = ["there", "gain", "short", "tied", "length", "span over limit", "limit", "deviation"]
     return pd.DataFrame(rows, columns=columns)
 
 

@@ -18,13 +18,13 @@ def test_the_signs_are_those_that_are_written_down():
     one = gap([90, 80, 4, 2, 1], [1, 1, 0.2, 0.1, 0.3], 0.1, [50, 40, -3, -6, -9])
     two = gap([70, 60, 6, 0, 0], [1, 1, 0.5, 0.0, 0.1], 0.2, [20, 20, -1, -2, -3])
     found = signs([(one, 2.0), (two, 4.0)], length=200.0, span=6.0)[LIMITS.index(2.0)]
-    # widths of 1.7 to 5 count: 2 and 4; nets 4 - 1 and 6 - 2, shortfall 6 and 1.5 deviations
-    expected = [np.log1p(3.5), np.log1p(3.75), *np.log([200.0, 3.0, 2.0, 0.15]), 3.75]
+    # widths of 1.7 to 5 count: 2 and 4; nets 4 - 1 and 6 - 2, shortfall 6 and 1.5 deviations, tied -3 and -1
+    expected = [np.log1p(3.5), np.log1p(3.75), -np.log1p(2.0), *np.log([200.0, 3.0, 2.0, 0.15]), 3.75]
     assert found == pytest.approx(expected)
 
 
 def test_the_chance_is_the_logistic_of_weighted_signs():
-    row = np.array([[0.5, 1.0, 5.0, 1.0, 0.7, -1.5]])
+    row = np.array([[0.5, 1.0, -2.0, 5.0, 1.0, 0.7, -1.5]])
     score = sum(w * x for w, x in zip(WEIGHTS, row[0], strict=True)) + CONSTANT
     assert chance_hidden(row)[0] == pytest.approx(1.0 / (1.0 + np.exp(-score)))
 
