@@ -110,8 +110,8 @@ def study(record: Record, settings: LoopSettings) -> Study | Note:
         Ti = 0.5 * memory(error[usable]) * record.interval
     recordings = _recordings(record, output, usable)
     if not recordings:
-        return Note("short_record", f"no stretch of the record without a hole of {GAP} samples has {FEWEST_BLOCKS} "
-                    "that can be used")
+        return Note("short_record", f"{np.count_nonzero(usable)} samples of the record can be used; at least "
+                    f"{FEWEST_BLOCKS} are needed in a stretch without a hole of {GAP} samples")
     moves = np.concatenate([r.output[r.usable] for r in recordings])
     span, seconds = float(np.ptp(moves)), len(moves) * record.interval
     if span < NARROWEST * 1.5:
@@ -121,8 +121,9 @@ def study(record: Record, settings: LoopSettings) -> Study | Note:
         return Note("measurement_constant", "PV is the same number throughout")
     asked = _asked(recordings, span, settings.K, Ti, record.interval) if seconds >= SHORTEST * Ti else ()
     if not asked:
-        return Note("short_record", f"the record holds {duration(seconds)} that can be used in one piece; at "
-                    f"least {duration(SHORTEST * Ti)} are needed, ten times Ti", {"usable_s": seconds})
+        why = f"at least {duration(SHORTEST * Ti)} are needed, ten times Ti" if seconds < SHORTEST * Ti else \
+            "the stretches between its holes are too short to predict PV in"
+        return Note("short_record", f"{duration(seconds)} of the record can be used; {why}", {"usable_s": seconds})
     return Study(asked, recordings, settings, Ti, record.interval, seconds / Ti, span, record.output is None)
 
 

@@ -85,6 +85,13 @@ def test_refusals_say_why(worn: Record):
     short = confirm(worn.slice(0, 80))
     assert isinstance(short, Note)
     assert short.code == "short_record"
+    assert "ten times Ti" in short.message
+    few = confirm(worn.slice(0, 20))
+    assert isinstance(few, Note) and few.message.startswith("20 samples of the record can be used; at least 60")
+    moments = np.where(np.arange(len(worn)) % 10 < 5, SampleState.MANUAL, worn.state).astype(worn.state.dtype)
+    in_pieces = confirm(replace(worn, state=moments))
+    assert isinstance(in_pieces, Note) and in_pieces.code == "short_record"
+    assert in_pieces.message.endswith("the stretches between its holes are too short to predict PV in")
     assert "80 s" in short.message
     still = confirm(replace(worn, output=np.full(len(worn), 0.5)))
     assert isinstance(still, Note)
