@@ -92,6 +92,8 @@ def downhill(x: FloatArray, squares: Callable[[FloatArray], float], local: Calla
     least = squares(x)
     for _ in range(rounds):
         A, g = local(x)
+        if not np.isfinite(A).all() or not np.isfinite(g).all():  # at the edge of what can be computed
+            break
         diagonal = np.maximum(np.diag(A), 1e-12 * max(float(np.max(np.diag(A))), 1e-300))
         gained = 0.0
         for _try in range(TRIES):

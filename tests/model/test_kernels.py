@@ -111,3 +111,9 @@ def test_the_optimiser_comes_to_the_end_of_a_curved_valley():
     ends = np.full(2, 10.0)
     found = downhill(np.array([-1.2, 1.0]), lambda x: float(np.sum(errors(x) ** 2)), local, -ends, ends, 3, 200, 1e-9)
     np.testing.assert_allclose(found, [1.0, 1.0], atol=1e-3)
+
+
+def test_downhill_stays_where_the_slope_cannot_be_computed():
+    at = np.array([0.5, 2.0])
+    found = downhill(at, lambda x: 7.0, lambda x: (np.full((2, 2), np.nan), np.ones(2)), at - 9, at + 9, 3, 20, 1e-9)
+    assert found.tolist() == at.tolist()
