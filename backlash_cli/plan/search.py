@@ -40,7 +40,6 @@ HOLDS, FEWEST_HELD = (1.0, 2.5), 10.0  # integral times beyond the dead time tha
 ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
 OVER = 1.1  # what a move may go beyond a limit before it counts as beyond it: repeats differ
 OVERSHOOT = 1.3  # of PV beyond a step of the setpoint, that limits must allow for
-HARSHER = 1.25  # times the load of the record, that a test in manual must stand: a twin is kinder than its loop
 FEW = 20  # repeats that tell how far a test moves PV
 POINTS = 400  # of a drawn course
 
@@ -210,8 +209,7 @@ class Subject:
                 seed = 2 * (k + self.options.repeats * self.options.seed) + (twin is self.worn)
                 around = 0.0 if test.kind == "wait" else AROUND * twin.controller.Ti
                 try:
-                    later, _, _ = twin.play(test, seed, around=around,
-                                            load=HARSHER if test.kind == "manual_test" else 1.0)
+                    later, _, _ = twin.play(test, seed, around=around)
                 except LoopError:  # a limit cycle that leaves the span: this test says nothing
                     said[Verdict.ERROR] += 1
                     continue

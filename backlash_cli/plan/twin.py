@@ -105,18 +105,18 @@ class Twin:
         acts = max(hold - p.dead_time, 0.0)
         return gain * (acts if p.integrating else 1.0 - float(np.exp(-acts / max(sum(p.lags), 1e-9))))
 
-    def play(self, test: Test, seed: int, *, around: float = 0.0, load: float = 1.0) -> tuple[Record, Trace, float]:
+    def play(self, test: Test, seed: int, *, around: float = 0.0) -> tuple[Record, Trace, float]:
         """Return what the historian would keep of a test, and the whole simulation with the time [s] of its start.
 
-        around: ordinary operation [s] before the test and after it, in the record. load: times that of the record.
+        around: ordinary operation [s] before the test and after it, in the record.
         Raises LoopError where the loop cannot be held stable.
         """
         for attempt in range(TRIES):
             with contextlib.suppress(LoopError):
-                return self._play(test, np.random.default_rng([seed, attempt]), around, load, self.spread)
-        return self._play(test, np.random.default_rng([seed, TRIES]), around, load, 0.0)
+                return self._play(test, np.random.default_rng([seed, attempt]), around, self.spread)
+        return self._play(test, np.random.default_rng([seed, TRIES]), around, 0.0)
 
-    def _play(self, test: Test, random: np.random.Generator, around: float, load: float, spread: float
+    def _play(self, test: Test, random: np.random.Generator, around: float, spread: float
               ) -> tuple[Record, Trace, float]:
         h, c = self.record.interval, self.controller
         inner = max(1, int(np.ceil(h * FINEST / c.Ti)))
@@ -134,7 +134,7 @@ class Twin:
             setpoint = setpoint + test.course(h * np.arange(samples, dtype=np.float64) - begin)
         scenario = Scenario(
             controller, process, samples * h, h / inner,
-            (use("backlash", d=self.d, position=place), added(np.repeat(load * upset, inner), Stage.SENSOR)),
+            (use("backlash", d=self.d, position=place), added(np.repeat(upset, inner), Stage.SENSOR)),
             Signal(self.level, (added(np.repeat(setpoint, inner), Stage.LOAD),)), self.output, record_interval=h,
             sample_time=h / inner, name=self.record.loop,
             recorder=tuple(Recorder(use("quantization", step=step), (name,))
