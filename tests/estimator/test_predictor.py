@@ -241,6 +241,18 @@ def test_recordings_of_one_loop_are_pooled_each_at_its_own_level():
     assert gains[1] == pytest.approx(gains[0], rel=0.2)
 
 
+def test_of_very_many_recordings_neighbours_share_a_level():
+    long = recording(36000, seed=2)
+    pieces = [Recording(*(x[k : k + 300] for x in (long.output, long.measurement, long.usable)))
+              for k in range(0, 36000, 300)]
+    p = prediction(pieces)
+    assert p is not None and p.past_measurement.start == 50
+    levels = p.columns[:50] / np.sqrt(p.weights)
+    assert np.all(levels.sum(axis=0) == pytest.approx(1.0)) and np.ptp(levels.sum(axis=1)) <= 2 * p.rows / 120
+    found = gaps_of(p, pieces, np.array([1.5, 3.0, 6.0]))
+    assert int(found.answer.argmax()) == 1 and found.share[1] == pytest.approx(1.0, abs=0.1)
+
+
 def test_too_few_blocks_are_no_prediction():
     assert prediction([recording(200)]) is None
 
