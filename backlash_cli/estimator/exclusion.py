@@ -17,6 +17,7 @@ from .gap_test import IMITATED, GapTest
 
 LIMITS = (0.8, 1.1, 1.5, 2.0, 2.8, 4.0, 5.6)  # % of span: the limits of detection that are told apart
 SMALLER, BEYOND = 0.85, 1.2  # widths from this share of L on, up to the range of OP over this
+COUNTED = 0.5  # of the rows; wider gaps, which the record hardly knows, show in narrower ones as well
 FULL, SHORT_OF = 0.8, 1.0  # share of a gap that is there, less what the test loses; deviations it is short of
 BEST = 2  # block lengths that count for the gain
 WEIGHTS, CONSTANT = (0.367, -0.667, 0.049, -0.298, 0.732, -0.461, -1.343), -4.189  # of the signs, by regression
@@ -33,8 +34,9 @@ def signs(tests: Sequence[tuple[GapTest, float]], length: float, span: float) ->
     of length, of span over L, of L, and of the share's deviation. The last number is the shortfall as it is.
     """
     widths, limits = tests[0][0].widths, np.array(LIMITS)
-    there = (widths >= SMALLER * limits[:, None]) & (widths <= span / BEYOND)
-    there[~there.any(axis=1), -1] = True
+    known = (widths <= span / BEYOND) & (tests[0][0].counted > COUNTED)
+    there = known & (widths >= SMALLER * limits[:, None])
+    there[~there.any(axis=1), np.flatnonzero(known)[-1] if known.any() else -1] = True
     kept = np.where(there, 0.0, np.nan)[:, None]  # (limits, 1, widths)
     gain, tied, share, deviation = (np.array([getattr(t, name) for t, _ in tests]) + kept
                                     for name in ("gain", "tied", "share", "deviation"))

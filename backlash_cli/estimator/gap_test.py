@@ -43,7 +43,7 @@ SCALES = (0.5, 2.0, 8.0)  # memory of the imitations, in integral times
 @dataclass(frozen=True)
 class GapTest:
     """What each of the `widths` (widths,) brings; see the module. possible: the answer has the process's sign and a
-    possible size. error_reduction: share of the prediction error variance that the gap removes."""
+    possible size. error_reduction: share of the prediction error variance that the gap removes. counted: of rows."""
 
     widths: FloatArray
     gain: FloatArray
@@ -52,6 +52,7 @@ class GapTest:
     tied: FloatArray
     possible: NDArray[np.bool_]
     error_reduction: FloatArray
+    counted: FloatArray
 
     @property
     def fit(self) -> FloatArray:
@@ -131,7 +132,7 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
     deviation = np.where(answered, np.sqrt(np.sum(sums**2, axis=1)) / size, UNKNOWN)
     tied = np.where(answered, 0.5 * free * np.log(loss / np.maximum(left, NO_ANSWER * p.loss)), 0.0)
     possible = full(share) & _possible(p, b, K, Ti, interval)
-    return GapTest(widths, gain, share, deviation, tied, possible, share * found / loss)
+    return GapTest(widths, gain, share, deviation, tied, possible, share * found / loss, counts.mean(axis=1))
 
 
 def free_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:
