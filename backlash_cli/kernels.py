@@ -43,7 +43,7 @@ def gap_means(u: NDArray[Any], widths: NDArray[Any], size: int, count: int) -> N
     play(u) - u. Until u has covered a whole gap, the stem is taken to stand in the middle of where it may stand.
     """
     out = np.zeros((len(widths), count))
-    half, x = 0.5 * widths, np.full(len(widths), u[0])
+    half, x = 0.5 * widths, np.empty(len(widths))
     low = high = u[0]
     for i in range(count * size):
         v = u[i]

@@ -146,14 +146,20 @@ def _asked(recordings: Sequence[Recording], span: float, K: float | None, Ti: fl
     widths = np.geomspace(NARROWEST, max(min(WIDEST, TURN * span), 1.5 * NARROWEST), WIDTHS)
     sizes = _block_lengths(recordings, Ti / interval)
     predictions = _predictions(recordings, sizes, span, MOST_ROWS)
-    known = [stem_known(r.output, widths) for r in recordings]
-    # made where they are handed over: of a long record they are as large as it is, and nobody else may keep them
-    tests = _at_each_length(predictions, [gaps_in(r.output, widths, sizes[0]) for r in recordings],
-                            lambda p, gaps: gaps_tested(p, gaps, known, widths, K, Ti, interval))
+    tests = _tests(predictions, recordings, widths, sizes[0], K, Ti, interval)
     gains = _at_each_length(predictions, [forgetting_gaps_in(r.output, widths[::3], sizes[0], Ti / interval)
                                           for r in recordings], free_gains)
     return tuple(Asked(p, test, float(gain.max())) for p, test, gain in zip(predictions, tests, gains, strict=True)
                  if p is not None and test is not None and gain is not None)
+
+
+def _tests(predictions: Sequence[Predictor | None], recordings: Sequence[Recording], widths: FloatArray, size: int,
+           K: float | None, Ti: float, interval: float, alike: float = 0.0) -> list[GapTest | None]:
+    """Gaps of `widths` in predictions from blocks of `size` on; those up to `alike` are compared on the same rows."""
+    known = [stem_known(r.output, np.maximum(widths, alike)) for r in recordings]
+    # made where they are handed over: of a long record they are as large as it is, and nobody else may keep them
+    return _at_each_length(predictions, [gaps_in(r.output, widths, size) for r in recordings],
+                           lambda p, gaps: gaps_tested(p, gaps, known, widths, K, Ti, interval))
 
 
 def _block_lengths(recordings: Sequence[Recording], Ti: float) -> list[int]:
@@ -237,11 +243,9 @@ def _again(predictions: Sequence[Predictor], widths: FloatArray, widest: float, 
     """The same block lengths asked with more rows: the size is worth more of them than whether there is a dead band."""
     closer = {p.size: p if p.every == 1 else _predictions(s.recordings, [p.size], s.span, ROWS_OF_SIZE)[0] or p
               for p in predictions}
-    known = [stem_known(r.output, np.maximum(widths, widest)) for r in s.recordings]
     sizes = [size for k in range(8) if (size := min(closer) << k) <= max(closer)]
-    tests = _at_each_length([closer.get(size) for size in sizes], [gaps_in(r.output, widths, sizes[0])
-                                                                   for r in s.recordings],
-                            lambda p, gaps: gaps_tested(p, gaps, known, widths, s.settings.K, s.Ti, s.interval))
+    tests = _tests([closer.get(size) for size in sizes], s.recordings, widths, sizes[0], s.settings.K, s.Ti, s.interval,
+                   widest)
     found = dict(zip(sizes, tests, strict=True))
     return [test for p in predictions if (test := found[p.size]) is not None]
 
